@@ -45,8 +45,8 @@ bench: $(INSTALLED)  ## speed against a peer, measured in one run
 
 evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, in full, and the longest tests: over an hour
 	$(BIN)/python -m tests.evidence
-	$(BIN)/python -m tests.evidence.turntables
-	$(BIN)/python -m tests.evidence.coverage
+	$(BIN)/python -m tests.evidence.turntable_errors
+	$(BIN)/python -m tests.evidence.noise_coverage
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
 
 format: $(INSTALLED)  ## mend format and lint

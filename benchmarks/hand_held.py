@@ -31,7 +31,13 @@ from inercal.motion import Motion
 from inercal.pipeline import load_recording
 from inercal.recording import Recording
 from inercal.runfile import Run, read
-from inercal.segments import as_found, between_rests, find_rests, observe, unflawed
+from inercal.segments import (
+    find_rests,
+    holds_from_marks,
+    marks_without_flaws,
+    observe,
+    passages_between_rests,
+)
 
 Array = NDArray[np.float64]
 Ways = list[tuple[int, int]]
@@ -55,9 +61,9 @@ def load() -> tuple[Run, Recording]:
 def ours(run: Run, recording: Recording) -> Array:
     """Return the scale of each axis, (6,), of its nominal one."""
     sensor = run.sensor
-    marks, _ = unflawed(recording, sensor, find_rests(recording, sensor).marks)
-    seen = observe(recording, sensor, marks, as_found(marks), by_hand=True)
-    seen = replace(seen, passages=between_rests(recording, sensor, marks))
+    marks, _ = marks_without_flaws(recording, sensor, find_rests(recording, sensor).marks)
+    seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
+    seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
     estimate = run.method.estimator(run.estimator)(seen, sensor, run.bench, run.steps, run.priors)
     assert estimate.converged
     still, c = Motion(np.zeros((1, 3))), estimate.value[: len(sensor.coefficients)]

@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from tests.accuracy.long_recording import SAVE, Cost, cost, raw, run_file
+from tests.accuracy.long_recording import SAVE, Cost, measure_command, run_file, write_raw_file
 
 from benchmarks import Row, Skipped
 
@@ -23,8 +23,8 @@ LIMIT = 1.5  # GB
 
 def least(runs: Sequence[Path]) -> list[Cost]:
     """Return the least of several runs of each, by turns: a machine's pace changes."""
-    cost(runs[0])
-    turns = [[cost(run) for run in runs] for _ in range(REPEAT)]
+    measure_command(runs[0])
+    turns = [[measure_command(run) for run in runs] for _ in range(REPEAT)]
     return [Cost(*np.min(costs, axis=0)) for costs in zip(*turns, strict=True)]
 
 
@@ -36,8 +36,8 @@ def rows() -> list[Row | Skipped]:
     times = SIZES[1] / SIZES[0]
     with TemporaryDirectory() as name:
         folder = Path(name)
-        short = raw(folder / "short.npy", 5_400, 100.0, 4.5)
-        columns = [short, *(raw(folder / f"{n}.npy", n, RATE, EVERY) for n in SIZES)]
+        short = write_raw_file(folder / "short.npy", 5_400, 100.0, 4.5)
+        columns = [short, *(write_raw_file(folder / f"{n}.npy", n, RATE, EVERY) for n in SIZES)]
         for suffix, save in SAVE.items():
             paths = [folder / f"{some.shape[1]}{suffix}" for some in columns]
             for path, some in zip(paths, columns, strict=True):

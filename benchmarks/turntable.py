@@ -11,13 +11,13 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 from tests.accuracy import turntable
-from tests.accuracy.turntable_filters import cross, kron, small, turn
+from tests.accuracy.turntable_filters import cross, kron, small_rotation, small_rotation_vector
 from tests.methods.turntable_cases import ARCSEC, bench, columns, sensor, track
 
 from benchmarks import Row, best
 from inercal.benches import Turntable
-from inercal.methods.turntable_kalman.accelerometers import Accelerometers
-from inercal.methods.turntable_kalman.gyros import Gyros
+from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
+from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recording import Track
 
 Array = NDArray[np.float64]
@@ -27,14 +27,16 @@ READBACK = 10 * ARCSEC
 # Long enough that setting up, some ms, is no part of it.
 SHORT = [("warm-up", (0, 0, 0), 20.0), *turntable.turns(1080.0, 30.0, back=True)[:-1]]
 # 30 min: the note's path with positions of two and a half minutes.
-LONG = turntable.whole(120.0)
+LONG = turntable.complete_path(120.0)
 
 
 def ours(table: Turntable, one: Track) -> Array:
     """Return the twelve coefficients by 15 states, biases first, then S row after row."""
-    made = Gyros.of(sensor(), table, one, drifting=False, table=False, readback=READBACK)
+    made = GyroFilter.from_track(
+        sensor(), table, one, bias_drift=False, table=False, readback_sd=READBACK
+    )
     state, _ = made.step(made.start(one), one)
-    return columns(made.part.sensor.coefficients) @ state.theta
+    return columns(made.triad.sensor.coefficients) @ state.theta
 
 
 def peer(table: Turntable, one: Track) -> Array:
@@ -51,18 +53,18 @@ def peer(table: Turntable, one: Track) -> Array:
     q[:3, :3] = turntable.T.arw**2 * dt * np.eye(3)
     for k in range(1, len(rates)):
         w = m @ (0.5 * (rates[k] + rates[k - 1]) - bias)
-        half = c @ turn(w * dt / 2)
+        half = c @ small_rotation(w * dt / 2)
         cm = half @ m
         phi = np.eye(15)
         phi[:3, :3] -= cross(earth) * dt
         phi[:3, 3:6] = -cm * dt
         phi[:3, 6:] = -kron(cm, c.T @ earth if rest[k] else w) * dt
-        c = turn(-earth * dt) @ c @ turn(w * dt)
+        c = small_rotation(-earth * dt) @ c @ small_rotation(w * dt)
         kf.predict(F=phi, Q=q)
         if k % 20 == 0:
-            kf.update(small(turntable.attitude(one.angles[k]) @ c.T))
+            kf.update(small_rotation_vector(turntable.attitude(one.angles[k]) @ c.T))
             x = kf.x.ravel()
-            c, bias, s = turn(x[:3]) @ c, bias + x[3:6], s + x[6:].reshape(3, 3)
+            c, bias, s = small_rotation(x[:3]) @ c, bias + x[3:6], s + x[6:].reshape(3, 3)
             m = np.linalg.inv(np.eye(3) + s)
             kf.x = np.zeros((15, 1))
     return np.concatenate([bias, s.ravel()])
@@ -79,8 +81,8 @@ def rows() -> list[Row]:
     peers = best(lambda: peer(table, short), repeat=1)
     found = [Row(name, best(lambda: ours(table, short)), peers, "filterpy")]
     long = track(turntable.draw(1, 1, LONG, hz=HZ)).trial(0)
-    gyros = Gyros.of(sensor(), bench(), long, table=False)
-    others = Accelerometers.of(sensor(), bench(), long, table="lean")
+    gyros = GyroFilter.from_track(sensor(), bench(), long, table=False)
+    others = AccelerometerFilter.from_track(sensor(), bench(), long, table="lean")
 
     def both() -> None:
         gyros.step(gyros.start(long), long)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import inercal
-from inercal.units import readable
+from inercal.units import format_quantity
 
 run_file = Path(__file__).parent / "six_position" / "run.toml"
 outcome = inercal.calibrate(run_file)
@@ -15,7 +15,7 @@ for line in outcome.verdict.lines:
 
 calibration = outcome.calibration
 expanded = 2 * calibration.uncertainty("ax.k0")
-print("bias of x, k = 2:", readable(calibration.value("ax.k0"), expanded, "mg"))
+print("bias of x, k = 2:", format_quantity(calibration.value("ax.k0"), expanded, "mg"))
 inercal.save(calibration, "six_position.calibration.json")
 inercal.write_report(outcome, "six_position.report.html")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from _pytest.doctest import DoctestModule
-from tests.seeds import SEEDS
+from tests.base_seeds import SEEDS
 
 
 @pytest.hookimpl(wrapper=True)

@@ -6,38 +6,40 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.runfile.texts import SIX_POSITIONS, run_file
+from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.benches import Centrifuge
 from inercal.earth import normal_gravity
 from inercal.errors import InputError
 from inercal.io.write import write_recording
-from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.runfile import read
 
 GRAVITY = 'gravity = "9.81 m/s² ± 0.2 mm/s²"'
 CENTRIFUGE = Path(__file__).parents[1] / "examples" / "centrifuge"
 
 
-def calibrated(folder: Path, gravity: str, *changes: tuple[str, str]) -> Outcome:
+def calibrate_with_gravity(folder: Path, gravity: str, *changes: tuple[str, str]) -> Outcome:
     """Return what six positions of a simulated sensor give with a line of gravity."""
     path = run_file(folder, SIX_POSITIONS)
     run = read(path)
     if not run.file(run.data.file).exists():
-        write_recording(named_as_in(run, simulate(run, 1)), run.file(run.data.file))
+        write_recording(apply_data_columns(run, simulate(run, 1)), run.file(run.data.file))
     return calibrate(run_file(folder, SIX_POSITIONS, (GRAVITY, gravity), *changes))
 
 
-def u_of(outcome: Outcome) -> np.ndarray:
+def standard_uncertainty(outcome: Outcome) -> np.ndarray:
     return np.sqrt(np.diag(outcome.estimate.covariance))[: len(outcome.calibration.values)]
 
 
 def test_half_a_unit_of_the_last_digit_counts_as_if_it_were_stated(tmp_path: Path):
-    assumed = calibrated(tmp_path, 'gravity = "9.81000 m/s²"')
-    stated = calibrated(tmp_path, f'gravity = "9.81 m/s² ± {5e-6 / sqrt(3):.9g} m/s²"')
-    exact = calibrated(tmp_path, 'gravity = "9.81 m/s² ± 0"')
-    np.testing.assert_allclose(u_of(assumed), u_of(stated), rtol=1e-6)
-    assert (u_of(assumed) > u_of(exact)).any()
+    assumed = calibrate_with_gravity(tmp_path, 'gravity = "9.81000 m/s²"')
+    stated = calibrate_with_gravity(tmp_path, f'gravity = "9.81 m/s² ± {5e-6 / sqrt(3):.9g} m/s²"')
+    exact = calibrate_with_gravity(tmp_path, 'gravity = "9.81 m/s² ± 0"')
+    np.testing.assert_allclose(
+        standard_uncertainty(assumed), standard_uncertainty(stated), rtol=1e-6
+    )
+    assert (standard_uncertainty(assumed) > standard_uncertainty(exact)).any()
     said = [line for line in assumed.verdict.lines if "without ±" in line]
     assert len(said) == 1
     assert "gravity" in said[0]
@@ -47,18 +49,20 @@ def test_half_a_unit_of_the_last_digit_counts_as_if_it_were_stated(tmp_path: Pat
 def test_an_assumed_part_larger_than_the_rest_is_refused_and_named(tmp_path: Path):
     # u of k1 from noise and tilt alone is some 1e-5; half a centimetre per s² is 3e-4 of gravity.
     with pytest.raises(InputError, match=r"\[bench\] gravity .* of u of a[xyz]\.k1"):
-        calibrated(tmp_path, 'gravity = "9.81 m/s²"')
-    exact = calibrated(tmp_path, 'gravity = "9.81 m/s² ± 0"')
-    relative = u_of(exact)[list(exact.calibration.sensor.coefficients).index("ax.k1")]
+        calibrate_with_gravity(tmp_path, 'gravity = "9.81 m/s²"')
+    exact = calibrate_with_gravity(tmp_path, 'gravity = "9.81 m/s² ± 0"')
+    relative = standard_uncertainty(exact)[
+        list(exact.calibration.sensor.coefficients).index("ax.k1")
+    ]
     # Just below and above where the assumed part is all the rest: half a unit is 5e-(d + 1).
     for digits in range(2, 7):
         part = 0.5 * 10.0**-digits / sqrt(3) / 9.81
         gravity = f'gravity = "{9.81:.{digits}f} m/s²"'
         if part > 1.2 * relative:
             with pytest.raises(InputError, match="state its ±"):
-                calibrated(tmp_path, gravity)
+                calibrate_with_gravity(tmp_path, gravity)
         elif part < 0.8 * relative:
-            calibrated(tmp_path, gravity)
+            calibrate_with_gravity(tmp_path, gravity)
 
 
 def test_a_radius_without_deviation_is_refused_where_it_makes_the_result(tmp_path: Path):
@@ -119,14 +123,14 @@ def test_an_uncertain_gravity_may_be_farther_off(tmp_path: Path):
 
 def test_the_comparison_is_in_the_outcome(tmp_path: Path):
     place = 'gravity = "9.81 m/s² ± 0.2 mm/s²"\nlatitude = "10 °"'
-    outcome = calibrated(tmp_path, place)
+    outcome = calibrate_with_gravity(tmp_path, place)
     assert any("normal gravity at 10°" in line for line in outcome.verdict.lines)
 
 
-def test_noise_far_from_what_is_stated_is_told(tmp_path: Path):
-    assert not any(f.what == "noise" for f in calibrated(tmp_path, GRAVITY).findings)
+def test_noise_far_from_its_stated_value_is_reported(tmp_path: Path):
+    assert not any(f.what == "noise" for f in calibrate_with_gravity(tmp_path, GRAVITY).findings)
     for white in ("10 µg/√Hz", "1000 µg/√Hz"):  # made with 100
-        told = calibrated(tmp_path, GRAVITY, ("100 µg/√Hz", white)).findings
+        told = calibrate_with_gravity(tmp_path, GRAVITY, ("100 µg/√Hz", white)).findings
         (finding,) = [f for f in told if f.what == "noise"]
         assert finding.severity == "warning"
         assert white in finding.message

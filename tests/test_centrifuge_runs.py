@@ -9,12 +9,12 @@ import pytest
 from tests.accuracy.centrifuge import PAPER_G, Triad
 
 from inercal.benches import Centrifuge
-from inercal.budget.of_run import experiment_of
+from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.calibration.files import save
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.io.write import write_recording
-from inercal.methods.centrifuge_norm.screening import screen
-from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.methods.centrifuge_norm.screening import screen_rows
+from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.plan import Spin
 from inercal.report import write_report
 from inercal.runfile import read
@@ -47,7 +47,7 @@ def changed(folder: Path, name: str, *changes: tuple[str, str]) -> Path:
 
 def simulated(folder: Path, *changes: tuple[str, str], seed: int = 0) -> Outcome:
     run = read(changed(folder, "arm_run", *changes))
-    write_recording(named_as_in(run, simulate(run, seed)), run.file(run.data.file))
+    write_recording(apply_data_columns(run, simulate(run, seed)), run.file(run.data.file))
     return calibrate(run)
 
 
@@ -87,7 +87,7 @@ def test_the_corrected_table_gives_the_source_s_truth(data_dir: Path, tmp_path: 
         assert bend == pytest.approx(device.bend[k], abs=2e-10)
 
 
-def test_a_laboratory_s_table_says_what_its_attitudes_bring():
+def test_a_laboratory_table_states_the_gain_by_its_attitudes():
     outcome = calibrate(EXAMPLES / "lab.toml")
     assert outcome.estimate.consistent
     assert any(
@@ -191,22 +191,22 @@ def test_drift_that_the_sensor_states_is_in_the_uncertainty(tmp_path: Path):
 def test_one_bad_azimuth_is_the_only_suspect(tmp_path: Path):
     run = read(changed(tmp_path, "arm_run", (DWELL, f'{DWELL}\nplatform = "counter-rotating"')))
     assert isinstance(run.bench, Centrifuge)
-    write_recording(named_as_in(run, simulate(run, 2)), run.file(run.data.file))
+    write_recording(apply_data_columns(run, simulate(run, 2)), run.file(run.data.file))
     outcome = calibrate(run)
     spins = [step for step in outcome.steps if isinstance(step, Spin)]
     mean = outcome.observations.mean.copy()
     mean[37, 0] += 0.5
     seen = replace(outcome.observations, mean=mean)
-    (suspect,) = screen(seen, run.sensor, run.bench, spins)
+    (suspect,) = screen_rows(seen, run.sensor, run.bench, spins)
     assert suspect.row == 37
 
 
-def squarely_simulated(folder: Path, *changes: tuple[str, str]) -> Outcome:
+def simulate_aligned_sensor(folder: Path, *changes: tuple[str, str]) -> Outcome:
     """Return what comes of a sensor without a mounting angle: a crooked one would tell a little."""
     run = read(changed(folder, "arm_run", *changes))
     assert isinstance(run.bench, Centrifuge)
     run = replace(run, bench=replace(run.bench, mounting=0.0))
-    write_recording(named_as_in(run, simulate(run, 0)), run.file(run.data.file))
+    write_recording(apply_data_columns(run, simulate(run, 0)), run.file(run.data.file))
     return calibrate(run)
 
 
@@ -214,8 +214,8 @@ def test_one_rate_in_half_a_circle_is_refused_and_all_round_accepted(tmp_path: P
     one = ('rates = ["60 rpm", "120 rpm", "180 rpm"]', 'rates = ["60 rpm"]')
     half = ('attitudes = "full-circle"', 'attitudes = "half-circle"')
     with pytest.raises(NotObserved, match=r"ay\.k0"):
-        squarely_simulated(tmp_path, one, half)
-    assert squarely_simulated(tmp_path, one).estimate.consistent
+        simulate_aligned_sensor(tmp_path, one, half)
+    assert simulate_aligned_sensor(tmp_path, one).estimate.consistent
 
 
 def test_an_estimate_without_uncertainty_is_refused(tmp_path: Path):
@@ -224,7 +224,7 @@ def test_an_estimate_without_uncertainty_is_refused(tmp_path: Path):
         simulated(tmp_path, paper)
 
 
-def test_a_saturated_dwell_is_left_out_and_said(tmp_path: Path):
+def test_a_saturated_dwell_is_omitted_and_reported(tmp_path: Path):
     outcome = simulated(tmp_path, ('full_scale = "60 g"', 'full_scale = "33 g"'))
     assert any(f.what == "dwell" and "is left out" in f.message for f in outcome.findings)
     assert len(outcome.steps) < 60
@@ -260,7 +260,9 @@ def test_a_saturated_dwell_is_left_out_and_said(tmp_path: Path):
         ([("[method]\n", '[method]\nestimator = "paper"\nalso = ["k3"]\n')], ["k0, k1 and k2"]),
     ],
 )  # fmt: skip
-def test_a_mistake_is_one_line(tmp_path: Path, changes: list[tuple[str, str]], words: list[str]):
+def test_a_user_error_gives_one_line(
+    tmp_path: Path, changes: list[tuple[str, str]], words: list[str]
+):
     with pytest.raises(InercalError) as error:
         calibrate(changed(tmp_path, "lab", *changes))
     message = str(error.value)
@@ -317,11 +319,11 @@ def test_attitudes_of_a_recording_are_its_positions(tmp_path: Path):
 
 def test_a_budget_is_of_a_plan_and_of_a_locked_platform(tmp_path: Path):
     with pytest.raises(InputError, match="of a plan, not of a table"):
-        experiment_of(read(EXAMPLES / "lab.toml"))
+        experiment_from_run(read(EXAMPLES / "lab.toml"))
     still = changed(tmp_path, "arm_run", (DWELL, f'{DWELL}\nplatform = "counter-rotating"'))
     with pytest.raises(InputError, match="counter-rotating"):
-        experiment_of(read(still))
-    assert len(experiment_of(read(EXAMPLES / "arm_run.toml")).steps) == 60
+        experiment_from_run(read(still))
+    assert len(experiment_from_run(read(EXAMPLES / "arm_run.toml")).steps) == 60
 
 
 def test_keys_of_a_centrifuge_are_refused_elsewhere(tmp_path: Path):

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from tests.accuracy.dividing_head import ARCSEC, SIZES, Bench, draw, readings
 
-from inercal.benches.dividing_head.bench import mounted
+from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.calibration import Calibration
 from inercal.calibration.files import save
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.io.write import write_recording
-from inercal.methods.likelihood_tests import FORMULA, READINGS
-from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
+from inercal.methods.likelihood_tests import FORMULA_TEST, READINGS_TEST
+from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
 from inercal.plan import Index
 from inercal.recording import Mark, Recording
 from inercal.runfile import read
@@ -113,7 +113,7 @@ def run_file(folder: Path, *changes: tuple[str, str], more: str = PRIORS) -> Pat
     return path
 
 
-def collimated_as(kind: str) -> tuple[tuple[str, str], ...]:
+def autocollimation_changes(kind: str) -> tuple[tuple[str, str], ...]:
     """Return the changes of RUN to another autocollimation, without the keys that idle with it."""
     change = ('autocollimation = "pairs"', f'autocollimation = "{kind}"')
     if kind == "every":
@@ -135,7 +135,7 @@ def test_tables_of_another_program_give_the_truth_as_well_as_stated(
     for seed in range(1, 31):
         table = Table(seed, collimated=collimated)
         table.write(tmp_path)
-        outcome = calibrate(run_file(tmp_path, *collimated_as(collimated)))
+        outcome = calibrate(run_file(tmp_path, *autocollimation_changes(collimated)))
         found.append(nees(outcome, table.error(outcome)))
         assert outcome.estimate.chi2 < 2 * outcome.estimate.dof
     assert np.mean(found) == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / len(found)))
@@ -149,7 +149,7 @@ def test_patent_single_and_dual_run_too(tmp_path: Path):
         estimator = ('name = "dual_orthogonal"', f'name = "dual_orthogonal"\nestimator = "{name}"')
         more = known if name == "patent" else ""
         outcome = calibrate(run_file(tmp_path, estimator, more=more))
-        assert [test.name for test in outcome.verdict.tests] == [READINGS, FORMULA]
+        assert [test.name for test in outcome.verdict.tests] == [READINGS_TEST, FORMULA_TEST]
         assert not outcome.verdict.suspect
         off = dict(zip(outcome.calibration.sensor.coefficients, table.error(outcome), strict=True))
         sd = outcome.calibration.uncertainty("a.k0")
@@ -171,7 +171,7 @@ def test_a_prior_that_is_wrong_is_the_suspect(tmp_path: Path, estimator: str):
     assert suspect.name.endswith("k3")
 
 
-def test_without_k3_from_elsewhere_the_sum_is_told_and_why(tmp_path: Path):
+def test_without_an_external_k3_the_sum_k1_plus_k3_is_reported_with_a_reason(tmp_path: Path):
     table = Table(3)
     table.write(tmp_path)
     kip = PRIORS[: PRIORS.index('"a.k3"')]
@@ -194,7 +194,7 @@ def test_one_accelerometer_alone_is_as_good_as_the_head(tmp_path: Path):
     table.write(tmp_path)
     alone = (
         ('["A", "B"]', '["A"]'),
-        *collimated_as("none"),
+        *autocollimation_changes("none"),
     )
     outcome = calibrate(run_file(tmp_path, *alone, more=""))
     error = table.error(outcome)
@@ -203,7 +203,7 @@ def test_one_accelerometer_alone_is_as_good_as_the_head(tmp_path: Path):
     assert nees(outcome, error) < 1 + 5 * np.sqrt(2 / 6)
 
 
-def test_what_level_and_autocollimator_read_is_taken_out(tmp_path: Path):
+def test_level_and_autocollimator_readings_are_corrected(tmp_path: Path):
     table = Table(5, collimated="every")
     rng = np.random.default_rng(7)
     theta = np.radians(table.columns["angle"])
@@ -223,7 +223,7 @@ def test_what_level_and_autocollimator_read_is_taken_out(tmp_path: Path):
     rows = "\n".join(f"{k},{x!r}" for k, x in enumerate((faces / ARCSEC).tolist(), start=1))
     (tmp_path / "polygon.csv").write_text(f"face,deviation\n{rows}\n", encoding="utf-8")
     told = (
-        *collimated_as("every"),
+        *autocollimation_changes("every"),
         ('base = "5 ″"', 'base = "5 ″"\npolygon = "polygon.csv"'),
         (
             'angle = "angle"',
@@ -340,7 +340,7 @@ def test_seven_positions_and_fewer_are_refused(tmp_path: Path, n: int):
     Table(n=n, collimated="none").write(tmp_path)
     for estimator in ("joint", "dual"):
         changes = (
-            *collimated_as("none"),
+            *autocollimation_changes("none"),
             ('name = "dual_orthogonal"', f'name = "dual_orthogonal"\nestimator = "{estimator}"'),
         )
         words = f"{n} different positions show {n} of the 8 .*take 8 or more"
@@ -371,7 +371,7 @@ def test_a_certificate_that_does_not_fit_is_refused(tmp_path: Path, text: str, w
     Table(collimated="every").write(tmp_path)
     (tmp_path / "polygon.csv").write_text(text, encoding="utf-8")
     polygon = ('base = "5 ″"', 'base = "5 ″"\npolygon = "polygon.csv"')
-    refused(run_file(tmp_path, *collimated_as("every"), polygon), words)
+    refused(run_file(tmp_path, *autocollimation_changes("every"), polygon), words)
 
 
 def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Path):
@@ -382,7 +382,7 @@ def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Pa
     table.write(tmp_path)
     column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
     refused(
-        run_file(tmp_path, column, *collimated_as("every")),
+        run_file(tmp_path, column, *autocollimation_changes("every")),
         "line 6: column 'read' holds no number; give what",
     )
     assert calibrate(run_file(tmp_path, column)).estimate.converged  # 120° is in no pair
@@ -439,15 +439,15 @@ def test_tables_that_cannot_be_are_refused(
     refused(run_file(tmp_path, ('angle = "angle"', column + '\nautocollimator_unit = "′"')), words)
 
 
-def test_a_column_that_serves_for_two_is_refused(tmp_path: Path):
+def test_one_column_for_two_quantities_is_refused(tmp_path: Path):
     Table().write(tmp_path)
     twice = ('angle = "angle"', 'angle = "angle"\nlevel = "angle"')
     refused(run_file(tmp_path, twice), "names column 'angle' for two things")
 
 
-def test_a_coefficient_is_told_by_one_source(tmp_path: Path):
+def test_a_coefficient_has_one_prior_source(tmp_path: Path):
     Table().write(tmp_path)
-    known = mounted().with_coefficients("k3")
+    known = mounted_sensor().with_coefficients("k3")
     axes = tuple(replace(a, readout=replace(a.readout, scale=3 / G0)) for a in known.axes)
     covariance = 1e-14 * np.eye(2)
     made = Calibration(
@@ -546,17 +546,17 @@ def recorded(folder: Path, *changes: tuple[str, str], seed: int = 0) -> Path:
     path = folder / "pair.toml"
     path.write_text(text, encoding="utf-8")
     run = read(path)
-    write_recording(named_as_in(run, simulate(run, seed)), run.file(run.data.file))
+    write_recording(apply_data_columns(run, simulate(run, seed)), run.file(run.data.file))
     return path
 
 
-def off(outcome: Outcome, path: Path) -> Array:
+def coefficient_errors(outcome: Outcome, path: Path) -> Array:
     truth = read(path).truth
     names = outcome.calibration.sensor.coefficients
     return outcome.calibration.values - np.array([truth[name] for name in names])
 
 
-def of_pair(kind: str) -> tuple[tuple[str, str], ...]:
+def pair_changes(kind: str) -> tuple[tuple[str, str], ...]:
     """Return the changes of the example to another autocollimation of the same head."""
     if kind == "every":
         return ()
@@ -571,9 +571,9 @@ def of_pair(kind: str) -> tuple[tuple[str, str], ...]:
 def test_simulated_recordings_give_the_truth_as_well_as_stated(tmp_path: Path, kind: str):
     found: list[float] = []
     for seed in range(12):
-        path = recorded(tmp_path, *of_pair(kind), seed=seed)
+        path = recorded(tmp_path, *pair_changes(kind), seed=seed)
         outcome = calibrate(path)
-        error = off(outcome, path)
+        error = coefficient_errors(outcome, path)
         # Kip of the example is one of those that its prior expects, but always the same one.
         kept = [k for k, n in enumerate(outcome.calibration.sensor.coefficients) if "kip" not in n]
         covariance = outcome.calibration.covariance[np.ix_(kept, kept)]
@@ -625,7 +625,7 @@ def test_the_tumble_of_the_laboratory_gives_its_accelerometer(tmp_path: Path):
 def test_a_face_at_every_position_gains_what_the_page_says(tmp_path: Path):
     stated: list[tuple[float, float]] = []
     for kind in ("pairs", "every"):
-        known = calibrate(recorded(tmp_path, *of_pair(kind))).calibration
+        known = calibrate(recorded(tmp_path, *pair_changes(kind))).calibration
         stated.append((2e6 * known.uncertainty("a.k0") / G0, 2e6 * known.uncertainty("a.k1")))
     assert stated == [pytest.approx((0.63, 33), rel=0.02), pytest.approx((0.35, 0.93), rel=0.02)]
 
@@ -653,11 +653,13 @@ def test_a_section_in_which_the_head_moves_is_refused(tmp_path: Path):
     assert recording.labels is not None
     labels = recording.labels.copy()
     labels[: np.argmax(labels == "f02")] = "f01"
-    write_recording(named_as_in(run, replace(recording, labels=labels)), run.file(run.data.file))
+    write_recording(
+        apply_data_columns(run, replace(recording, labels=labels)), run.file(run.data.file)
+    )
     refused(path, r"section f01 \(line \d+\): the head's angle changes")
 
 
-def test_corrected_recordings_hold_what_acts_along_the_accelerometers(tmp_path: Path):
+def test_corrected_recordings_hold_the_force_along_the_accelerometers(tmp_path: Path):
     path = recorded(tmp_path)
     outcome = calibrate(path)
     corrected = apply(outcome.calibration, path)
@@ -670,7 +672,7 @@ def test_corrected_recordings_hold_what_acts_along_the_accelerometers(tmp_path: 
 @pytest.mark.parametrize(("seconds", "most"), [(0.1, 1.1), (1.0, 1.25)])
 def test_coloured_noise_is_in_the_standard_error(seconds: float, most: float):
     """Correlated over 1/300 or 1/30 of a position; taken as white it would be 1.6 or 4.5 times."""
-    n, rate, sensor = 300, 10.0, mounted()
+    n, rate, sensor = 300, 10.0, mounted_sensor()
     steps = [Index(f"p{k}", 0.26 * k) for k in range(24)]
     marks = [Mark(step.label, k * n, (k + 1) * n) for k, step in enumerate(steps)]
     phi = np.exp(-1 / rate / seconds)

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from inercal.errors import InputError
-from inercal.frames import exp_so3, from_up, log_so3, skew, symmetric, triangular
+from inercal.frames import (
+    attitude_from_vertical,
+    decompose_symmetric,
+    decompose_triangular,
+    exp_so3,
+    log_so3,
+    skew,
+)
 
 Array = NDArray[np.float64]
 Decompose = Callable[[Array], tuple[Array, Array]]
@@ -86,9 +93,9 @@ def test_exp_differentiates_to_the_cross_product():
     assert_allclose(slope, skew(v), atol=1e-9)
 
 
-def test_from_up_puts_up_where_it_is_told():
+def test_from_up_places_the_vertical_as_given():
     up, azimuth = rng.normal(size=(300, 3)) * 40, rng.uniform(-7, 7, 300)
-    mat_bn = from_up(up, azimuth)
+    mat_bn = attitude_from_vertical(up, azimuth)
     unit = up / np.linalg.norm(up, axis=1, keepdims=True)
     assert_allclose(mat_bn @ [0, 0, 1], unit, atol=1e-15)
     assert_allclose(mat_bn @ transpose(mat_bn), np.broadcast_to(np.eye(3), (300, 3, 3)), atol=2e-15)
@@ -98,33 +105,33 @@ def test_from_up_puts_up_where_it_is_told():
 @pytest.mark.parametrize("z", [1.0, -1.0])
 @pytest.mark.parametrize("tilt", [0.0, 1e-300, 1e-12, 1e-8])
 def test_from_up_is_orthonormal_at_and_near_both_verticals(z: float, tilt: float):
-    mat = from_up([tilt, -tilt, z])
+    mat = attitude_from_vertical([tilt, -tilt, z])
     assert_allclose(mat @ mat.T, np.eye(3), atol=1e-15)
     assert_allclose(mat[:, 2], [tilt, -tilt, z], atol=1e-15)
 
 
 def test_from_up_of_a_level_body_is_the_level_frame():
-    assert_array_equal(from_up([0, 0, 2.0]), np.eye(3))
+    assert_array_equal(attitude_from_vertical([0, 0, 2.0]), np.eye(3))
 
 
 def test_azimuth_counts_clockwise_from_above():
-    mat_bn = from_up([0, 0, 1], np.pi / 2)
+    mat_bn = attitude_from_vertical([0, 0, 1], np.pi / 2)
     assert_allclose(mat_bn.T @ [0, 1, 0], [1, 0, 0], atol=1e-15)  # y from north to east
 
 
 def test_azimuth_turns_a_tilted_body_about_the_vertical():
     up = AXES[0]
-    mat_nb, turned_nb = from_up(up).T, from_up(up, 0.7).T
+    mat_nb, turned_nb = attitude_from_vertical(up).T, attitude_from_vertical(up, 0.7).T
     assert_allclose(turned_nb, exp_so3([0, 0, -0.7]) @ mat_nb, atol=1e-15)
 
 
 @pytest.mark.parametrize("up", [[0, 0, 0], [np.nan, 0, 1], [np.inf, 0, 0]])
 def test_from_up_refuses_a_direction_without_length(up: list[float]):
     with pytest.raises(InputError, match="upward direction"):
-        from_up(up)
+        attitude_from_vertical(up)
 
 
-@pytest.mark.parametrize("decompose", [triangular, symmetric])
+@pytest.mark.parametrize("decompose", [decompose_triangular, decompose_symmetric])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_parts_multiply_to_the_matrix_and_the_second_is_a_rotation(
     decompose: Decompose, shape: tuple[int, ...]
@@ -140,13 +147,13 @@ def test_parts_multiply_to_the_matrix_and_the_second_is_a_rotation(
 
 
 def test_triangular_part_is_lower_with_a_positive_diagonal():
-    lower, _ = triangular(random_matrices(300))
+    lower, _ = decompose_triangular(random_matrices(300))
     assert_array_equal(lower, np.tril(lower))
     assert (np.diagonal(lower, axis1=-2, axis2=-1) > 0).all()
 
 
 def test_symmetric_part_is_symmetric_and_positive_definite():
-    shape, _ = symmetric(random_matrices(300))
+    shape, _ = decompose_symmetric(random_matrices(300))
     assert_array_equal(shape, transpose(shape))
     assert (np.linalg.eigvalsh(shape) > 0).all()
 
@@ -154,18 +161,18 @@ def test_symmetric_part_is_symmetric_and_positive_definite():
 def test_parts_are_recovered_from_their_product():
     rotation = Rotation.random(100, rng=rng).as_matrix()
     lower = np.tril(rng.normal(size=(100, 3, 3)), -1) + np.eye(3) * rng.uniform(0.5, 2, (100, 1, 3))
-    found, turn = triangular(lower @ rotation)
+    found, turn = decompose_triangular(lower @ rotation)
     assert_allclose(found, lower, atol=1e-13)
     assert_allclose(turn, rotation, atol=1e-13)
     shape = lower @ transpose(lower)
-    found, turn = symmetric(shape @ rotation)
+    found, turn = decompose_symmetric(shape @ rotation)
     assert_allclose(found, shape, atol=1e-13)
     assert_allclose(turn, rotation, atol=1e-12)  # condition numbers to some hundreds
 
 
 def test_symmetric_rotation_is_the_nearest_one():
     mat = np.eye(3) + 0.2 * rng.normal(size=(3, 3))
-    _, rotation = symmetric(mat)
+    _, rotation = decompose_symmetric(mat)
     distance = np.linalg.norm(mat - rotation)
     others = exp_so3(1e-3 * AXES) @ rotation
     assert (np.linalg.norm(mat - others, axis=(-2, -1)) > distance).all()
@@ -173,7 +180,7 @@ def test_symmetric_rotation_is_the_nearest_one():
 
 def test_decompositions_of_a_rotation_are_the_identity_and_itself():
     mat = exp_so3([0.4, -1.0, 2.0])
-    for decompose in (triangular, symmetric):
+    for decompose in (decompose_triangular, decompose_symmetric):
         part, rotation = decompose(mat)
         assert_allclose(part, np.eye(3), atol=1e-15)
         assert_allclose(rotation, mat, atol=1e-15)
@@ -182,11 +189,11 @@ def test_decompositions_of_a_rotation_are_the_identity_and_itself():
 def test_rows_of_very_different_sensitivity_keep_their_own_precision():
     scale = np.array([1e-9, 1.0, 1e9])[:, None]
     mat = exp_so3([0.1, 0.2, 0.3]) + 0.01 * rng.normal(size=(3, 3))
-    lower, rotation = triangular(scale * mat)
+    lower, rotation = decompose_triangular(scale * mat)
     assert_allclose(lower @ rotation / scale, mat, atol=1e-14)
 
 
-@pytest.mark.parametrize("decompose", [triangular, symmetric])
+@pytest.mark.parametrize("decompose", [decompose_triangular, decompose_symmetric])
 @pytest.mark.parametrize(
     ("mat", "what"),
     [

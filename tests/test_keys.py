@@ -48,7 +48,7 @@ def test_an_observation_is_a_channel_and_a_row() -> None:
 
 
 @pytest.mark.parametrize("name", [CoefficientName("ax.k0"), ErrorName("pose_x[XY30]")])
-def test_names_are_their_text(name: str) -> None:
+def test_keys_equal_their_text(name: str) -> None:
     text = str(name)
     assert {name: 1}[text] == 1
     assert hash(name) == hash(text)
@@ -69,7 +69,7 @@ def _splits(tree: ast.AST) -> Iterator[int]:
                 pass
 
 
-def test_no_other_module_takes_names_apart() -> None:
+def test_no_other_module_splits_keys() -> None:
     found = [
         f"{path.relative_to(SOURCE)}:{line}"
         for path in sorted(SOURCE.rglob("*.py"))

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
+from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.benches import Hand
-from inercal.benches.hand.reading import nominal
-from inercal.benches.hand.simulation import perform
+from inercal.benches.hand.reading import nominal_plan
+from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.errors import InputError, NotObserved
 from inercal.io.write import write_recording
-from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
+from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import G0
@@ -21,7 +21,7 @@ from inercal.sensors import G0
 def recorded(folder: Path, text: str, *changes: tuple[str, str], seed: int = 1) -> Run:
     """Write a run file and the recording that it names."""
     run = read(run_file(folder, text, *changes))
-    write_recording(named_as_in(run, simulate(run, seed)), run.file(run.data.file))
+    write_recording(apply_data_columns(run, simulate(run, seed)), run.file(run.data.file))
     return run
 
 
@@ -34,7 +34,9 @@ def errors(outcome: Outcome, run: Run) -> np.ndarray:
 
 @pytest.mark.parametrize("text", [FERRARIS, SIX_POSITIONS], ids=["ferraris", "six positions"])
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_what_was_simulated_is_found_within_its_uncertainty(tmp_path: Path, text: str, seed: int):
+def test_the_simulated_truth_is_estimated_within_its_uncertainty(
+    tmp_path: Path, text: str, seed: int
+):
     run = recorded(tmp_path, text, seed=seed)
     outcome = calibrate(run)
     assert np.abs(errors(outcome, run)).max() < 4.5
@@ -93,7 +95,7 @@ def test_columns_are_named_by_header_or_by_number(tmp_path: Path):
     assert calibrate(numbered).calibration.values == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_corrected_recording_is_close_to_what_was_felt(tmp_path: Path):
+def test_a_corrected_recording_is_close_to_the_true_motion(tmp_path: Path):
     changes = (
         ('tilt = "0.3 °"\nturn_a', 'tilt = "2 ″"\nturn_a'),
         ('turn_tilt = "0.3 °"', 'turn_tilt = "2 ″"'),
@@ -109,7 +111,9 @@ def test_a_corrected_recording_is_close_to_what_was_felt(tmp_path: Path):
     # The bench's errors are the first that a simulation draws from its seed.
     assert run.rate_hz is not None
     assert isinstance(run.bench, Hand)
-    true = perform(run.bench, nominal(run), run.rate_hz, np.random.default_rng(1)).motion
+    true = simulate_hand_motion(
+        run.bench, nominal_plan(run), run.rate_hz, np.random.default_rng(1)
+    ).motion
     assert corrected.channels == ("fx", "fy", "fz", "wx", "wy", "wz")
     assert corrected.units == ("m/s²",) * 3 + ("rad/s",) * 3
     assert np.abs(corrected.data[:, :3] - true.f[0]).max() < 1e-3  # m/s²; 0.3 before
@@ -122,7 +126,7 @@ def test_a_calibration_of_other_units_is_not_applied(tmp_path: Path):
     other = run_file(tmp_path, SIX_POSITIONS, ('unit = "g"', 'unit = "m/s²"'))
     (tmp_path / "log.csv").unlink()
     run = read(other)
-    write_recording(named_as_in(run, simulate(run, 1)), run.file(run.data.file))
+    write_recording(apply_data_columns(run, simulate(run, 1)), run.file(run.data.file))
     with pytest.raises(InputError, match="channel ax is in m/s²; this calibration is for g"):
         apply(known, run)
 
@@ -153,11 +157,11 @@ def test_a_truth_beyond_the_method_is_simulated_and_shows_as_misfit(tmp_path: Pa
     assert "larger than noise and bench allow" in outcome.verdict[0]
 
 
-def without(run: Run, *labels: str) -> Recording:
+def recording_without_sections(run: Run, *labels: str) -> Recording:
     """Return the run's recording with some of its sections cut out, time going on."""
     made = simulate(run, 1)
     assert made.labels is not None
-    cut = named_as_in(run, made.take(~np.isin(made.labels, labels)))
+    cut = apply_data_columns(run, made.take(~np.isin(made.labels, labels)))
     return replace(cut, time=np.arange(cut.time.size) / 50.0)
 
 
@@ -174,7 +178,7 @@ def test_positions_that_are_missing_leave_coefficients_not_observed_by_name(
 ):
     labels = ('time = "time"', 'time = "time"\nmarks = "labels"\nlabel = "label"')
     run = read(run_file(tmp_path, SIX_POSITIONS, labels))
-    write_recording(without(run, *missing), run.file(run.data.file))
+    write_recording(recording_without_sections(run, *missing), run.file(run.data.file))
     with pytest.raises(NotObserved) as refused:
         calibrate(run)
     message = str(refused.value)
@@ -185,18 +189,18 @@ def test_positions_that_are_missing_leave_coefficients_not_observed_by_name(
 def test_a_turn_that_is_missing_is_not_observed_by_name(tmp_path: Path):
     labels = ('marks = "found"', 'marks = "labels"\nlabel = "label"')
     run = read(run_file(tmp_path, FERRARIS, labels))
-    write_recording(without(run, "z_rot"), run.file(run.data.file))
+    write_recording(recording_without_sections(run, "z_rot"), run.file(run.data.file))
     with pytest.raises(NotObserved) as refused:
         calibrate(run)
     assert "gz.scale" in str(refused.value)
     assert "z_rot (turn by +360° about +z)" in str(refused.value)
 
 
-def test_a_prior_supplies_what_the_positions_do_not(tmp_path: Path):
+def test_a_prior_supplies_the_coefficients_that_the_positions_do_not_observe(tmp_path: Path):
     labels = ('time = "time"', 'time = "time"\nmarks = "labels"\nlabel = "label"')
     prior = '\n[method.prior]\n"az.k0" = "0 mg ± 1 mg"\n'
     run = read(run_file(tmp_path, SIX_POSITIONS + prior, labels))
-    write_recording(without(run, "z_a"), run.file(run.data.file))
+    write_recording(recording_without_sections(run, "z_a"), run.file(run.data.file))
     found = calibrate(run).calibration
     # The four faces with z level know the bias to half their tilt of 0.3°: 2.6 mg.
     level = 9.81 * np.radians(0.3) / 2

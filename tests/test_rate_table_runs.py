@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inercal.budget.of_run import experiment_of
+from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.pipeline import Outcome, calibrate
 from inercal.plan import Spin
@@ -23,7 +23,9 @@ BIAS = (-0.03833061, 0.06400076, 0.00811530)
 Rows = list[list[str]]
 
 
-def written(folder: Path, *changes: tuple[str, str], rows: Callable[[Rows], Rows] = list) -> Path:
+def write_changed_example(
+    folder: Path, *changes: tuple[str, str], rows: Callable[[Rows], Rows] = list
+) -> Path:
     """Return the example's run file with changes, beside its table with rows changed."""
     text = (EXAMPLE / "ship.toml").read_text(encoding="utf-8")
     for old, new in changes:
@@ -38,9 +40,11 @@ def written(folder: Path, *changes: tuple[str, str], rows: Callable[[Rows], Rows
     return path
 
 
-def estimated(folder: Path, estimator: str, rows: Callable[[Rows], Rows] = list) -> Outcome:
+def estimate_example(folder: Path, estimator: str, rows: Callable[[Rows], Rows] = list) -> Outcome:
     name = 'name = "ship_multi_angle"'
-    return calibrate(written(folder, (name, f'{name}\nestimator = "{estimator}"'), rows=rows))
+    return calibrate(
+        write_changed_example(folder, (name, f'{name}\nestimator = "{estimator}"'), rows=rows)
+    )
 
 
 def level(rows: Rows) -> Rows:
@@ -48,7 +52,7 @@ def level(rows: Rows) -> Rows:
 
 
 def test_the_example_gives_its_accelerometer(tmp_path: Path):
-    outcome = calibrate(written(tmp_path))
+    outcome = calibrate(write_changed_example(tmp_path))
     calibration = outcome.calibration
     assert outcome.estimate.consistent
     assert calibration.conditions["lean at rest, two components (k = 1)"] == "0.05 °"
@@ -67,12 +71,12 @@ def test_the_example_gives_its_accelerometer(tmp_path: Path):
 
 
 @pytest.mark.parametrize("estimator", ["planar", "planar_norm", "damped", "global"])
-def test_the_others_say_what_they_left_free(tmp_path: Path, estimator: str):
-    outcome = estimated(tmp_path, estimator)
+def test_norm_estimators_name_the_free_directions(tmp_path: Path, estimator: str):
+    outcome = estimate_example(tmp_path, estimator)
     write_report(outcome, tmp_path / "ship.html")
     said = " ".join(outcome.verdict)
     assert ("rotation of the triad about x" in said) == (estimator in ("damped", "global"))
-    joint = calibrate(written(tmp_path)).calibration
+    joint = calibrate(write_changed_example(tmp_path)).calibration
     off = (outcome.calibration.values - joint.values) / outcome.calibration.std
     assert np.abs(off).max() < 4
     model, _ = to_affine(joint.sensor, joint.values)
@@ -81,14 +85,14 @@ def test_the_others_say_what_they_left_free(tmp_path: Path, estimator: str):
 
 def test_planar_states_alone_do_for_ship_planar(tmp_path: Path):
     name = ('name = "ship_multi_angle"', 'name = "ship_planar"')
-    alone = calibrate(written(tmp_path, name, rows=level)).calibration
-    both = estimated(tmp_path, "planar").calibration
+    alone = calibrate(write_changed_example(tmp_path, name, rows=level)).calibration
+    both = estimate_example(tmp_path, "planar").calibration
     assert alone.values == pytest.approx(both.values, rel=1e-9)
     assert alone.method == "ship_planar"
 
 
-def test_a_budget_says_what_the_plan_gives(tmp_path: Path):
-    made = experiment_of(read(written(tmp_path)))
+def test_a_budget_of_the_plan_equals_the_stated_uncertainty(tmp_path: Path):
+    made = experiment_from_run(read(write_changed_example(tmp_path)))
     names = {line.name for line in made.imperfections}
     assert {"pose", "seat", "speed", "lean", "radius", "gravity", "noise"} <= names
     assert np.all(np.isfinite(made.stated()))
@@ -116,7 +120,7 @@ def refused(path: Path, words: str, kind: type[InercalError] = InputError) -> No
     ],
 )  # fmt: skip
 def test_run_files_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, words: str):
-    refused(written(tmp_path, (old, new)), words)
+    refused(write_changed_example(tmp_path, (old, new)), words)
 
 
 def test_rates_in_rad_per_s_are_found_by_the_norm(tmp_path: Path):
@@ -124,25 +128,28 @@ def test_rates_in_rad_per_s_are_found_by_the_norm(tmp_path: Path):
         return [[row[0], f"{float(row[1]) * np.pi / 30:.6g}", *row[2:]] for row in rows]
 
     refused(
-        written(tmp_path, rows=in_rad),
+        write_changed_example(tmp_path, rows=in_rad),
         'the rates are in rad/s, not in rpm; state arm_rate_unit = "rad/s"',
     )
 
 
-def test_an_axis_that_is_not_excited_is_named(tmp_path: Path):
+def test_an_unexcited_axis_is_named(tmp_path: Path):
     def without_y(rows: Rows) -> Rows:
         return [row for row in level(rows) if row[0] != "YX"]
 
     for estimator in ("planar", "joint"):
         name = 'name = "ship_multi_angle"'
         change = (name, f'{name}\nestimator = "{estimator}"')
-        refused(written(tmp_path, change, rows=without_y), "y", NotObserved)
+        refused(write_changed_example(tmp_path, change, rows=without_y), "y", NotObserved)
 
 
-def test_what_an_estimator_refuses_names_the_run_file(tmp_path: Path):
+def test_a_refusal_by_an_estimator_names_the_run_file(tmp_path: Path):
     name = 'name = "ship_multi_angle"'
     change = (name, f'{name}\nestimator = "damped"\ncoefficients = ["bias"]')
-    refused(written(tmp_path, change), r"ship\.toml: f = M a \+ p has k0, k1, .*; joint finds what")
+    refused(
+        write_changed_example(tmp_path, change),
+        r"ship\.toml: f = M a \+ p has k0, k1, .*; joint finds what",
+    )
 
 
 def test_fewer_than_twelve_groups_are_refused(tmp_path: Path):
@@ -151,14 +158,17 @@ def test_fewer_than_twelve_groups_are_refused(tmp_path: Path):
 
     for estimator in ("damped", "global"):
         with pytest.raises(InercalError, match=r"11 .*12"):
-            estimated(tmp_path, estimator, rows=few)
+            estimate_example(tmp_path, estimator, rows=few)
 
 
-def test_a_mounting_that_is_none_is_refused(tmp_path: Path):
+def test_an_invalid_mounting_is_refused(tmp_path: Path):
     def strange(rows: Rows) -> Rows:
         return [["XZ", *rows[0][1:]], *rows[1:]]
 
-    refused(written(tmp_path, rows=strange), r"line 2: column 'mounting' is 'XZ'; a mounting is XY")
+    refused(
+        write_changed_example(tmp_path, rows=strange),
+        r"line 2: column 'mounting' is 'XZ'; a mounting is XY",
+    )
 
 
 # Recordings
@@ -199,32 +209,36 @@ def misnamed(old: str, new: str) -> Callable[[Rows], Rows]:
     ],
 )
 def test_a_wrong_mounting_is_the_suspect(tmp_path: Path, new: str, names: set[str]):
-    verdict = calibrate(written(tmp_path, rows=misnamed("XY 30", new))).verdict
+    verdict = calibrate(write_changed_example(tmp_path, rows=misnamed("XY 30", new))).verdict
     assert verdict.grade == "unreliable"
     assert verdict.suspect is not None
-    assert {verdict.suspect.name, *verdict.suspect.alike} == names
+    assert {verdict.suspect.name, *verdict.suspect.indistinguishable} == names
 
 
 def test_the_angle_by_which_a_mounting_is_off_is_its_own(tmp_path: Path):
-    suspect = calibrate(written(tmp_path, rows=misnamed("XY 30", "XY -30"))).verdict.suspect
+    suspect = calibrate(
+        write_changed_example(tmp_path, rows=misnamed("XY 30", "XY -30"))
+    ).verdict.suspect
     assert suspect is not None
     size = suspect.sizes[suspect.components.index("pose_y[XY-30]")]
     assert np.degrees(size) == pytest.approx(60, abs=2)
 
 
 def test_a_tilt_of_more_than_a_turn_is_refused(tmp_path: Path):
-    path = written(tmp_path, rows=misnamed("XY 30", "XY 400"))
+    path = write_changed_example(tmp_path, rows=misnamed("XY 30", "XY 400"))
     refused(path, "is 'XY 400': a tilt of 400° is more than a whole turn")
 
 
-def test_a_row_that_is_a_copy_is_told(tmp_path: Path):
-    outcome = calibrate(written(tmp_path, rows=lambda rows: [*rows, rows[3]]))
+def test_a_repeated_row_is_reported(tmp_path: Path):
+    outcome = calibrate(write_changed_example(tmp_path, rows=lambda rows: [*rows, rows[3]]))
     words = f"lines 5 and {2 + len(outcome.steps) - 1} of ship.csv are the same to the last digit"
     assert any(line.startswith(words) for line in outcome.verdict)
 
 
-def test_a_unit_that_the_rates_are_not_in_is_told_by_the_norms(tmp_path: Path):
-    path = written(tmp_path, ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"'))
+def test_a_wrong_rate_unit_is_detected_by_the_norms(tmp_path: Path):
+    path = write_changed_example(
+        tmp_path, ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"')
+    )
     refused(path, 'the rates are in rpm, not in rad/s; state arm_rate_unit = "rpm"')
 
 
@@ -236,14 +250,14 @@ def test_a_cell_without_a_number_has_its_line(tmp_path: Path, cell: str, words: 
     def without(rows: Rows) -> Rows:
         return [[*rows[0][:1], cell, *rows[0][2:]], *rows[1:]]
 
-    refused(written(tmp_path, rows=without), f"ship.csv line 2: column {words}")
+    refused(write_changed_example(tmp_path, rows=without), f"ship.csv line 2: column {words}")
 
 
 @pytest.mark.parametrize("frame", ["mount", "symmetric"])
 def test_damping_names_what_tilts_of_one_kind_do_not_show(tmp_path: Path, frame: str):
     named = ('name = "model 12, midships"', f'name = "model 12"\nframe = "{frame}"')
     damped = ('name = "ship_multi_angle"', 'name = "ship_multi_angle"\nestimator = "damped"')
-    path = written(
+    path = write_changed_example(
         tmp_path, named, damped, rows=lambda rows: [row for row in rows if "+" not in row[0]]
     )
     words = "do not show the plan's own Exy . Eyx: .* add tilts of a second kind, as XY 135 \\+ 45"
@@ -307,7 +321,7 @@ RECORDED = (
 
 
 def test_a_recording_is_reduced_to_states(tmp_path: Path):
-    written(tmp_path, *RECORDED)
+    write_changed_example(tmp_path, *RECORDED)
     found: list[float] = []
     for seed in range(6):
         outcome = calibrate(recording(tmp_path, seed))
@@ -332,7 +346,7 @@ def test_a_recording_is_reduced_to_states(tmp_path: Path):
 
 
 def test_a_recording_that_never_turns_is_refused(tmp_path: Path):
-    written(tmp_path, *RECORDED)
+    write_changed_example(tmp_path, *RECORDED)
     recording(tmp_path, 1)
     head, *body = (tmp_path / "ship.csv").read_text(encoding="utf-8").splitlines()
     still = [",".join([*line.split(",")[:1], "0", *line.split(",")[2:]]) for line in body]

@@ -8,12 +8,18 @@ import pytest
 
 from inercal.calibration.files import load, save
 from inercal.cli.app import main
-from inercal.cli.show import generation_in_words
+from inercal.cli.console import generation_text
 from inercal.errors import InputError
-from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Generation, History, Options
+from inercal.methods.ship_multi_angle.global_search import (
+    GOAL,
+    Bounds,
+    Generation,
+    SearchHistory,
+    SearchOptions,
+)
 from inercal.pipeline import Outcome, calibrate
 from inercal.report import write_report
-from inercal.report.history import history
+from inercal.report.search_history import search_figure
 from inercal.runfile import read
 from inercal.sensors import G0
 
@@ -22,7 +28,9 @@ NAME = 'name = "ship_multi_angle"\n'
 SYMMETRIC = ('name = "model 12, midships"\n', 'name = "model 12"\nframe = "symmetric"\n')
 
 
-def written(folder: Path, estimator: str, search: str = "", *changes: tuple[str, str]) -> Path:
+def write_search_example(
+    folder: Path, estimator: str, search: str = "", *changes: tuple[str, str]
+) -> Path:
     """Return the example's run file with an estimator and what its search is told."""
     text = (EXAMPLE / "ship.toml").read_text(encoding="utf-8")
     section = f"\n[method.search]\n{search}\n" if search else ""
@@ -35,17 +43,19 @@ def written(folder: Path, estimator: str, search: str = "", *changes: tuple[str,
     return path
 
 
-def found(folder: Path, estimator: str, search: str = "", *changes: tuple[str, str]) -> Outcome:
-    return calibrate(written(folder, estimator, search, *changes))
+def estimate_with_search(
+    folder: Path, estimator: str, search: str = "", *changes: tuple[str, str]
+) -> Outcome:
+    return calibrate(write_search_example(folder, estimator, search, *changes))
 
 
 # What a search is told
 
 
 def test_without_a_section_a_search_has_the_defaults(tmp_path: Path):
-    search = read(written(tmp_path, "global")).search
+    search = read(write_search_example(tmp_path, "global")).search
     assert search is not None
-    assert search == Options(Bounds(bias=search.bounds.bias))
+    assert search == SearchOptions(Bounds(bias=search.bounds.bias))
     assert search.bounds.bias == pytest.approx(Bounds().bias, rel=1e-12)
     assert search.goal == GOAL
 
@@ -54,16 +64,16 @@ def test_all_keys_reach_the_search(tmp_path: Path):
     text = (
         'seed = 7\ntime_limit = "1 min"\ngoal = "1 %"\nscale_error = "0.2"\ncross_axis = "30 %"\n'
     )
-    search = read(written(tmp_path, "global", f'{text}bias = "4.903325 m/s²"')).search
+    search = read(write_search_example(tmp_path, "global", f'{text}bias = "4.903325 m/s²"')).search
     assert search is not None
-    assert search.bounds.half == pytest.approx(Bounds(0.2, 0.3, 0.5).half)
+    assert search.bounds.half_width == pytest.approx(Bounds(0.2, 0.3, 0.5).half_width)
     assert (search.seed, search.seconds, search.goal) == (7, 60.0, 0.01)
 
 
 @pytest.mark.parametrize("estimator", ["joint", "planar", "planar_norm", "damped"])
 def test_estimators_that_do_not_search_refuse_the_section(tmp_path: Path, estimator: str):
     with pytest.raises(InputError, match=rf"\[method.search\] is for .*; {estimator} of") as no:
-        read(written(tmp_path, estimator, "seed = 1"))
+        read(write_search_example(tmp_path, estimator, "seed = 1"))
     assert "\n" not in str(no.value)
 
 
@@ -94,7 +104,7 @@ def test_values_out_of_place_are_one_line_and_status_two(
     search: str,
     words: str,
 ):
-    path = written(tmp_path, "global", search)
+    path = write_search_example(tmp_path, "global", search)
     monkeypatch.setattr("sys.argv", ["inercal", "calibrate", str(path), "--out", str(tmp_path)])
     with pytest.raises(SystemExit) as status:
         main()
@@ -106,7 +116,9 @@ def test_values_out_of_place_are_one_line_and_status_two(
 
 
 def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path):
-    first, again, other = (found(tmp_path, "global", f"seed = {seed}") for seed in (3, 3, 4))
+    first, again, other = (
+        estimate_with_search(tmp_path, "global", f"seed = {seed}") for seed in (3, 3, 4)
+    )
     assert (first.calibration.values == again.calibration.values).all()
     assert (first.calibration.values != other.calibration.values).all()
     assert "generations of seed 3" in " ".join(first.verdict)
@@ -116,21 +128,21 @@ def test_one_seed_makes_one_result_and_is_stated(tmp_path: Path):
 
 
 def test_the_goal_is_the_stated_one(tmp_path: Path):
-    outcome = found(tmp_path, "global", 'goal = "0.01 %"')
+    outcome = estimate_with_search(tmp_path, "global", 'goal = "0.01 %"')
     assert "the goal of 0.01 % is not met" in " ".join(outcome.verdict)
     assert outcome.search is not None
-    assert outcome.search.met is None
+    assert outcome.search.goal_generation is None
 
 
-def test_progress_is_told_after_each_generation_and_kept(tmp_path: Path):
+def test_progress_is_reported_after_each_generation_and_stored(tmp_path: Path):
     seen: list[Generation] = []
-    outcome = calibrate(written(tmp_path, "global", "seed = 1"), seen.append)
-    assert outcome.search == History(GOAL, tuple(seen))
+    outcome = calibrate(write_search_example(tmp_path, "global", "seed = 1"), seen.append)
+    assert outcome.search == SearchHistory(GOAL, tuple(seen))
     assert [g.number for g in seen] == list(range(1, len(seen) + 1))
-    assert generation_in_words(Generation(12, 1.234e-5, 0.0123)) == (
+    assert generation_text(Generation(12, 1.234e-5, 0.0123)) == (
         "generation 12, sum of squares 1.23e-05 g⁴, largest error of a norm 1.2 %"
     )
-    assert found(tmp_path, "damped").search is None
+    assert estimate_with_search(tmp_path, "damped").search is None
 
 
 # Its history in the report
@@ -139,7 +151,7 @@ def test_progress_is_told_after_each_generation_and_kept(tmp_path: Path):
 def test_only_a_search_has_its_history_drawn(tmp_path: Path):
     for estimator in ("global", "damped"):
         page = tmp_path / f"{estimator}.html"
-        write_report(found(tmp_path, estimator), page)
+        write_report(estimate_with_search(tmp_path, estimator), page)
         text = page.read_text(encoding="utf-8")
         assert ("How the search went" in text) == (estimator == "global")
         assert ("goal 5 %" in text) == (estimator == "global")
@@ -151,19 +163,21 @@ def test_only_a_search_has_its_history_drawn(tmp_path: Path):
 
 def test_the_history_has_the_goal_and_the_generation_that_met_it():
     went = tuple(Generation(k, 10.0 ** (-k / 10), 0.2 * 0.99**k) for k in range(1, 250))
-    text = str(history(History(0.05, went)))
+    text = str(search_figure(SearchHistory(0.05, went)))
     met = next(g.number for g in went if g.worst <= 0.05)
     assert f"met at generation {met}" in text
-    assert "met at" not in str(history(History(0.001, went)))
+    assert "met at" not in str(search_figure(SearchHistory(0.001, went)))
     assert "$" not in text
-    assert len(re.findall("<svg", str(history(History(0.05, went[:1]))))) == 1
+    assert len(re.findall("<svg", str(search_figure(SearchHistory(0.05, went[:1]))))) == 1
 
 
 # A stated frame
 
 
 def test_a_stated_frame_takes_the_place_of_what_norms_leave_free(tmp_path: Path):
-    outcomes = [found(tmp_path, name, "", SYMMETRIC) for name in ("damped", "global")]
+    outcomes = [
+        estimate_with_search(tmp_path, name, "", SYMMETRIC) for name in ("damped", "global")
+    ]
     for outcome in outcomes:
         said = " ".join(outcome.verdict)
         assert "the stated frame three" in said
@@ -174,13 +188,13 @@ def test_a_stated_frame_takes_the_place_of_what_norms_leave_free(tmp_path: Path)
         assert load(file).frame == "symmetric"
     one, other = (outcome.calibration for outcome in outcomes)
     assert np.abs((one.values - other.values) / one.std).max() < 1e-6
-    plain = found(tmp_path, "damped").calibration
+    plain = estimate_with_search(tmp_path, "damped").calibration
     assert plain.frame == "mount"
     assert plain.in_frame("symmetric").values == pytest.approx(one.values, abs=1e-8)
 
 
 def test_with_a_frame_the_tilted_states_do_alone(tmp_path: Path):
-    whole = found(tmp_path, "damped", "", SYMMETRIC).calibration
+    whole = estimate_with_search(tmp_path, "damped", "", SYMMETRIC).calibration
     head, *rows = (tmp_path / "ship.csv").read_text(encoding="utf-8").splitlines()
     tilted = [row for row in rows if " " in row.partition(",")[0]]
     assert len(tilted) == 16
@@ -190,8 +204,8 @@ def test_with_a_frame_the_tilted_states_do_alone(tmp_path: Path):
 
 
 def test_joint_finds_the_same_in_that_frame(tmp_path: Path):
-    joint = found(tmp_path, "joint").calibration.in_frame("symmetric")
-    damped = found(tmp_path, "damped", "", SYMMETRIC).calibration
+    joint = estimate_with_search(tmp_path, "joint").calibration.in_frame("symmetric")
+    damped = estimate_with_search(tmp_path, "damped", "", SYMMETRIC).calibration
     away = (joint.values - damped.values) / damped.std
     print(away.round(2), damped.std / joint.std)
     assert np.abs(away).max() < 3.5
@@ -201,6 +215,6 @@ def test_joint_finds_the_same_in_that_frame(tmp_path: Path):
 @pytest.mark.parametrize("estimator", ["joint", "planar", "planar_norm"])
 def test_estimators_that_know_the_mounting_refuse_a_frame(tmp_path: Path, estimator: str):
     with pytest.raises(InputError, match="damped and global of ship_multi_angle") as no:
-        read(written(tmp_path, estimator, "", SYMMETRIC))
+        read(write_search_example(tmp_path, estimator, "", SYMMETRIC))
     assert "\n" not in str(no.value)
     assert f"leave it out with {estimator}" in str(no.value)

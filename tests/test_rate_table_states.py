@@ -7,24 +7,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inercal.cli.calibrate import run as command
+from inercal.cli.calibrate_command import run as command
 from inercal.errors import InputError
-from inercal.io.means import write_means
+from inercal.io.mean_tables import write_means
 from inercal.io.write import write_recording
-from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.plan import Spin
 from inercal.runfile import Run, read
 
 FOLDER = Path(__file__).parents[1] / "examples" / "rate_table"
 
 
-def reduced(folder: Path) -> tuple[Run, Outcome, Path]:
+def write_states_table(folder: Path) -> tuple[Run, Outcome, Path]:
     """Simulate the example, calibrate it, and write its states."""
     text = (FOLDER / "ship_recording.toml").read_text(encoding="utf-8")
     path = folder / "ship_recording.toml"
     path.write_text(text, encoding="utf-8")
     run = read(path)
-    write_recording(named_as_in(run, simulate(run, 4)), run.file(run.data.file))
+    write_recording(apply_data_columns(run, simulate(run, 4)), run.file(run.data.file))
     outcome = calibrate(run)
     states = folder / "ship.states.csv"
     write_means(states, run.kind.tables(run, outcome)["states"])
@@ -38,7 +38,7 @@ def reduced(folder: Path) -> tuple[Run, Outcome, Path]:
 
 
 def test_states_are_a_table_of_rates_against_three_axes(tmp_path: Path):
-    run, outcome, path = reduced(tmp_path)
+    run, outcome, path = write_states_table(tmp_path)
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == [
@@ -63,7 +63,7 @@ def test_states_are_a_table_of_rates_against_three_axes(tmp_path: Path):
 
 
 def test_the_table_gives_the_calibration_of_its_recording(tmp_path: Path):
-    run, outcome, _ = reduced(tmp_path)
+    run, outcome, _ = write_states_table(tmp_path)
     again = calibrate(tmp_path / "means.toml")
     # The table holds no correlations between the axes' noise: without them, the same to rounding.
     covariance = outcome.observations.covariance * np.eye(3)
@@ -84,7 +84,7 @@ def test_a_table_of_means_leaves_no_states():
 
 
 def test_states_are_not_written_over_their_recording(tmp_path: Path):
-    run, _, states = reduced(tmp_path)
+    run, _, states = write_states_table(tmp_path)
     recording = run.file(run.data.file)
     recording.replace(states)
     text = run.path.read_text(encoding="utf-8").replace(recording.name, states.name)
@@ -108,10 +108,8 @@ def test_states_are_not_written_over_their_recording(tmp_path: Path):
         (None, "", r"\[data.sd\] accelerometer is missing: .* in columns, 'ax_sd' and alike"),
     ],
 )
-def test_deviations_that_are_none_are_refused(
-    tmp_path: Path, column: str | None, cell: str, words: str
-):
-    _, _, path = reduced(tmp_path)
+def test_invalid_deviations_are_refused(tmp_path: Path, column: str | None, cell: str, words: str):
+    _, _, path = write_states_table(tmp_path)
     header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
     if column is None:
         header = [name.replace("_sd", " sd") for name in header]
@@ -123,8 +121,8 @@ def test_deviations_that_are_none_are_refused(
         calibrate(tmp_path / "means.toml")
 
 
-def test_what_is_stated_takes_the_place_of_the_columns(tmp_path: Path):
-    reduced(tmp_path)
+def test_stated_deviations_override_the_columns(tmp_path: Path):
+    write_states_table(tmp_path)
     path = tmp_path / "means.toml"
     text = path.read_text(encoding="utf-8")
     stated = text.replace("[method]", '[data.sd]\naccelerometer = "2 mg"\n\n[method]')

@@ -17,7 +17,7 @@ def registry() -> Registry[object]:
     return Registry("inercal.tests", "thing", OWN)
 
 
-def installed(folder: Path, package: str, **points: str) -> None:
+def install_metadata(folder: Path, package: str, **points: str) -> None:
     """Make a package's metadata as an installation leaves them."""
     info = folder / f"{package}-1.0.dist-info"
     info.mkdir()
@@ -33,7 +33,7 @@ def site(tmp_path: Path) -> Iterator[Path]:
     sys.path.remove(str(tmp_path))
 
 
-def test_a_name_of_this_package_is_imported_when_it_is_asked_for() -> None:
+def test_a_name_of_this_package_is_imported_on_first_use() -> None:
     import json
 
     things = registry()
@@ -43,38 +43,38 @@ def test_a_name_of_this_package_is_imported_when_it_is_asked_for() -> None:
         things.find("missing")
 
 
-def test_a_package_brings_one(site: Path) -> None:
-    installed(site, "theirs", loads="json:loads")
+def test_an_entry_point_registers_an_object(site: Path) -> None:
+    install_metadata(site, "theirs", loads="json:loads")
     things = registry()
     assert list(things) == ["plain", "missing", "loads"]
     assert things.find("loads") is sys.modules["json"].loads
 
 
 def test_a_package_may_not_take_a_name_of_this_one(site: Path) -> None:
-    installed(site, "theirs", plain="json:loads")
+    install_metadata(site, "theirs", plain="json:loads")
     with pytest.raises(InputError, match=r"theirs.*'plain'.*inercal"):
         registry().find("loads")
 
 
 def test_two_packages_with_one_name_are_refused(site: Path) -> None:
-    installed(site, "first", loads="json:loads")
-    installed(site, "second", loads="json:load")
+    install_metadata(site, "first", loads="json:loads")
+    install_metadata(site, "second", loads="json:load")
     with pytest.raises(InputError, match=r"'loads'"):
         registry().find("loads")
 
 
-def test_what_cannot_be_loaded_is_told_by_its_package(site: Path) -> None:
-    installed(site, "theirs", broken="json:nothing")
+def test_an_entry_point_that_cannot_be_loaded_names_its_package(site: Path) -> None:
+    install_metadata(site, "theirs", broken="json:nothing")
     with pytest.raises(InputError, match=r"'broken' of package theirs"):
         registry().find("broken")
 
 
-def test_an_unknown_name_lists_those_there_are() -> None:
+def test_an_unknown_name_lists_the_known_names() -> None:
     with pytest.raises(InputError, match=r"no thing 'other'; there are plain, missing"):
         registry().find("other")
 
 
-def test_one_more_is_there_for_a_while() -> None:
+def test_with_registers_an_entry_temporarily() -> None:
     things = registry()
     with things.with_("more", 3):
         assert things.find("more") == 3

@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy import generator, warmth
+from tests.accuracy import ferraris
+from tests.accuracy import temperature as thermal
 
 import inercal
-from inercal.budget.of_run import experiment_of
+from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.errors import InputError, NotObserved
 from inercal.pipeline import Outcome, apply, calibrate
 from inercal.runfile import read
@@ -41,7 +42,7 @@ also = ["k0_dT", "k1_dT"]
 """
 
 
-def copied(folder: Path, changes: dict[str, str], table: str | None = None) -> Path:
+def copy_example(folder: Path, changes: dict[str, str], table: str | None = None) -> Path:
     """Return a copy of the example's run file, with its text and its table changed."""
     text = (EXAMPLE / "soaks.toml").read_text(encoding="utf-8")
     for old, new in changes.items():
@@ -53,7 +54,7 @@ def copied(folder: Path, changes: dict[str, str], table: str | None = None) -> P
     return folder / "soaks.toml"
 
 
-def test_the_example_finds_what_made_its_table(tmp_path: Path):
+def test_the_example_recovers_the_truth_of_its_table(tmp_path: Path):
     outcome = calibrate(EXAMPLE / "soaks.toml")
     assert outcome.estimate.consistent
     assert outcome.verdict.word == "consistent"
@@ -89,11 +90,11 @@ def test_attitudes_in_the_report_are_those_at_the_rows_temperatures():
         ({'also = ["k0_dT",': 'estimator = "classical"\nalso = ["k0_dT",'}, "k0_dT, .*take ml"),
     ],
 )
-def test_what_a_table_lacks_is_said_in_one_line(
+def test_a_table_with_missing_data_gives_one_line(
     changes: dict[str, str], words: str, tmp_path: Path
 ):
     with pytest.raises(InputError, match=words) as raised:
-        calibrate(copied(tmp_path, changes))
+        calibrate(copy_example(tmp_path, changes))
     assert "\n" not in str(raised.value)
 
 
@@ -101,14 +102,14 @@ def test_coefficients_without_a_column_name_the_key(tmp_path: Path):
     rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
     once = "\n".join(rows[2:9])
     with pytest.raises(InputError, match=r"\[data\] temperature is missing: ax.k0_dT"):
-        calibrate(copied(tmp_path, {'temperature = "temp"': ""}, once))
+        calibrate(copy_example(tmp_path, {'temperature = "temp"': ""}, once))
 
 
 def test_one_temperature_names_the_null_direction_and_what_to_do(tmp_path: Path):
     rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
     alike = "\n".join([rows[2], *(row.rpartition(",")[0] + ",21.30" for row in rows[3:])])
     with pytest.raises(NotObserved, match=r"the rows are at 21\.30 to 21\.30 °C") as raised:
-        calibrate(copied(tmp_path, {}, alike))
+        calibrate(copy_example(tmp_path, {}, alike))
     assert any("ax.k0_dT" in words and "ax.k0" in words for words in raised.value.directions)
 
 
@@ -116,21 +117,21 @@ def test_a_cell_without_a_temperature_is_refused_with_its_line(tmp_path: Path):
     rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
     rows[4] = rows[4].rpartition(",")[0] + ","
     with pytest.raises(InputError, match="line 5: column 'temp' is empty or not finite"):
-        calibrate(copied(tmp_path, {}, "\n".join(rows)))
+        calibrate(copy_example(tmp_path, {}, "\n".join(rows)))
 
 
-def recorded(folder: Path) -> tuple[Path, generator.Imu, warmth.Warm]:
+def recorded(folder: Path) -> tuple[Path, ferraris.Imu, thermal.TemperatureSensitivity]:
     """Write a recording of six faces at three temperatures, and its run file."""
     rng = np.random.default_rng(12)
-    faces = {f"{name}{k}": up for k in range(3) for name, up in generator.POSITIONS.items()}
-    device = generator.mems(rng)
-    hands = generator.Handling(gravity=9.81, tilt=5e-4)
-    made = generator.record(device, hands, rng, rate_hz=50.0, faces=faces, turns={})
+    faces = {f"{name}{k}": up for k in range(3) for name, up in ferraris.POSITIONS.items()}
+    device = ferraris.mems(rng)
+    hands = ferraris.Handling(gravity=9.81, tilt=5e-4)
+    made = ferraris.record(device, hands, rng, rate_hz=50.0, faces=faces, turns={})
     n = made.time.size
-    temperature, warm = warmth.soaks(n, (-10, 20, 50)), warmth.draw(rng, 1)
-    data = warmth.on_imu(device, made.data, warm, temperature)[0, :, :3]
+    temperature, warm = thermal.soak_temperatures(n, (-10, 20, 50)), thermal.draw(rng, 1)
+    data = thermal.warm_imu_readings(device, made.data, warm, temperature)[0, :, :3]
     labels = np.array([label[:-1] for label in made.labels()])
-    rows = zip(made.time, *data.T, labels, temperature - warmth.ZERO, strict=True)
+    rows = zip(made.time, *data.T, labels, temperature - thermal.ZERO, strict=True)
     lines = [f"{t:.4f},{x:.7f},{y:.7f},{z:.7f},{w},{k:.3f}" for t, x, y, z, w, k in rows]
     text = "\n".join(["time,ax,ay,az,label,temp", *lines])
     (folder / "recording.csv").write_text(text, encoding="utf-8")
@@ -168,6 +169,6 @@ def calibrate_plain(run: Path) -> Outcome:
 
 
 def test_a_budget_of_a_plan_has_no_temperatures(tmp_path: Path):
-    run = copied(tmp_path, {})
+    run = copy_example(tmp_path, {})
     with pytest.raises(InputError, match=r"ax\.k0_dT.*a plan states no temperatures"):
-        experiment_of(read(run))
+        experiment_from_run(read(run))

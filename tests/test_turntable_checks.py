@@ -9,8 +9,8 @@ import pytest
 from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.checks import Columns, require_sound
-from inercal.benches.turntable.reading.fits import Signed, signed
+from inercal.benches.turntable.reading.exchange_fits import SignedPermutation, signed_permutations
+from inercal.benches.turntable.reading.track_checks import ColumnNames, check_track
 from inercal.errors import InputError
 from inercal.recording import Track
 from inercal.sensors.catalogue import imu
@@ -28,14 +28,14 @@ DISCRETE: list[tt.Stand | tt.Turn] = [WARM]
 for up, there in UP.items():
     DISCRETE += [(up, there, 60.0), (f"{up}+", 0, 1080.0, 30.0), (f"{up}-", 0, -1080.0, 30.0)]
 FAST = [WARM, *tt.positions(), *tt.turns(1080, 30, back=True)]
-PATHS = {"paper": tt.whole(), "fast": FAST, "discrete": DISCRETE}
+PATHS = {"paper": tt.complete_path(), "fast": FAST, "discrete": DISCRETE}
 # Each refusal tries all orders and signs; "fast" has the steps of "paper".
 FITTED = ["paper", pytest.param("fast", marks=pytest.mark.slow), "discrete"]
 HZ = 40.0
 
 
 @cache
-def several(path: str, seed: int) -> Track:
+def draw_four_devices(path: str, seed: int) -> Track:
     """Return the runs of four devices."""
     made = tt.draw(seed, 4, PATHS[path], tt.GRADES["C"], hz=HZ)
     hold = np.full(made.time.size, -1)
@@ -44,49 +44,51 @@ def several(path: str, seed: int) -> Track:
     return Track(made.time, np.concatenate([made.forces, made.rates], -1), made.angles, hold)
 
 
-def drawn(path: str, seed: int = SEED) -> Track:
+def draw_first_device(path: str, seed: int = SEED) -> Track:
     """Return the run of the first of them."""
-    return several(path, seed).trial(0)
+    return draw_four_devices(path, seed).trial(0)
 
 
-def complaint(track: Track) -> str:
+def check_message(track: Track) -> str:
     with pytest.raises(InputError) as caught:
-        require_sound("run.toml", track, SENSOR, BENCH)
+        check_track("run.toml", track, SENSOR, BENCH)
     said = str(caught.value)
     assert said.startswith("run.toml: ")
     assert "\n" not in said
     return said
 
 
-def after(words: str, said: str) -> float:
+def number_after(words: str, said: str) -> float:
     """Return the number that follows some words."""
     return float(said.split(words)[1].split()[0].rstrip(",;"))
 
 
-def read(track: Track, way: Signed | None, force: Signed | None = None) -> Track:
+def exchange_channels(
+    track: Track, way: SignedPermutation | None, force: SignedPermutation | None = None
+) -> Track:
     """Return readings whose gyros, or accelerometers, are exchanged."""
     f, w = track.reading[..., :3], track.reading[..., 3:]
-    f, w = f if force is None else force.of(f), w if way is None else way.of(w)
+    f, w = f if force is None else force.reorder(f), w if way is None else way.reorder(w)
     return replace(track, reading=np.concatenate([f, w], -1))
 
 
-def back(way: Signed) -> Signed:
+def inverse_exchange(way: SignedPermutation) -> SignedPermutation:
     """Return what undoes an exchange."""
     order = tuple(int(k) for k in np.argsort(way.order))
-    return Signed(order, tuple(way.signs[k] for k in order))
+    return SignedPermutation(order, tuple(way.signs[k] for k in order))
 
 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_ordinary_runs_pass_without_a_finding(path: str, seed: int):
-    assert require_sound("run.toml", several(path, seed), SENSOR, BENCH) == ()
+    assert check_track("run.toml", draw_four_devices(path, seed), SENSOR, BENCH) == ()
 
 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_poor_but_honest_sensors_pass(path: str, seed: int):
     """Biases 1 °/s and 100 mg, scale factors off 5 %, misalignments of 5°, each of any sign."""
-    track, rng = drawn(path, seed), np.random.default_rng(seed)
+    track, rng = draw_first_device(path, seed), np.random.default_rng(seed)
     for _ in range(5):
         off = rng.choice([-1, 1], (2, 3, 3)) * np.tan(radians(5))
         off[:, range(3), range(3)] = rng.choice([-1, 1], (2, 3)) * 0.05
@@ -96,92 +98,98 @@ def test_poor_but_honest_sensors_pass(path: str, seed: int):
         ]
         poor = Track(track.time, np.concatenate(parts, -1), track.angles, track.hold)
         # 100 mg and 5 % may make a norm at rest that is 10 % off, which is worth a question.
-        noticed = require_sound("run.toml", poor, SENSOR, BENCH)
+        noticed = check_track("run.toml", poor, SENSOR, BENCH)
         assert {finding.what for finding in noticed} <= {"units"}
 
 
 @pytest.mark.parametrize("path", FITTED)
 @pytest.mark.parametrize("seed", [SEED, pytest.param(17, marks=pytest.mark.slow)])
 def test_exchanged_and_reversed_columns_are_named_with_what_fits(path: str, seed: int):
-    track, rng = drawn(path, seed), np.random.default_rng(seed)
-    ways = signed(3)
+    track, rng = draw_first_device(path, seed), np.random.default_rng(seed)
+    ways = signed_permutations(3)
     chosen = [ways[k] for k in 1 + rng.choice(len(ways) - 1, 2, replace=False)]
-    for way in (Signed((0, 1, 2), (1, -1, 1)), Signed((1, 0, 2), (1, 1, 1)), *chosen):
-        mend = back(way)
-        said = complaint(replace(track, angles=way.of(track.angles)))
-        assert f"[data] table = {mend.named(BENCH.names)}" in said
-        said = complaint(read(track, way))
-        assert f"[data] gyro = {mend.named(('gx', 'gy', 'gz'))}" in said
-        said = complaint(read(track, None, way))
-        assert f"[data] accelerometer = {mend.named(('ax', 'ay', 'az'))}" in said
+    for way in (
+        SignedPermutation((0, 1, 2), (1, -1, 1)),
+        SignedPermutation((1, 0, 2), (1, 1, 1)),
+        *chosen,
+    ):
+        mend = inverse_exchange(way)
+        said = check_message(replace(track, angles=way.reorder(track.angles)))
+        assert f"[data] table = {mend.signed_names(BENCH.names)}" in said
+        said = check_message(exchange_channels(track, way))
+        assert f"[data] gyro = {mend.signed_names(('gx', 'gy', 'gz'))}" in said
+        said = check_message(exchange_channels(track, None, way))
+        assert f"[data] accelerometer = {mend.signed_names(('ax', 'ay', 'az'))}" in said
 
 
-def test_an_imu_mounted_otherwise_is_named_by_both_triads():
-    way = Signed((1, 0, 2), (1, -1, 1))
-    said = complaint(read(drawn("paper"), way, way))
-    assert f"[data] gyro = {back(way).named(('gx', 'gy', 'gz'))} and " in said
-    assert f"[data] accelerometer = {back(way).named(('ax', 'ay', 'az'))}" in said
+def test_a_different_imu_mounting_is_identified_by_both_triads():
+    way = SignedPermutation((1, 0, 2), (1, -1, 1))
+    said = check_message(exchange_channels(draw_first_device("paper"), way, way))
+    assert f"[data] gyro = {inverse_exchange(way).signed_names(('gx', 'gy', 'gz'))} and " in said
+    assert (
+        f"[data] accelerometer = {inverse_exchange(way).signed_names(('ax', 'ay', 'az'))}" in said
+    )
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_degrees_for_radians_and_the_reverse_are_told_by_gravity(path: str):
-    track = drawn(path)
-    said = complaint(replace(track, angles=np.degrees(track.angles)))
+def test_degrees_and_radians_exchanged_are_detected_by_gravity(path: str):
+    track = draw_first_device(path)
+    said = check_message(replace(track, angles=np.degrees(track.angles)))
     assert "[data] table: it is in °, taken as rad" in said
-    said = complaint(replace(track, angles=np.radians(track.angles)))
+    said = check_message(replace(track, angles=np.radians(track.angles)))
     assert "[data] table: it is in rad, taken as °" in said
     gyros = np.repeat([1.0, degrees(1)], 3)
-    said = complaint(replace(track, reading=track.reading * gyros))
+    said = check_message(replace(track, reading=track.reading * gyros))
     assert "[data] gyro: it is in °/s, taken as rad/s" in said
-    said = complaint(replace(track, reading=track.reading / gyros))
+    said = check_message(replace(track, reading=track.reading / gyros))
     assert "[data] gyro: it is in rad/s, taken as °/s" in said
 
 
 @pytest.mark.parametrize("path", FITTED)
-def test_factors_of_two_are_named_with_whose_they_are(path: str):
-    track = drawn(path)
-    said = complaint(replace(track, angles=2 * track.angles))
-    assert after("the gyros read ", said) == pytest.approx(0.5, rel=0.03)
+def test_factors_of_two_are_reported_with_their_device(path: str):
+    track = draw_first_device(path)
+    said = check_message(replace(track, angles=2 * track.angles))
+    assert number_after("the gyros read ", said) == pytest.approx(0.5, rel=0.03)
     assert "[data] table" in said
     assert "[data] gyro" not in said
     for times in (2.0, 0.5):
-        said = complaint(replace(track, reading=track.reading * np.repeat([1, times], 3)))
+        said = check_message(replace(track, reading=track.reading * np.repeat([1, times], 3)))
         assert "[data] gyro" in said
         assert "[data] table" not in said
-        said = complaint(replace(track, reading=track.reading * np.repeat([times, 1], 3)))
+        said = check_message(replace(track, reading=track.reading * np.repeat([times, 1], 3)))
         assert "[data] accelerometer: at rest the readings' norm" in said
-    said = complaint(replace(track, reading=track.reading * np.array([1, 1, 1, 1, 1, 2])))
+    said = check_message(replace(track, reading=track.reading * np.array([1, 1, 1, 1, 1, 2])))
     # All turns of "discrete" are about the vertical: only there does no axis turn gz alone.
     name = ", gz " if path == "discrete" else "implies: outer "
-    assert after(name, said) == pytest.approx(2, rel=0.03)
-    said = complaint(replace(track, reading=track.reading * np.array([2, 1, 1, 1, 1, 1])))
-    assert after("[data] accelerometer: ax ", said) == pytest.approx(2, rel=0.03)
+    assert number_after(name, said) == pytest.approx(2, rel=0.03)
+    said = check_message(replace(track, reading=track.reading * np.array([2, 1, 1, 1, 1, 1])))
+    assert number_after("[data] accelerometer: ax ", said) == pytest.approx(2, rel=0.03)
 
 
 def test_one_axis_of_the_readback_in_degrees_is_named():
-    track = drawn("paper")
-    said = complaint(replace(track, angles=track.angles * np.array([1, degrees(1), 1])))
+    track = draw_first_device("paper")
+    said = check_message(replace(track, angles=track.angles * np.array([1, degrees(1), 1])))
     assert "middle 0.017" in said
 
 
 def test_accelerometers_in_g_are_named():
-    track = drawn("paper")
-    said = complaint(replace(track, reading=track.reading / np.repeat([tt.G, 1], 3)))
+    track = draw_first_device("paper")
+    said = check_message(replace(track, reading=track.reading / np.repeat([tt.G, 1], 3)))
     assert "0.10" in said
     assert "[sensor.accelerometer]" in said
 
 
 def test_a_table_that_never_moved_and_a_frozen_readback_differ():
-    track = drawn("paper")
+    track = draw_first_device("paper")
     frozen = replace(track, angles=np.zeros_like(track.angles))
-    assert "stands still while the gyros turn" in complaint(frozen)
-    assert "never moved" in complaint(track.slice(0, int(100 * HZ)))
+    assert "stands still while the gyros turn" in check_message(frozen)
+    assert "never moved" in check_message(track.slice(0, int(100 * HZ)))
 
 
 def test_too_few_attitudes_and_turns_are_warned_of():
-    track = drawn("paper")
+    track = draw_first_device("paper")
     end = int(np.flatnonzero(track.hold >= 0)[0] + HZ * 320)  # the third position
-    found = require_sound("run.toml", track.slice(0, end), SENSOR, BENCH)
+    found = check_track("run.toml", track.slice(0, end), SENSOR, BENCH)
     assert [(one.severity, one.what) for one in found] == [
         ("warning", "attitudes"),
         ("warning", "turns"),
@@ -190,12 +198,12 @@ def test_too_few_attitudes_and_turns_are_warned_of():
 
 
 def test_gaps_are_counted_and_long_ones_named():
-    track = drawn("paper")
+    track = draw_first_device("paper")
     kept = np.ones(track.time.size, bool)
     kept[[500, 900, 901]] = False
     kept[20_000 : 20_000 + int(0.7 * HZ)] = False
     some = Track(track.time[kept], track.reading[kept], track.angles[kept], track.hold[kept])
-    note, warning = require_sound("run.toml", some, SENSOR, BENCH)
+    note, warning = check_track("run.toml", some, SENSOR, BENCH)
     assert note.severity == "note"
     assert note.message.startswith(f"3 gaps: {3 + int(0.7 * HZ)} samples lost")
     assert warning.severity == "warning"
@@ -203,8 +211,10 @@ def test_gaps_are_counted_and_long_ones_named():
 
 
 def test_messages_name_the_users_columns():
-    track = drawn("paper")
-    columns = Columns(("A1", "A2", "A3"), ("G1", "G2", "G3"), ("Z", "X", "Y"))
-    turned = Signed((0, 1, 2), (1, 1, -1))
+    track = draw_first_device("paper")
+    columns = ColumnNames(("A1", "A2", "A3"), ("G1", "G2", "G3"), ("Z", "X", "Y"))
+    turned = SignedPermutation((0, 1, 2), (1, 1, -1))
     with pytest.raises(InputError, match=r'table = \["Z", "X", "-Y"\]'):
-        require_sound("run", replace(track, angles=turned.of(track.angles)), SENSOR, BENCH, columns)
+        check_track(
+            "run", replace(track, angles=turned.reorder(track.angles)), SENSOR, BENCH, columns
+        )

@@ -9,8 +9,8 @@ import pytest
 from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.clock import aligned
-from inercal.benches.turntable.reading.dropped_samples import slipped, slips
+from inercal.benches.turntable.reading.dropped_samples import find_slips, slip_findings
+from inercal.benches.turntable.reading.readback_clock import align_readback
 from inercal.errors import InputError
 from inercal.recording import Track
 from inercal.sensors.catalogue import imu
@@ -31,37 +31,37 @@ EXACT = replace(tt.Table(), harmonics=(0.0, 0.0), white=0.0, latency=0.0)
 
 
 @cache
-def drawn(path: str, seed: int) -> tt.Draw:
+def draw_recording(path: str, seed: int) -> tt.Draw:
     return tt.draw(seed, 3, PATHS[path], tt.T)
 
 
 @cache
-def dense(path: str, seed: int) -> tt.Draw:
+def draw_dense_recording(path: str, seed: int) -> tt.Draw:
     """Return a run ten times as dense as its readings, whose noise is of their rate."""
     grade = replace(tt.T, arw=tt.T.arw / np.sqrt(DENSE))
     return tt.draw(seed, 1, PATHS[path], grade, EXACT, hz=DENSE * HZ)
 
 
-def track(made: tt.Draw, trial: int = 0) -> Track:
+def make_track(made: tt.Draw, trial: int = 0) -> Track:
     reading = np.concatenate([made.forces[trial], made.rates[trial]], -1)
     return Track(made.time, reading, made.angles[trial], np.zeros(made.time.size, int))
 
 
-def without(one: Track, sample: int, *, readback: bool) -> Track:
+def track_without_sample(one: Track, sample: int, *, readback: bool) -> Track:
     """Lose a sample unnoticed, with its readback or with a readback on its own clock."""
     kept = np.arange(one.time.size) != sample
     angles = one.angles[kept] if readback else one.angles[:-1]
     return Track(one.time[:-1], one.reading[kept], angles, one.hold[:-1])
 
 
-def speed(made: tt.Draw) -> np.ndarray:
+def table_speed(made: tt.Draw) -> np.ndarray:
     """Return the table's rate, °/s."""
     return np.degrees(np.linalg.norm(np.gradient(made.true, made.time, axis=0), axis=-1))
 
 
-def places(made: tt.Draw, where: str) -> np.ndarray:
+def sample_places(made: tt.Draw, where: str) -> np.ndarray:
     """Return samples in steady turns, where rates change, or at rest between two turns."""
-    size = speed(made)
+    size = table_speed(made)
     change = np.abs(np.gradient(size, made.time))
     moving = np.flatnonzero(size > 0.5)
     inner = np.arange(size.size)
@@ -74,7 +74,9 @@ def places(made: tt.Draw, where: str) -> np.ndarray:
     return np.flatnonzero(told[where] & inner)
 
 
-def own_clock(made: tt.Draw, offset: float, drift: float) -> tuple[np.ndarray, np.ndarray]:
+def readback_on_own_clock(
+    made: tt.Draw, offset: float, drift: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Return stamps and readback at 100 Hz of a table's clock T = o + (1 + d) t."""
     rng = np.random.default_rng(1)
     stamps = np.arange(-0.5, made.time[-1] * (1 + drift) + offset, 1 / HZ)
@@ -89,9 +91,9 @@ def own_clock(made: tt.Draw, offset: float, drift: float) -> tuple[np.ndarray, n
 def test_offset_and_rate_of_the_tables_clock_are_found_within_their_deviations(
     path: str, seed: int, offset: float, drift: float
 ):
-    made = dense(path, seed)
+    made = draw_dense_recording(path, seed)
     time, rates = made.time[::DENSE], made.rates[0, ::DENSE]
-    found = aligned(BENCH, time, rates, *own_clock(made, offset, drift))
+    found = align_readback(BENCH, time, rates, *readback_on_own_clock(made, offset, drift))
     assert abs(found.offset - offset) < 3 * found.offset_sd < 150e-6
     assert abs(found.drift - drift) < 3 * found.drift_sd < 1.5e-6
 
@@ -99,57 +101,59 @@ def test_offset_and_rate_of_the_tables_clock_are_found_within_their_deviations(
 @pytest.mark.parametrize("seed", DENSE_SEEDS)
 def test_interpolation_of_the_readback_errs_by_less_than_half_an_arcsecond(seed: int):
     """Beyond what the offset found makes, and the readback's own noise: .5″."""
-    made = dense("fast", seed)
+    made = draw_dense_recording("fast", seed)
     time, rates = made.time[::DENSE], made.rates[0, ::DENSE]
-    found = aligned(BENCH, time, rates, *own_clock(made, 0.314, 2e-4))
+    found = align_readback(BENCH, time, rates, *readback_on_own_clock(made, 0.314, 2e-4))
     off = found.offset - 0.314 + (found.drift - 2e-4) * time
     rate = np.gradient(made.true, made.time, axis=0)[::DENSE]
     error = found.angles - made.true[::DENSE] - rate * off[:, None]
-    turning = speed(made)[::DENSE] > 0
+    turning = table_speed(made)[::DENSE] > 0
     assert np.sqrt(np.mean(error[turning] ** 2)) < np.hypot(tt.Table().white, 0.3 * tt.ARCSEC)
     assert np.abs(error).max() < 5 * tt.Table().white + 0.5 * tt.ARCSEC
 
 
 def test_a_readback_of_another_run_is_refused():
-    made, other = dense("slow", SEEDS[0]), dense("fast", SEEDS[0])
-    stamps, angles = own_clock(other, 0.0, 0.0)
+    made, other = draw_dense_recording("slow", SEEDS[0]), draw_dense_recording("fast", SEEDS[0])
+    stamps, angles = readback_on_own_clock(other, 0.0, 0.0)
     with pytest.raises(InputError, match=r"readback|offset"):
-        aligned(BENCH, made.time[::DENSE], made.rates[0, ::DENSE], stamps, angles)
+        align_readback(BENCH, made.time[::DENSE], made.rates[0, ::DENSE], stamps, angles)
 
 
 def test_a_readback_that_ends_in_a_turn_is_refused():
-    made = dense("slow", SEEDS[0])
-    stamps, angles = own_clock(made, 0.3, 0.0)
-    end = np.searchsorted(stamps, made.time[places(made, "turn")[-1]])
+    made = draw_dense_recording("slow", SEEDS[0])
+    stamps, angles = readback_on_own_clock(made, 0.3, 0.0)
+    end = np.searchsorted(stamps, made.time[sample_places(made, "turn")[-1]])
     keep = made.time[::DENSE] < stamps[end] + 1.0
     rates = made.rates[0, ::DENSE][keep]
     with pytest.raises(InputError, match="ends while the table turns"):
-        aligned(BENCH, made.time[::DENSE][keep], rates, stamps[:end], angles[:end])
+        align_readback(BENCH, made.time[::DENSE][keep], rates, stamps[:end], angles[:end])
 
 
 def test_a_table_that_never_turned_has_no_offset():
-    made = dense("slow", SEEDS[0])
+    made = draw_dense_recording("slow", SEEDS[0])
     time = made.time[: int(20 * DENSE * HZ) : DENSE]
     rates = made.rates[0, : int(20 * DENSE * HZ) : DENSE]
     with pytest.raises(InputError, match="never turned"):
-        aligned(BENCH, time, rates, time, np.zeros((time.size, 3)))
+        align_readback(BENCH, time, rates, time, np.zeros((time.size, 3)))
 
 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_runs_that_lost_nothing_raise_no_alarm(path: str, seed: int):
-    made = drawn(path, seed)
+    made = draw_recording(path, seed)
     for trial in range(len(made.rates)):
-        assert slipped(track(made, trial), SENSOR, BENCH) == ()
+        assert slip_findings(make_track(made, trial), SENSOR, BENCH) == ()
 
 
 @pytest.mark.parametrize("where", ["turn", "change"])
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_one_row_lost_while_turning_is_found_where_it_is(path: str, seed: int, where: str):
-    made, rng = drawn(path, seed), np.random.default_rng(seed)
-    for sample in rng.choice(places(made, where), 2).tolist():
-        (slip,) = slips(without(track(made), sample, readback=True), SENSOR, BENCH)
+    made, rng = draw_recording(path, seed), np.random.default_rng(seed)
+    for sample in rng.choice(sample_places(made, where), 2).tolist():
+        (slip,) = find_slips(
+            track_without_sample(make_track(made), sample, readback=True), SENSOR, BENCH
+        )
         assert (slip.first, slip.last, round(slip.samples), slip.row) == (
             sample - 1, sample, 1, True,
         )  # fmt: skip
@@ -161,9 +165,11 @@ def test_one_row_lost_while_turning_is_found_where_it_is(path: str, seed: int, w
 def test_one_sample_of_the_sensor_alone_is_found_between_changes_of_rate(
     path: str, seed: int, where: str
 ):
-    made, rng = drawn(path, seed), np.random.default_rng(seed)
-    for sample in rng.choice(places(made, where), 2).tolist():
-        (slip,) = slips(without(track(made), sample, readback=False), SENSOR, BENCH)
+    made, rng = draw_recording(path, seed), np.random.default_rng(seed)
+    for sample in rng.choice(sample_places(made, where), 2).tolist():
+        (slip,) = find_slips(
+            track_without_sample(make_track(made), sample, readback=False), SENSOR, BENCH
+        )
         assert not slip.row
         assert slip.first - 3 <= sample <= slip.last + 3
         # A loss within a change spoils the offset of that change itself.
@@ -172,27 +178,30 @@ def test_one_sample_of_the_sensor_alone_is_found_between_changes_of_rate(
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_row_lost_at_rest_does_not_show(seed: int):
-    made = drawn("slow", seed)
-    sample = int(np.random.default_rng(seed).choice(places(made, "rest")))
-    assert slips(without(track(made), sample, readback=True), SENSOR, BENCH) == ()
+    made = draw_recording("slow", seed)
+    sample = int(np.random.default_rng(seed).choice(sample_places(made, "rest")))
+    assert (
+        find_slips(track_without_sample(make_track(made), sample, readback=True), SENSOR, BENCH)
+        == ()
+    )
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_several_rows_and_a_repeated_one_are_counted(seed: int):
-    made = drawn("slow", seed)
-    one, (first, second) = track(made), places(made, "turn")[[500, -500]].tolist()
+    made = draw_recording("slow", seed)
+    one, (first, second) = make_track(made), sample_places(made, "turn")[[500, -500]].tolist()
     rows = np.r_[:first, first + 3 : second, second, second : one.time.size]
     size = rows.size
     odd = Track(one.time[:size], one.reading[rows], one.angles[rows], one.hold[:size])
-    found = slipped(odd, SENSOR, BENCH)
+    found = slip_findings(odd, SENSOR, BENCH)
     assert [finding.severity for finding in found] == ["warning"] * 2
     assert found[0].message.startswith(f"3 samples lost unnoticed at {(first - 1) / HZ:.6g} s")
     assert found[1].message.startswith("1 sample too many")
 
 
 def test_a_gap_in_time_is_no_slip():
-    made = drawn("slow", SEEDS[0])
-    one, sample = track(made), int(places(made, "turn")[700])
+    made = draw_recording("slow", SEEDS[0])
+    one, sample = make_track(made), int(sample_places(made, "turn")[700])
     kept = np.arange(one.time.size) != sample
     noticed = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
-    assert slips(noticed, SENSOR, BENCH) == ()
+    assert find_slips(noticed, SENSOR, BENCH) == ()

@@ -10,17 +10,17 @@ import pytest
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.reading import observe
-from inercal.benches.turntable.reading.readback import with_angles
+from inercal.benches.turntable.reading.readback_angles import add_table_angles
 from inercal.errors import InputError
 from inercal.io.write import write_recording
-from inercal.pipeline import calibrate, load_recording, named_as_in, simulate
+from inercal.pipeline import apply_data_columns, calibrate, load_recording, simulate
 from inercal.recording import Recording, Track
 from inercal.runfile import Run, read
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "turntable"
 
 
-def run_of(folder: Path, *changes: tuple[str, str]) -> Run:
+def copy_run(folder: Path, *changes: tuple[str, str]) -> Run:
     text = (EXAMPLE / "mimu.toml").read_text(encoding="utf-8")
     for old, new in (('file = "mimu.csv"', 'file = "mimu.npz"\nhold = "holds"'), *changes):
         assert old in text, old
@@ -30,19 +30,23 @@ def run_of(folder: Path, *changes: tuple[str, str]) -> Run:
     return read(folder / "mimu.toml")
 
 
-def recorded(run: Run, change: Callable[[Recording], Recording] = lambda made: made) -> Run:
-    write_recording(change(named_as_in(run, simulate(run, 3))), run.file(run.data.file))
+def simulate_recording(
+    run: Run, change: Callable[[Recording], Recording] = lambda made: made
+) -> Run:
+    write_recording(change(apply_data_columns(run, simulate(run, 3))), run.file(run.data.file))
     return run
 
 
-def track_of(run: Run) -> Track:
+def observe_track(run: Run) -> Track:
     assert isinstance(run.bench, Turntable)
     track = observe(run).observations.track
     assert track is not None
     return track
 
 
-def told(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Recording], Recording]:
+def change_hold_column(
+    change: Callable[[np.ndarray], np.ndarray],
+) -> Callable[[Recording], Recording]:
     def changed(made: Recording) -> Recording:
         readback = dict(made.readback)
         readback["holds"] = change(readback["holds"].copy())
@@ -60,14 +64,14 @@ def test_holds_are_those_that_the_column_numbers(tmp_path: Path):
         shorter.append(number)
         return number
 
-    run = recorded(run_of(tmp_path), told(cut))
-    track = track_of(run)
+    run = simulate_recording(copy_run(tmp_path), change_hold_column(cut))
+    track = observe_track(run)
     assert track.hold.tolist() == shorter[0].tolist()
     assert len(set(track.hold.tolist())) == 10
 
 
 def test_the_calibration_is_as_good_as_with_holds_that_are_sought(tmp_path: Path):
-    run = recorded(run_of(tmp_path))
+    run = simulate_recording(copy_run(tmp_path))
     stated = calibrate(run).estimate
     sought = calibrate(replace(run, data=run.data.model_copy(update={"hold": None}))).estimate
     apart = (stated.value - sought.value)[:24] / sought.std[:24]
@@ -75,15 +79,15 @@ def test_the_calibration_is_as_good_as_with_holds_that_are_sought(tmp_path: Path
     assert stated.std[:24] == pytest.approx(sought.std[:24], rel=0.1)
 
 
-def test_a_gap_within_a_hold_parts_it(tmp_path: Path):
+def test_a_gap_within_a_hold_splits_it(tmp_path: Path):
     def without(made: Recording) -> Recording:
         number = made.readback["holds"]
         at = np.flatnonzero(number == 4)
         gone = at[300:380]  # 0.8 s
         return made.take(np.setdiff1d(np.arange(number.size), gone))
 
-    run = recorded(run_of(tmp_path), without)
-    assert track_of(run).hold.max() == 10 - 1
+    run = simulate_recording(copy_run(tmp_path), without)
+    assert observe_track(run).hold.max() == 10 - 1
 
 
 def test_a_hold_of_less_than_a_second_is_no_step_but_is_followed(tmp_path: Path):
@@ -92,11 +96,11 @@ def test_a_hold_of_less_than_a_second_is_no_step_but_is_followed(tmp_path: Path)
         number[at[60:]] = -1
         return number
 
-    run = recorded(run_of(tmp_path), told(cut))
+    run = simulate_recording(copy_run(tmp_path), change_hold_column(cut))
     assert isinstance(run.bench, Turntable)
     gathered = observe(run)
     assert "y down" not in gathered.observations.labels
-    assert (track_of(run).hold == 3).sum() == 60
+    assert (observe_track(run).hold == 3).sum() == 60
 
 
 def test_turns_of_the_readback_are_taken_as_counted(tmp_path: Path):
@@ -107,10 +111,10 @@ def test_turns_of_the_readback_are_taken_as_counted(tmp_path: Path):
         readback["inner"][20000:] = 200.0
         return replace(made, readback=readback)
 
-    run = run_of(tmp_path)
-    write_recording(jumped(named_as_in(run, simulate(run, 3))), run.file(run.data.file))
+    run = copy_run(tmp_path)
+    write_recording(jumped(apply_data_columns(run, simulate(run, 3))), run.file(run.data.file))
     assert isinstance(run.bench, Turntable)
-    said = with_angles(run, load_recording(run), run.bench).recording.readback["inner"]
+    said = add_table_angles(run, load_recording(run), run.bench).recording.readback["inner"]
     assert np.degrees(said[-1]) == pytest.approx(200.0)
 
 
@@ -121,22 +125,22 @@ def test_turns_of_the_readback_are_taken_as_counted(tmp_path: Path):
         (lambda n: n * 0 - 1, "[data] hold: no sample of 'holds' is in a hold"),
     ],
 )
-def test_numbers_that_are_none_are_refused(
+def test_invalid_hold_numbers_are_refused(
     tmp_path: Path, change: Callable[[np.ndarray], np.ndarray], words: str
 ):
     with pytest.raises(InputError, match=re.escape(words)):
-        calibrate(recorded(run_of(tmp_path), told(change)))
+        calibrate(simulate_recording(copy_run(tmp_path), change_hold_column(change)))
 
 
 def test_a_readback_of_its_own_file_has_no_column_of_holds(tmp_path: Path):
     with pytest.raises(InputError, match="with table_file leave it out"):
-        run_of(tmp_path, ('label = "step"', 'table_file = "t.csv"\ntable_time = "t"'))
+        copy_run(tmp_path, ('label = "step"', 'table_file = "t.csv"\ntable_time = "t"'))
 
 
 def test_a_column_is_not_named_for_holds_and_something_else(tmp_path: Path):
-    recorded(run_of(tmp_path))
+    simulate_recording(copy_run(tmp_path))
     with pytest.raises(InputError, match="names column 'ax' for two things"):
-        calibrate(run_of(tmp_path, ('"holds"', '"ax"')))
+        calibrate(copy_run(tmp_path, ('"holds"', '"ax"')))
 
 
 def test_the_key_is_of_a_turntable_alone(tmp_path: Path):

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from inercal.benches import Turntable
-from inercal.budget.of_run import experiment_of
+from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.cli.app import app, main
-from inercal.design.on_turntable import worksheet
+from inercal.design.turntable_path import turntable_path_sheet
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.io.write import write_recording
-from inercal.methods.turntable.model import coarse, triad
-from inercal.pipeline import Outcome, apply, calibrate, named_as_in, simulate
+from inercal.methods.turntable.model import coarse_bias, triad_model
+from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
 from inercal.plan import Position, Rotation
 from inercal.recording import Recording, Track
 from inercal.report import write_report
@@ -28,7 +28,7 @@ FILE = ('file = "mimu.csv"', 'file = "mimu.npz"')
 Change = tuple[str, str]
 
 
-def run_of(folder: Path, *changes: Change, path: str | None = None) -> Run:
+def copy_run(folder: Path, *changes: Change, path: str | None = None) -> Run:
     text = (EXAMPLE / "mimu.toml").read_text(encoding="utf-8")
     for old, new in (FILE, *changes):
         assert old in text, old
@@ -39,16 +39,16 @@ def run_of(folder: Path, *changes: Change, path: str | None = None) -> Run:
     return read(folder / "mimu.toml")
 
 
-def path_of(*wanted: str) -> str:
+def path_with_labels(*wanted: str) -> str:
     lines = (EXAMPLE / "path.csv").read_text(encoding="utf-8").splitlines()
     kept = [line for line in lines if line.partition(",")[0] in ("label", *wanted)]
     return "\n".join(kept) + "\n"
 
 
-def recorded(
+def simulate_recording(
     run: Run, seed: int = 0, change: Callable[[Recording], Recording] = lambda made: made
 ) -> Run:
-    write_recording(change(named_as_in(run, simulate(run, seed))), run.file(run.data.file))
+    write_recording(change(apply_data_columns(run, simulate(run, seed))), run.file(run.data.file))
     return run
 
 
@@ -56,14 +56,14 @@ def recorded(
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the example's recording."""
     made = tmp_path_factory.mktemp("example")
-    recorded(run_of(made))
+    simulate_recording(copy_run(made))
     return made
 
 
 @pytest.fixture(scope="module")
-def plain(folder: Path) -> Outcome:
+def nominal_outcome(folder: Path) -> Outcome:
     """Return what that recording is calibrated to."""
-    return calibrate(run_of(folder))
+    return calibrate(copy_run(folder))
 
 
 def truth(run: Run) -> np.ndarray:
@@ -71,18 +71,18 @@ def truth(run: Run) -> np.ndarray:
 
 
 def test_the_truth_lies_within_u_about_19_times_in_20(tmp_path: Path):
-    run = run_of(tmp_path)
+    run = copy_run(tmp_path)
     off: list[np.ndarray] = []
     for seed in range(10):
-        made = calibrate(recorded(run, seed)).calibration
+        made = calibrate(simulate_recording(run, seed)).calibration
         off.append((made.values - truth(run)) / made.std)
     within = np.mean(np.abs(off) < 2)
     assert 0.90 <= within <= 0.99
     assert 0.75 < np.sqrt(np.mean(np.square(off))) < 1.15
 
 
-def test_steps_are_found_with_their_labels(tmp_path: Path, plain: Outcome):
-    run, outcome = run_of(tmp_path), plain
+def test_steps_are_found_with_their_labels(tmp_path: Path, nominal_outcome: Outcome):
+    run, outcome = copy_run(tmp_path), nominal_outcome
     assert outcome.observations.labels == tuple(step.label for step in run.steps)
     for done, asked in zip(outcome.steps, run.steps, strict=True):
         assert isinstance(done, Position | Rotation)
@@ -102,23 +102,23 @@ def test_steps_are_found_with_their_labels(tmp_path: Path, plain: Outcome):
 
 
 def test_without_labels_the_plan_names_the_steps(tmp_path: Path):
-    run = recorded(run_of(tmp_path, ('label = "step"\n', "")))
+    run = simulate_recording(copy_run(tmp_path, ('label = "step"\n', "")))
     labels = calibrate(run).observations.labels
     assert labels == tuple(step.label for step in run.steps)
-    other = run_of(tmp_path, ('label = "step"\n', ""), ('"path.csv"', '"fast"'))
+    other = copy_run(tmp_path, ('label = "step"\n', ""), ('"path.csv"', '"fast"'))
     labels = calibrate(other).observations.labels
     assert labels[:2] == ("hold 1", "hold 2")
     assert "turn 1" in labels
 
 
-def modulo(made: Recording) -> Recording:
+def wrap_readback(made: Recording) -> Recording:
     return replace(made, readback={n: a % 360.0 for n, a in made.readback.items()})
 
 
 @pytest.mark.parametrize(
     ("changes", "change"),
     [
-        ((), modulo),
+        ((), wrap_readback),
         ((("[method]", 'table_unit = "rad"\n\n[method]'),), lambda made: made),
         ((('["outer", "middle", "inner"]', '["A1", "A2", "A3"]'),), lambda made: made),
         ((('table = ["outer", "middle", "inner"]\n', ""),), lambda made: made),
@@ -127,27 +127,29 @@ def modulo(made: Recording) -> Recording:
 )
 def test_the_result_does_not_depend_on_how_the_readback_is_written(
     tmp_path: Path,
-    plain: Outcome,
+    nominal_outcome: Outcome,
     changes: tuple[Change, ...],
     change: Callable[[Recording], Recording],
 ):
-    other = calibrate(recorded(run_of(tmp_path, *changes), change=change)).calibration
-    np.testing.assert_allclose(other.values, plain.calibration.values, rtol=1e-6, atol=1e-9)
+    other = calibrate(simulate_recording(copy_run(tmp_path, *changes), change=change)).calibration
+    np.testing.assert_allclose(
+        other.values, nominal_outcome.calibration.values, rtol=1e-6, atol=1e-9
+    )
 
 
 def test_lost_samples_cost_little(tmp_path: Path):
-    run = run_of(tmp_path)
+    run = copy_run(tmp_path)
 
     def lossy(made: Recording) -> Recording:
         return made.take(np.random.default_rng(1).random(made.time.size) > 1e-3)
 
-    made = calibrate(recorded(run, change=lossy)).calibration
+    made = calibrate(simulate_recording(run, change=lossy)).calibration
     error = made.values - truth(run)
     assert 7 < error @ np.linalg.solve(made.covariance, error) < 51  # 0.1 % points of χ²
 
 
-def test_a_calibration_corrects_its_own_recording(folder: Path, plain: Outcome):
-    corrected = apply(plain.calibration, run_of(folder))
+def test_a_calibration_corrects_its_own_recording(folder: Path, nominal_outcome: Outcome):
+    corrected = apply(nominal_outcome.calibration, copy_run(folder))
     force = np.linalg.norm(corrected.data[500:2500, :3].mean(axis=0))
     assert force == pytest.approx(9.80123, abs=1e-3)
     assert corrected.channels == ("fx", "fy", "fz", "wx", "wy", "wz")
@@ -160,28 +162,31 @@ def refused(run: Run, words: str, kind: type[InercalError] = InputError) -> None
 
 
 def test_a_first_rest_that_is_too_short_is_refused(tmp_path: Path):
-    short = path_of("warm-up", "y up", "x+").replace("0,0,0,30", "0,0,0,12")
-    refused(recorded(run_of(tmp_path, path=short)), "begins with a rest of 11.* s; .* 20 s of rest")
+    short = path_with_labels("warm-up", "y up", "x+").replace("0,0,0,30", "0,0,0,12")
+    refused(
+        simulate_recording(copy_run(tmp_path, path=short)),
+        "begins with a rest of 11.* s; .* 20 s of rest",
+    )
 
 
 @pytest.mark.parametrize("seconds", [20.0, 19.8, 19.05])
 def test_a_first_rest_of_20_s_less_its_settling_is_accepted(folder: Path, seconds: float):
-    run = run_of(folder)
+    run = copy_run(folder)
     assert isinstance(run.bench, Turntable)
     time = np.arange(round(100 * seconds) + 1) / 100
     track = Track(time, np.ones((time.size, 6)), np.zeros((time.size, 3)), np.zeros(time.size, int))
-    assert np.isfinite(coarse(run.bench, track, triad(run.sensor, "f"))).all()
+    assert np.isfinite(coarse_bias(run.bench, track, triad_model(run.sensor, "f"))).all()
 
 
-def test_directions_that_a_path_leaves_open_are_named(tmp_path: Path):
+def test_unobserved_directions_of_a_path_are_named(tmp_path: Path):
     refused(
-        recorded(run_of(tmp_path, path=path_of("warm-up", "y up", "z down"))),
+        simulate_recording(copy_run(tmp_path, path=path_with_labels("warm-up", "y up", "z down"))),
         "not observed: the run decides .* of 12 coefficients of the gyros",
         NotObserved,
     )
 
 
-def nan_at(name: str) -> Callable[[Recording], Recording]:
+def insert_nan(name: str) -> Callable[[Recording], Recording]:
     def change(made: Recording) -> Recording:
         values = made.readback[name].copy()
         values[700] = np.nan
@@ -191,23 +196,23 @@ def nan_at(name: str) -> Callable[[Recording], Recording]:
 
 
 def test_data_that_cannot_be_used_are_refused_in_one_line(tmp_path: Path):
-    run = recorded(run_of(tmp_path), change=nan_at("middle"))
+    run = simulate_recording(copy_run(tmp_path), change=insert_nan("middle"))
     refused(run, "1 row without a finite number, the first middle at")
     path = run.file(run.data.file)
     path.write_bytes(b"")
     refused(run, "mimu.npz")
-    recorded(run)
+    simulate_recording(run)
     path.write_bytes(path.read_bytes()[:40_000])
     refused(run, "mimu.npz")
 
 
-def still(made: Recording) -> Recording:
+def turn_without_rest(made: Recording) -> Recording:
     return replace(made, readback=dict.fromkeys(made.readback, 30 * made.time))
 
 
 def test_a_table_that_never_rests_is_refused(tmp_path: Path):
     refused(
-        recorded(run_of(tmp_path), change=still),
+        simulate_recording(copy_run(tmp_path), change=turn_without_rest),
         r"by its readback the table rests nowhere for a second: look at \[data\] table",
     )
 
@@ -230,7 +235,7 @@ def test_a_table_that_never_rests_is_refused(tmp_path: Path):
 )
 def test_run_files_that_cannot_be_are_refused(folder: Path, old: str, new: str, words: str):
     with pytest.raises(InputError, match=words) as refusal:
-        calibrate(run_of(folder, (old, new)))
+        calibrate(copy_run(folder, (old, new)))
     assert "\n" not in str(refusal.value)
 
 
@@ -241,18 +246,20 @@ def test_a_path_in_a_run_by_hand_is_refused(tmp_path: Path):
         read(tmp_path / "run.toml")
 
 
-def test_a_plan_says_what_the_calibration_then_states(tmp_path: Path, plain: Outcome):
-    run = run_of(tmp_path)
-    sheet = worksheet(run)
+def test_a_plan_predicts_the_stated_uncertainties(tmp_path: Path, nominal_outcome: Outcome):
+    run = copy_run(tmp_path)
+    sheet = turntable_path_sheet(run)
     assert sheet.undecided == ()
     assert sheet.seconds == pytest.approx(236, abs=0.5)
     assert [row.step.label for row in sheet.rows] == [step.label for step in run.steps]
-    stated = plain.calibration.std
+    stated = nominal_outcome.calibration.std
     np.testing.assert_allclose([one.std for one in sheet.expected], stated, rtol=0.03)
 
 
-def test_a_plan_names_what_its_path_leaves_open(tmp_path: Path):
-    sheet = worksheet(run_of(tmp_path, path=path_of("warm-up", "y up", "z down")))
+def test_a_plan_names_the_directions_its_path_does_not_observe(tmp_path: Path):
+    sheet = turntable_path_sheet(
+        copy_run(tmp_path, path=path_with_labels("warm-up", "y up", "z down"))
+    )
     assert len(sheet.undecided) > 3
     assert any("gx" in words for words in sheet.undecided)
 
@@ -260,8 +267,8 @@ def test_a_plan_names_what_its_path_leaves_open(tmp_path: Path):
 def test_a_refusal_is_one_line_and_status_two(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    recorded(run_of(tmp_path))
-    run = run_of(tmp_path, ('"middle", "inner"]', '"middle", "tilt"]'))
+    simulate_recording(copy_run(tmp_path))
+    run = copy_run(tmp_path, ('"middle", "inner"]', '"middle", "tilt"]'))
     monkeypatch.setattr("sys.argv", ["inercal", "calibrate", str(run.path)])
     with pytest.raises(SystemExit) as stopped:
         main()
@@ -272,7 +279,7 @@ def test_a_refusal_is_one_line_and_status_two(
 
 
 def test_the_verbs_go_from_plan_to_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    run = run_of(tmp_path)
+    run = copy_run(tmp_path)
 
     def said(*words: str) -> str:
         app(list(words), standalone_mode=False)
@@ -291,6 +298,6 @@ def test_the_verbs_go_from_plan_to_calibration(tmp_path: Path, capsys: pytest.Ca
     assert Path(result["report"]).exists()
 
 
-def test_a_budget_of_a_turntable_says_where_to_look(tmp_path: Path):
+def test_a_refused_turntable_budget_names_the_alternative(tmp_path: Path):
     with pytest.raises(InputError, match="inercal plan turntable-kalman says what a path gives"):
-        experiment_of(run_of(tmp_path))
+        experiment_from_run(copy_run(tmp_path))

@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import chi2
 from tests.accuracy import turntable as tt
 from tests.methods.turntable_cases import truth as drawn_truth
-from tests.runfile.texts import changed
+from tests.runfile.run_file_texts import changed
 
 from inercal.cli.app import app, main
 from inercal.errors import InputError
@@ -29,7 +29,7 @@ Change = tuple[str, str]
 Files = dict[str, Recording]
 
 
-def run_of(folder: Path, *changes: Change) -> Run:
+def copy_run(folder: Path, *changes: Change) -> Run:
     text = (EXAMPLE / "two_clocks.toml").read_text(encoding="utf-8")
     shutil.copy(EXAMPLE / "path.csv", folder)
     path = folder / "two_clocks.toml"
@@ -37,7 +37,7 @@ def run_of(folder: Path, *changes: Change) -> Run:
     return read(path)
 
 
-def lossy(files: Files, seed: int = 0) -> Files:
+def drop_packets(files: Files, seed: int = 0) -> Files:
     """Lose packets, as their counter tells."""
     (name, whole), *others = files.items()
     kept = np.random.default_rng(seed).random(whole.time.size) > LOST
@@ -45,37 +45,43 @@ def lossy(files: Files, seed: int = 0) -> Files:
     return {name: whole.take(kept), **dict(others)}
 
 
-def gaining(files: Files) -> Files:
+def speed_up_table_clock(files: Files) -> Files:
     """Let the table's clock run fast."""
     table = files["table.npz"]
     return {**files, "table.npz": replace(table, time=table.time * (1 + DRIFT))}
 
 
-def written(run: Run, files: Files) -> Run:
+def write_files(run: Run, files: Files) -> Run:
     write_recordings({run.file(name): one for name, one in files.items()})
     return run
 
 
-def recorded(run: Run, seed: int = 0, change: Callable[[Files], Files] = lossy) -> Run:
-    return written(run, change(simulate_files(run, seed)))
+def simulate_files_of_run(
+    run: Run, seed: int = 0, change: Callable[[Files], Files] = drop_packets
+) -> Run:
+    return write_files(run, change(simulate_files(run, seed)))
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Files:
+def lossless_files(tmp_path_factory: pytest.TempPathFactory) -> Files:
     """Return what the example records, nothing lost."""
-    return simulate_files(run_of(tmp_path_factory.mktemp("plain"), *NPZ))
+    return simulate_files(copy_run(tmp_path_factory.mktemp("plain"), *NPZ))
 
 
 @pytest.fixture(scope="module")
-def texts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def text_recording_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the example's recording as text."""
     folder = tmp_path_factory.mktemp("texts")
-    recorded(run_of(folder), change=lambda files: files)
+    simulate_files_of_run(copy_run(folder), change=lambda files: files)
     return folder
 
 
-def test_offset_and_drift_are_found_and_told(tmp_path: Path):
-    run = recorded(run_of(tmp_path, *NPZ, *STEADY), 0, lambda files: lossy(gaining(files)))
+def test_clock_offset_and_drift_are_estimated_and_reported(tmp_path: Path):
+    run = simulate_files_of_run(
+        copy_run(tmp_path, *NPZ, *STEADY),
+        0,
+        lambda files: drop_packets(speed_up_table_clock(files)),
+    )
     outcome = calibrate(run)
     (note,) = (line for line in outcome.verdict if "clock" in line)
     words = note.split()
@@ -92,9 +98,9 @@ def test_offset_and_drift_are_found_and_told(tmp_path: Path):
     assert len(outcome.calibration.provenance["readback sha256"]) == 64
 
 
-def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path, plain: Files):
-    sent = plain["imu.npz"].time.size
-    outcome = calibrate(written(run_of(tmp_path, *NPZ), lossy(plain)))
+def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path, lossless_files: Files):
+    sent = lossless_files["imu.npz"].time.size
+    outcome = calibrate(write_files(copy_run(tmp_path, *NPZ), drop_packets(lossless_files)))
     assert outcome.recording is not None
     lost = sent - outcome.recording.time.size
     assert lost > 10
@@ -103,11 +109,11 @@ def test_lost_packets_are_gaps_that_a_finding_counts(tmp_path: Path, plain: File
     assert not any(finding.what == "slip" for finding in outcome.findings)
 
 
-def test_two_clocks_give_what_one_gives(tmp_path: Path):
+def test_two_clocks_agree_with_one_clock(tmp_path: Path):
     """Within a part of the uncertainty: the noise of the readback is another, and packets miss."""
     for seed in range(2):
-        two = run_of(tmp_path, *NPZ)
-        one = run_of(
+        two = copy_run(tmp_path, *NPZ)
+        one = copy_run(
             tmp_path,
             ('"mimu_packets.csv"', '"one.npz"'),
             ('time = "packet"', 'time = "time"'),
@@ -118,8 +124,8 @@ def test_two_clocks_give_what_one_gives(tmp_path: Path):
             ('latency = "0.3 s ± 0"', 'latency = "0 ms ± 5 ms"'),
             ('clock = "50 ppm"', 'clock = "0 ppm"'),
         )
-        made = calibrate(recorded(two, seed)).calibration
-        same = calibrate(recorded(one, seed, lambda files: files)).calibration
+        made = calibrate(simulate_files_of_run(two, seed)).calibration
+        same = calibrate(simulate_files_of_run(one, seed, lambda files: files)).calibration
         np.testing.assert_allclose(made.std, same.std, rtol=0.01)
         apart = (made.values - same.values) / same.std
         assert np.sqrt(np.mean(apart**2)) < 0.3
@@ -137,7 +143,7 @@ UNITS = (
 )
 
 
-def generated(seed: int) -> tuple[tt.Draw, Files]:
+def generate_run(seed: int) -> tuple[tt.Draw, Files]:
     """Return a run of the independent generator, the table by a clock of its own."""
     grade = replace(tt.T, arw=tt.T.arw / DENSE**0.5, vrw=tt.T.vrw / DENSE**0.5)
     table = replace(tt.Table(), harmonics=(0.0, 0.0), white=0.0, latency=0.0)
@@ -159,11 +165,11 @@ def generated(seed: int) -> tuple[tt.Draw, Files]:
 
 
 def test_of_an_independent_generator_errors_are_as_large_as_stated(tmp_path: Path):
-    run, seeds = run_of(tmp_path, *NPZ, *UNITS), range(1, 4)
+    run, seeds = copy_run(tmp_path, *NPZ, *UNITS), range(1, 4)
     total = 0.0
     for seed in seeds:
-        made, files = generated(seed)
-        write_recordings({run.file(name): one for name, one in lossy(files, seed).items()})
+        made, files = generate_run(seed)
+        write_recordings({run.file(name): one for name, one in drop_packets(files, seed).items()})
         found = calibrate(run).calibration
         error = found.values - drawn_truth(made, found.sensor.coefficients)[0]
         total += error @ np.linalg.solve(found.covariance, error)
@@ -172,13 +178,13 @@ def test_of_an_independent_generator_errors_are_as_large_as_stated(tmp_path: Pat
 
 
 def test_without_labels_the_plan_names_the_steps(tmp_path: Path):
-    run = recorded(run_of(tmp_path, *NPZ, ('label = "step"\n', "")))
+    run = simulate_files_of_run(copy_run(tmp_path, *NPZ, ('label = "step"\n', "")))
     labels = calibrate(run).observations.labels
     assert labels == tuple(step.label for step in run.steps)
 
 
-def test_a_calibration_corrects_the_recording_alone(tmp_path: Path, plain: Files):
-    run = written(run_of(tmp_path, *NPZ), lossy(plain))
+def test_a_calibration_corrects_the_recording_alone(tmp_path: Path, lossless_files: Files):
+    run = write_files(copy_run(tmp_path, *NPZ), drop_packets(lossless_files))
     corrected = apply(calibrate(run).calibration, run)
     assert np.linalg.norm(corrected.data[500:2500, :3].mean(axis=0)) == pytest.approx(9.8, abs=2e-3)
     assert not corrected.readback
@@ -193,12 +199,12 @@ def test_clocks_far_apart_need_their_offset_stated(tmp_path: Path):
 
     unit = ('table_time = "time"', 'table_time = "time"\ntable_time_unit = "ms"')
     refused(
-        recorded(run_of(tmp_path, *NPZ, unit), 0, at_noon),
+        simulate_files_of_run(copy_run(tmp_path, *NPZ, unit), 0, at_noon),
         "from 43199.8 s to 43436.8 s, the readings from 0.3 s to .* s of the table's clock; cut",
     )
     stated = ('latency = "0.3 s ± 0"', 'latency = "43200 s"')
     assert any(
-        "43200.3" in line for line in calibrate(run_of(tmp_path, *NPZ, unit, stated)).verdict
+        "43200.3" in line for line in calibrate(copy_run(tmp_path, *NPZ, unit, stated)).verdict
     )
 
 
@@ -209,11 +215,11 @@ def refused(run: Run, words: str) -> None:
     assert str(refusal.value).startswith(f"{run.path}: [data] table_file: ")
 
 
-def on_table(change: Callable[[Recording], Recording]) -> Callable[[Files], Files]:
+def change_table_file(change: Callable[[Recording], Recording]) -> Callable[[Files], Files]:
     return lambda files: {**files, "table.npz": change(files["table.npz"])}
 
 
-def with_value(name: str, at: int, value: float) -> Callable[[Recording], Recording]:
+def set_value(name: str, at: int, value: float) -> Callable[[Recording], Recording]:
     def change(table: Recording) -> Recording:
         time, data = table.time.copy(), table.data.copy()
         place = time if name == "time" else data[:, table.channels.index(name)]
@@ -223,22 +229,22 @@ def with_value(name: str, at: int, value: float) -> Callable[[Recording], Record
     return change
 
 
-def without(first: float, last: float) -> Callable[[Recording], Recording]:
+def remove_rows(first: float, last: float) -> Callable[[Recording], Recording]:
     return lambda table: table.take((table.time < first) | (table.time > last))
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (with_value("time", 700, 1.0), "table.npz: time goes back by .* at sample 700"),
-        (with_value("time", 700, np.nan), "without a finite number, the first time at sample 700"),
+        (set_value("time", 700, 1.0), "table.npz: time goes back by .* at sample 700"),
+        (set_value("time", 700, np.nan), "without a finite number, the first time at sample 700"),
         (
-            with_value("inner", 700, np.inf),
+            set_value("inner", 700, np.inf),
             "without a finite number, the first inner at sample 700",
         ),
-        (without(150.0, 151.0), "no reading for 1.02 s after .* while the table turns"),
+        (remove_rows(150.0, 151.0), "no reading for 1.02 s after .* while the table turns"),
         (
-            without(150.0, 1e9),
+            remove_rows(150.0, 1e9),
             "readback runs from -0.2 s to 149.99 s, .* cut the readings, or state by",
         ),
         (
@@ -256,9 +262,9 @@ def without(first: float, last: float) -> Callable[[Recording], Recording]:
     ids=["back", "nan", "inf", "gap", "short", "late", "half", "reversed", "slow", "few"],
 )
 def test_a_readback_that_does_not_go_with_the_readings_is_refused(
-    tmp_path: Path, plain: Files, change: Callable[[Recording], Recording], words: str
+    tmp_path: Path, lossless_files: Files, change: Callable[[Recording], Recording], words: str
 ):
-    refused(written(run_of(tmp_path, *NPZ), on_table(change)(plain)), words)
+    refused(write_files(copy_run(tmp_path, *NPZ), change_table_file(change)(lossless_files)), words)
 
 
 @pytest.mark.parametrize(
@@ -278,15 +284,15 @@ def test_a_readback_that_does_not_go_with_the_readings_is_refused(
     ids=["still", "rad", "exchanged", "reversed"],
 )
 def test_columns_and_units_of_the_readback_are_named_as_in_one_file(
-    tmp_path: Path, plain: Files, change: Callable[[Recording], Recording], words: str
+    tmp_path: Path, lossless_files: Files, change: Callable[[Recording], Recording], words: str
 ):
     with pytest.raises(InputError, match=words) as refusal:
-        calibrate(written(run_of(tmp_path, *NPZ), on_table(change)(plain)))
+        calibrate(write_files(copy_run(tmp_path, *NPZ), change_table_file(change)(lossless_files)))
     assert "\n" not in str(refusal.value)
 
 
 def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
-    run = recorded(run_of(tmp_path, NPZ[0]))
+    run = simulate_files_of_run(copy_run(tmp_path, NPZ[0]))
     table = run.file("table.csv")
     whole = table.read_bytes()
     table.write_bytes(whole[: len(whole) // 2 - 20])
@@ -325,9 +331,11 @@ def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
         ((('rate = "100 Hz"\n', ""),), r"\[data\] rate is missing"),
     ],
 )
-def test_run_files_that_cannot_be_are_refused(texts: Path, changes: tuple[Change, ...], words: str):
+def test_run_files_that_cannot_be_are_refused(
+    text_recording_folder: Path, changes: tuple[Change, ...], words: str
+):
     with pytest.raises(InputError, match=words) as refusal:
-        calibrate(run_of(texts, *changes))
+        calibrate(copy_run(text_recording_folder, *changes))
     assert "\n" not in str(refusal.value)
 
 
@@ -336,11 +344,11 @@ def test_run_files_that_cannot_be_are_refused(texts: Path, changes: tuple[Change
     [([0, 1, 2, 2, 3], "2 at sample 3 comes twice"), ([0, 1, 3, 2, 4], "packets out of order")],
 )
 def test_packets_twice_or_out_of_order_are_refused(
-    tmp_path: Path, plain: Files, order: list[int], words: str
+    tmp_path: Path, lossless_files: Files, order: list[int], words: str
 ):
-    imu = plain["imu.npz"]
-    shuffled = {**plain, "imu.npz": imu.take(np.r_[order, 5 : imu.time.size])}
-    run = written(run_of(tmp_path, *NPZ), shuffled)
+    imu = lossless_files["imu.npz"]
+    shuffled = {**lossless_files, "imu.npz": imu.take(np.r_[order, 5 : imu.time.size])}
+    run = write_files(copy_run(tmp_path, *NPZ), shuffled)
     with pytest.raises(InputError, match=f"imu.npz: counter: .*{words}"):
         calibrate(run)
 
@@ -348,7 +356,7 @@ def test_packets_twice_or_out_of_order_are_refused(
 def test_the_verbs_go_from_two_files_to_a_calibration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    run = run_of(tmp_path)
+    run = copy_run(tmp_path)
 
     def said(*words: str) -> str:
         app(list(words), standalone_mode=False)

@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from inercal.errors import InputError
-from inercal.units import Measured, factor, parse, readable, to_si
+from inercal.units import Measured, format_quantity, parse_quantity, si_factor, to_si
 
 G = 9.80665
 ARCSEC = pi / 648000
@@ -72,8 +72,10 @@ ARCSEC = pi / 648000
         ("1 ppm/K", "1/K", 1e-6, 0),
     ],
 )
-def test_text_means(text: str | float, like: str, value: float, sd: float):
-    assert_allclose([parse(text, like).value, parse(text, like).sd], [value, sd], rtol=1e-14)
+def test_text_parses_to_value_and_deviation(text: str | float, like: str, value: float, sd: float):
+    assert_allclose(
+        [parse_quantity(text, like).value, parse_quantity(text, like).sd], [value, sd], rtol=1e-14
+    )
 
 
 @pytest.mark.parametrize(
@@ -143,13 +145,13 @@ def test_text_means(text: str | float, like: str, value: float, sd: float):
 )
 def test_text_is_refused(text: str, like: str, message: str):
     with pytest.raises(InputError) as refusal:
-        parse(text, like)
+        parse_quantity(text, like)
     assert message in str(refusal.value)
 
 
 def test_an_integer_beyond_all_floats_is_refused():
     with pytest.raises(InputError, match="a huge integer is not a finite number"):
-        parse(10**5000, like="1")
+        parse_quantity(10**5000, like="1")
 
 
 @pytest.mark.parametrize(
@@ -178,13 +180,13 @@ def test_an_integer_beyond_all_floats_is_refused():
     ],
 )
 def test_factor_is_the_si_size_of_one_unit(unit: str, size: float):
-    assert factor(unit) == pytest.approx(size, rel=1e-14)
+    assert si_factor(unit) == pytest.approx(size, rel=1e-14)
 
 
 def test_factor_holds_the_unit_to_an_expected_dimension():
-    assert factor("°/h", like="rad/s") == pytest.approx(pi / 648000, rel=1e-14)
+    assert si_factor("°/h", like="rad/s") == pytest.approx(pi / 648000, rel=1e-14)
     with pytest.raises(InputError, match="'°/h' is an angular rate; expected an angle, such as"):
-        factor("°/h", like="rad")
+        si_factor("°/h", like="rad")
 
 
 @pytest.mark.parametrize(
@@ -192,13 +194,13 @@ def test_factor_holds_the_unit_to_an_expected_dimension():
 )
 def test_factor_refuses_what_is_not_a_unit(unit: str):
     with pytest.raises(InputError, match="is not a unit; units look like"):
-        factor(unit)
+        si_factor(unit)
 
 
 def test_celsius_is_no_factor_but_a_difference_of_one_is_a_kelvin():
     with pytest.raises(InputError, match=r"'°C' counts from 273\.15 K and has no factor"):
-        factor("°C", like="K")
-    assert factor("ppm/°C") == factor("ppm/K")
+        si_factor("°C", like="K")
+    assert si_factor("ppm/°C") == si_factor("ppm/K")
 
 
 def test_a_column_in_celsius_becomes_kelvin():
@@ -229,7 +231,7 @@ def test_a_column_in_celsius_becomes_kelvin():
 def test_readable_rounds_to_two_digits_of_the_uncertainty(
     value: float, sd: float, unit: str, text: str
 ):
-    assert readable(value, sd, unit) == text
+    assert format_quantity(value, sd, unit) == text
 
 
 def test_parse_reads_what_readable_prints():
@@ -237,13 +239,13 @@ def test_parse_reads_what_readable_prints():
     for _ in range(300):
         value = rng.gauss(0, 1) * 10 ** rng.uniform(-12, 12)
         sd = abs(value) * 10 ** rng.uniform(-6, 2)
-        back = parse(readable(value, sd, "µg"), like="g")
+        back = parse_quantity(format_quantity(value, sd, "µg"), like="g")
         assert back.sd == pytest.approx(sd, rel=0.051)
         assert abs(back.value - value) <= 0.051 * sd
 
 
 def test_measured_is_a_value_without_uncertainty_unless_one_is_stated():
-    assert parse("3 m", like="m") == Measured(3.0, 0.0)
+    assert parse_quantity("3 m", like="m") == Measured(3.0, 0.0)
 
 
 PIECES = [
@@ -259,7 +261,7 @@ def test_junk_gives_a_quantity_or_one_line_of_refusal():
     for _ in range(10_000):
         text = rng.choice(["", "5 "]) + "".join(rng.choices(PIECES, k=rng.randint(0, 12)))
         try:
-            measured = parse(text, like=rng.choice(["m", "g", "1", "K", "°/√h"]))
+            measured = parse_quantity(text, like=rng.choice(["m", "g", "1", "K", "°/√h"]))
         except InputError as refusal:
             refusals.append(str(refusal))
         else:
@@ -276,7 +278,7 @@ def test_any_unicode_is_refused_without_a_traceback_of_its_own():
         text = "".join(chr(rng.randint(0, top)) for _ in range(rng.randint(2, 110)))
         for junk in (text, "1 " + text):
             with pytest.raises(InputError):
-                parse(junk, like="m")
+                parse_quantity(junk, like="m")
 
 
 def test_importing_units_does_not_import_pint():

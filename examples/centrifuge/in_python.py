@@ -8,11 +8,11 @@ import numpy as np
 from inercal.benches import Centrifuge
 from inercal.io.read import read_table
 from inercal.methods.centrifuge_norm import ml
-from inercal.methods.centrifuge_norm.screening import screen
+from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Readout, triad
-from inercal.units import parse, readable
+from inercal.units import format_quantity, parse_quantity
 
 table = read_table(Path(__file__).parent / "dwells.csv")
 volts = np.stack([table.numbers(name) for name in ("ax", "ay", "az")], axis=-1)
@@ -21,13 +21,13 @@ spins = [
     for position, rpm in zip(table.columns["position"], table.numbers("rpm"), strict=True)
 ]
 bench = Centrifuge(
-    gravity=parse("9.80123 m/s² ± 0.1 mm/s²", "m/s²"),
-    radius=parse("1.00000 m ± 20 µm", "m"),
-    latitude=parse("39 ° ± 0.1 °", "°"),
+    gravity=parse_quantity("9.80123 m/s² ± 0.1 mm/s²", "m/s²"),
+    radius=parse_quantity("1.00000 m ± 20 µm", "m"),
+    latitude=parse_quantity("39 ° ± 0.1 °", "°"),
     rate=1e-6,
 )
 # 1.25 V/g nominal; 10 µV is the standard deviation of a mean.
-readout = Readout(parse("1.25 V/g", "V/(m/s²)").value, 0.0, "V")
+readout = Readout(parse_quantity("1.25 V/g", "V/(m/s²)").value, 0.0, "V")
 sensor = triad("triad", "f", "a", readout).with_coefficients("k0", "k1", "k2")
 
 
@@ -46,8 +46,8 @@ def observed(volts: np.ndarray) -> Observations:
     )
 
 
-for suspect in screen(observed(volts), sensor, bench, spins):
-    print(suspect.in_words())
+for suspect in screen_rows(observed(volts), sensor, bench, spins):
+    print(suspect.describe())
     # Look at the original first; here it confirms the only repair there is.
     (repair,) = suspect.repairs
     for axis, value in repair.after.items():
@@ -58,4 +58,4 @@ agrees = "agrees" if estimate.consistent else "disagrees"
 print(f"the table {agrees}: χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom")
 for name, value, sd in zip(sensor.coefficients, estimate.value, estimate.std, strict=False):
     line = sensor.coefficient(name)
-    print(f"{name:6} {readable(value, 2 * sd, line.unit)}  ({line.meaning}, U with k = 2)")
+    print(f"{name:6} {format_quantity(value, 2 * sd, line.unit)}  ({line.meaning}, U with k = 2)")

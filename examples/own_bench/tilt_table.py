@@ -15,23 +15,34 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from inercal.benches import MeanMotion
-from inercal.benches.contract import Simulated, SimulatedMotion
-from inercal.benches.declare import built, declared_parameters, keys_of, small_angle
-from inercal.benches.kind import Kind, Vocabulary
-from inercal.benches.sheet import Heading, Row, Sheet
-from inercal.data import DataSection, EstimatorInput, Readback, Source, size_of
-from inercal.data.load import columns, load_recording, readback_columns, readback_units, stated_sd
+from inercal.benches.contract import SensorSimulation, SimulatedMotion
+from inercal.benches.key_declarations import (
+    add_bench_keys,
+    build_bench,
+    declared_parameters,
+    small_angle,
+)
+from inercal.benches.kind_definition import Kind, Vocabulary
+from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.data import DataSection, EstimatorInput, ReadbackColumn, Source, unit_size
+from inercal.data.recording_loader import (
+    load_recording,
+    readback_columns,
+    readback_units,
+    reader_columns,
+    stated_deviations,
+)
 from inercal.errors import InputError
-from inercal.io.means import means_of, read_columns
+from inercal.io.mean_tables import observations_from_table, read_columns
 from inercal.keys import ErrorName
 from inercal.methods import Method
-from inercal.methods.vectors import joint
+from inercal.methods.mean_problem import joint
 from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity
+from inercal.section_settings import BenchSection
 from inercal.segments import marks_from_labels, observe
 from inercal.sensors import Sensor
-from inercal.settings import BenchSection
-from inercal.units import Measured, readable
+from inercal.units import Measured, format_quantity
 
 Array = NDArray[np.float64]
 Plane = Literal["xz", "yz"]
@@ -46,7 +57,7 @@ class Tilt:
     angle: float
     seconds: float
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return what is set."""
         return f"plane {self.plane} at {self.angle * 180 / pi:g}°"
 
@@ -105,7 +116,7 @@ class TiltTable:
         return np.zeros(())
 
 
-@keys_of(TiltTable)
+@add_bench_keys(TiltTable)
 class TiltTableSection(BenchSection):
     """[bench]."""
 
@@ -123,21 +134,23 @@ class TiltTableData(DataSection):
     angle: str | int = Field(description="column of the plate's angle", examples=["angle"])
     angle_unit: str = "°"
 
-    def readback(self, bench: TiltTable) -> tuple[Readback, ...]:
+    def readback(self, bench: TiltTable) -> tuple[ReadbackColumn, ...]:
         """Return the column of the plate's angle."""
-        return (Readback("angle", str(self.angle), size_of(self.angle_unit, "°", "angle_unit")),)
+        return (
+            ReadbackColumn("angle", str(self.angle), unit_size(self.angle_unit, "°", "angle_unit")),
+        )
 
 
 def build(section: TiltTableSection, folder: Path) -> TiltTable:
     """Return the bench in SI."""
-    return built(TiltTable, section)
+    return build_bench(TiltTable, section)
 
 
 def read(run: Source[TiltTableData]) -> EstimatorInput:
     """Return the observations of a run: of a table of means, or of labelled sections."""
-    path, wanted, bench = run.file(run.data.file), columns(run), run.bench
+    path, wanted, bench = run.file(run.data.file), reader_columns(run), run.bench
     column, size = readback_columns(run)["angle"], readback_units(run)["angle"]
-    conditions = {"gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²")}
+    conditions = {"gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²")}
     if run.data.kind == "means":
         table = read_columns(path, wanted, [str(run.data.plane), column])
         planes: list[Plane] = [
@@ -146,7 +159,9 @@ def read(run: Source[TiltTableData]) -> EstimatorInput:
         steps = _steps(planes, table.numbers(column) * size)
         labels = tuple(step.label for step in steps)
         ones = np.ones(len(labels))
-        means = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), ones)
+        means = observations_from_table(
+            path, table, labels, wanted, run.sensor, stated_deviations(run), ones
+        )
         return EstimatorInput(None, (), means, steps, steps, (), conditions)
     recording = load_recording(run)
     marks, told = marks_from_labels(recording), recording.readback["angle"] * size
@@ -184,7 +199,7 @@ def simulate(
     trials: int,
     sensor: Sensor,
     carried: bool,
-) -> Simulated:
+) -> SensorSimulation:
     """Carry a plan out, one position after the other."""
     drawn = {
         name: one.value + one.sd * rng.standard_normal(trials)
@@ -195,21 +210,25 @@ def simulate(
     labels = np.repeat([step.label for step in steps], counts)
     told = np.repeat([step.angle for step in steps], counts)
     time, motion = np.arange(len(labels)) / rate_hz, Motion(np.repeat(made, counts, axis=-2))
-    return Simulated(SimulatedMotion(time, motion, labels, drawn, {"angle": told}), sensor)
+    return SensorSimulation(SimulatedMotion(time, motion, labels, drawn, {"angle": told}), sensor)
 
 
 def sheet(run: Source[TiltTableData]) -> Sheet:
     """Return what the operator sets."""
     size = readback_units(run)["angle"]
-    rows: list[Row] = []
+    rows: list[SheetRow] = []
     for step in (one for one in run.steps if isinstance(one, Tilt)):
         told = f"{step.angle / size:g}"
         given = (step.plane, told)
-        rows.append(Row(step.label, (step.label, *given), step.seconds, step.plane, given))
+        rows.append(SheetRow(step.label, (step.label, *given), step.seconds, step.plane, given))
     data: Any = run.data
     return Sheet(
         f"{len(rows)} positions",
-        (Heading("position"), Heading("plane"), Heading(f"angle, {data.angle_unit}", right=True)),
+        (
+            Heading("position"),
+            Heading("plane"),
+            Heading(f"angle, {data.angle_unit}", align_right=True),
+        ),
         tuple(rows),
         ("Set each angle from below.",),
         (data.plane, data.angle, *data.accelerometer),
@@ -231,7 +250,7 @@ KIND = Kind(
 METHOD = Method(
     name="tilt_means",
     bench=TiltTable,
-    finds={"f": ("bias", "scale", "misalignment")},
+    default_coefficients={"f": ("bias", "scale", "misalignment")},
     also={"f": ("temperature", "k2")},
     needs=("f",),
     plan=plan,

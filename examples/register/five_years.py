@@ -6,30 +6,30 @@ from tempfile import TemporaryDirectory
 
 import inercal
 from inercal.io.write import write_recording
-from inercal.pipeline import named_as_in, simulate
+from inercal.pipeline import apply_data_columns, simulate
 from inercal.report import write_history
 from inercal.runfile import read
 from inercal.sensors import G0
 from inercal.store import Register
-from inercal.store.words import drift, en, of_history, point
+from inercal.store.history_text import drift_text, format_en, format_point, history_lines
 
 run = read(Path(__file__).parents[1] / "ferraris_simulated" / "run.toml")
 with TemporaryDirectory() as folder, Register(f"{folder}/register.db", by="Ada") as register:
     for year in range(5):
         truth = {**run.truth, "ax.k0": run.truth["ax.k0"] + year * 40e-6 * G0}
         session = replace(run, path=Path(folder) / "run.toml", truth=truth)
-        recording = named_as_in(session, simulate(session, seed=year))
+        recording = apply_data_columns(session, simulate(session, seed=year))
         write_recording(recording, session.file(session.data.file))
         found = inercal.calibrate(session).calibration
         register.enter_calibration(found, measured=f"{2021 + year}-03-01")
     history = register.history(run.sensor.name)
 
 for name in ("ax.k0", "ay.k0", "gx.scale"):
-    course = history.course(name)
-    print(f"{name}: {course.verdict}; {drift(course)}")
+    course = history.trend(name)
+    print(f"{name}: {course.verdict}; {drift_text(course)}")
     for k, place in enumerate(course.points):
-        date, value = history.entries[place].measured[:10], " ± ".join(point(course, k))
-        print(f"  {date}  {value} {course.unit}  {en(course.normalised[k])}".rstrip())
-for line in of_history(history):
+        date, value = history.entries[place].measured[:10], " ± ".join(format_point(course, k))
+        print(f"  {date}  {value} {course.unit}  {format_en(course.normalised_errors[k])}".rstrip())
+for line in history_lines(history):
     print(line)
 write_history(history, "five_years.html")

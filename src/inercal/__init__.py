@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from inercal.pipeline import Outcome, apply, calibrate, simulate
     from inercal.report import write_report
 
-_HOME = {
+_EXPORT_MODULES = {
     "Calibration": "inercal.calibration",
     "Outcome": "inercal.pipeline",
     "apply": "inercal.pipeline",
@@ -31,21 +31,21 @@ _HOME = {
 }
 
 
-def _writable(folder: str) -> bool:
+def _is_writable(folder: str) -> bool:
     """Whether files can be made in a folder, or the folder itself where it is not there yet."""
     while not os.path.exists(folder) and os.path.dirname(folder) != folder:
         folder = os.path.dirname(folder)
     return os.access(folder, os.W_OK | os.X_OK)
 
 
-def _room_for_kernels() -> Any:
+def _provide_kernel_cache() -> Any:
     """Give numba a folder for this process where it finds none; it would refuse to start.
 
     It keeps compiled kernels beside their modules, or in the user's cache.
     """
     own = os.environ.get("XDG_CACHE_HOME") or os.path.join("~", ".cache")
     places = (os.path.dirname(__file__), os.path.expanduser(own))
-    if "NUMBA_CACHE_DIR" in os.environ or any(map(_writable, places)):
+    if "NUMBA_CACHE_DIR" in os.environ or any(map(_is_writable, places)):
         return None
     from tempfile import TemporaryDirectory
 
@@ -54,13 +54,13 @@ def _room_for_kernels() -> Any:
     return folder
 
 
-_kernels = _room_for_kernels()
+_kernels = _provide_kernel_cache()
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in _EXPORT_MODULES:
         raise AttributeError(f"module 'inercal' has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+    return getattr(import_module(_EXPORT_MODULES[name]), name)
 
 
 __all__ = [

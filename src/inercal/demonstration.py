@@ -17,16 +17,16 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from inercal.errors import InercalError
-from inercal.host.execute import Interrupted, carried_out
-from inercal.host.finish import finish
-from inercal.host.folder import begin, require_free
+from inercal.host.bench_run import BenchRun
+from inercal.host.bench_simulator import POLL_INTERVAL, start_bench_simulator
 from inercal.host.packets import read_layout
-from inercal.host.run import BenchRun
-from inercal.host.sim.errors import draw
-from inercal.host.sim.mimu import mean_drift, rate_of
-from inercal.host.simulated import POLL, started
+from inercal.host.run_completion import finish_run
+from inercal.host.run_execution import RunInterrupted, execute_run
+from inercal.host.run_folder import create_run, prepare_folder
+from inercal.host.sim.mimu import mean_drift, packet_rate
+from inercal.host.sim.simulated_errors import draw_errors
 from inercal.pipeline import Outcome
-from inercal.pipeline.truth import in_frame_of
+from inercal.pipeline.truth import true_coefficients
 from inercal.runfile import Run, read
 
 _PACKETS = "fixed"
@@ -34,7 +34,7 @@ _RUN_FILE, _PATH = "mimu.toml", "path.csv"
 
 
 @dataclass(frozen=True, eq=False)
-class Demo:
+class DemonstrationResult:
     """What came of it.
 
     Parameters
@@ -65,7 +65,7 @@ def demo(
     *,
     quick: bool = False,
     show: Callable[[BenchRun], None] = lambda run: None,
-) -> Demo:
+) -> DemonstrationResult:
     """Run the plan on a simulated bench, calibrate live and from the recording, compare, report.
 
     Parameters
@@ -86,30 +86,38 @@ def demo(
     InercalError
         The run was interrupted.
     """
-    require_free(folder)
+    prepare_folder(folder)
     with TemporaryDirectory() as plans:
-        run = _plan(Path(plans), quick=quick)
-        with started(run, seed, _PACKETS) as bench:
+        run = _write_run_file(Path(plans), quick=quick)
+        with start_bench_simulator(run, seed, _PACKETS) as bench:
             # The bench's processes have read the run file; from here on its copy counts.
-            made, journal = begin(folder, run, bench.addresses, POLL)
-            with journal, made.kept_if_begun():
+            made, journal = create_run(folder, run, bench.addresses, POLL_INTERVAL)
+            with journal, made.removed_on_failure():
                 try:
-                    going = carried_out(made, journal, show=show, beside=lambda _: bench.beside())
-                except Interrupted as error:
+                    run_process = execute_run(
+                        made, journal, show=show, run_context=lambda _: bench.run_context()
+                    )
+                except RunInterrupted as error:
                     raise InercalError(f"{folder}: the run was interrupted: {error}") from None
 
                 def truth(outcome: Outcome) -> Mapping[str, float]:
-                    return _averaged(run, seed, outcome, going.time)
+                    return _truth_with_mean_biases(run, seed, outcome, run_process.time)
 
-                outcome, written = finish(made, journal, going.account.live, truth=truth)
+                outcome, written = finish_run(
+                    made, journal, run_process.recorder.live_estimator, truth=truth
+                )
     calibration, drifting = outcome.calibration, truth(outcome)
-    true = in_frame_of(calibration, drifting)
+    true = true_coefficients(calibration, drifting)
     error = calibration.values - np.array([true[n] for n in calibration.sensor.coefficients])
     nees = float(error @ np.linalg.solve(calibration.covariance, error)) / len(error)
-    return Demo(outcome, drifting, nees, going.time, going.speed, written)
+    return DemonstrationResult(
+        outcome, drifting, nees, run_process.time, run_process.speed, written
+    )
 
 
-def _averaged(run: Run, seed: int, outcome: Outcome, end: float) -> Mapping[str, float]:
+def _truth_with_mean_biases(
+    run: Run, seed: int, outcome: Outcome, end: float
+) -> Mapping[str, float]:
     """Return the truth with biases as means over the recording, which ends with the bench's time.
 
     The IMU's clock may be off, by what is nothing here.
@@ -117,8 +125,8 @@ def _averaged(run: Run, seed: int, outcome: Outcome, end: float) -> Mapping[str,
     track = outcome.observations.track
     assert track is not None
     lasting = float(track.time[-1] - track.time[0])
-    rate = rate_of(run, read_layout(_PACKETS), None)
-    drift = mean_drift(run, draw(run, seed), rate, end - lasting, end)
+    rate = packet_rate(run, read_layout(_PACKETS), None)
+    drift = mean_drift(run, draw_errors(run, seed), rate, end - lasting, end)
     made = dict(run.truth)
     for channel, mean in zip(run.sensor.channels, drift.tolist(), strict=True):
         for name in (f"{channel}.bias", f"{channel}.k0"):
@@ -127,7 +135,7 @@ def _averaged(run: Run, seed: int, outcome: Outcome, end: float) -> Mapping[str,
     return made
 
 
-def _plan(folder: Path, *, quick: bool) -> Run:
+def _write_run_file(folder: Path, *, quick: bool) -> Run:
     """Return the demonstration's run file, written to a folder."""
     packaged = files("inercal")
     text = packaged.joinpath("demo.toml").read_text(encoding="utf-8")

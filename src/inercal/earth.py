@@ -63,7 +63,7 @@ def normal_gravity(latitude_rad: float, height_m: float) -> Measured:
     """
     if not _LOWEST <= height_m <= _HIGHEST:
         raise InputError(f"height {height_m:g} m is outside −1 km … 20 km above the ellipsoid")
-    s2 = sin(_checked(latitude_rad)) ** 2
+    s2 = sin(_checked_latitude(latitude_rad)) ** 2
     on_ellipsoid = _EQUATOR * (1 + _K * s2) / sqrt(1 - _E2 * s2)
     h = height_m / _A
     return Measured(on_ellipsoid * (1 - 2 * (1 + _F + _M - 2 * _F * s2) * h + 3 * h**2), _ANOMALY)
@@ -82,11 +82,11 @@ def earth_rate_up_north(latitude_rad: float) -> tuple[float, float]:
     InputError
         Outside −90° … 90°.
     """
-    latitude = _checked(latitude_rad)
+    latitude = _checked_latitude(latitude_rad)
     return EARTH_RATE * sin(latitude), EARTH_RATE * cos(latitude)
 
 
-def _checked(latitude: float) -> float:
+def _checked_latitude(latitude: float) -> float:
     # A pole given as 90 degrees may come out of a conversion one rounding too large.
     if not abs(latitude) <= pi / 2 * (1 + 1e-12):
         raise InputError(f"latitude {degrees(latitude):g}° is outside −90° … 90°")

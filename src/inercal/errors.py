@@ -40,7 +40,7 @@ class NotInvertible(InercalError):
 
 
 @contextmanager
-def brought_by(extra: str, what: str, packages: tuple[str, ...]) -> Generator[None]:
+def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator[None]:
     """Say which extra to install where one of the packages that it brings is missing.
 
     Parameters

@@ -129,7 +129,7 @@ def log_so3(mat: ArrayLike) -> Array:
     return stretch * q[..., 1:]
 
 
-def from_up(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
+def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     """Return an attitude of a body whose upward direction is given.
 
     The frame n is level: east, north, up. At `azimuth` 0 the body is the level frame n tipped over
@@ -168,7 +168,7 @@ def from_up(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     return tipped @ exp_so3(turn)
 
 
-def triangular(mat: ArrayLike) -> tuple[Array, Array]:
+def decompose_triangular(mat: ArrayLike) -> tuple[Array, Array]:
     """Return (L, Q) with mat = L Q: L lower triangular with a positive diagonal, Q a rotation.
 
     Parameters
@@ -185,13 +185,13 @@ def triangular(mat: ArrayLike) -> tuple[Array, Array]:
     InputError
         A matrix that is singular, mirrored (determinant < 0) or not finite.
     """
-    mat = _proper(mat)
+    mat = _require_decomposable(mat)
     q, r = np.linalg.qr(np.swapaxes(mat, -1, -2))
     sign = np.copysign(1.0, np.diagonal(r, axis1=-2, axis2=-1))
     return np.swapaxes(r, -1, -2) * sign[..., None, :], np.swapaxes(q * sign[..., None, :], -1, -2)
 
 
-def symmetric(mat: ArrayLike) -> tuple[Array, Array]:
+def decompose_symmetric(mat: ArrayLike) -> tuple[Array, Array]:
     """Return (S, Q) with mat = S Q: S symmetric positive definite, Q a rotation.
 
     Q is the rotation nearest to `mat`.
@@ -210,12 +210,12 @@ def symmetric(mat: ArrayLike) -> tuple[Array, Array]:
     InputError
         A matrix that is singular, mirrored (determinant < 0) or not finite.
     """
-    u, s, vh = np.linalg.svd(_proper(mat))
+    u, s, vh = np.linalg.svd(_require_decomposable(mat))
     shape = (u * s[..., None, :]) @ np.swapaxes(u, -1, -2)
     return (shape + np.swapaxes(shape, -1, -2)) / 2, u @ vh
 
 
-def _proper(mat: ArrayLike) -> Array:
+def _require_decomposable(mat: ArrayLike) -> Array:
     """Return `mat`, or refuse what has no unique decomposition with a rotation."""
     mat = np.asarray(mat, dtype=float)
     if not np.isfinite(mat).all():

@@ -11,7 +11,7 @@ import numpy as np
 from inercal.arrays import Array
 
 
-def _still() -> Array:
+def _zero_vector() -> Array:
     return np.zeros((1, 3))
 
 
@@ -32,6 +32,6 @@ class Motion:
     """
 
     f: Array
-    w: Array = field(default_factory=_still)
-    dw: Array = field(default_factory=_still)
+    w: Array = field(default_factory=_zero_vector)
+    dw: Array = field(default_factory=_zero_vector)
     dT: Array | float = 0.0

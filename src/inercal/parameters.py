@@ -46,7 +46,7 @@ class Parameter:
     attitude: bool = False
 
     @classmethod
-    def measured(
+    def from_measured(
         cls, name: str, unit: str, found: Measured, meaning: str, key: str = ""
     ) -> "Parameter":
         """Return a measured constant as a parameter of the run.
@@ -66,4 +66,4 @@ class Parameter:
 
 def local_gravity(gravity: Measured) -> Parameter:
     """Return the parameter "g" of a bench from its gravity, m/s²."""
-    return Parameter.measured("g", "m/s²", gravity, "local gravity", "gravity")
+    return Parameter.from_measured("g", "m/s²", gravity, "local gravity", "gravity")

@@ -24,9 +24,9 @@ class Hold:
     up: Vector
     seconds: float
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return what to do: "−z up", "+z up, tilted 45° (+x rises)"."""
-        main, tilted, rest = direction(self.up).partition(" tilted ")
+        main, tilted, rest = describe_direction(self.up).partition(" tilted ")
         return f"{main} up" + (f", {tilted.lstrip()}{rest}" if tilted else "")
 
 
@@ -42,9 +42,9 @@ class Turn:
     angle: float
     seconds: float
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return what to do: "turn by +360° about +z"."""
-        return f"turn by {self.angle * 180 / pi:+.0f}° about {direction(self.axis)}"
+        return f"turn by {self.angle * 180 / pi:+.0f}° about {describe_direction(self.axis)}"
 
 
 @dataclass(frozen=True)
@@ -84,14 +84,17 @@ class Spin:
     attitude: Attitude | None = None
     azimuth: float | None = None
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return what to do: "spin at 60 rpm, +x outwards, −z up", "at rest, +z up"."""
         text = f"spin at {self.rate * 30 / pi:.4g} rpm".replace("-", "−")
         if self.rate == 0:
             text = "at rest"
         if self.attitude is None:
             return text
-        return f"{text}, {direction(self.attitude.out)} outwards, {direction(self.attitude.up)} up"
+        return (
+            f"{text}, {describe_direction(self.attitude.out)} outwards, "
+            f"{describe_direction(self.attitude.up)} up"
+        )
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,7 @@ class Index:
             if not isfinite(getattr(self, what)):
                 raise InputError(f"position {self.label}: its {what} is {getattr(self, what)}")
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return what to do: "head at 30°, forward"."""
         return f"head at {degrees(self.angle):.6g}°, {'forward' if self.sense > 0 else 'reverse'}"
 
@@ -162,9 +165,9 @@ class Position:
         if not (isfinite(self.seconds) and self.seconds > 0):
             raise InputError(f"position {self.label}: {self.seconds} s; give it > 0")
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return what to do: "axes at 90°, 45°, 0°"."""
-        return f"{'axes' if len(self.angles) > 1 else 'axis'} at {_degrees(self.angles)}"
+        return f"{'axes' if len(self.angles) > 1 else 'axis'} at {_format_degrees(self.angles)}"
 
 
 @dataclass(frozen=True)
@@ -210,11 +213,11 @@ class Rotation:
         """How long the angle takes at the rate; to speed up and to slow down come on top."""
         return abs(self.angle) / self.rate
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return what to do: "turn the outermost axis by +720° at 10 °/s"."""
         turn = f"turn the {('outermost', 'second', 'third')[self.axis]} axis by "
         turn += f"{degrees(self.angle):+.6g}° at {degrees(self.rate):.6g} °/s"
-        return turn if self.angles is None else f"{turn}, from {_degrees(self.angles)}"
+        return turn if self.angles is None else f"{turn}, from {_format_degrees(self.angles)}"
 
 
 HandStep = Hold | Turn
@@ -234,7 +237,7 @@ class Step(Protocol):
         """How long it lasts; 0 where nothing depends on it."""
         ...
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return what is done."""
         ...
 
@@ -251,16 +254,16 @@ def _refuse_angles(label: str, angles: tuple[float, ...]) -> None:
         raise InputError(f"{label}: angles {angles} are not all finite")
 
 
-def _degrees(angles: tuple[float, ...]) -> str:
+def _format_degrees(angles: tuple[float, ...]) -> str:
     return ", ".join(f"{degrees(angle):.6g}°" for angle in angles)
 
 
-def direction(vector: Vector) -> str:
+def describe_direction(vector: Vector) -> str:
     """Return a body direction in words: the nearest axis, and what else rises when that is up.
 
-    >>> direction((0.0, 0.0, -1.0))
+    >>> describe_direction((0.0, 0.0, -1.0))
     '−z'
-    >>> direction((0.7071, 0.0, 0.7071))
+    >>> describe_direction((0.7071, 0.0, 0.7071))
     '+z tilted 45° (+x rises)'
     """
     # Of equal parts the last axis is the main one: z up is how most things lie.
@@ -278,7 +281,7 @@ def direction(vector: Vector) -> str:
     return f"{main} tilted {angle:.0f}° ({' and '.join(rising)} {verb})"
 
 
-def on_arm(psi: float, theta: float) -> Attitude:
+def arm_attitude(psi: float, theta: float) -> Attitude:
     """Return the attitude of a two-axis dividing head on the arm, at rad ψ and θ.
 
     Outwards is (cos ψ cos θ, sin ψ, cos ψ sin θ) in the body, up is (sin θ, 0, −cos θ): the
@@ -296,7 +299,7 @@ def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:
     return tuple(holds)
 
 
-def ferraris(seconds: float = 10.0, angle: float = 2 * pi, turn_seconds: float = 8.0):
+def ferraris_plan(seconds: float = 10.0, angle: float = 2 * pi, turn_seconds: float = 8.0):
     """Return the six holds and the turns x_rot, y_rot, z_rot (Ferraris et al. 1995)."""
     turns = [Turn(name + "_rot", axis, angle, turn_seconds) for name, axis in AXES.items()]
     return (*six_positions(seconds), *turns)

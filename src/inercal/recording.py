@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.estimate import Test
+from inercal.estimate import ModelTest
 
 Indices = NDArray[np.int64]
 Severity = Literal["note", "warning", "refused"]
 
-GAP = 1.5  # a step of time longer than this many median steps has lost samples
-VARIES = 0.5  # K; a temperature that varies by less is one temperature
+GAP_FACTOR = 1.5  # a step of time longer than this many median steps has lost samples
+TEMPERATURE_VARIATION = 0.5  # K; a temperature that varies by less is one temperature
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Finding:
     Parameters
     ----------
     severity : "note", "warning" or "refused"
-        A refused recording is not used: `inercal.io.audit.accept` raises.
+        A refused recording is not used: `inercal.io.audit.require_accepted` raises.
     what : str
         Short kind: "gap", "saturation", ...
     message : str
@@ -161,7 +161,7 @@ class Recording:
     @cached_property
     def gaps(self) -> Indices:
         """Samples before and after each gap, (n_gaps, 2): steps above 1.5 median steps."""
-        before = np.flatnonzero(np.diff(self.time) > GAP * self.median_step)
+        before = np.flatnonzero(np.diff(self.time) > GAP_FACTOR * self.median_step)
         return np.stack([before, before + 1], axis=-1)
 
     def span(self, start: int, stop: int) -> float:
@@ -203,10 +203,10 @@ class Recording:
         return replace(self.take(slice(start, stop)), findings=findings, first_row=first_row)
 
 
-def _warmed(temperature: Array | None) -> bool:
+def _temperature_varies(temperature: Array | None) -> bool:
     if temperature is None:
         return False
-    return float(np.ptp(temperature, axis=-1).max(initial=0.0)) > VARIES
+    return float(np.ptp(temperature, axis=-1).max(initial=0.0)) > TEMPERATURE_VARIATION
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ class Passages:
 
 
 @dataclass(frozen=True, eq=False)
-class Halves:
+class HalfSectionChanges:
     """How the readings of r sections at rest change from the first half to the second.
 
     Parameters
@@ -341,9 +341,9 @@ class Track:
         return None if self.temperature is None else self.temperature - reference
 
     @property
-    def warmed(self) -> bool:
+    def temperature_varies(self) -> bool:
         """Whether temperatures were recorded that differ, as of `Observations`."""
-        return _warmed(self.temperature)
+        return _temperature_varies(self.temperature)
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,11 +372,11 @@ class Observations:
         Variance that coarse steps of the channels add to each mean, within `covariance`.
     passages : Passages or None
         Between neighbouring rows, for methods that follow the rate from rest to rest.
-    halves : Halves or None
+    halves : HalfSectionChanges or None
         How readings change within each row, for sensors in a hand that have gyros.
     track : Track or None
         The samples themselves, for methods that follow them.
-    tests : tuple of Test
+    tests : tuple of ModelTest
         Of the sections against themselves, where a recording was averaged.
     notes : tuple of str
         What the sections show of their noise, in words.
@@ -403,9 +403,9 @@ class Observations:
     drift: Array | None = None
     rounding: Array | None = None
     passages: Passages | None = None
-    halves: Halves | None = None
+    halves: HalfSectionChanges | None = None
     track: Track | None = None
-    tests: tuple[Test, ...] = ()
+    tests: tuple[ModelTest, ...] = ()
     notes: tuple[str, ...] = ()
     timed: bool = True
     temperature: Array | None = None
@@ -460,9 +460,9 @@ class Observations:
         return np.zeros(()) if self.temperature is None else self.temperature - reference
 
     @property
-    def warmed(self) -> bool:
+    def temperature_varies(self) -> bool:
         """Whether temperatures were recorded that differ by more than a sensor of them errs by."""
-        return _warmed(self.temperature)
+        return _temperature_varies(self.temperature)
 
     def rows(self, at: Sequence[int]) -> "Observations":
         """Return some rows, without what lies between rows or within them."""
@@ -484,7 +484,7 @@ class Observations:
         )
 
 
-def joined(one: Observations, other: Observations) -> Observations:
+def join_observations(one: Observations, other: Observations) -> Observations:
     """Return the rows of both, of the same channels; drift between them is taken as independent.
 
     Without the temperature of either there is none.

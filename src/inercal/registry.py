@@ -93,10 +93,10 @@ class Registry(Mapping[str, T]):
         for point in entry_points(group=self.group):
             other = found.get(point.name)
             if point.name in self._own or (other is not None and other.value != point.value):
-                taken = "inercal" if other is None else _package(other)
+                taken = "inercal" if other is None else _distribution_name(other)
                 raise InputError(
-                    f"package {_package(point)} brings a {self.what} {point.name!r}, a name that "
-                    f"{taken} has; one of both must be renamed or uninstalled"
+                    f"package {_distribution_name(point)} brings a {self.what} {point.name!r}, a "
+                    f"name that {taken} has; one of both must be renamed or uninstalled"
                 )
             found[point.name] = point
         return found
@@ -106,10 +106,10 @@ class Registry(Mapping[str, T]):
             return point.load()
         except (ImportError, AttributeError) as error:
             raise InputError(
-                f"{self.what} {point.name!r} of package {_package(point)} cannot be loaded from "
-                f"{point.value}: {error}"
+                f"{self.what} {point.name!r} of package {_distribution_name(point)} cannot be "
+                f"loaded from {point.value}: {error}"
             ) from error
 
 
-def _package(point: EntryPoint) -> str:
+def _distribution_name(point: EntryPoint) -> str:
     return point.dist.name if point.dist is not None else point.value

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tests.accuracy.generator import DEGREE, EARTH, Imu
+from tests.accuracy.ferraris import DEGREE, EARTH, Imu
 
 Array = NDArray[np.float64]
 HEADER = "time,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z"

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.accuracy.generator import DEGREE, G0, mems
+from tests.accuracy.ferraris import DEGREE, G0, mems
 from tests.accuracy.handheld import Session, directions, record
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ class Cost(NamedTuple):
     memory: float  # bytes
 
 
-def made(n: int, rate_hz: float, every: float) -> Iterator[Array]:
+def generate_pieces(n: int, rate_hz: float, every: float) -> Iterator[Array]:
     """Yield the readings (k, 6) of one session of n samples in all, SI; a rest begins `every` s.
 
     Parts meet in the middle of a rest: azimuth may jump there, which nothing feels without earth.
@@ -73,11 +73,11 @@ def made(n: int, rate_hz: float, every: float) -> Iterator[Array]:
             return
 
 
-def raw(path: Path, n: int, rate_hz: float, every: float) -> Array:
+def write_raw_file(path: Path, n: int, rate_hz: float, every: float) -> Array:
     """Return time and readings, (7, n), in a file that stands for memory."""
     columns = np.lib.format.open_memmap(path, mode="w+", dtype=np.float64, shape=(len(NAMES), n))
     start = 0
-    for part in made(n, rate_hz, every):
+    for part in generate_pieces(n, rate_hz, every):
         stop = start + len(part)
         columns[0, start:stop] = np.arange(start, stop) / rate_hz
         columns[1:, start:stop] = part.T
@@ -120,7 +120,7 @@ def run_file(path: Path) -> Path:
     return beside
 
 
-def cost(run: Path) -> Cost:
+def measure_command(run: Path) -> Cost:
     """Run the command once."""
     command = ["calibrate", str(run), "--out", str(run.parent)]
     # Modules are compiled by the first run, not by each, whatever the environment says.

@@ -62,7 +62,7 @@ class Draw:
     felt: Array
 
 
-def turned(axis: int, angle: float) -> Array:
+def rotation_about(axis: int, angle: float) -> Array:
     """Return the rotation by an angle about one axis."""
     c, s = np.cos(angle), np.sin(angle)
     j, k = (axis + 1) % 3, (axis + 2) % 3
@@ -72,7 +72,7 @@ def turned(axis: int, angle: float) -> Array:
     return made
 
 
-def any_turn(v: Array) -> Array:
+def rotation_from_vector(v: Array) -> Array:
     """Return exp of rotation vectors (..., 3) by their quaternions."""
     half = np.linalg.norm(v, axis=-1, keepdims=True) / 2
     w, xyz = np.cos(half), v * np.sinc(half / pi) / 2
@@ -95,15 +95,15 @@ def columns(plane: str, tilt: float, second: float | None, reading: str) -> Arra
     toward, up = PLANES[plane]
     c, u = np.eye(3)[toward], np.eye(3)[up]
     plain = np.stack([c, np.cross(u, c), u], axis=1)
-    leaned = plain @ turned(1, tilt * DEGREE)
+    leaned = plain @ rotation_about(1, tilt * DEGREE)
     if reading == "azimuth" and second is not None:
-        return plain @ turned(2, second * DEGREE) @ turned(1, tilt * DEGREE)
+        return plain @ rotation_about(2, second * DEGREE) @ rotation_about(1, tilt * DEGREE)
     if second is None or reading == "dihedral":
         return leaned  # 135° and 45° as dihedral angles: cos² + cos² = 1, and nothing is left
-    return leaned @ turned(0, -second * DEGREE)
+    return leaned @ rotation_about(0, -second * DEGREE)
 
 
-def nominal(states: tuple[State, ...], reading: str = "azimuth") -> Array:
+def nominal_force(states: tuple[State, ...], reading: str = "azimuth") -> Array:
     """Return what is felt without any error, (r, 3)."""
     rows = [columns(p, t, s, reading) @ [centripetal(w), 0, 1] for p, t, s, w in states]
     return np.array(rows)
@@ -130,7 +130,9 @@ def draw(
     bias = bench.bias * rng.standard_normal((trials, 3))
     speeds = {w: bench.speed * rng.standard_normal(trials) for w in sorted({s[3] for s in states})}
     mounted = dict.fromkeys(s[:3] for s in states)
-    poses = {m: any_turn(bench.pose * rng.standard_normal((trials, 3))) for m in mounted}
+    poses = {
+        m: rotation_from_vector(bench.pose * rng.standard_normal((trials, 3))) for m in mounted
+    }
     seats = {m: bench.seat * rng.standard_normal(trials) for m in mounted}
     noise = bench.noise * rng.standard_normal((trials, len(states), 3))
     radius = RADIUS + bench.radius * rng.standard_normal(trials)
@@ -159,7 +161,7 @@ def draw(
     return Draw(matrix, bias, readings, felt)
 
 
-def fresh(seed: int, count: int = 300) -> Array:
+def random_pose_forces(seed: int, count: int = 300) -> Array:
     """Return what is felt in any attitude at any speed up to 86 r/min, (count, 3) g."""
     rng = np.random.default_rng([seed, 300])
     q = rng.standard_normal((count, 4))

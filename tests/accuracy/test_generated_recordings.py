@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.accuracy.generator import DEGREE, G0, Handling, Imu, Made, mems, record
+from tests.accuracy.ferraris import DEGREE, G0, FerrarisSession, Handling, Imu, mems, record
 
 from inercal.pipeline import Outcome, calibrate
 
@@ -42,13 +42,13 @@ turn = "{turn} °"
 SI = {"accelerometer": 'unit = "m/s²"', "gyro": 'unit = "rad/s"', "turn": "360"}
 
 
-def session(seed: int, **changes: object) -> tuple[Imu, Made]:
+def session(seed: int, **changes: object) -> tuple[Imu, FerrarisSession]:
     rng = np.random.default_rng(seed)
     device = mems(rng, arm=np.array([0.03, -0.02, 0.05]))
     return device, record(device, HANDS, rng, moves=True, **changes)  # type: ignore[arg-type]
 
 
-def calibrated(folder: Path, made: Made, **settings: str) -> Outcome:
+def calibrated(folder: Path, made: FerrarisSession, **settings: str) -> Outcome:
     made.write_csv(folder / "session.csv")
     path = folder / "run.toml"
     path.write_text(RUN.format(**(SI | settings)), encoding="utf-8")
@@ -83,7 +83,7 @@ def test_sections_found_in_a_file_lead_to_the_truth(tmp_path: Path, seed: int, t
 def test_marks_of_a_file_and_counts_of_an_adc_change_nothing(tmp_path: Path):
     device, made = session(53)
     scale = np.repeat([2048 / G0, 16.4 / DEGREE], 3)
-    counts = Made(made.time, made.data * scale, made.marks, made.gravity)
+    counts = FerrarisSession(made.time, made.data * scale, made.marks, made.gravity)
     listed = {name: {"start": a, "end": b} for name, (a, b) in made.marks.items()}
     (tmp_path / "marks.json").write_text(json.dumps(listed), encoding="utf-8")
     si = calibrated(tmp_path, made, marks="marks.json")

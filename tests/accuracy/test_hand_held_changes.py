@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.accuracy import handheld
-from tests.accuracy.generator import G0, mems
+from tests.accuracy.ferraris import G0, mems
 
 from inercal import calibrate
 from inercal.benches import Hand
-from inercal.methods.multi_position.rests import Rests, Scatter
-from inercal.methods.multi_position.within import changes
+from inercal.methods.multi_position.rest_observations import Rests, Scatter
+from inercal.methods.multi_position.within_rest_changes import rest_changes
 from inercal.pipeline import Outcome
 
 RUN = """\
@@ -65,7 +65,7 @@ def test_sway_hides_no_step_that_noise_does_not_hide(tmp_path: Path):
     x = rests.start()
     x[: len(found.calibration.values)] = found.calibration.values
     shares = Scatter(*(group.spread for group in found.estimate.groups)).shares
-    made = changes(rests, rests.rows(x), x, shares)
+    made = rest_changes(rests, rests.rows(x), x, shares)
     assert made is not None
     sd = 1 / np.linalg.norm(made.by_reading, axis=1)
     halves = found.observations.halves

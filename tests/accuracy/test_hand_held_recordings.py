@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from inercal import calibrate
 from inercal.benches import Hand
 from inercal.methods.multi_position import joint
-from inercal.methods.multi_position.chain import whitener
-from inercal.methods.multi_position.rests import Rests, Scatter
+from inercal.methods.multi_position.rest_observations import Rests, Scatter
+from inercal.methods.multi_position.row_whitening import whitener
 from inercal.pipeline import Outcome
 from inercal.recording import Observations
 
@@ -68,7 +68,7 @@ def forward(outcome: Outcome, kind: str) -> Array:
 def test_xsens_accelerometers_agree_with_imu_tk(xsens: Outcome):
     scales = np.diag(upper(forward(xsens, "a")))
     np.testing.assert_allclose(scales, INVERSE_SCALES["a"], rtol=1e-3)
-    _, offset = xsens.calibration.linear()
+    _, offset = xsens.calibration.affine_correction()
     np.testing.assert_allclose(offset[:3], OFFSETS, rtol=0, atol=3)
 
 
@@ -105,7 +105,7 @@ def test_mpu9150_accelerometers_agree_with_the_published(folder: Path):
     outcome = calibrate(folder / "mpu9150.toml")
     scales = np.diag(upper(forward(outcome, "a"))) / 415
     np.testing.assert_allclose(scales, [1.00363, 1.00315, 1.00647], rtol=3e-4)
-    _, offset = outcome.calibration.linear()
+    _, offset = outcome.calibration.affine_correction()
     np.testing.assert_allclose(offset[:3], [0.103, 0.097, 0.344], rtol=0, atol=0.006)
 
 
@@ -148,9 +148,9 @@ def test_xsens_moves_without_a_pose_as_its_uncertainties_say(xsens: Outcome):
     def covariance(seen: Observations) -> Array:
         rests = Rests(seen, sensor, bench)
         rows = rests.rows(estimate.value)
-        size = np.concatenate([sensor.unit_scale, [known.sd for known in rests.beside]])
+        size = np.concatenate([sensor.unit_scale, [known.sd for known in rests.known_quantities]])
         J = whitener(rests, rows, scatter)(rows.jacobian) * size
-        prior = np.diag([0.0] * p + [1.0] * len(rests.beside))
+        prior = np.diag([0.0] * p + [1.0] * len(rests.known_quantities))
         variance: Array = np.diag(np.asarray(np.linalg.inv(J.T @ J + prior), dtype=float))
         return variance[:p] * size[:p] ** 2
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from tests.accuracy.generator import DEGREE, EARTH, Imu, mems
+from tests.accuracy.ferraris import DEGREE, EARTH, Imu, mems
 from tests.accuracy.handheld import (
     Handheld,
     Session,

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.generator import DEGREE, G0, Handling, Made, mems, record
-from tests.accuracy.through_inercal import bench, marks, recording, truth
+from tests.accuracy.ferraris import DEGREE, G0, FerrarisSession, Handling, mems, record
+from tests.accuracy.inercal_inputs import make_bench, make_marks, recording, true_coefficients
 
 from inercal.calibration.grade import assess
 from inercal.methods import METHODS
@@ -20,7 +20,7 @@ from inercal.sensors import imu
 Array = NDArray[np.float64]
 HANDS = Handling(gravity_sd=2e-4, tilt=0.3 * DEGREE)
 METHOD = METHODS["six_position"]
-SENSOR, STEPS = METHOD.prepare(imu().only("f")), METHOD.plan()
+SENSOR, STEPS = METHOD.prepare(imu().select_axes("f")), METHOD.plan()
 P = len(SENSOR.coefficients)
 SESSIONS = 100
 
@@ -40,11 +40,11 @@ def session(seed: int, case: str, size: float) -> tuple[bool, Array]:
     if case == "step":
         start, stop = made.marks[STEPS[rng.integers(6)].label]
         data[0, (start + stop) // 2 : stop, rng.integers(3)] += size
-    changed = Made(made.time, data, made.marks, made.gravity)
+    changed = FerrarisSession(made.time, data, made.marks, made.gravity)
     log = recording(changed, 0)
-    seen = observe(log, SENSOR, marks(changed), STEPS, found=True, drifting=True)
-    estimate = METHOD.estimator("ml")(seen, SENSOR, bench(HANDS), STEPS)
-    error = (estimate.value[:P] - truth(device, SENSOR)) / estimate.std[:P]
+    seen = observe(log, SENSOR, make_marks(changed), STEPS, found=True, drifting=True)
+    estimate = METHOD.estimator("ml")(seen, SENSOR, make_bench(HANDS), STEPS)
+    error = (estimate.value[:P] - true_coefficients(device, SENSOR)) / estimate.std[:P]
     return not assess(estimate, P).rejects, error
 
 

@@ -12,17 +12,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.special import chdtri
-from tests.accuracy import generator, handheld, turntable, warmth
-from tests.accuracy.through_inercal import bench, hold
+from tests.accuracy import ferraris, handheld, turntable
+from tests.accuracy import temperature as thermal
+from tests.accuracy.inercal_inputs import make_bench, make_hold
+from tests.base_seeds import SEEDS
 from tests.methods import turntable_cases
-from tests.seeds import SEEDS
 
 from inercal.benches import Hand
 from inercal.estimate import Estimate
 from inercal.methods import METHODS
-from inercal.methods.means import ml
+from inercal.methods.hand_likelihood import ml
 from inercal.recording import Mark, Observations, Recording
-from inercal.segments import as_found, between_rests, held, observe
+from inercal.segments import (
+    holds_from_marks,
+    holds_from_observations,
+    observe,
+    passages_between_rests,
+)
 from inercal.sensors import Sensor, imu
 from inercal.units import Measured
 
@@ -30,8 +36,8 @@ Array = NDArray[np.float64]
 DEVICES = 100
 BOTH = ("k0_dT", "k1_dT")
 ALL = (*BOTH, "bias_dT", "scale_dT")
-COLD_AND_HOT = np.repeat([-10.0, 20.0, 50.0], 6) + warmth.ZERO
-RAMP = warmth.ramp(18, 0, 40)
+COLD_AND_HOT = np.repeat([-10.0, 20.0, 50.0], 6) + thermal.ZERO
+RAMP = thermal.temperature_ramp(18, 0, 40)
 TILT = 5e-4
 PLATE = Hand(Measured(9.81, 1e-4), None, tilt=TILT)
 PATH: list[turntable.Stand | turntable.Turn] = [
@@ -66,9 +72,9 @@ def part(
 def test_six_positions_from_means_find_bias_and_scale_against_temperature(
     seed: int, temperature: Array
 ):
-    made = warmth.faces(np.random.default_rng([seed, 6]), DEVICES, temperature, tilt=TILT)
+    made = thermal.faces(np.random.default_rng([seed, 6]), DEVICES, temperature, tilt=TILT)
     sensor = METHODS["six_position"].prepare(imu(), also=BOTH)
-    sd = 30e-6 * warmth.G0
+    sd = 30e-6 * thermal.G0
     r = len(made.labels)
     seen = Observations(
         made.labels,
@@ -80,7 +86,7 @@ def test_six_positions_from_means_find_bias_and_scale_against_temperature(
         sensor.channels,
         temperature=made.temperature,
     )
-    steps = [hold(label, up) for label, up in zip(made.labels, made.up, strict=True)]
+    steps = [make_hold(label, up) for label, up in zip(made.labels, made.up, strict=True)]
     found = ml(seen, sensor, PLATE, steps)
     truth = np.array([made.truth[name] for name in sensor.coefficients]).T
     p = len(sensor.coefficients)
@@ -88,7 +94,7 @@ def test_six_positions_from_means_find_bias_and_scale_against_temperature(
     error, covariance = part(found, sensor, truth)
     assert_nees(error, covariance)
     worst = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)).max(axis=0)
-    assert (2 * worst < np.tile([5e-6 * warmth.G0, 5e-6], 3)).all()
+    assert (2 * worst < np.tile([5e-6 * thermal.G0, 5e-6], 3)).all()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -98,34 +104,38 @@ def test_six_positions_of_a_recording_find_the_same(seed: int, soaked: bool):
     faces = {
         f"{name}{soak}": up
         for soak in ("", " (2)", " (3)")
-        for name, up in generator.POSITIONS.items()
+        for name, up in ferraris.POSITIONS.items()
     }
-    hands = generator.Handling(gravity_sd=1e-4, tilt=TILT)
-    device = generator.mems(rng)
-    made = generator.record(
+    hands = ferraris.Handling(gravity_sd=1e-4, tilt=TILT)
+    device = ferraris.mems(rng)
+    made = ferraris.record(
         device, hands, rng, trials=DEVICES, rate_hz=20.0, hold_seconds=6.0, faces=faces, turns={}
     )
     n = made.time.size
-    temperature = warmth.soaks(n, (-10, 20, 50)) if soaked else warmth.ramp(n, 0, 40)
-    warm = warmth.draw(rng, DEVICES)
-    data = warmth.on_imu(device, made.data, warm, temperature)[..., :3]
+    temperature = (
+        thermal.soak_temperatures(n, (-10, 20, 50))
+        if soaked
+        else thermal.temperature_ramp(n, 0, 40)
+    )
+    warm = thermal.draw(rng, DEVICES)
+    data = thermal.warm_imu_readings(device, made.data, warm, temperature)[..., :3]
     sensor = METHODS["six_position"].prepare(imu(), also=BOTH)
     recording = Recording(made.time, data, sensor.channels, ("m/s²",) * 3, temperature=temperature)
-    steps = [hold(label, up) for label, up in faces.items()]
+    steps = [make_hold(label, up) for label, up in faces.items()]
     marks = [Mark(label, *span) for label, span in made.marks.items()]
     seen = observe(recording, sensor, marks, steps, found=True)
     assert seen.temperature is not None
     assert seen.temperature == pytest.approx(
         [temperature[mark.start : mark.stop].mean() for mark in marks]
     )
-    found = ml(seen, sensor, bench(hands), steps)
+    found = ml(seen, sensor, make_bench(hands), steps)
     truth = known(device, warm, sensor)
     p = len(sensor.coefficients)
     assert_nees(found.value[:, :p] - truth, found.covariance[:, :p, :p])
     assert_nees(*part(found, sensor, truth))
 
 
-def known(device: generator.Imu, warm: warmth.Warm, sensor: Sensor) -> Array:
+def known(device: ferraris.Imu, warm: thermal.TemperatureSensitivity, sensor: Sensor) -> Array:
     """Return the truth of a sensor's coefficients, (trials, p)."""
     named, trials = device.coefficients(), len(warm.k0)
     return np.array(
@@ -139,29 +149,29 @@ def known(device: generator.Imu, warm: warmth.Warm, sensor: Sensor) -> Array:
 def in_hand(seed: int, trials: int, *, soaked: bool) -> tuple[Array, Array, Sensor]:
     """Return errors and covariance of IMUs in a hand, and their sensor."""
     rng = np.random.default_rng([seed, 8, soaked])
-    device = handheld.triangular(generator.mems(rng, G=np.zeros((3, 3))))
+    device = handheld.triangular(ferraris.mems(rng, G=np.zeros((3, 3))))
     session = handheld.Session(
         latitude=0.8, gravity_sd=2e-4, positions=24, rate_hz=50.0, hold_seconds=2.0
     )
     made = handheld.record(device, session, rng, trials=trials)
     n, ends = made.time.size, made.rests
-    temperature = warmth.ramp(n, 0, 40)
+    temperature = thermal.temperature_ramp(n, 0, 40)
     if soaked:  # it changes on the way to rests 9 and 17
         edges = [0, ends[7][1], ends[8][0], ends[15][1], ends[16][0], n]
         levels = np.repeat([0.0, 20.0, 40.0], 2)
-        temperature = warmth.ZERO + np.interp(np.arange(n), edges, levels)
-    warm = warmth.draw(rng, trials)
+        temperature = thermal.ZERO + np.interp(np.arange(n), edges, levels)
+    warm = thermal.draw(rng, trials)
     sensor = METHODS["multi_position"].prepare(imu(), also=ALL)
     marks = [Mark(f"r{k:02d}", a + 5, b - 5) for k, (a, b) in enumerate(ends)]
     plate = Hand(Measured(session.gravity, session.gravity_sd), session.latitude, timebase=0.0)
     found: list[Estimate] = []
-    for data in warmth.on_imu(device, made.data, warm, temperature):
+    for data in thermal.warm_imu_readings(device, made.data, warm, temperature):
         units = ("m/s²",) * 3 + ("rad/s",) * 3
         recording = Recording(made.time, data, sensor.channels, units, temperature=temperature)
-        seen = observe(recording, sensor, marks, as_found(marks), by_hand=True, found=True)
-        seen = replace(seen, passages=between_rests(recording, sensor, marks))
+        seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True, found=True)
+        seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
         estimate = METHODS["multi_position"].estimator("joint")(
-            seen, sensor, plate, held(seen, sensor)
+            seen, sensor, plate, holds_from_observations(seen, sensor)
         )
         assert estimate.converged
         found.append(estimate)
@@ -178,9 +188,11 @@ def on_table(
     rng = np.random.default_rng([seed, 9, soaked])
     made = turntable.draw(2 * seed + soaked, trials, PATH, table=SMOOTH, hz=hz)
     n = made.time.size
-    temperature = warmth.soaks(n, (0, 40)) if soaked else warmth.ramp(n, 0, 40)
-    warm = warmth.draw(rng, trials)
-    hot = warmth.on_table(made, warm, temperature)
+    temperature = (
+        thermal.soak_temperatures(n, (0, 40)) if soaked else thermal.temperature_ramp(n, 0, 40)
+    )
+    warm = thermal.draw(rng, trials)
+    hot = thermal.warm_turntable_recordings(made, warm, temperature)
     sensor = turntable_cases.sensor(turntable.T, *ALL)
     seen = turntable_cases.observations(hot, sensor)
     assert seen.track is not None
@@ -240,44 +252,52 @@ def test_imus_followed_on_a_turntable_err_by_what_they_state(seed: int):
 
 def test_what_follows_the_temperature_is_a_suspect_on_a_turntable():
     nothing = np.zeros((1, 3))
-    strong = warmth.Warm(nothing, nothing, nothing + 30 * turntable.DEG_H, nothing)
+    strong = thermal.TemperatureSensitivity(
+        nothing, nothing, nothing + 30 * turntable.DEG_H, nothing
+    )
     made = turntable.draw(3, 1, PATH, table=SMOOTH, hz=25.0)
-    temperature = warmth.ramp(made.time.size, 0, 40)
+    temperature = thermal.temperature_ramp(made.time.size, 0, 40)
     sensor = turntable_cases.sensor(turntable.T)
-    seen = turntable_cases.observations(warmth.on_table(made, strong, temperature), sensor)
+    seen = turntable_cases.observations(
+        thermal.warm_turntable_recordings(made, strong, temperature), sensor
+    )
     assert seen.track is not None
     one = replace(
         seen, mean=seen.mean[0], track=replace(seen.track.trial(0), temperature=temperature)
     )
     steps = turntable_cases.steps(PATH, seen.labels)
     found = METHODS["turntable_kalman"].estimator("")(one, sensor, turntable_cases.BENCH, steps)
-    by_name = {score.name: score.chi2 for score in found.scored.scores}
+    by_name = {score.name: score.chi2 for score in found.score_tests.scores}
     assert by_name["bias_dT"] > 0.9 * max(by_name.values())
     silent = replace(one, track=seen.track.trial(0))
     told = METHODS["turntable_kalman"].estimator("")(silent, sensor, turntable_cases.BENCH, steps)
-    assert not [score for score in told.scored.scores if "_dT" in score.name]
+    assert not [score for score in told.score_tests.scores if "_dT" in score.name]
 
 
 def test_what_follows_the_temperature_is_a_suspect_in_a_hand():
     rng = np.random.default_rng(3)
-    device = handheld.triangular(generator.mems(rng, G=np.zeros((3, 3))))
+    device = handheld.triangular(ferraris.mems(rng, G=np.zeros((3, 3))))
     session = handheld.Session(positions=18, rate_hz=50.0, hold_seconds=2.0)
     made = handheld.record(device, session, rng)
-    temperature = warmth.ramp(made.time.size, 0, 40)
+    temperature = thermal.temperature_ramp(made.time.size, 0, 40)
     nothing = np.zeros((1, 3))
-    strong = warmth.Warm(nothing, nothing, nothing + 300 * turntable.DEG_H, nothing)
-    data = warmth.on_imu(device, made.data, strong, temperature)[0]
+    strong = thermal.TemperatureSensitivity(
+        nothing, nothing, nothing + 300 * turntable.DEG_H, nothing
+    )
+    data = thermal.warm_imu_readings(device, made.data, strong, temperature)[0]
     sensor = METHODS["multi_position"].prepare(imu())
     marks = [Mark(f"r{k:02d}", a + 5, b - 5) for k, (a, b) in enumerate(made.rests)]
     recording = Recording(
         made.time, data, sensor.channels, ("m/s²",) * 3 + ("rad/s",) * 3, temperature=temperature
     )
-    seen = observe(recording, sensor, marks, as_found(marks), by_hand=True, found=True)
-    seen = replace(seen, passages=between_rests(recording, sensor, marks))
+    seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True, found=True)
+    seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
     solve = METHODS["multi_position"].estimator("joint")
     plate = Hand(Measured(session.gravity, 0.0), None)
-    found = solve(seen, sensor, plate, held(seen, sensor))
-    by_name = {score.name: score.chi2 for score in found.scored.scores}
+    found = solve(seen, sensor, plate, holds_from_observations(seen, sensor))
+    by_name = {score.name: score.chi2 for score in found.score_tests.scores}
     assert by_name["bias_dT"] > 0.9 * max(by_name.values())
-    again = solve(replace(seen, temperature=None), sensor, plate, held(seen, sensor))
-    assert not [score for score in again.scored.scores if "_dT" in score.name]
+    again = solve(
+        replace(seen, temperature=None), sensor, plate, holds_from_observations(seen, sensor)
+    )
+    assert not [score for score in again.score_tests.scores if "_dT" in score.name]

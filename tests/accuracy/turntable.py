@@ -55,7 +55,7 @@ def turns(angle: float = 720.0, rate: float = 10.0, *, back: bool = False) -> li
     return [*path, ("rest", (0, 0, 0), 72.0)]
 
 
-def whole(seconds: float = 90.0) -> list[Stand | Turn]:
+def complete_path(seconds: float = 90.0) -> list[Stand | Turn]:
     """Return the note's path: warm up, ten positions, three turns, rest."""
     return [("warm-up", (0, 0, 0), 120.0), *positions(seconds), *turns()]
 
@@ -151,7 +151,7 @@ class Draw:
     between: Array
 
 
-def about(axis: int, angle: Array) -> Array:
+def rotation_about(axis: int, angle: Array) -> Array:
     """Return the rotations by angles (...) about one axis, (..., 3, 3)."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
     made = np.zeros((*np.shape(angle), 3, 3))
@@ -195,7 +195,7 @@ def _ramp(t: Array, degree: int) -> Array:
     return np.maximum(t, 0.0) ** degree / factorial(degree)
 
 
-def travel(
+def simulate_travel(
     path: list[Stand | Turn], table: Table, hz: float
 ) -> tuple[Array, Array, Array, NDArray[np.str_]]:
     """Return the axes' angles and rates, the angles `latency` before, (n, 3), and labels."""
@@ -291,13 +291,13 @@ def draw(
 ) -> Draw:
     """Return recordings; the same seed makes the same draws."""
     rng = np.random.default_rng([seed, 2308])
-    true, speed, late, labels = travel(path, table, hz)
+    true, speed, late, labels = simulate_travel(path, table, hz)
     n = len(true)
     time = np.arange(n) / hz
     squares = table.square * rng.standard_normal((trials, 2))
     base = np.array([table.lean, table.lean, table.azimuth]) * rng.standard_normal((trials, 3))
     phases = rng.uniform(0, 2 * pi, (trials, len(table.harmonics), 3))
-    outer, middle, inner = (about(a, true[:, k]) for k, a in enumerate((2, 0, 1)))
+    outer, middle, inner = (rotation_about(a, true[:, k]) for k, a in enumerate((2, 0, 1)))
     earth = EARTH * np.array([0, np.cos(table.latitude), np.sin(table.latitude)])
     gyro = np.concatenate(
         [
@@ -315,14 +315,18 @@ def draw(
     )
     by_g = device.by_g * rng.standard_normal((trials, 3, 3))
     rates, forces, angles = (np.empty((trials, n, 3)) for _ in range(3))
-    between, around = np.zeros((trials, n, 3)), _turn(earth / hz)
+    between, around = np.zeros((trials, n, 3)), _rotation_from_vector(earth / hz)
     for k in range(trials):
-        tilted = about(0, base[k, 0]) @ about(1, base[k, 1]) @ about(2, base[k, 2])
-        second = middle @ about(2, squares[k, 1]) @ inner
-        mat = tilted @ outer @ about(1, squares[k, 0]) @ second
+        tilted = (
+            rotation_about(0, base[k, 0])
+            @ rotation_about(1, base[k, 1])
+            @ rotation_about(2, base[k, 2])
+        )
+        second = middle @ rotation_about(2, squares[k, 1]) @ inner
+        mat = tilted @ outer @ rotation_about(1, squares[k, 0]) @ second
         w = mat.swapaxes(1, 2) @ earth
         # Each axis' direction in the body: rows of the rotations that follow it.
-        follows = about(1, squares[k, 0]) @ second
+        follows = rotation_about(1, squares[k, 0]) @ second
         w += speed[:, :1] * follows[:, 2, :]
         w += speed[:, 1:2] * second[:, 0, :]
         w += speed[:, 2:] * np.array([0.0, 1.0, 0.0])
@@ -331,7 +335,7 @@ def draw(
             arm, own = np.array(table.lever), w - mat.swapaxes(1, 2) @ earth
             f = f + np.cross(np.gradient(own, 1 / hz, axis=0), arm)
             f += np.cross(own, np.cross(own, arm))
-        turned = _vector(mat[:-1].swapaxes(1, 2) @ around @ mat[1:]) * hz
+        turned = _rotation_vector(mat[:-1].swapaxes(1, 2) @ around @ mat[1:]) * hz
         beyond = turned - (w[1:] + w[:-1]) / 2
         between[k, 1:] = beyond + beyond @ gyro[k, 3:].reshape(3, 3).T
         rates[k] = w + w @ gyro[k, 3:].reshape(3, 3).T + gyro[k, :3] + f @ by_g[k].T
@@ -352,14 +356,14 @@ def draw(
     )
 
 
-def _turn(v: Array) -> Array:
+def _rotation_from_vector(v: Array) -> Array:
     """Return the rotation by a vector, by Rodrigues."""
     size = np.linalg.norm(v)
     k = np.cross(np.eye(3), v / size)
     return np.eye(3) + np.sin(size) * k + (1 - np.cos(size)) * k @ k
 
 
-def _vector(mat: Array) -> Array:
+def _rotation_vector(mat: Array) -> Array:
     """Return the rotation vectors of rotations by less than a right angle."""
     v = 0.5 * np.stack(
         [mat[:, 2, 1] - mat[:, 1, 2], mat[:, 0, 2] - mat[:, 2, 0], mat[:, 1, 0] - mat[:, 0, 1]],
@@ -378,4 +382,8 @@ def _matrix(rng: np.random.Generator, device: Device, trials: int) -> Array:
 
 def attitude(angles: Array) -> Array:
     """Return what readback (..., 3) says the attitude is, (..., 3, 3)."""
-    return about(2, angles[..., 0]) @ about(0, angles[..., 1]) @ about(1, angles[..., 2])
+    return (
+        rotation_about(2, angles[..., 0])
+        @ rotation_about(0, angles[..., 1])
+        @ rotation_about(1, angles[..., 2])
+    )

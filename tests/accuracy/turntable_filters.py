@@ -23,7 +23,7 @@ TEN = tuple(f"p{k + 1}" for k in range(10))
 
 
 @dataclass(frozen=True, eq=False)
-class Done:
+class FilterOutcome:
     """Where a filter ends: θ (trials, 12), its covariance, and the mean NIS per component."""
 
     theta: Array
@@ -38,7 +38,7 @@ def cross(v: Array) -> Array:
     return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
 
 
-def turn(v: Array) -> Array:
+def small_rotation(v: Array) -> Array:
     """Return exp [v×] by its series: the angles here are far below one."""
     k = cross(v)
     kk = k @ k
@@ -46,7 +46,7 @@ def turn(v: Array) -> Array:
     return np.eye(3) + (1 - s / 6 + s**2 / 120) * k + (0.5 - s / 24 + s**2 / 720) * kk
 
 
-def small(mat: Array) -> Array:
+def small_rotation_vector(mat: Array) -> Array:
     """Return the rotation vector of a small rotation."""
     v = 0.5 * np.stack(
         [mat[..., 2, 1] - mat[..., 1, 2], mat[..., 0, 2] - mat[..., 2, 0],
@@ -65,12 +65,12 @@ def strapdown(c: Array, w: Array, earth: Array, hz: float) -> tuple[Array, Array
 
     From C, (trials, 3, 3), at rates w, (trials, n, 3).
     """
-    whole, back = turn(w / hz), turn(-earth / hz)
+    whole, back = small_rotation(w / hz), small_rotation(-earth / hz)
     begun = np.empty_like(whole)
     for k in range(w.shape[1]):
         begun[:, k] = c
         c = back @ c @ whole[:, k]
-    return begun, turn(-earth / (2 * hz)) @ begun @ turn(w / (2 * hz)), c
+    return begun, small_rotation(-earth / (2 * hz)) @ begun @ small_rotation(w / (2 * hz)), c
 
 
 def gyro(
@@ -81,7 +81,7 @@ def gyro(
     table: Table = TABLE,
     every: int = 10,
     steps: list[Step] | None = None,
-) -> Done:
+) -> FilterOutcome:
     """Return bias and S of the gyros: 15 or 19 states.
 
     At rest, and about an axis that does not turn, ω̂ is the earth's rate, as inercal has it: φ walks
@@ -127,7 +127,7 @@ def gyro(
         p = phi @ p @ phi.swapaxes(1, 2) + q
         h = np.zeros((trials, 3, n))
         h[:, :, :3] = np.eye(3)
-        z = small(attitude(angles[:, k + every - 1]) @ c.swapaxes(1, 2))
+        z = small_rotation_vector(attitude(angles[:, k + every - 1]) @ c.swapaxes(1, 2))
         if n == 19:
             # The readback is late: it says where the table was.
             h[:, :, 18] = earth - (c @ w[:, -1, :, None])[..., 0]
@@ -137,12 +137,12 @@ def gyro(
         if steps is not None:
             steps.append((phi, ahead, p, x))
         nis, count = nis + one, count + 3
-        c = turn(x[:, :3]) @ c
+        c = small_rotation(x[:, :3]) @ c
         bias, s = bias + x[:, 3:6], s + x[:, 6:15].reshape(-1, 3, 3)
         if n == 19:
             gm, late = gm + x[:, 15:18], late + x[:, 18]
     theta = np.concatenate([bias, s.reshape(-1, 9)], axis=1)
-    return Done(theta, p[:, 3:15, 3:15], nis / count)
+    return FilterOutcome(theta, p[:, 3:15, 3:15], nis / count)
 
 
 def update(p: Array, h: Array, z: Array, r: Array) -> tuple[Array, Array, Array]:
@@ -157,7 +157,7 @@ def update(p: Array, h: Array, z: Array, r: Array) -> tuple[Array, Array, Array]
     return x, (p + p.swapaxes(-1, -2)) / 2, nis
 
 
-def smoothed(steps: list[Step]) -> tuple[Array, Array]:
+def smoothing_correction(steps: list[Step]) -> tuple[Array, Array]:
     """Return what Rauch, Tung and Striebel add to the filter, (e, trials, n), and P (…, n, n).
 
     x̂_s = x̂ + J (x̂_s⁺ − Φ x̂), J = P Φᵀ (P⁻)⁻¹; the bracket is what the next update adds and what
@@ -183,7 +183,7 @@ def accelerometer(
     table: Table = TABLE,
     every: int = 10,
     steps: list[Step] | None = None,
-) -> Done:
+) -> FilterOutcome:
     """Return bias and S of the accelerometers: 18 or 25 states; `steps` as of `gyro`."""
     hz = 1 / (made.time[1] - made.time[0])
     trials, n, dt = len(made.rates), states, every / hz
@@ -247,7 +247,9 @@ def accelerometer(
                 gm = kept * gm
                 q[18:21, 18:21] = grade.acc_drift**2 * (1 - kept**2) * np.eye(3)
             p = phi @ p @ phi.swapaxes(1, 2) + q
-            tilt = small(attitude(made.angles[:, at[k + every - 1]]) @ c.swapaxes(1, 2))[:, :2]
+            tilt = small_rotation_vector(
+                attitude(made.angles[:, at[k + every - 1]]) @ c.swapaxes(1, 2)
+            )[:, :2]
             z = np.concatenate([v, tilt], axis=1)
             if n == 25:
                 z[:, 3:] += level + held
@@ -256,16 +258,16 @@ def accelerometer(
             if steps is not None:
                 steps.append((phi, ahead, p, x))
             nis, count = nis + one, count + 5
-            v, c = v - x[:, :3], turn(x[:, 3:6]) @ c
+            v, c = v - x[:, :3], small_rotation(x[:, 3:6]) @ c
             bias, s = bias + x[:, 6:9], s + x[:, 9:18].reshape(-1, 3, 3)
             if n == 25:
                 gm, level, held = gm + x[:, 18:21], level + x[:, 21:23], held + x[:, 23:]
         before = made.time[at[-1]]
     theta = np.concatenate([bias, s.reshape(-1, 9)], axis=1)
-    return Done(theta, p[:, 6:18, 6:18], nis / count)
+    return FilterOutcome(theta, p[:, 6:18, 6:18], nis / count)
 
 
-def summary(done: Done, truth: Array, unit: float) -> tuple[float, float, float, float]:
+def summary(done: FilterOutcome, truth: Array, unit: float) -> tuple[float, float, float, float]:
     """Return rms of bias (in `unit`), scale in ppm, misalignment in ″, and NEES."""
     off = done.theta - truth
     diagonal = np.isin(np.arange(9), (0, 4, 8))

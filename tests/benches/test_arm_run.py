@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from inercal.benches import Centrifuge
-from inercal.benches.centrifuge.simulation import perform_on_arm
-from inercal.methods.centrifuge_norm.plans import plan
+from inercal.benches.centrifuge.simulation import simulate_arm_motion
+from inercal.methods.centrifuge_norm.arm_plans import plan
 from inercal.units import Measured
 
 EXACT = Centrifuge(Measured(9.81, 0.0), Measured(1.2, 0.0), Measured(0.7, 0.0))
@@ -17,7 +17,7 @@ FS = 100.0
 
 
 def test_each_dwell_has_its_rate_its_norm_and_its_angles():
-    done = perform_on_arm(EXACT, STEPS, FS, np.random.default_rng(1))
+    done = simulate_arm_motion(EXACT, STEPS, FS, np.random.default_rng(1))
     said = done.readback
     earth = 7.292115e-5 * np.sin(0.7)
     for step in STEPS:
@@ -38,7 +38,7 @@ def test_each_dwell_has_its_rate_its_norm_and_its_angles():
 
 def test_a_clockwise_arm_turns_the_sensor_the_other_way():
     clockwise = replace(EXACT, sense=-1)
-    done = perform_on_arm(clockwise, STEPS[:1], FS, np.random.default_rng(1))
+    done = simulate_arm_motion(clockwise, STEPS[:1], FS, np.random.default_rng(1))
     said = done.readback
     at = np.argmax(said["arm_rate"] == STEPS[0].rate) + 5
     assert STEPS[0].attitude is not None
@@ -48,7 +48,7 @@ def test_a_clockwise_arm_turns_the_sensor_the_other_way():
 def test_a_platform_that_turns_back_sees_the_arm_go_round():
     still = replace(EXACT, platform="counter-rotating", latitude=Measured(pi / 2, 0.0))
     step = replace(STEPS[0], rate=2 * pi, seconds=4.0)
-    done = perform_on_arm(still, [step], FS, np.random.default_rng(1))
+    done = simulate_arm_motion(still, [step], FS, np.random.default_rng(1))
     said = done.readback
     assert np.all(done.motion.w == 0)
     at = np.flatnonzero(said["arm_rate"] == step.rate)[10:]
@@ -62,10 +62,10 @@ def test_a_platform_that_turns_back_sees_the_arm_go_round():
 def test_a_lean_swings_once_a_turn():
     leaning = replace(EXACT, lean=1e-3)
     step = replace(STEPS[0], rate=2 * pi, seconds=4.0)
-    done = perform_on_arm(leaning, [step], FS, np.random.default_rng(3))
+    done = simulate_arm_motion(leaning, [step], FS, np.random.default_rng(3))
     said = done.readback
     at = np.flatnonzero(said["arm_rate"] == step.rate)[10:110]
     f = done.motion.f[0, at]
-    lean = np.hypot(done.drawn["lean1"][0], done.drawn["lean2"][0])
+    lean = np.hypot(done.bench_errors["lean1"][0], done.bench_errors["lean2"][0])
     swing = np.linalg.norm(f - f.mean(axis=0), axis=-1)
     assert swing == pytest.approx(np.full(100, 9.81 * lean), rel=1e-3)

@@ -11,13 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.benches import MeanBench
-from inercal.benches.declare import declarations, declared_parameters
-from inercal.benches.kind import Kind
-from inercal.benches.kinds import KINDS, kind_of
+from inercal.benches.key_declarations import declarations, declared_parameters
+from inercal.benches.kind_definition import Kind
+from inercal.benches.kinds import KINDS, kind_for_bench
 from inercal.keys import ErrorName
 from inercal.methods import METHODS, Method
 from inercal.sensors import Sensor, imu, triad
-from inercal.units import Measured, parse
+from inercal.units import Measured, parse_quantity
 
 Array = NDArray[np.float64]
 GRAVITY = Measured(9.81, 1e-4)
@@ -40,7 +40,7 @@ def plans() -> list[tuple[str, str]]:
         (kind, name)
         for kind in KINDS
         for name, one in METHODS.items()
-        if one.bench is KINDS[kind].bench and not one.free
+        if one.bench is KINDS[kind].bench and not one.unknown_attitudes
     ]
 
 
@@ -56,7 +56,7 @@ def planned(kind: str, method: str) -> tuple[Any, Sequence[Any], Sensor]:
 def test_a_kind_is_found_by_its_name_and_by_its_bench(kind: str) -> None:
     found = KINDS[kind]
     assert found.name == kind
-    assert kind_of(bench_of(found)) is found
+    assert kind_for_bench(bench_of(found)) is found
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -76,7 +76,7 @@ def test_each_declared_deviation_is_a_key_and_is_read_in_si(kind: str) -> None:
     section = chosen.section.model_validate({"kind": kind, "latitude": "38 °"} | needed)
     bench = chosen.build(section, Path())
     for name, one in declarations(chosen.bench).items():
-        stated = parse(keys[one.key or name].default, one.like)
+        stated = parse_quantity(keys[one.key or name].default, one.like)
         found = getattr(bench, name)
         assert found == stated if isinstance(found, Measured) else found == stated.value
 
@@ -145,18 +145,18 @@ def test_a_simulation_lasts_no_longer_than_the_kind_says(kind: str, method: str)
         sensor = replace(sensor, axes=sensor.axes[:1])
     rate = 20.0
     made = KINDS[kind].simulate(bench, steps, rate, np.random.default_rng(1), 2, sensor, False)
-    done = made.done
+    done = made.simulated_motion
     assert done.motion.f.shape == (2, done.time.size, 3)
     assert all(later > earlier for earlier, later in pairwise(done.time.tolist()))
     labels = dict.fromkeys(done.labels.tolist())
     assert labels
     assert done.time[-1] <= 2 * KINDS[kind].seconds(bench, steps) + 60.0
-    assert set(done.drawn) >= set(bench.nuisances(steps, sensor)) - {"lean_1", "lean_2"}
+    assert set(done.bench_errors) >= set(bench.nuisances(steps, sensor)) - {"lean_1", "lean_2"}
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_plan_of_another_kind_has_no_budget_there(kind: str) -> None:
-    from inercal.budget.possible import require_possible
+    from inercal.budget.plan_requirements import require_budget_plan
     from inercal.errors import InputError
 
     bench = bench_of(KINDS[kind])
@@ -164,4 +164,4 @@ def test_a_plan_of_another_kind_has_no_budget_there(kind: str) -> None:
         steps = steps_of(METHODS[name], KINDS[other])
         if KINDS[other].steps != KINDS[kind].steps:
             with pytest.raises(InputError):
-                require_possible(bench, steps)
+                require_budget_plan(bench, steps)

@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.benches.dividing_head.bench import DividingHead, mounted, positions, sensed_motion
-from inercal.benches.dividing_head.passes import lacking, passes, ramps
+from inercal.benches.dividing_head.bench import (
+    DividingHead,
+    mounted_sensor,
+    position_plan,
+    sensed_motion,
+)
+from inercal.benches.dividing_head.passes import drift_ramps, missing_cardinal_angles, pass_numbers
 from inercal.errors import InputError
 from inercal.units import Measured
 
@@ -17,11 +22,11 @@ BENCH = DividingHead(Measured(9.8, 1e-5), (1e-5, 1e-5), 1e-5, 5e-7, base=1e-5, p
 
 
 def test_x_is_level_then_up_then_level_then_down():
-    f = sensed_motion(BENCH, positions(4), {}).f
+    f = sensed_motion(BENCH, position_plan(4), {}).f
     assert f / 9.8 == pytest.approx(
         np.array([[0, 1, 0], [1, 0, 0], [0, -1, 0], [-1, 0, 0]], dtype=float), abs=1e-15
     )
-    a, b = mounted().axes
+    a, b = mounted_sensor().axes
     assert a.frame[2].tolist() == b.frame[2].tolist() == [0, 0, 1]
 
 
@@ -40,9 +45,9 @@ def test_slopes_are_those_of_the_force(collimated: str):
         creep=1e-6,
         lean=1e-4,
     )
-    steps = positions(8, reverse=True)
+    steps = position_plan(8, reverse=True)
     rng = np.random.default_rng(2)
-    declared = bench.acting(steps)
+    declared = bench.acting_parameters(steps)
     q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
     made = sensed_motion(bench, steps, q)
     assert set(made.df) == set(declared)
@@ -52,18 +57,20 @@ def test_slopes_are_those_of_the_force(collimated: str):
 
 
 def test_a_pair_shares_the_head_and_differs_by_the_trim():
-    made = sensed_motion(BENCH, positions(12), {})
+    made = sensed_motion(BENCH, position_plan(12), {})
     turned = {name: np.hypot(*by[:, :2].T) / 9.8 for name, by in made.df.items()}
     assert np.flatnonzero(turned["division[f01]"]).tolist() == [0, 6]
     assert np.flatnonzero(turned["division[f04]"]).tolist() == [3, 9]
     assert np.flatnonzero(turned["trim[f07]"]).tolist() == [6]
     assert "division[f07]" not in made.df
     assert turned["cos1"][6] == pytest.approx(1)
-    assert BENCH.acting(positions(12))["trim[f10]"].sd == pytest.approx(np.sqrt(2) * 5e-7)
+    assert BENCH.acting_parameters(position_plan(12))["trim[f10]"].sd == pytest.approx(
+        np.sqrt(2) * 5e-7
+    )
 
 
 def test_a_graduation_errs_alike_in_both_passes_and_each_pass_has_its_trim():
-    declared = BENCH.acting(positions(12, reverse=True))
+    declared = BENCH.acting_parameters(position_plan(12, reverse=True))
     assert sum(name.startswith("division") for name in declared) == 10
     assert [n for n in declared if n.startswith("trim")] == [
         "trim[f07]",
@@ -74,7 +81,7 @@ def test_a_graduation_errs_alike_in_both_passes_and_each_pass_has_its_trim():
 
 
 def test_a_level_on_the_base_tells_its_tilt():
-    steps = positions(4)
+    steps = position_plan(4)
     tilts = (1e-6, 3e-6, -2e-6, 0.0)
     told = [replace(s, level=tilt) for s, tilt in zip(steps, tilts, strict=True)]
     # Its zero is not the plumb line's: from its mean on.
@@ -85,7 +92,7 @@ def test_a_level_on_the_base_tells_its_tilt():
 
 
 def test_what_the_autocollimator_reads_takes_the_heads_place():
-    steps = [replace(s, reading=1e-6 * k) for k, s in enumerate(positions(4), start=1)]
+    steps = [replace(s, reading=1e-6 * k) for k, s in enumerate(position_plan(4), start=1)]
     faces = (0.0, 5e-6, -3e-6, 2e-6, 7e-6, 0.0, 0.0, 0.0)  # read at 0°, 45°, 90°, …
     every = replace(BENCH, collimated="every", polygon=faces)
     assert angle(sensed_motion(every, steps, {}).f) == pytest.approx(
@@ -103,7 +110,7 @@ def test_what_the_autocollimator_reads_takes_the_heads_place():
 @pytest.mark.parametrize("collimated", ["pairs", "every"])
 def test_how_angles_of_collimated_positions_were_rounded_does_not_count(collimated: str):
     assert collimated in ("pairs", "every")
-    steps = positions(4, reverse=True)
+    steps = position_plan(4, reverse=True)
     rounded = [replace(s, angle=round(s.angle, 4)) for s in steps]
     bench = replace(BENCH, collimated=collimated)
     made, exact = (sensed_motion(bench, some, {}) for some in (rounded, steps))
@@ -117,25 +124,25 @@ def test_how_angles_of_collimated_positions_were_rounded_does_not_count(collimat
 
 def test_a_face_is_looked_for_where_the_autocollimator_is_read_alone():
     four = replace(BENCH, polygon=(0.0,) * 4)
-    assert sensed_motion(four, positions(12), {}).f.shape == (12, 3)
+    assert sensed_motion(four, position_plan(12), {}).f.shape == (12, 3)
     with pytest.raises(InputError, match="30° is on no face of a polygon of 4"):
-        sensed_motion(replace(four, collimated="every"), positions(12), {})
+        sensed_motion(replace(four, collimated="every"), position_plan(12), {})
 
 
 def test_orders_of_visit():
-    turn = list(positions(12))
-    back = list(positions(12, reverse=True))[12:]
+    turn = list(position_plan(12))
+    back = list(position_plan(12, reverse=True))[12:]
     closing = replace(turn[0], label="end", angle=2 * pi)
-    assert passes([*turn, closing]) == [0] * 13
-    assert passes([*turn, closing, *back]) == [0] * 12 + [1] * 13
+    assert pass_numbers([*turn, closing]) == [0] * 13
+    assert pass_numbers([*turn, closing, *back]) == [0] * 12 + [1] * 13
     again = replace(turn[6], label="again")
-    assert passes([*turn, again]) == [0] * 13
+    assert pass_numbers([*turn, again]) == [0] * 13
     shuffled = [turn[k] for k in np.random.default_rng(1).permutation(12)]
-    assert passes([*shuffled, *back]) == [0] * 12 + [1] * 12
+    assert pass_numbers([*shuffled, *back]) == [0] * 12 + [1] * 12
     couples = [turn[k] for pair in zip(range(6), range(6, 12), strict=True) for k in pair]
-    assert passes(couples) == [0] * 12
-    assert lacking([*turn[:6], *turn[7:], *back]) == {"pass 1": [pytest.approx(pi)]}
-    assert lacking([*turn[:6], *turn[7:], again, *back]) == {}
+    assert pass_numbers(couples) == [0] * 12
+    assert missing_cardinal_angles([*turn[:6], *turn[7:], *back]) == {"pass 1": [pytest.approx(pi)]}
+    assert missing_cardinal_angles([*turn[:6], *turn[7:], again, *back]) == {}
 
 
 def angle(f: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,7 +153,7 @@ def angle(f: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def test_a_face_errs_alike_in_both_passes_and_in_both_members_of_a_pair():
     bench = replace(BENCH, certificate=5e-7)
-    forth = positions(4, reverse=True)
+    forth = position_plan(4, reverse=True)
     made = sensed_motion(replace(bench, collimated="every"), forth, {})
     weights = {
         name: np.round((by[:, :2] * [[0, -1]] + by[:, :2] * [[1, 0]]).sum(-1) / 9.8, 9)
@@ -161,16 +168,18 @@ def test_a_face_errs_alike_in_both_passes_and_in_both_members_of_a_pair():
 
 
 def test_drifts_go_on_from_pass_to_pass_about_the_mean():
-    made = ramps(positions(4, reverse=True))
+    made = drift_ramps(position_plan(4, reverse=True))
     assert made.shape == (2, 8)
     assert made.sum(axis=1) == pytest.approx(0, abs=1e-15)
     assert np.diff(made, axis=1)[:, 2] == pytest.approx([0.25, 0])
     assert np.diff(made, axis=1)[:, 3] == pytest.approx([0.25, 0])
     assert np.diff(made, axis=1)[:, 4] == pytest.approx([0, 0.25])
-    assert passes([*positions(3), *positions(3), *positions(3, reverse=True)]) == (
-        [0] * 3 + [1] * 3 + [2] * 3 + [3] * 3
+    assert pass_numbers(
+        [*position_plan(3), *position_plan(3), *position_plan(3, reverse=True)]
+    ) == ([0] * 3 + [1] * 3 + [2] * 3 + [3] * 3)
+    declared = replace(BENCH, drift=1e-5).acting_parameters(
+        position_plan(4, reverse=True), ("a", "b")
     )
-    declared = replace(BENCH, drift=1e-5).acting(positions(4, reverse=True), ("a", "b"))
     assert [name for name in declared if name.startswith("drift")] == [
         "drift_a[pass 1]",
         "drift_a[pass 2]",
@@ -198,25 +207,25 @@ def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
 def test_a_polygon_of_other_faces_is_refused():
     bench = replace(BENCH, collimated="every", polygon=(0.0,) * 8)
     with pytest.raises(InputError, match=r"f02: 30° is on no face of a polygon of 8"):
-        sensed_motion(bench, positions(12), {})
+        sensed_motion(bench, position_plan(12), {})
 
 
 def test_words_and_refusals():
-    forward, *_, last = positions(12, reverse=True)
-    assert forward.in_words() == "head at 0°, forward"
-    assert last.in_words() == "head at 0°, reverse"
-    assert positions(12)[1].angle == pytest.approx(pi / 6)
+    forward, *_, last = position_plan(12, reverse=True)
+    assert forward.describe() == "head at 0°, forward"
+    assert last.describe() == "head at 0°, reverse"
+    assert position_plan(12)[1].angle == pytest.approx(pi / 6)
     with pytest.raises(InputError, match="0 positions"):
-        positions(0)
+        position_plan(0)
     with pytest.raises(InputError, match="3 accelerometers"):
-        mounted(axes=("a", "b", "c"))
+        mounted_sensor(axes=("a", "b", "c"))
     with pytest.raises(InputError, match="its reading is nan"):
         replace(forward, reading=float("nan"))
 
 
 def test_a_simulation_draws_gravity_by_what_was_stated_and_an_estimator_adds_the_lean():
-    steps = positions(12)
-    drawn, estimated = BENCH.simulated(steps)["g"], BENCH.acting(steps)["g"]
+    steps = position_plan(12)
+    drawn, estimated = BENCH.simulated_parameters(steps)["g"], BENCH.acting_parameters(steps)["g"]
     assert drawn.sd == BENCH.gravity.sd
     # The lean, normal with sd s, lowers the force by g λ²/2: mean square 3/4 (g s²)².
     lowered = 9.8 * (1 - np.cos(1e-4 * np.random.default_rng(1).standard_normal(100_000)))

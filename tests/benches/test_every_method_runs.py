@@ -12,18 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import chdtri
-from tests.benches.made_runs import WHITE, drawn, judged, kind_for, written
-from tests.own_bench import registered
+from tests.benches.generated_runs import WHITE, calibrate_run, kind_for, simulate_run, write_run
+from tests.external_bench import register_example_bench
 
 from inercal.benches import MeanBench
 from inercal.budget import budget
-from inercal.budget.of_run import experiment_of
-from inercal.design.worksheet import as_csv, worksheet
+from inercal.budget.experiment_from_runfile import experiment_from_run
+from inercal.design.worksheet import build_worksheet, worksheet_csv
 from inercal.errors import InputError
 from inercal.methods import METHODS
 from inercal.report import write_report
 from inercal.runfile import Run, read
-from inercal.units import parse
+from inercal.units import parse_quantity
 
 OWN = "tilt_means"
 METHOD = pytest.mark.parametrize("method", [*METHODS, OWN])
@@ -49,7 +49,7 @@ def read_off(run: Run, rng: np.random.Generator) -> dict[str, list[float]]:
     motion = run.bench.mean_motion(run.steps, off).motion
     c = np.array([run.truth[name] for name in run.sensor.coefficients])
     si = run.sensor.forward(motion, c)
-    si += parse(SD, "g").value * rng.standard_normal(si.shape)
+    si += parse_quantity(SD, "g").value * rng.standard_normal(si.shape)
     return {
         step.label: row
         for step, row in zip(run.steps, run.sensor.to_output(si).tolist(), strict=True)
@@ -58,15 +58,15 @@ def read_off(run: Run, rng: np.random.Generator) -> dict[str, list[float]]:
 
 @pytest.fixture(autouse=True)
 def known(tmp_path: Path) -> Iterator[None]:
-    with registered(tmp_path):
+    with register_example_bench(tmp_path):
         yield
 
 
 @FITTED
 def test_errors_of_simulated_sensors_are_as_stated_and_reported(method: str, tmp_path: Path):
-    path = written(method, tmp_path)
+    path = write_run(method, tmp_path)
     seeds = range(FOLLOWED if kind_for(method).sampled else DEVICES)
-    found = [judged(drawn(path, seed)) for seed in seeds]
+    found = [calibrate_run(simulate_run(path, seed)) for seed in seeds]
     dof = sum(len(one.calibration.values) for one, _ in found)
     low, high = (float(chdtri(dof, q)) / dof for q in (0.9995, 0.0005))
     assert low < np.mean([nees for _, nees in found]) < high
@@ -79,22 +79,22 @@ def test_errors_of_simulated_sensors_are_as_stated_and_reported(method: str, tmp
 
 @METHOD
 def test_the_budget_of_a_plan_is_what_its_estimator_states(method: str, tmp_path: Path):
-    run = drawn(written(method, tmp_path), 1)
-    if run.method.free or run.kind.refuses_budget(run.bench, run.steps):
+    run = simulate_run(write_run(method, tmp_path), 1)
+    if run.method.unknown_attitudes or run.kind.refuses_budget(run.bench, run.steps):
         with pytest.raises(InputError, match="budget"):
-            experiment_of(run)
+            experiment_from_run(run)
         return
-    found = budget(experiment_of(run), trials=16)
+    found = budget(experiment_from_run(run), trials=16)
     np.testing.assert_allclose(found.total.first_order, found.stated, rtol=0.25)
 
 
 @METHOD
 def test_a_filled_worksheet_is_a_table_of_means(method: str, tmp_path: Path):
-    run = drawn(written(method, tmp_path), 1)
+    run = simulate_run(write_run(method, tmp_path), 1)
     if run.kind.sheet is None:
         return
-    made = worksheet(run)
-    header, *rows = csv.reader(StringIO(as_csv(made)))
+    made = build_worksheet(run)
+    header, *rows = csv.reader(StringIO(worksheet_csv(made)))
     readings = read_off(run, np.random.default_rng(1))
     assert len(rows) == len(readings)
     for row, step in zip(rows, made.sheet.rows, strict=True):
@@ -116,14 +116,14 @@ def test_a_filled_worksheet_is_a_table_of_means(method: str, tmp_path: Path):
     ):
         text = text.replace(old, new)
     run.path.write_text(text, encoding="utf-8")
-    _, nees = judged(replace(read(run.path), truth=run.truth))
+    _, nees = calibrate_run(replace(read(run.path), truth=run.truth))
     dof = len(run.sensor.coefficients)
     assert float(chdtri(dof, 0.9995)) < nees * dof < float(chdtri(dof, 0.0005))
 
 
 @METHOD
 def test_a_key_of_another_kind_is_answered_with_its_kind(method: str, tmp_path: Path):
-    path = written(method, tmp_path)
+    path = write_run(method, tmp_path)
     text = path.read_text(encoding="utf-8")
     kind = kind_for(method)
     key = "table_unit" if "table_unit" not in kind.data.model_fields else "arm_rate"

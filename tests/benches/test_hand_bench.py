@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.benches import Hand, MeanMotion
-from inercal.benches.hand.bench import DEGREE, across, sensed_motion, tilted
+from inercal.benches.hand.bench import DEGREE, sensed_motion, tangent_vectors, tilted_direction
 from inercal.earth import EARTH_RATE
-from inercal.plan import AXES, HandStep, Hold, Turn, Vector, ferraris
+from inercal.plan import AXES, HandStep, Hold, Turn, Vector, ferraris_plan
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ def nuisances(step: HandStep) -> dict[str, float]:
     rng = np.random.default_rng(8)
     q = {
         name: p.value + (0.2 if p.unit == "rad" else 3.0 * p.sd) * rng.uniform(0.5, 1)
-        for name, p in BENCH.acting([step], rates=True).items()
+        for name, p in BENCH.acting_parameters([step], rates=True).items()
     }
     q["earth_up"] = 0.3  # as large as the turn, in place of its true 7e-5 rad/s
     if isinstance(step, Turn):
@@ -42,7 +42,7 @@ def at(step: HandStep, q: dict[str, float]) -> MeanMotion:
     return sensed_motion(step, SECONDS, {name: np.array(value) for name, value in q.items()})
 
 
-@pytest.mark.parametrize("step", STEPS, ids=lambda step: step.in_words())
+@pytest.mark.parametrize("step", STEPS, ids=lambda step: step.describe())
 def test_every_derivative_of_what_is_felt_is_that_of_central_differences(step: HandStep):
     q = nuisances(step)
     here = at(step, q)
@@ -58,7 +58,7 @@ def test_every_derivative_of_what_is_felt_is_that_of_central_differences(step: H
             assert found == pytest.approx(expected, abs=1e-8), (name, vector)
 
 
-@pytest.mark.parametrize("step", STEPS, ids=lambda step: step.in_words())
+@pytest.mark.parametrize("step", STEPS, ids=lambda step: step.describe())
 def test_trials_are_worked_out_as_if_each_were_alone(step: HandStep):
     first, second = nuisances(step), {name: -v for name, v in nuisances(step).items()}
     both = sensed_motion(step, SECONDS, {n: np.array([v, second[n]]) for n, v in first.items()})
@@ -70,7 +70,7 @@ def test_trials_are_worked_out_as_if_each_were_alone(step: HandStep):
 
 @pytest.mark.parametrize("up", UPS)
 def test_the_two_directions_and_up_are_a_right_handed_orthonormal_frame(up: Vector):
-    frame = np.vstack([across(up), up])
+    frame = np.vstack([tangent_vectors(up), up])
     assert frame @ frame.T == pytest.approx(np.eye(3), abs=1e-15)
     assert np.linalg.det(frame) == pytest.approx(1)
 
@@ -78,14 +78,14 @@ def test_the_two_directions_and_up_are_a_right_handed_orthonormal_frame(up: Vect
 @pytest.mark.parametrize("up", UPS)
 def test_a_tilted_up_is_a_unit_vector_leaning_by_the_tangents(up: Vector):
     t = np.array([[0.0, 0.0], [0.3, 0.0], [0.0, -0.4], [0.3, -0.4]])
-    u, du = tilted(up, t)
+    u, du = tilted_direction(up, t)
     assert np.linalg.norm(u, axis=-1) == pytest.approx(1, abs=1e-15)
     assert u[0] == pytest.approx(np.array(up), abs=1e-15)
     lean = np.arccos(np.clip(u[1:] @ np.array(up), -1, 1))
     assert lean == pytest.approx([atan(0.3), atan(0.4), atan(0.5)])
     # Towards d₁ by t₁ and towards d₂ by t₂; a unit vector changes at right angles to itself.
     along = np.array(up)
-    assert (u / (u @ along)[:, None]) @ across(up).T == pytest.approx(t, abs=1e-15)
+    assert (u / (u @ along)[:, None]) @ tangent_vectors(up).T == pytest.approx(t, abs=1e-15)
     assert np.einsum("kij,ki->kj", du, u) == pytest.approx(0, abs=1e-15)
 
 
@@ -114,14 +114,14 @@ def test_latitude_decides_what_of_the_earths_rate_is_known():
     assert of(known, "earth_up") == pytest.approx((0.6 * EARTH_RATE, 0.0))
     # A level vector of known length and unknown azimuth has this rms in each component.
     assert of(known, "earth1") == pytest.approx((0.0, 0.8 * EARTH_RATE / np.sqrt(2)))
-    unknown = [of(Hand(Measured(9.81, 0.0)), name) for name in ("earth_up", "earth1", "earth2")]
-    assert [value for value, _ in unknown] == [0, 0, 0]
-    assert np.linalg.norm([sd for _, sd in unknown]) == pytest.approx(EARTH_RATE)
+    not_found = [of(Hand(Measured(9.81, 0.0)), name) for name in ("earth_up", "earth1", "earth2")]
+    assert [value for value, _ in not_found] == [0, 0, 0]
+    assert np.linalg.norm([sd for _, sd in not_found]) == pytest.approx(EARTH_RATE)
 
 
 def test_nuisances_are_one_a_run_one_a_position_and_one_a_turn():
     bench = Hand(Measured(9.81, 1e-3), latitude=0.8, tilt=0.1 * DEGREE, turn_angle=2 * DEGREE)
-    found = bench.acting(ferraris(), rates=True)
+    found = bench.acting_parameters(ferraris_plan(), rates=True)
     assert len(found) == 3 + 6 * 4 + 3 * 3
     assert "tilt1[x_p]" in found
     assert "tilt1[x_rot]" not in found
@@ -132,5 +132,5 @@ def test_nuisances_are_one_a_run_one_a_position_and_one_a_turn():
 
 def test_without_gyros_neither_the_earth_nor_the_clock_plays_a_part():
     bench = Hand(Measured(9.81, 1e-3), latitude=0.8)
-    names = set(bench.acting(ferraris()[:6], rates=False))
+    names = set(bench.acting_parameters(ferraris_plan()[:6], rates=False))
     assert names == {"g"} | {f"tilt{k}[{a}_{s}]" for k in (1, 2) for a in "xyz" for s in "pa"}

@@ -10,18 +10,18 @@ from tests.accuracy import rate_table as made
 
 from inercal.benches.rate_table.bench import (
     RateTable,
-    by_parameter,
-    mountings,
+    force_sensitivities,
+    mounting_names,
     sensed_motion,
-    speeds,
+    speed_names,
 )
 from inercal.benches.rate_table.fixture import (
     PLANES,
     RPM,
-    mounting,
+    is_tilted,
+    mounting_attitude,
     multi_angle_plan,
     planar_plan,
-    tilted,
 )
 from inercal.errors import InputError
 from inercal.plan import Spin
@@ -37,7 +37,7 @@ def in_g(*attitudes: Any):
 
 
 def test_planar_mountings_feel_the_centre_and_gravity():
-    f = in_g(*(mounting(plane) for plane in PLANES))
+    f = in_g(*(mounting_attitude(plane) for plane in PLANES))
     assert f == pytest.approx(np.array([[AT_86, 0, 1], [0, AT_86, 1], [1, 0, AT_86]]), abs=1e-15)
 
 
@@ -45,7 +45,7 @@ def test_planar_mountings_feel_the_centre_and_gravity():
 @pytest.mark.parametrize("plane", PLANES)
 def test_a_tilt_is_felt_as_the_note_says(plane: Any, tilt: float):
     a = radians(tilt)
-    (f,) = in_g(mounting(plane, a))
+    (f,) = in_g(mounting_attitude(plane, a))
     radial, normal = ("xyz".index(axis) for axis in PLANES[plane])
     assert f[radial] == pytest.approx(AT_86 * cos(a) + sin(a))
     assert f[normal] == pytest.approx(-AT_86 * sin(a) + cos(a))
@@ -53,14 +53,14 @@ def test_a_tilt_is_felt_as_the_note_says(plane: Any, tilt: float):
 
 
 def test_a_tilt_about_the_radial_direction_leaves_the_centre():
-    (f,) = in_g(mounting("XY", radians(30), about="radial"))
+    (f,) = in_g(mounting_attitude("XY", radians(30), about="radial"))
     assert f == pytest.approx([AT_86, sin(radians(30)), cos(radians(30))])
 
 
 def test_two_tilts_have_three_readings():
-    one = mounting("XY", radians(135))
+    one = mounting_attitude("XY", radians(135))
     dihedral, azimuth, successive = (
-        mounting("XY", radians(135), radians(45), reading=reading)
+        mounting_attitude("XY", radians(135), radians(45), reading=reading)
         for reading in ("dihedral", "azimuth", "successive")
     )
     f = in_g(one, dihedral, azimuth, successive)
@@ -78,14 +78,14 @@ def test_two_tilts_have_three_readings():
 def test_all_states_are_those_of_the_generator(reading: Any):
     bench = RateTable(Measured(made.G, 0.0), Measured(made.RADIUS, 0.0))
     f = sensed_motion(bench, [*planar_plan(), *multi_angle_plan(reading)], {}).f / made.G
-    assert f == pytest.approx(made.nominal(made.PLANAR + made.TILTED, reading), abs=1e-15)
+    assert f == pytest.approx(made.nominal_force(made.PLANAR + made.TILTED, reading), abs=1e-15)
 
 
 def test_dihedral_angles_that_no_pose_has_are_refused():
     with pytest.raises(InputError, match="no pose"):
-        mounting("XY", radians(20), radians(30), reading="dihedral")
+        mounting_attitude("XY", radians(20), radians(30), reading="dihedral")
     with pytest.raises(InputError, match="there are XY, YX, ZY"):
-        mounting("XZ")  # pyright: ignore[reportArgumentType]
+        mounting_attitude("XZ")  # pyright: ignore[reportArgumentType]
 
 
 def test_plans_have_nine_and_sixteen_states():
@@ -93,17 +93,17 @@ def test_plans_have_nine_and_sixteen_states():
     for one_speed in (False, True):
         steps = multi_angle_plan(one_speed=one_speed)
         assert len({step.label for step in steps}) == 16
-        assert all(tilted(step) for step in steps)
+        assert all(is_tilted(step) for step in steps)
         assert len({step.rate for step in steps}) == 2 - one_speed
     assert len({step.attitude for step in multi_angle_plan()}) == 10
-    assert not any(tilted(step) for step in planar_plan())
-    assert all(tilted(step) for step in multi_angle_plan(about="radial"))
+    assert not any(is_tilted(step) for step in planar_plan())
+    assert all(is_tilted(step) for step in multi_angle_plan(about="radial"))
 
 
 def test_slopes_are_those_of_the_force():
     steps = [*planar_plan(), *multi_angle_plan()]
     rng = np.random.default_rng(2)
-    declared = BENCH.acting(steps)
+    declared = BENCH.acting_parameters(steps)
     q = {n: np.array(p.value + 0.01 * rng.standard_normal()) for n, p in declared.items()}
     made = sensed_motion(BENCH, steps, q)
     assert set(made.df) == set(declared)
@@ -126,23 +126,23 @@ def test_mountings_and_speeds_share_what_is_theirs():
     assert "speed[0 rpm]" not in acts
     assert acts["lean_1[XY_0]"] == acts["lean_2[XY_0]"] == {"XY_0"}
     assert len(acts["g"]) == 25
-    assert len(BENCH.acting(steps)) == 3 + 13 * 4 + 2 + 3 * 2
-    assert by_parameter(BENCH, steps).shape == (63, 25, 3)
+    assert len(BENCH.acting_parameters(steps)) == 3 + 13 * 4 + 2 + 3 * 2
+    assert force_sensitivities(BENCH, steps).shape == (63, 25, 3)
 
 
 def test_tilts_that_differ_a_little_are_two_mountings():
     tilts = ((135.01, 45), (135.04, 45), (135.04, 45.001))
-    poses = [mounting("XY", radians(first), radians(second)) for first, second in tilts]
+    poses = [mounting_attitude("XY", radians(first), radians(second)) for first, second in tilts]
     steps = [Spin(str(k), 86 * RPM, 1.0, pose) for k, pose in enumerate(poses)]
-    assert mountings(steps) == ["XY135.01+45", "XY135.04+45", "XY135.04+45.001"]
-    assert sum(name.startswith("pose_x") for name in BENCH.acting(steps)) == 3
+    assert mounting_names(steps) == ["XY135.01+45", "XY135.04+45", "XY135.04+45.001"]
+    assert sum(name.startswith("pose_x") for name in BENCH.acting_parameters(steps)) == 3
 
 
 def test_rates_read_back_a_little_otherwise_are_one_set_speed():
     steps = planar_plan()
     read = [replace(step, rate=step.rate * (1 + 1e-4 * k)) for k, step in enumerate(steps)]
-    assert len(BENCH.acting(read)) == len(BENCH.acting(steps))
-    assert speeds([Spin("a", 1.0), Spin("b", -1.0), Spin("c", 1.01), Spin("d", 1.001)]) == [
+    assert len(BENCH.acting_parameters(read)) == len(BENCH.acting_parameters(steps))
+    assert speed_names([Spin("a", 1.0), Spin("b", -1.0), Spin("c", 1.01), Spin("d", 1.001)]) == [
         "9.549 rpm",
         "-9.549 rpm",
         "9.645 rpm",
@@ -152,7 +152,7 @@ def test_rates_read_back_a_little_otherwise_are_one_set_speed():
 
 def test_a_table_at_rest_knows_neither_radius_nor_rate():
     steps = planar_plan(speeds=(0.0,))
-    assert set(BENCH.acting(steps)) == {
+    assert set(BENCH.acting_parameters(steps)) == {
         "g",
         *(f"pose_{axis}[{plane}]" for axis in "xyz" for plane in PLANES),
         *(f"lean_{k}[{plane}_0]" for k in (1, 2) for plane in PLANES),
@@ -182,7 +182,7 @@ def test_a_lean_is_felt_at_rest_alone_and_changes_no_norm():
 
 def test_over_whole_turns_a_lean_leaves_its_second_order():
     lean, azimuth = 1.7e-3, np.linspace(0, 2 * np.pi, 3600, endpoint=False)
-    steps = [Spin("r", 0.0, 1.0, mounting("XY"))]
+    steps = [Spin("r", 0.0, 1.0, mounting_attitude("XY"))]
     q = {"lean_1[r]": lean * np.cos(azimuth), "lean_2[r]": -lean * np.sin(azimuth)}
     mean = sensed_motion(BENCH, steps, q).f.mean(axis=0)
     assert mean[0] == pytest.approx([0, 0, 9.8 * (1 - lean**2 / 2)], abs=1e-10)

@@ -10,13 +10,13 @@ from tests.accuracy import turntable as made
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import (
-    attitude,
-    misalignment,
+    ideal_readback,
+    linear_misalignment,
     motion,
-    readback,
-    reference,
+    reference_attitude,
+    true_attitude,
 )
-from inercal.benches.turntable.moves import Limits
+from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.earth import EARTH_RATE
 from inercal.errors import InputError
 from inercal.frames import log_so3
@@ -58,9 +58,9 @@ def drawn(seed: int) -> dict[str, np.ndarray]:
 
 
 def test_rates_and_forces_are_those_of_the_generator():
-    path = made.whole(3.0)
+    path = made.complete_path(3.0)
     run = made.draw(4, TRIALS, path, SILENT, TABLE, PERFECT, hz=20.0)
-    angles, rates, *_ = made.travel(path, TABLE, 20.0)
+    angles, rates, *_ = made.simulate_travel(path, TABLE, 20.0)
     felt = motion(EXACT, angles, rates, np.zeros_like(rates), drawn(4))
     assert felt.w == pytest.approx(run.rates, rel=1e-9, abs=1e-15)
     assert felt.f == pytest.approx(run.forces, rel=1e-9, abs=1e-13)
@@ -69,17 +69,17 @@ def test_rates_and_forces_are_those_of_the_generator():
 def test_readback_has_the_harmonics_of_the_generator():
     path = made.turns()
     run = made.draw(5, TRIALS, path, SILENT, TABLE, PERFECT, hz=20.0)
-    late = made.travel(path, TABLE, 20.0)[2]
-    assert readback(EXACT, late, drawn(5)) == pytest.approx(run.angles, rel=1e-14, abs=1e-15)
+    late = made.simulate_travel(path, TABLE, 20.0)[2]
+    assert ideal_readback(EXACT, late, drawn(5)) == pytest.approx(run.angles, rel=1e-14, abs=1e-15)
 
 
 def test_a_readback_is_the_attitude_of_the_generator():
     angles = np.random.default_rng(1).uniform(-9, 9, (50, 3))
-    assert reference(EXACT, angles) == pytest.approx(made.attitude(angles), abs=1e-15)
+    assert reference_attitude(EXACT, angles) == pytest.approx(made.attitude(angles), abs=1e-15)
 
 
 def test_the_azimuth_is_where_y_points_clockwise_from_north():
-    (mat,) = reference(replace(EXACT, azimuth=Measured(pi / 2, 0.0)), np.zeros((1, 3)))
+    (mat,) = reference_attitude(replace(EXACT, azimuth=Measured(pi / 2, 0.0)), np.zeros((1, 3)))
     assert mat @ [0, 1, 0] == pytest.approx([1, 0, 0])  # east
     assert mat @ [0, 0, 1] == pytest.approx([0, 0, 1])
 
@@ -88,30 +88,30 @@ def test_the_azimuth_is_where_y_points_clockwise_from_north():
 def test_misalignments_are_the_slopes_of_the_attitude(axes: str):
     bench = replace(BENCH, axes=axes)
     true = np.random.default_rng(2).uniform(-9, 9, (40, len(axes)))
-    by = misalignment(bench, true)
-    declared = bench.acting()
+    by = linear_misalignment(bench, true)
+    declared = bench.acting_parameters()
     assert len(by.parameters) == 3 + len(axes) - 1 + 4 * len(axes)
     h = 1e-5
     for j, parameter in enumerate(by.parameters):
         off = []
         for sign in (h, -h):
             q = {parameter.name: np.array(declared[parameter.name].value + sign)}
-            said = reference(bench, readback(bench, true, q))
-            off.append(log_so3(attitude(bench, true, q) @ said.swapaxes(-1, -2)))
+            said = reference_attitude(bench, ideal_readback(bench, true, q))
+            off.append(log_so3(true_attitude(bench, true, q) @ said.swapaxes(-1, -2)))
         slope = (off[0] - off[1]) / (2 * h)
         assert by.by[..., j] == pytest.approx(slope, abs=1e-9), parameter.name
 
 
 def test_misalignments_add_to_what_is_off():
     rng = np.random.default_rng(3)
-    declared = BENCH.acting()
+    declared = BENCH.acting_parameters()
     q = {n: p.value + p.sd * rng.standard_normal(TRIALS) for n, p in declared.items()}
     true = rng.uniform(-9, 9, (30, 3))
-    said = readback(BENCH, true, q)
+    said = ideal_readback(BENCH, true, q)
     assert said.shape == (TRIALS, 30, 3)
-    by = misalignment(BENCH, said)
+    by = linear_misalignment(BENCH, said)
     beta = np.stack([q[p.name] - declared[p.name].value for p in by.parameters], axis=-1)
-    turned = attitude(BENCH, true, q) @ reference(BENCH, said).swapaxes(-1, -2)
+    turned = true_attitude(BENCH, true, q) @ reference_attitude(BENCH, said).swapaxes(-1, -2)
     off = log_so3(turned)
     left = off - (by.by @ beta[:, None, :, None])[..., 0]
     assert np.abs(off).max() > 100 * ARCSEC
@@ -131,7 +131,7 @@ def test_rate_its_derivative_and_force_are_those_of_the_attitude(axes: str):
     q = {"lean_x": np.array(0.02), "square_1": np.array(0.01)}
     t, h = np.linspace(0, 10, 200), 1e-3
     felt = motion(bench, *swung(t, k), q)
-    mats = [attitude(bench, swung(t + j * h, k)[0], q) for j in (-2, -1, 0, 1, 2)]
+    mats = [true_attitude(bench, swung(t + j * h, k)[0], q) for j in (-2, -1, 0, 1, 2)]
     earth = EARTH_RATE * np.array([0, np.cos(bench.latitude), np.sin(bench.latitude)])
     mat = mats[2]
     rate = (
@@ -152,7 +152,7 @@ def test_the_lever_arm_of_the_generator_is_felt_but_for_coriolis():
     table = replace(TABLE, lever=lever, lean=0.0, square=0.0, azimuth=0.0)
     path = made.turns()
     run = made.draw(6, 1, path, SILENT, table, PERFECT, hz=20.0)
-    angles, rates, *_ = made.travel(path, table, 20.0)
+    angles, rates, *_ = made.simulate_travel(path, table, 20.0)
     bench = replace(EXACT, lever=BENCH.lever)
     felt = motion(bench, angles, rates, np.zeros_like(rates), {})
     steady = np.abs(np.gradient(rates, axis=0)).max(axis=1) == 0
@@ -162,12 +162,12 @@ def test_the_lever_arm_of_the_generator_is_felt_but_for_coriolis():
 
 
 def test_parameters_are_named_and_shared_by_the_run():
-    names = list(BENCH.acting())
+    names = list(BENCH.acting_parameters())
     assert names[:6] == ["g", "lean_x", "lean_y", "azimuth", "square_1", "square_2"]
     assert names[6:10] == ["sin1[outer]", "cos1[outer]", "sin2[outer]", "cos2[outer]"]
     assert names[-5:] == ["latency", "clock", "lever_x", "lever_y", "lever_z"]
     assert {p.scope for p in BENCH.parameters} == {"run"}
-    assert "square_1" not in replace(BENCH, axes="z").acting()
+    assert "square_1" not in replace(BENCH, axes="z").acting_parameters()
     assert replace(BENCH, axes="xz").names == ("outer", "inner")
 
 
@@ -184,7 +184,7 @@ def test_parameters_are_named_and_shared_by_the_run():
         ({"white": -1e-6}, "readback's noise"),
         ({"clock": float("inf")}, "deviation of clock"),
         ({"latency": Measured(float("nan"), 0.0)}, "latency is nan"),
-        ({"limits": (Limits(1.0, 1.0),) * 2}, "2 limits; give one for all or 3"),
+        ({"limits": (AxisMotionLimits(1.0, 1.0),) * 2}, "2 limits; give one for all or 3"),
         ({"lever": (Measured(0.1, 0.0),)}, "lever has 1 parts"),
     ],
 )
@@ -195,6 +195,6 @@ def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
 
 def test_angles_of_other_axes_are_refused():
     with pytest.raises(InputError, match="not of its 3 axes"):
-        reference(BENCH, np.zeros((5, 2)))
+        reference_attitude(BENCH, np.zeros((5, 2)))
     with pytest.raises(InputError, match="not of its 1 axes"):
-        misalignment(replace(BENCH, axes="z"), np.zeros((5, 2)))
+        linear_misalignment(replace(BENCH, axes="z"), np.zeros((5, 2)))

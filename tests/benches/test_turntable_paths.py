@@ -8,10 +8,10 @@ import pytest
 from tests.accuracy import turntable as made
 
 from inercal.benches import Turntable
-from inercal.benches.turntable.attitude import reference
+from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.path_file import read_path
-from inercal.benches.turntable.paths import PATHS, discrete, fast, paper
-from inercal.benches.turntable.simulation import seconds_on_turntable, travel
+from inercal.benches.turntable.paths import PATHS, discrete_path, fast_path, paper_path
+from inercal.benches.turntable.simulation import path_profile, turntable_path_duration
 from inercal.errors import InputError
 from inercal.plan import Position, Rotation
 from inercal.units import Measured
@@ -29,7 +29,7 @@ GOOD = (
 
 
 def test_positions_are_those_of_the_generator():
-    held = [step for step in paper() if isinstance(step, Position)]
+    held = [step for step in paper_path() if isinstance(step, Position)]
     assert held[0].label == "warm-up"
     for step, (name, angles, seconds) in zip(held[1:11], made.positions(), strict=True):
         assert (step.label, step.seconds) == (name, seconds)
@@ -39,8 +39,8 @@ def test_positions_are_those_of_the_generator():
 
 def test_turns_are_those_of_the_generator():
     for steps, path in (
-        (paper(), made.turns()),
-        (fast(), made.turns(1080.0, 30.0, back=True)),
+        (paper_path(), made.turns()),
+        (fast_path(), made.turns(1080.0, 30.0, back=True)),
     ):
         turns = [step for step in steps if isinstance(step, Rotation)]
         for step, turn in zip(turns, (t for t in path if len(t) == 4), strict=True):
@@ -50,19 +50,21 @@ def test_turns_are_those_of_the_generator():
 
 
 def test_paths_take_the_time_that_is_told_of_them():
-    minutes = {name: seconds_on_turntable(BENCH, path(90.0)) / 60 for name, path in PATHS.items()}
+    minutes = {
+        name: turntable_path_duration(BENCH, path(90.0)) / 60 for name, path in PATHS.items()
+    }
     assert minutes["paper"] == pytest.approx(22.6, abs=0.1)
     assert minutes["fast"] == pytest.approx(minutes["paper"], abs=0.2)
     assert minutes["discrete"] == pytest.approx(19, abs=0.3)
 
 
 def test_discrete_has_each_axis_up_and_down_and_turns_about_it():
-    steps = discrete()
-    way = travel(BENCH, steps)
+    steps = discrete_path()
+    way = path_profile(BENCH, steps)
     found: dict[str, float] = {}
     for label, end in zip(way.labels, way.ends, strict=True):
         if label.endswith(("_p", "_a")):
-            (mat,) = reference(BENCH, way.at(np.array([end]))[0])
+            (mat,) = reference_attitude(BENCH, way.evaluate(np.array([end]))[0])
             axis = "xyz".index(label[0])
             found[label] = mat[2, axis]
     assert found == pytest.approx({f"{a}_{s}": v for a in "xyz" for s, v in (("p", 1), ("a", -1))})
@@ -92,7 +94,7 @@ def test_a_file_is_read_as_steps(tmp_path: Path):
         Rotation("x+", 1, 4 * pi, radians(10)),
         Rotation("z-", 0, -6 * pi, radians(30), (0.0, 0.0, 0.0)),
     )
-    assert seconds_on_turntable(BENCH, steps) > 210
+    assert turntable_path_duration(BENCH, steps) > 210
 
 
 def test_units_are_those_of_the_header(tmp_path: Path):

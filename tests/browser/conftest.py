@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Page, sync_playwright
-from tests.browser.scripted import Scripted
+from tests.browser.scripted_server import ScriptedServer
 
 CHROMIUM = Path("/usr/bin/chromium")
 PATIENCE = 20_000.0  # ms
@@ -24,7 +24,7 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
-class Watched:
+class PageErrors:
     """What went wrong in a page.
 
     Attributes
@@ -65,22 +65,22 @@ def context(browser: Browser) -> Iterator[BrowserContext]:
 
 
 @pytest.fixture
-def watched(context: BrowserContext) -> Iterator[Watched]:
+def watched(context: BrowserContext) -> Iterator[PageErrors]:
     """Give what goes wrong; at the end that is nothing."""
-    watched = Watched(context)
+    watched = PageErrors(context)
     yield watched
     assert not watched.elsewhere, f"requests to other hosts: {watched.elsewhere}"
     assert not watched.errors, f"the console says {watched.errors}"
 
 
 @pytest.fixture
-def page(context: BrowserContext, watched: Watched) -> Page:
+def page(context: BrowserContext, watched: PageErrors) -> Page:
     page = context.new_page()
     watched.watch(page)
     return page
 
 
 @pytest.fixture
-def scripted() -> Iterator[Scripted]:
-    with Scripted() as server:
+def scripted() -> Iterator[ScriptedServer]:
+    with ScriptedServer() as server:
         yield server

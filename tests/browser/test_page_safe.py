@@ -5,8 +5,8 @@ from typing import Literal
 import pytest
 from playwright.sync_api import Page, expect
 from tests.browser import messages
-from tests.browser.driving import opened, running
-from tests.browser.scripted import Scripted
+from tests.browser.page_actions import open_page, open_running_page
+from tests.browser.scripted_server import ScriptedServer
 
 HOSTILE = '<img src=x onerror="window.hacked = 1">\'"&amp;'
 SIZES = [(1400, 1000), (1024, 768), (768, 1024), (700, 900)]
@@ -32,32 +32,32 @@ def hostile() -> list[messages.Message]:
 
 
 def test_words_from_outside_are_text_and_nothing_else(
-    page: Page, scripted: Scripted, hostile: list[messages.Message]
+    page: Page, scripted: ScriptedServer, hostile: list[messages.Message]
 ):
     scripted.operator = HOSTILE
-    opened(page, scripted, *hostile)
+    open_page(page, scripted, *hostile)
     expect(page.get_by_role("heading", name=HOSTILE, exact=True)).to_be_visible()
     expect(page.get_by_role("link", name="Open the report")).to_have_count(0)
     assert page.locator("img").count() == 0
     assert page.evaluate("window.hacked") is None
 
 
-def test_words_of_the_set_up_are_text_and_nothing_else(page: Page, scripted: Scripted):
+def test_words_of_the_set_up_are_text_and_nothing_else(page: Page, scripted: ScriptedServer):
     made = messages.setup()
     for kind in ("plans", "sensors", "tables", "imus", "presets", "runs"):
         for one in made[kind]:
             one |= {key: HOSTILE for key, value in one.items() if isinstance(value, str)}
     scripted.setup = made
     scripted.probed = {what: {"ok": True, "lines": [HOSTILE]} for what in ("table", "imu")}
-    opened(page, scripted)
+    open_page(page, scripted)
     expect(page.locator("#runs")).to_contain_text(HOSTILE)
     assert page.locator("img").count() == 0
     assert page.evaluate("window.hacked") is None
 
 
 @pytest.mark.slow
-def test_stop_stays_in_sight_and_nothing_is_cut_off(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_stop_stays_in_sight_and_nothing_is_cut_off(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     for width, height in SIZES:
         page.set_viewport_size({"width": width, "height": height})
         for to in ("0", "document.body.scrollHeight"):
@@ -69,12 +69,12 @@ def test_stop_stays_in_sight_and_nothing_is_cut_off(page: Page, scripted: Script
 @pytest.mark.slow
 @pytest.mark.parametrize("view", ["setup", "run"])
 def test_buttons_and_fields_are_large_enough_for_a_finger(
-    page: Page, scripted: Scripted, view: str
+    page: Page, scripted: ScriptedServer, view: str
 ):
     if view == "setup":
-        opened(page, scripted)
+        open_page(page, scripted)
     else:
-        running(page, scripted)
+        open_running_page(page, scripted)
     small = page.evaluate(
         """() => [...document.querySelectorAll("button, select, input[type=text], a.button")]
         .filter((one) => one.checkVisibility() && one.getBoundingClientRect().height < 44)
@@ -84,8 +84,8 @@ def test_buttons_and_fields_are_large_enough_for_a_finger(
 
 
 @pytest.mark.slow
-def test_all_that_can_be_pressed_has_a_name(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_all_that_can_be_pressed_has_a_name(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     nameless = page.evaluate(
         """() => [...document.querySelectorAll("button, a, input, select, [role=img], section")]
         .filter((one) => one.checkVisibility() && !one.textContent.trim()
@@ -98,10 +98,10 @@ def test_all_that_can_be_pressed_has_a_name(page: Page, scripted: Scripted):
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_edges_of_what_can_be_used_are_three_to_one_against_what_is_beside_them(
-    page: Page, scripted: Scripted, scheme: Literal["light", "dark"]
+    page: Page, scripted: ScriptedServer, scheme: Literal["light", "dark"]
 ):
     page.emulate_media(color_scheme=scheme)
-    opened(page, scripted)
+    open_page(page, scripted)
     worst = page.evaluate(
         r"""() => {
         const channel = (x) => (x /= 255) <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4;
@@ -119,8 +119,8 @@ def test_edges_of_what_can_be_used_are_three_to_one_against_what_is_beside_them(
 
 
 @pytest.mark.slow
-def test_light_and_dark_are_as_the_device_asks(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_light_and_dark_are_as_the_device_asks(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     paper = "() => getComputedStyle(document.querySelector('main section')).backgroundColor"
     made: list[str] = []
     for scheme in ("light", "dark"):
@@ -129,8 +129,10 @@ def test_light_and_dark_are_as_the_device_asks(page: Page, scripted: Scripted):
     assert made == ["rgb(255, 255, 255)", "rgb(26, 32, 40)"]
 
 
-def test_the_help_says_that_the_software_stop_is_no_safety_function(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_the_help_says_that_the_software_stop_is_no_safety_function(
+    page: Page, scripted: ScriptedServer
+):
+    open_running_page(page, scripted)
     expect(page.get_by_text("The software stop is no safety function.")).to_be_visible()
     page.keyboard.press("?")
     expect(page.get_by_role("dialog", name="Keys")).to_contain_text("twice within a second")

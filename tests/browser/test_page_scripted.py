@@ -5,13 +5,19 @@ import re
 import pytest
 from playwright.sync_api import Page, expect
 from tests.browser import messages
-from tests.browser.conftest import Watched
-from tests.browser.driving import opened, operating, running, said_of_focus, tabbed_to
-from tests.browser.scripted import Scripted
+from tests.browser.conftest import PageErrors
+from tests.browser.page_actions import (
+    accessible_text_of_focus,
+    open_page,
+    open_running_page,
+    tab_to,
+    take_control,
+)
+from tests.browser.scripted_server import ScriptedServer
 
 
-def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     expect(page.get_by_role("heading", name="MIMU #17")).to_be_visible()
     expect(page.get_by_text("mimu.toml · SIMULATED bench")).to_be_visible()
     expect(page.get_by_text("step 3 of 31: x down 1, measuring")).to_be_visible()
@@ -29,8 +35,10 @@ def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: Scripte
     expect(page.locator("#attitude-numbers")).to_contain_text("strapdown matrix")
 
 
-def test_before_anything_is_estimated_the_tables_attitude_is_shown(page: Page, scripted: Scripted):
-    running(page, scripted, time=12.0)
+def test_before_anything_is_estimated_the_tables_attitude_is_shown(
+    page: Page, scripted: ScriptedServer
+):
+    open_running_page(page, scripted, time=12.0)
     expect(
         page.get_by_text("Nothing is estimated yet: the method needs more samples.")
     ).to_be_visible()
@@ -40,9 +48,9 @@ def test_before_anything_is_estimated_the_tables_attitude_is_shown(page: Page, s
 
 
 def test_what_was_found_last_is_greyed_where_live_estimation_broke_off(
-    page: Page, scripted: Scripted
+    page: Page, scripted: ScriptedServer
 ):
-    running(page, scripted)
+    open_running_page(page, scripted)
     none = dict.fromkeys(messages.NAVIGATED)
     broken = {"live": "ended", "attitude": {"table": messages.matrix(101.0), **none}}
     scripted.tell(messages.state(101.0, **broken))
@@ -59,10 +67,10 @@ def test_what_was_found_last_is_greyed_where_live_estimation_broke_off(
         expect(one).to_have_css("color", muted)
 
 
-def test_a_method_without_live_estimates_promises_none(page: Page, scripted: Scripted):
+def test_a_method_without_live_estimates_promises_none(page: Page, scripted: ScriptedServer):
     none = dict.fromkeys(messages.NAVIGATED)
     only = {"live": "none", "attitude": {"table": messages.matrix(30.0), **none}}
-    opened(page, scripted, messages.plan(), messages.state(30.0, **only))
+    open_page(page, scripted, messages.plan(), messages.state(30.0, **only))
     expect(page.get_by_text("By this method nothing is estimated live")).to_be_visible()
     expect(page.get_by_text("only the table's attitude is shown")).to_be_visible()
     expect(page.get_by_text("Nothing is estimated yet")).to_have_count(0)
@@ -73,12 +81,12 @@ def test_a_method_without_live_estimates_promises_none(page: Page, scripted: Scr
 
 
 def test_of_a_method_that_estimates_too_little_to_navigate_by_no_navigation_is_shown(
-    page: Page, scripted: Scripted
+    page: Page, scripted: ScriptedServer
 ):
     none = dict.fromkeys(messages.NAVIGATED)
     only = {"live": "on", "attitude": {"table": messages.matrix(30.0), **none}}
     found = messages.estimates(30.0) | {"nis": {"all": 1.03}}
-    opened(page, scripted, messages.plan(), found, messages.state(30.0, **only))
+    open_page(page, scripted, messages.plan(), found, messages.state(30.0, **only))
     expect(page.get_by_text(re.compile(r"NIS, all axes 1\.03: "))).to_be_visible()
     expect(page.get_by_role("button", name=re.compile(r"^ax\.k0: [−\d.]+ ± "))).to_be_visible()
     expect(page.get_by_text("only the table's attitude is shown")).to_be_visible()
@@ -86,12 +94,14 @@ def test_of_a_method_that_estimates_too_little_to_navigate_by_no_navigation_is_s
     expect(page.locator("#course")).to_be_visible()
 
 
-def test_the_arrows_choose_the_coefficient_whose_course_is_shown(page: Page, scripted: Scripted):
-    running(page, scripted)
-    tabbed_to(page, "ax.k0:")
+def test_the_arrows_choose_the_coefficient_whose_course_is_shown(
+    page: Page, scripted: ScriptedServer
+):
+    open_running_page(page, scripted)
+    tab_to(page, "ax.k0:")
     page.keyboard.press("ArrowRight")
     page.keyboard.press("ArrowDown")
-    assert said_of_focus(page).startswith("ay.k1: ")
+    assert accessible_text_of_focus(page).startswith("ay.k1: ")
     expect(page.get_by_role("heading", name="Course of ay.k1, ppm")).to_be_visible()
     for _ in range(4):
         page.keyboard.press("ArrowDown")
@@ -99,8 +109,10 @@ def test_the_arrows_choose_the_coefficient_whose_course_is_shown(page: Page, scr
 
 
 @pytest.mark.slow
-def test_charts_glide_while_samples_come_and_rest_when_none_do(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_charts_glide_while_samples_come_and_rest_when_none_do(
+    page: Page, scripted: ScriptedServer
+):
+    open_running_page(page, scripted)
     count = "() => window.inercal.frames"
     page.wait_for_function(f"before => ({count})() > before + 5", arg=page.evaluate(count))
     still = """() => new Promise((done) => { let last = -1; const look = () => {
@@ -112,11 +124,11 @@ def test_charts_glide_while_samples_come_and_rest_when_none_do(page: Page, scrip
     page.wait_for_function(f"before => ({count})() > before + 5", arg=before)
 
 
-def test_pause_go_on_and_abort_by_keys_are_the_operators(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_pause_go_on_and_abort_by_keys_are_the_operators(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     page.keyboard.press("p")
     expect(page.get_by_text("only who operates may: take control first")).to_be_visible()
-    operating(page, scripted)
+    take_control(page, scripted)
     page.keyboard.press("p")
     scripted.order("pause")
     paused = messages.state(100.1, phase="paused", paused="the operator asked")
@@ -136,8 +148,8 @@ def test_pause_go_on_and_abort_by_keys_are_the_operators(page: Page, scripted: S
     assert [one["do"] for one in scripted.heard] == ["operate", "pause", "go on", "abort"]
 
 
-def test_stop_is_anybodys_by_button_and_by_s_pressed_twice(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_stop_is_anybodys_by_button_and_by_s_pressed_twice(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     page.keyboard.press("s")
     expect(page.get_by_text("s once more: STOP")).to_be_visible()
     assert not scripted.heard
@@ -148,8 +160,8 @@ def test_stop_is_anybodys_by_button_and_by_s_pressed_twice(page: Page, scripted:
     scripted.order("stop")
 
 
-def test_stop_is_sent_once_by_a_key_that_is_held(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_stop_is_sent_once_by_a_key_that_is_held(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     for _ in range(10):
         page.keyboard.down("s")  # each after the first is a repetition, as of a key that is held
     page.keyboard.up("s")
@@ -161,17 +173,17 @@ def test_stop_is_sent_once_by_a_key_that_is_held(page: Page, scripted: Scripted)
     assert [one["do"] for one in scripted.heard] == ["stop", "operate"]
 
 
-def test_stop_can_be_pressed_while_a_question_is_open(page: Page, scripted: Scripted):
-    running(page, scripted)
-    operating(page, scripted)
+def test_stop_can_be_pressed_while_a_question_is_open(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
+    take_control(page, scripted)
     page.get_by_role("button", name="Abort").click()
     expect(page.get_by_role("dialog", name="Abort the run?")).to_be_visible()
     page.get_by_role("button", name="STOP", exact=True).click()
     scripted.order("stop")
 
 
-def test_letters_of_a_name_are_no_commands(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_letters_of_a_name_are_no_commands(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     page.get_by_role("button", name="Take control").click()
     page.keyboard.type("gasps")
     page.keyboard.press("Enter")
@@ -179,9 +191,9 @@ def test_letters_of_a_name_are_no_commands(page: Page, scripted: Scripted):
     assert len(scripted.heard) == 1
 
 
-def test_another_operator_is_named_and_a_refusal_is_said(page: Page, scripted: Scripted):
+def test_another_operator_is_named_and_a_refusal_is_said(page: Page, scripted: ScriptedServer):
     scripted.operator = "Grace"
-    running(page, scripted)
+    open_running_page(page, scripted)
     expect(page.get_by_text("Grace operates · 1 viewer")).to_be_visible()
     page.get_by_role("button", name="Take control").click()
     page.get_by_role("dialog").get_by_label("Name").fill("Ada")
@@ -191,9 +203,9 @@ def test_another_operator_is_named_and_a_refusal_is_said(page: Page, scripted: S
 
 @pytest.mark.slow
 def test_a_lost_connection_is_said_and_comes_back_by_itself(
-    page: Page, scripted: Scripted, watched: Watched
+    page: Page, scripted: ScriptedServer, watched: PageErrors
 ):
-    running(page, scripted)
+    open_running_page(page, scripted)
     scripted.away = True
     scripted.drop()
     lost = page.get_by_role("alert").filter(has_text="Connection lost")
@@ -213,9 +225,9 @@ def test_a_lost_connection_is_said_and_comes_back_by_itself(
 
 @pytest.mark.slow
 def test_a_connection_that_broke_without_a_word_is_noticed_though_no_run_goes_on(
-    page: Page, scripted: Scripted
+    page: Page, scripted: ScriptedServer
 ):
-    opened(page, scripted)
+    open_page(page, scripted)
     page.get_by_label("Name").first.fill("Ada")
     page.get_by_role("button", name="Take control").click()
     expect(page.get_by_text("you operate (Ada)")).to_be_visible()
@@ -234,8 +246,10 @@ def test_a_connection_that_broke_without_a_word_is_noticed_though_no_run_goes_on
 
 
 @pytest.mark.slow
-def test_a_connection_without_a_word_is_given_up_and_made_anew(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_a_connection_without_a_word_is_given_up_and_made_anew(
+    page: Page, scripted: ScriptedServer
+):
+    open_page(page, scripted)
     scripted.mute = True
     expect(page.get_by_text("No word from the server")).to_be_visible()
     scripted.says = [messages.plan(), messages.state(100.0)]
@@ -244,8 +258,10 @@ def test_a_connection_without_a_word_is_given_up_and_made_anew(page: Page, scrip
 
 
 @pytest.mark.slow
-def test_an_attempt_that_hangs_is_given_up(page: Page, scripted: Scripted, watched: Watched):
-    opened(page, scripted)
+def test_an_attempt_that_hangs_is_given_up(
+    page: Page, scripted: ScriptedServer, watched: PageErrors
+):
+    open_page(page, scripted)
     scripted.hangs = True
     scripted.drop()
     expect(page.get_by_text("Connection lost")).to_be_visible()
@@ -260,10 +276,10 @@ def test_an_attempt_that_hangs_is_given_up(page: Page, scripted: Scripted, watch
 
 @pytest.mark.slow
 def test_control_that_somebody_else_has_taken_is_not_taken_back(
-    page: Page, scripted: Scripted, watched: Watched
+    page: Page, scripted: ScriptedServer, watched: PageErrors
 ):
-    running(page, scripted)
-    operating(page, scripted)
+    open_running_page(page, scripted)
+    take_control(page, scripted)
     scripted.away = True
     scripted.drop()
     expect(page.get_by_text("Connection lost")).to_be_visible()
@@ -282,23 +298,23 @@ def test_control_that_somebody_else_has_taken_is_not_taken_back(
     watched.errors[:] = [one for one in watched.errors if "/live" not in one]
 
 
-def test_a_browser_that_keeps_nothing_keeps_no_hand_from_stop(page: Page, scripted: Scripted):
+def test_a_browser_that_keeps_nothing_keeps_no_hand_from_stop(page: Page, scripted: ScriptedServer):
     for name in ("localStorage", "sessionStorage"):
         blocked = f"""Object.defineProperty(window, "{name}",
             {{ get() {{ throw new DOMException("blocked", "SecurityError"); }} }})"""
         page.add_init_script(blocked)
-    running(page, scripted)
-    operating(page, scripted)
+    open_running_page(page, scripted)
+    take_control(page, scripted)
     page.get_by_role("button", name="STOP", exact=True).click()
     scripted.order("stop")
 
 
 def test_a_part_that_fails_is_said_and_silences_no_other(
-    page: Page, scripted: Scripted, watched: Watched
+    page: Page, scripted: ScriptedServer, watched: PageErrors
 ):
     gone = "Object.defineProperty(window, 'uPlot', {get() { throw new Error('gone'); }, set() {}})"
     page.add_init_script(gone)
-    running(page, scripted)
+    open_running_page(page, scripted)
     expect(
         page.get_by_text("Of this page does not work: charts, estimates (gone).")
     ).to_be_visible()
@@ -310,9 +326,11 @@ def test_a_part_that_fails_is_said_and_silences_no_other(
     watched.errors.clear()
 
 
-def test_a_run_cannot_be_aborted_any_more_while_results_are_made(page: Page, scripted: Scripted):
-    running(page, scripted)
-    operating(page, scripted)
+def test_a_run_cannot_be_aborted_any_more_while_results_are_made(
+    page: Page, scripted: ScriptedServer
+):
+    open_running_page(page, scripted)
+    take_control(page, scripted)
     scripted.tell(messages.state(messages.SECONDS))
     abort = page.get_by_role("button", name="Abort")
     expect(abort).to_be_disabled()
@@ -324,8 +342,8 @@ def test_a_run_cannot_be_aborted_any_more_while_results_are_made(page: Page, scr
 
 
 @pytest.mark.slow
-def test_silence_of_the_bench_is_said(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_silence_of_the_bench_is_said(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     expect(page.get_by_text("No news from the bench for")).to_be_visible()
     expect(page.locator("body")).to_have_class(re.compile(r"\bold\b"))
     scripted.tell(messages.state(103.0))
@@ -333,14 +351,14 @@ def test_silence_of_the_bench_is_said(page: Page, scripted: Scripted):
 
 
 @pytest.mark.slow
-def test_an_alarm_stays_until_this_viewer_has_acknowledged_it(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_an_alarm_stays_until_this_viewer_has_acknowledged_it(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     scripted.tell(messages.event(100.5, "axis inner: amplifier fault", "alarm"))
     alarm = page.get_by_role("alert").filter(has_text="axis inner: amplifier fault")
     expect(alarm).to_be_visible()
     page.reload()
     expect(alarm).to_be_visible()
-    tabbed_to(page, "Acknowledge: axis inner")
+    tab_to(page, "Acknowledge: axis inner")
     page.keyboard.press("Enter")
     expect(alarm).to_have_count(0)
     page.reload()
@@ -348,9 +366,11 @@ def test_an_alarm_stays_until_this_viewer_has_acknowledged_it(page: Page, script
     expect(alarm).to_have_count(0)
 
 
-def test_what_is_grave_stays_in_sight_where_the_page_is_scrolled(page: Page, scripted: Scripted):
+def test_what_is_grave_stays_in_sight_where_the_page_is_scrolled(
+    page: Page, scripted: ScriptedServer
+):
     page.set_viewport_size({"width": 768, "height": 1024})
-    running(page, scripted)
+    open_running_page(page, scripted)
     page.evaluate("scrollTo(0, document.body.scrollHeight)")
     assert page.evaluate("scrollY") > 200
     scripted.tell(messages.event(100.5, "axis inner: amplifier fault", "alarm"))
@@ -365,8 +385,8 @@ def test_what_is_grave_stays_in_sight_where_the_page_is_scrolled(page: Page, scr
 
 
 @pytest.mark.slow
-def test_an_alarm_that_is_said_again_is_one_line(page: Page, scripted: Scripted):
-    running(page, scripted)
+def test_an_alarm_that_is_said_again_is_one_line(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
     scripted.tell(*(messages.event(100.0 + k, "the table is gone", "alarm") for k in range(12)))
     alarm = page.get_by_role("alert").filter(has_text="the table is gone (12 times)")
     expect(alarm).to_be_visible()
@@ -375,9 +395,9 @@ def test_an_alarm_that_is_said_again_is_one_line(page: Page, scripted: Scripted)
 
 
 @pytest.mark.slow
-def test_the_end_says_the_verdict_and_leads_on(page: Page, scripted: Scripted):
-    running(page, scripted)
-    operating(page, scripted)
+def test_the_end_says_the_verdict_and_leads_on(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
+    take_control(page, scripted)
     scripted.tell(messages.state(messages.SECONDS), messages.done())
     expect(page.get_by_role("heading", name="The run is done")).to_be_visible()
     expect(page.get_by_text("All is as stated", exact=True)).to_be_visible()
@@ -396,9 +416,9 @@ def test_the_end_says_the_verdict_and_leads_on(page: Page, scripted: Scripted):
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_can_be_resumed_where_it_ended(page: Page, scripted: Scripted):
-    running(page, scripted)
-    operating(page, scripted)
+def test_an_interrupted_run_can_be_resumed_where_it_ended(page: Page, scripted: ScriptedServer):
+    open_running_page(page, scripted)
+    take_control(page, scripted)
     ended = {"state": "interrupted", "words": "stopped by the operator", "verdict": None}
     scripted.tell(messages.done(**ended, report=None, calibration=None))
     expect(page.get_by_role("heading", name="The run was interrupted")).to_be_visible()
@@ -411,9 +431,9 @@ def test_an_interrupted_run_can_be_resumed_where_it_ended(page: Page, scripted: 
 
 
 def test_a_run_that_did_not_begin_says_so_and_offers_nothing_to_resume(
-    page: Page, scripted: Scripted
+    page: Page, scripted: ScriptedServer
 ):
-    opened(page, scripted, {"kind": "phase", "run": "r", "words": "asking the devices"})
+    open_page(page, scripted, {"kind": "phase", "run": "r", "words": "asking the devices"})
     expect(page.get_by_text("asking the devices …")).to_be_visible()
     none = dict.fromkeys(("report", "calibration", "history", "verdict"))
     words = "the table does not answer at pmac://10.0.0.5:1025"
@@ -425,8 +445,8 @@ def test_a_run_that_did_not_begin_says_so_and_offers_nothing_to_resume(
 
 
 @pytest.mark.slow
-def test_the_focus_goes_to_the_title_of_what_is_shown_anew(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_the_focus_goes_to_the_title_of_what_is_shown_anew(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     page.get_by_label("Name").first.fill("Ada")
     page.get_by_role("button", name="Start the run").click()
     scripted.order("start")
@@ -444,8 +464,8 @@ def test_the_focus_goes_to_the_title_of_what_is_shown_anew(page: Page, scripted:
 
 
 @pytest.mark.slow
-def test_a_run_that_ends_before_it_has_a_plan_says_why(page: Page, scripted: Scripted):
-    opened(page, scripted, {"kind": "phase", "run": "r", "words": "asking the devices"})
+def test_a_run_that_ends_before_it_has_a_plan_says_why(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted, {"kind": "phase", "run": "r", "words": "asking the devices"})
     expect(page.get_by_text("asking the devices …")).to_be_visible()
     none = dict.fromkeys(("report", "calibration", "history", "verdict"))
     scripted.tell(

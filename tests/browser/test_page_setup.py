@@ -4,20 +4,20 @@ import re
 
 import pytest
 from playwright.sync_api import Page, expect
-from tests.browser.driving import opened, tabbed_to
-from tests.browser.scripted import Scripted
+from tests.browser.page_actions import open_page, tab_to
+from tests.browser.scripted_server import ScriptedServer
 
 
-def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     expect(page.get_by_role("heading", name="Set up a run")).to_be_visible()
-    tabbed_to(page, "Name")
+    tab_to(page, "Name")
     page.keyboard.type("Ada")
-    tabbed_to(page, "mimu.toml")
+    tab_to(page, "mimu.toml")
     page.keyboard.press("ArrowDown")
-    tabbed_to(page, "Sensor")
+    tab_to(page, "Sensor")
     page.keyboard.press("ArrowDown")
-    tabbed_to(page, "Start the run")
+    tab_to(page, "Start the run")
     page.keyboard.press("Enter")
     assert scripted.order("operate")["name"] == "Ada"
     asked = scripted.order("start")
@@ -30,8 +30,8 @@ def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: Scr
     }
 
 
-def test_enter_in_a_field_starts_no_run(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_enter_in_a_field_starts_no_run(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     page.get_by_label("Name").first.fill("Ada")
     page.get_by_label("Name").first.press("Enter")
     scripted.order("operate")
@@ -43,15 +43,15 @@ def test_enter_in_a_field_starts_no_run(page: Page, scripted: Scripted):
     assert [one["do"] for one in scripted.heard] == ["operate", "leave"]
 
 
-def test_a_broken_plan_says_why_and_cannot_be_chosen(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_a_broken_plan_says_why_and_cannot_be_chosen(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     expect(page.get_by_text("cannot be run: old.toml: [data] hold is missing")).to_be_visible()
     expect(page.get_by_role("radio", name=re.compile("old.toml"))).to_be_disabled()
     expect(page.get_by_role("radio", name=re.compile("mimu.toml"))).to_be_checked()
 
 
-def test_a_simulated_table_goes_with_a_simulated_imu_alone(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_a_simulated_table_goes_with_a_simulated_imu_alone(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     table, imu = (
         page.get_by_role("combobox", name="Table", exact=True),
         page.get_by_role("combobox", name="IMU", exact=True),
@@ -62,8 +62,8 @@ def test_a_simulated_table_goes_with_a_simulated_imu_alone(page: Page, scripted:
     expect(table).to_have_value("simulated")
 
 
-def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     start = page.get_by_role("button", name="Start the run")
     page.get_by_role("combobox", name="Table", exact=True).select_option("typed")
     page.get_by_label("Address of the table").fill("serial:/dev/ttyUSB0")
@@ -84,12 +84,12 @@ def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripte
     assert asked["sensor"] is None
 
 
-def test_probing_says_in_words_what_the_devices_answer(page: Page, scripted: Scripted):
+def test_probing_says_in_words_what_the_devices_answer(page: Page, scripted: ScriptedServer):
     scripted.probed = {
         "table": {"ok": True, "lines": ["Turbo PMAC TURBO2", "  outer: at 0.0004 °, servo off"]},
         "imu": {"ok": False, "lines": ["it sends nothing: is it switched on?"]},
     }
-    opened(page, scripted)
+    open_page(page, scripted)
     page.get_by_label("Name").first.fill("Ada")
     page.get_by_role("button", name="Probe").click()
     expect(page.get_by_text("✓ Table answers")).to_be_visible()
@@ -98,8 +98,8 @@ def test_probing_says_in_words_what_the_devices_answer(page: Page, scripted: Scr
     assert scripted.wait_for(lambda heard: "probe" in heard)["probe"]["plan"] == "mimu"
 
 
-def test_runs_of_before_are_resumed_or_have_their_report(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_runs_of_before_are_resumed_or_have_their_report(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     report = page.get_by_role("link", name=re.compile("Report of MIMU #17"))
     expect(report).to_have_attribute("href", "/runs/mimu-20261120-090000/report")
     page.get_by_label("Name").first.fill("Ada")
@@ -108,8 +108,8 @@ def test_runs_of_before_are_resumed_or_have_their_report(page: Page, scripted: S
     assert asked == {"do": "resume", "run": "mimu-20261122-101500", "table": None, "imu": None}
 
 
-def test_a_sensor_that_no_register_knows_is_named_on_the_page(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_a_sensor_that_no_register_knows_is_named_on_the_page(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     start = page.get_by_role("button", name="Start the run")
     page.get_by_role("combobox", name="Sensor").select_option("typed")
     expect(start).to_be_disabled()
@@ -121,8 +121,8 @@ def test_a_sensor_that_no_register_knows_is_named_on_the_page(page: Page, script
     assert scripted.order("start")["sensor"] == "MIMU #19"
 
 
-def test_the_register_and_what_is_wrong_with_it_stay_written(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_the_register_and_what_is_wrong_with_it_stay_written(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     expect(page.get_by_text("Register: sqlite:///register.db")).to_be_visible()
     trouble = "postgresql://bench@10.0.0.9/inercal: nobody answers"
     scripted.setup |= {"register": "", "trouble": trouble, "sensors": []}
@@ -132,10 +132,10 @@ def test_the_register_and_what_is_wrong_with_it_stay_written(page: Page, scripte
 
 
 @pytest.mark.slow
-def test_earlier_runs_are_read_again_after_the_stop_of_one(page: Page, scripted: Scripted):
+def test_earlier_runs_are_read_again_after_the_stop_of_one(page: Page, scripted: ScriptedServer):
     runs = scripted.setup["runs"]
     scripted.setup["runs"] = [{**runs[0], "state": "running"}, *runs[1:]]
-    opened(page, scripted)
+    open_page(page, scripted)
     stop = page.get_by_role("button", name=re.compile("STOP MIMU #17"))
     stop.click()
     assert scripted.order("stop")["run"] == runs[0]["id"]
@@ -145,8 +145,8 @@ def test_earlier_runs_are_read_again_after_the_stop_of_one(page: Page, scripted:
     assert page.evaluate("document.activeElement.id") == "runs"
 
 
-def test_a_sensor_of_the_register_leads_to_its_history(page: Page, scripted: Scripted):
-    opened(page, scripted)
+def test_a_sensor_of_the_register_leads_to_its_history(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
     expect(page.get_by_role("link", name="History of this sensor")).to_be_hidden()
     page.get_by_role("combobox", name="Sensor").select_option("1")
     link = page.get_by_role("link", name="History of this sensor")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import BrowserContext, Page, expect
-from tests.browser.conftest import Watched
-from tests.browser.test_page_scripted import tabbed_to
-from tests.host.benches import plan, quick
-from tests.host.web.test_web_survives import Serving
+from tests.browser.conftest import PageErrors
+from tests.browser.test_page_scripted import tab_to
+from tests.host.simulated_runs import plan, quick
+from tests.host.web.test_web_process_survival import Serving
 
 from inercal.calibration.files import load
 
@@ -40,15 +40,15 @@ def serving(tmp_path: Path) -> Iterator[Serving]:
 
 @pytest.mark.slow
 def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
-    page: Page, context: BrowserContext, watched: Watched, serving: Serving, tmp_path: Path
+    page: Page, context: BrowserContext, watched: PageErrors, serving: Serving, tmp_path: Path
 ):
     page.goto(f"http://127.0.0.1:{serving.port}/")
     expect(page.get_by_role("heading", name="Set up a run")).to_be_visible()
-    tabbed_to(page, "Name")
+    tab_to(page, "Name")
     page.keyboard.type("Ada")
-    tabbed_to(page, "plan.toml")
+    tab_to(page, "plan.toml")
     page.keyboard.press("Space")
-    tabbed_to(page, "Start the run")
+    tab_to(page, "Start the run")
     page.keyboard.press("Enter")
     live = page.locator("#live")
     expect(live).to_be_visible(timeout=STARTING)
@@ -72,7 +72,7 @@ def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     size = made.sensor.coefficient(NAME).si
     assert last == pytest.approx(made.value(NAME) / size, abs=u2 / 10)
 
-    tabbed_to(page, "Open the report")
+    tab_to(page, "Open the report")
     with context.expect_page() as opened:
         page.keyboard.press("Enter")
     read = opened.value

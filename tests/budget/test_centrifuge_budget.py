@@ -5,18 +5,18 @@ from math import pi, radians
 
 import numpy as np
 import pytest
+from inercal.budget.effect_shifts import effect_shifts
 from numpy.typing import NDArray
 from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, Triad
 from tests.methods.test_centrifuge_norm import NOISE, NOMINAL, sensor
 
 from inercal.benches import Centrifuge
 from inercal.budget import Budget, Experiment, budget
-from inercal.budget.contributions import first_order
-from inercal.budget.shifts import shifts
+from inercal.budget.contributions import first_order_contributions
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods.centrifuge_norm import ml, series
-from inercal.methods.centrifuge_norm.plans import plan
+from inercal.methods.centrifuge_norm.arm_plans import plan
 from inercal.plan import Spin
 from inercal.units import Measured
 
@@ -50,22 +50,22 @@ def experiment(attitudes: str, bench: Centrifuge = BENCH, *also: str, **more: fl
     return Experiment(sensor(*also), bench, steps, ml, noise, truth=truth() | more)
 
 
-def halved(made: Experiment) -> Experiment:
+def every_other_dwell(made: Experiment) -> Experiment:
     """Return the experiment with every other dwell: quicker."""
     return replace(made, steps=made.steps[::2], noise=made.noise[::2])
 
 
-def alone(made: Experiment, name: str) -> Array:
+def single_contribution(made: Experiment, name: str) -> Array:
     """Return the contribution of one imperfection to first order, without the others' work."""
-    steps = np.eye(made.size)[made.columns[name]]
-    by_draw = (made(made.typical + steps) - made(made.typical - steps)) / 2
+    steps = np.eye(made.size)[made.draw_columns[name]]
+    by_draw = (made(made.expansion_point + steps) - made(made.expansion_point - steps)) / 2
     return np.sqrt(np.sum(by_draw**2, axis=0))
 
 
 def assert_agree(found: Budget, widest: float) -> None:
     """Where a contribution is no less than a thousandth of the total, and the total itself."""
     worst = 0.0
-    for one, spread in found.lines.items():
+    for one, spread in found.contributions.items():
         counts = spread.first_order > 1e-3 * found.total.first_order
         assert counts.any() or one.name in ("lean", "latitude")
         off = spread.monte_carlo[counts] / spread.first_order[counts] - 1
@@ -78,10 +78,10 @@ def assert_agree(found: Budget, widest: float) -> None:
 @pytest.mark.slow
 def test_derivatives_agree_with_a_hundred_and_twenty_drawn():
     made = experiment("full-circle", replace(BENCH, lean=1e-5))
-    made = halved(made)
+    made = every_other_dwell(made)
     found = budget(made, 120, seed=1)
     assert_agree(found, 4 / np.sqrt(2 * 120))
-    spin, lean = next((s, line) for line, s in found.lines.items() if line.name == "lean")
+    spin, lean = next((s, line) for line, s in found.contributions.items() if line.name == "lean")
     assert len(lean.draws) == 2
     assert np.all(spin.first_order < 1e-9 * found.total.first_order)
     assert np.all(spin.monte_carlo < 1e-9 * found.total.first_order)
@@ -94,19 +94,19 @@ def test_derivatives_agree_with_four_thousand_drawn_within_five_per_cent(attitud
     assert_agree(budget(experiment(attitudes), 4000, seed), 0.05)
 
 
-def test_a_lean_counts_where_turns_are_not_whole():
+def test_a_lean_contributes_where_turns_are_not_whole():
     whole = experiment("full-circle", replace(BENCH, lean=1e-5))
     steps = tuple(
         replace(step, seconds=1.3 * 2 * pi / step.rate)
         for step in whole.steps
         if isinstance(step, Spin)
     )
-    lean = alone(replace(whole, steps=steps), "lean")
-    assert np.all(alone(whole, "lean") < 1e-9 * whole.stated())
+    lean = single_contribution(replace(whole, steps=steps), "lean")
+    assert np.all(single_contribution(whole, "lean") < 1e-9 * whole.stated())
     assert np.max(lean / whole.stated()) > 0.01
 
 
-def dense(attitudes: str, bench: Centrifuge) -> dict[str, Array]:
+def dense_regression_contributions(attitudes: str, bench: Centrifuge) -> dict[str, Array]:
     """Return the contributions (S, b, D) by a dense regression, in output units and paper's g."""
     sds = {
         "radius": bench.radius.sd,
@@ -167,8 +167,8 @@ def in_printed_units(contribution: Array) -> Array:
 @pytest.mark.parametrize("attitudes", ["full-circle", "half-circle"])
 def test_first_order_is_that_of_a_dense_regression(attitudes: str):
     """S and b alone: k2 holds the scale factor too."""
-    made = first_order(halved(experiment(attitudes)))
-    expected = dense(attitudes, BENCH)
+    made = first_order_contributions(every_other_dwell(experiment(attitudes)))
+    expected = dense_regression_contributions(attitudes, BENCH)
     assert set(made) == set(expected)
     total = np.sqrt(np.sum([x**2 for x in expected.values()], axis=0))
     for name, contribution in expected.items():
@@ -183,13 +183,13 @@ def test_a_relative_error_of_the_radius_is_one_of_scale_and_bending():
     steps = plan("full-circle")
     noise = np.broadcast_to(SD**2 * np.eye(3), (len(steps), 3, 3))
     taken = Experiment(sensor(), bench, steps, series, noise, truth=truth())
-    s, _, k2 = np.split(in_printed_units(alone(taken, "radius")), 3)
+    s, _, k2 = np.split(in_printed_units(single_contribution(taken, "radius")), 3)
     assert s == pytest.approx(1e-5 * TRIAD.scale, rel=0.02)
     # Bending as printed is k2 over the scale factor: both have ε, and k2 twice.
     d = TRIAD.bend * TRIAD.scale / NOMINAL / PAPER_G
     assert k2 == pytest.approx(2e-5 * d, rel=0.05)
     # Gravity beside it gives a part of the radius away to maximum likelihood.
-    absorbed = alone(replace(taken, estimator=ml), "radius")
+    absorbed = single_contribution(replace(taken, estimator=ml), "radius")
     assert np.all(in_printed_units(absorbed)[:3] < 0.5 * s)
 
 
@@ -199,15 +199,15 @@ def test_the_sum_of_squares_is_what_maximum_likelihood_states():
         experiment("full-circle", BENCH, "x.arm_i", "y.arm_i"),
         priors=(Gaussian.independent(("x.arm_i", "y.arm_i"), 0.0, [1e-4, 1e-4]),),
     )
-    made = halved(made)
-    found = first_order(made)
+    made = every_other_dwell(made)
+    found = first_order_contributions(made)
     assert "prior of x.arm_i, y.arm_i" in found
     total = np.sqrt(np.sum([x**2 for x in found.values()], axis=0))
     assert total == pytest.approx(made.stated(), rel=2e-3)
 
 
 def test_earth_rate_left_uncorrected_shifts_as_the_note_says():
-    (only,) = shifts(experiment("half-circle", EXACT))
+    (only,) = effect_shifts(experiment("half-circle", EXACT))
     assert only.name == "earth's rate"
     k0, k1, _ = only.shift.reshape(3, 3).T
     assert k1[0] * NOMINAL == pytest.approx(7e-6, rel=0.05)
@@ -216,7 +216,7 @@ def test_earth_rate_left_uncorrected_shifts_as_the_note_says():
 
 def test_stretch_left_uncorrected_is_a_shift_and_with_the_earth_there_is_a_sum():
     bench = replace(EXACT, stretch=Measured(1e-7, 0.0))
-    earth, stretch, both = shifts(experiment("full-circle", bench))
+    earth, stretch, both = effect_shifts(experiment("full-circle", bench))
     assert (stretch.name, both.name) == ("stretch of the arm", "all of these")
     assert stretch.value == "0.9807 ppm/g"
     assert both.shift == pytest.approx(
@@ -228,26 +228,26 @@ def test_stretch_left_uncorrected_is_a_shift_and_with_the_earth_there_is_a_sum()
 def test_a_misalignment_that_is_not_estimated_shifts_the_bias():
     """By the note −5.4 g/rad of the sum of the symmetric pair: −2.2e-3 g of 2e-4 rad each."""
     made = experiment("half-circle", EXACT, **{"x.delta_o": 2e-4, "y.delta_p": -2e-4})
-    *_, first, second, whole = shifts(made)
+    *_, first, second, whole = effect_shifts(made)
     assert first.name == "x.delta_o"
-    earth = shifts(experiment("half-circle", EXACT))[0]
+    earth = effect_shifts(experiment("half-circle", EXACT))[0]
     bias = (whole.shift - earth.shift)[0] * NOMINAL / PAPER_G
     print("bias by misalignment", bias, second.shift[0] * NOMINAL / PAPER_G)
     assert bias == pytest.approx(-2.2e-3, rel=0.05)
 
 
-def test_attitudes_that_are_not_known_are_refused():
+def test_unknown_attitudes_are_refused():
     spins = tuple(Spin(f"d{k}", rate) for k, rate in enumerate(RATES))
     with pytest.raises(InputError, match=r"needs a plan with attitudes \(\[method\] attitudes"):
         Experiment(sensor(), BENCH, spins, ml, np.broadcast_to(np.eye(3), (3, 3, 3)))
 
 
-def test_indexing_is_one_line_of_sixty_draws_that_no_norm_feels():
+def test_indexing_is_one_line_of_sixty_draws_without_effect_on_the_norms():
     made = experiment("full-circle", replace(BENCH, mounting=1e-4))
     mounting = next(one for one in made.imperfections if one.name == "mounting")
     assert mounting.draws == ("mount_x", "mount_y", "mount_z")
     # The noise about which it is worked out is turned a little against the force.
-    assert np.all(alone(made, "mounting") < 1e-3 * made.stated())
+    assert np.all(single_contribution(made, "mounting") < 1e-3 * made.stated())
     known = experiment("full-circle", replace(BENCH, indexing=1e-3))
     indexing = next(one for one in known.imperfections if one.name == "indexing")
     assert len(indexing.draws) == 60

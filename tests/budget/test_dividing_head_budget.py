@@ -4,21 +4,26 @@ import numpy as np
 import pytest
 from tests.accuracy.dividing_head import ARCSEC
 
-from inercal.benches.dividing_head.bench import Collimated, DividingHead, mounted, positions
+from inercal.benches.dividing_head.bench import (
+    CollimationMode,
+    DividingHead,
+    mounted_sensor,
+    position_plan,
+)
 from inercal.budget import Experiment, budget
 from inercal.estimate import Gaussian
 from inercal.methods.dual_orthogonal import joint, patent
 from inercal.sensors import G0
 from inercal.units import Measured
 
-SENSOR = mounted().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
+SENSOR = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
 PRIORS = (
     Gaussian.independent(("a.kip", "b.kip"), np.zeros(2), 20e-6 / G0),
     Gaussian.independent(("a.k3", "b.k3"), np.zeros(2), 0.5e-6 / G0**2),
 )
 
 
-def experiment(collimated: Collimated, **truth: float) -> Experiment:
+def experiment(collimated: CollimationMode, **truth: float) -> Experiment:
     bench = DividingHead(
         Measured(G0, 1e-6 * G0),
         (1.9 * ARCSEC, 1.6 * ARCSEC),
@@ -32,14 +37,14 @@ def experiment(collimated: Collimated, **truth: float) -> Experiment:
         lean=20 * ARCSEC,
         drift=1e-6 * G0,
     )
-    steps = positions(12, reverse=True)
+    steps = position_plan(12, reverse=True)
     noise = np.broadcast_to((0.2e-6 * G0) ** 2 * np.eye(2), (24, 2, 2))
     estimator = patent if collimated == "pairs" else joint
     return Experiment(SENSOR, bench, steps, estimator, noise, PRIORS, truth)
 
 
 @pytest.mark.parametrize("collimated", ["every", pytest.param("pairs", marks=pytest.mark.slow)])
-def test_first_order_drawing_and_what_is_stated_agree(collimated: Collimated):
+def test_first_order_monte_carlo_and_stated_uncertainty_agree(collimated: CollimationMode):
     made = experiment(collimated)
     found = budget(made, trials=300)
     names = {line.name for line in made.imperfections}
@@ -55,7 +60,7 @@ def test_first_order_drawing_and_what_is_stated_agree(collimated: Collimated):
 
 def test_a_drift_that_is_drawn_reaches_the_readings():
     made = experiment("every")
-    q = {name: np.array(p.value) for name, p in made.declared.items()}
+    q = {name: np.array(p.value) for name, p in made.bench_parameters.items()}
     still = made.readings(q, SENSOR.coefficients)
     moved = made.readings(q | {"drift_a[pass 1]": np.array(1e-5)}, SENSOR.coefficients) - still
     assert np.abs(moved[:, 1]).max() == 0

@@ -9,9 +9,9 @@ import pytest
 
 from inercal.calibration import grade, verdict_object
 from inercal.calibration.verdict import verdict
-from inercal.estimate import Candidate, Estimate, Problem, Test, least_squares
-from inercal.estimate.result import Group
-from inercal.estimate.spread import Spread
+from inercal.estimate import Candidate, Estimate, ModelTest, Problem, least_squares
+from inercal.estimate.residual_scatter import ScatterModel
+from inercal.estimate.result import ResidualGroup
 from inercal.recording import Finding
 from inercal.sensors import G0, triad
 
@@ -94,7 +94,7 @@ def test_noise_three_times_as_large_names_no_suspect_and_is_not_relied_on() -> N
 
 def test_an_outlying_row_is_named() -> None:
     found = estimate()
-    (row,) = [s for s in found.scored.scores if s.name == "p7"]
+    (row,) = [s for s in found.score_tests.scores if s.name == "p7"]
     assert graded(found).suspect is None
     y = np.zeros(30)
     y[7] = 9 * SD
@@ -132,19 +132,26 @@ def test_a_scale_far_from_nominal_is_not_relied_on() -> None:
 
 
 def test_a_fit_without_any_test_is_usable_with_reservations() -> None:
-    closed = Estimate.of_formulas(SENSOR.coefficients, np.zeros(6), np.eye(6), np.ones(6))
+    closed = Estimate.from_closed_form(SENSOR.coefficients, np.zeros(6), np.eye(6), np.ones(6))
     assert graded(closed).grade == "reservations"
 
 
 @pytest.mark.parametrize(("statistic", "expected"), [(20.0, "consistent"), (60.0, "reservations")])
 def test_a_further_test_counts(statistic: float, expected: str) -> None:
-    found = replace(estimate(), tests=(Test("mean innovation of each step", statistic, 20),))
+    found = replace(estimate(), tests=(ModelTest("mean innovation of each step", statistic, 20),))
     assert graded(found).grade == expected
 
 
 def test_a_group_with_excess_counts_by_what_it_was_before() -> None:
-    group = Group(
-        "norms", "m/s²", ("a",), np.zeros((1, 1)), np.ones((1, 1)), 80.0, 30, Spread(excess=1.0)
+    group = ResidualGroup(
+        "norms",
+        "m/s²",
+        ("a",),
+        np.zeros((1, 1)),
+        np.ones((1, 1)),
+        80.0,
+        30,
+        ScatterModel(excess=1.0),
     )
     assert graded(replace(estimate(), groups=(group,))).grade == "reservations"
 

@@ -7,14 +7,14 @@ RUN = """
 from collections import deque
 from types import SimpleNamespace
 
-from inercal.cli.bench_view import viewing
+from inercal.cli.bench_view import run_display
 
-account = SimpleNamespace(events=0, said=deque([("info", "step 1")], maxlen=8))
-run = SimpleNamespace(account=account, time=1.5)
-with viewing() as show:
+recorder = SimpleNamespace(events=0, recent_messages=deque([("info", "step 1")], maxlen=8))
+run = SimpleNamespace(recorder=recorder, time=1.5)
+with run_display() as show:
     input()
     for _ in range(3):
-        account.events += 1
+        recorder.events += 1
         show(run)
 print("went on")
 """

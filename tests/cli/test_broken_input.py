@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
+from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.cli.app import main
 from inercal.io.write import write_recording
-from inercal.pipeline import named_as_in, simulate
+from inercal.pipeline import apply_data_columns, simulate
 from inercal.runfile import read
 
 LABELLED = ('time = "time"\n', 'time = "time"\nmarks = "labels"\nlabel = "label"\n')
@@ -194,7 +194,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     for text in (SIX_POSITIONS, FERRARIS):
         run = read(run_file(tmp_path_factory.mktemp("good"), text))
         path = run.file("log.csv")
-        write_recording(named_as_in(run, simulate(run, 1)), path)
+        write_recording(apply_data_columns(run, simulate(run, 1)), path)
         found[text] = path.read_bytes()
     return found
 

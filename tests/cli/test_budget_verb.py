@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.runfile.texts import SIX_POSITIONS, run_file
+from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.cli.app import main
 

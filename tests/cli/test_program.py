@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from tests.runfile.texts import SIX_POSITIONS, run_file
+from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.cli.app import main
 

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from tests.host.benches import plan
-from tests.runfile.texts import SIX_POSITIONS, run_file
-from tests.store.generator import ARCSEC, DRIFTING, G0, content, hashed, ten, write
+from tests.host.simulated_runs import plan
+from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
+from tests.store.calibration_generator import ARCSEC, DRIFTING, G0, content, hashed, ten, write
 
 from inercal.cli.app import main
-from inercal.host.folder import begin
+from inercal.host.run_folder import create_run
 from inercal.sensors import Noise, Readout, triad
 from inercal.store import Register
 
@@ -251,8 +251,8 @@ def test_a_date_that_is_stated_counts(program: Program, tmp_path: Path):
 
 def test_the_folder_of_a_run_is_imported_and_listed(program: Program, tmp_path: Path):
     addresses = ("pmac://h:1?motors=1,2,3&counts=3600000", "tcp://h:2?preset=fixed", "")
-    folder, journal = begin(tmp_path / "run", plan(tmp_path / "plan"), addresses)
-    journal.put_state("interrupted")
+    folder, journal = create_run(tmp_path / "run", plan(tmp_path / "plan"), addresses)
+    journal.set_state("interrupted")
     journal.close()
     said = program("store", "import", folder.path)
     assert (said.status, said.out) == (0, f"{folder.path}: run 1\n")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
+from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
 import inercal
 from inercal.calibration.files import load, save

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.generator import DEGREE, Handling, Imu, mems, record
-from tests.accuracy.through_inercal import bench, observed, truth
-from tests.seeds import SEEDS
+from tests.accuracy.ferraris import DEGREE, Handling, Imu, mems, record
+from tests.accuracy.inercal_inputs import make_bench, make_observations, true_coefficients
+from tests.base_seeds import SEEDS
 
 from inercal.benches import Hand
 from inercal.estimate import Estimate
@@ -29,7 +29,7 @@ HANDS = Handling(
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedSessions:
     """What came out against what is true: errors (trials, p), and the estimate."""
 
     names: tuple[str, ...]
@@ -59,7 +59,7 @@ class Sessions:
 
     device: Imu
     hands: Handling = HANDS
-    judged: Mapping[str, Judged] = field(default_factory=dict)
+    judged: Mapping[str, JudgedSessions] = field(default_factory=dict)
 
 
 @pytest.fixture(scope="session", params=SEEDS)
@@ -68,15 +68,15 @@ def sessions(request: pytest.FixtureRequest) -> Sessions:
     # The accelerometers sit off the turning axis: a turn's mean specific force is not gravity.
     device = mems(rng, arm=np.array([0.03, -0.02, 0.05]))
     made = record(device, HANDS, rng, trials=TRIALS)
-    found: dict[str, Judged] = {}
+    found: dict[str, JudgedSessions] = {}
     for name, method in METHODS.items():
-        if method.free or method.bench is not Hand:
+        if method.unknown_attitudes or method.bench is not Hand:
             continue
         sensor, steps = method.prepare(imu()), method.plan()
         estimate = method.estimator("ml")(
-            observed(made, sensor, steps), sensor, bench(HANDS), steps
+            make_observations(made, sensor, steps), sensor, make_bench(HANDS), steps
         )
         p = len(sensor.coefficients)
-        error = estimate.value[:, :p] - truth(device, sensor)
-        found[name] = Judged(sensor.coefficients, error, estimate)
+        error = estimate.value[:, :p] - true_coefficients(device, sensor)
+        found[name] = JudgedSessions(sensor.coefficients, error, estimate)
     return Sessions(device, judged=found)

@@ -8,13 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.generator import DEGREE, mems
+from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record, triangular
 
 from inercal.benches import Hand
 from inercal.methods import METHODS
 from inercal.recording import Mark, Recording
-from inercal.segments import as_found, between_rests, held, observe
+from inercal.segments import (
+    holds_from_marks,
+    holds_from_observations,
+    observe,
+    passages_between_rests,
+)
 from inercal.sensors import imu
 from inercal.units import Measured
 
@@ -58,9 +63,11 @@ def judge(seed: int, session: Session, estimator: str, trials: int) -> Judged:
     flagged: list[bool] = []
     for data in made.data:
         recording = Recording(made.time, data, sensor.channels, units)
-        seen = observe(recording, sensor, marks, as_found(marks), by_hand=True)
-        seen = replace(seen, passages=between_rests(recording, sensor, marks))
-        found = METHOD.estimator(estimator)(seen, sensor, bench, held(seen, sensor))
+        seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
+        seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
+        found = METHOD.estimator(estimator)(
+            seen, sensor, bench, holds_from_observations(seen, sensor)
+        )
         assert found.converged
         errors.append(found.value[: truth.size] - truth)
         covariances.append(found.covariance[: truth.size, : truth.size])

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.generator import DEGREE, mems, record
-from tests.accuracy.through_inercal import bench, observed, truth
+from tests.accuracy.ferraris import DEGREE, mems, record
+from tests.accuracy.inercal_inputs import make_bench, make_observations, true_coefficients
 from tests.consistency.conftest import HANDS
 
 from inercal.benches import Hand
@@ -18,7 +18,7 @@ SENSORS, TRIALS = 10, 300
 LEANING = replace(HANDS, tilt=0.3 * DEGREE)
 # Two deviations of Student's t with the 114 degrees of freedom of the noise cover 95.2 %.
 COVERED = 0.952 - 4 * np.sqrt(0.952 * 0.048 / (SENSORS * TRIALS))
-PLANNED = [name for name, m in METHODS.items() if m.bench is Hand and not m.free]
+PLANNED = [name for name, m in METHODS.items() if m.bench is Hand and not m.unknown_attitudes]
 
 
 @pytest.mark.slow
@@ -35,10 +35,10 @@ def test_stated_uncertainties_cover_the_truth_over_many_sensors(method: str, bas
         rng = np.random.default_rng([base_seed, k])
         device = mems(rng, arm=rng.uniform(-0.05, 0.05, 3))
         made = record(device, LEANING, rng, trials=TRIALS)
-        observations = observed(made, sensor, steps)
-        estimate = chosen.estimator("ml")(observations, sensor, bench(LEANING), steps)
+        observations = make_observations(made, sensor, steps)
+        estimate = chosen.estimator("ml")(observations, sensor, make_bench(LEANING), steps)
         assert estimate.converged.all()
-        error = estimate.value[:, :p] - truth(device, sensor)
+        error = estimate.value[:, :p] - true_coefficients(device, sensor)
         weighed = np.linalg.solve(estimate.covariance[:, :p, :p], error[..., None])[..., 0]
         errors.append(error)
         deviations.append(estimate.std[:, :p])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inercal.benches.hand.reading import nominal
+from inercal.benches.hand.reading import nominal_plan
 from inercal.pipeline import simulate
 from inercal.runfile import read
 from inercal.segments import marks_from_labels, observe
@@ -57,8 +57,8 @@ def test_simulated_sessions_err_as_stated(tmp_path: Path, method: str):
     path.write_text(text, encoding="utf-8")
     run = read(path)
     made = simulate(run, seed=4, trials=TRIALS)
-    observations = observe(made, run.sensor, marks_from_labels(made), nominal(run))
-    estimate = run.method.estimator("ml")(observations, run.sensor, run.bench, nominal(run))
+    observations = observe(made, run.sensor, marks_from_labels(made), nominal_plan(run))
+    estimate = run.method.estimator("ml")(observations, run.sensor, run.bench, nominal_plan(run))
     names = run.sensor.coefficients
     p = len(names)
     error = estimate.value[:, :p] - np.array([run.truth.get(name, 0.0) for name in names])

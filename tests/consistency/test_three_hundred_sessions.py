@@ -6,14 +6,14 @@ Every band is four standard deviations of what is averaged, at three hundred tri
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.generator import EARTH, POSITIONS, TURNS, Handling, Imu
+from tests.accuracy.ferraris import EARTH, POSITIONS, TURNS, Handling, Imu
 from tests.consistency.conftest import TRIALS, Sessions
 
 from inercal.benches import Hand
 from inercal.methods import METHODS
 
 Array = NDArray[np.float64]
-PLANNED = [name for name, m in METHODS.items() if m.bench is Hand and not m.free]
+PLANNED = [name for name, m in METHODS.items() if m.bench is Hand and not m.unknown_attitudes]
 both = pytest.mark.parametrize("method", PLANNED)
 
 

@@ -4,18 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.test_turntable_runs import path_of, recorded, run_of
+from tests.test_turntable_runs import copy_run, path_with_labels, simulate_recording
 
 from inercal.cli.app import app
-from inercal.design.on_turntable import worksheet
+from inercal.design.turntable_path import turntable_path_sheet
 from inercal.errors import NotObserved
 from inercal.pipeline import calibrate
 
 
 @pytest.mark.parametrize("method", ["turntable_discrete", "turntable_trajectory"])
 def test_a_path_is_planned_by_the_methods_own_estimator(tmp_path: Path, method: str):
-    run = recorded(run_of(tmp_path, ('"turntable_kalman"', f'"{method}"')))
-    sheet = worksheet(run)
+    run = simulate_recording(copy_run(tmp_path, ('"turntable_kalman"', f'"{method}"')))
+    sheet = turntable_path_sheet(run)
     assert [one.name for one in sheet.expected] == list(run.sensor.coefficients)
     estimate = calibrate(run).estimate
     stated = np.sqrt(np.diagonal(estimate.covariance)[:24])
@@ -25,15 +25,15 @@ def test_a_path_is_planned_by_the_methods_own_estimator(tmp_path: Path, method: 
 def test_a_path_that_leaves_directions_open_says_so_by_each_method(tmp_path: Path):
     for method in ("turntable_discrete", "turntable_trajectory"):
         change = ('"turntable_kalman"', f'"{method}"')
-        run = run_of(tmp_path, change, path=path_of("warm-up", "y up", "z down"))
+        run = copy_run(tmp_path, change, path=path_with_labels("warm-up", "y up", "z down"))
         with pytest.raises(NotObserved, match=r"mimu\.toml: (not observed|the data leave)"):
-            worksheet(run)
+            turntable_path_sheet(run)
 
 
 def test_what_a_path_leaves_open_is_a_dash_with_advice(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    run = run_of(tmp_path, path=path_of("warm-up", "y up", "z down"))
+    run = copy_run(tmp_path, path=path_with_labels("warm-up", "y up", "z down"))
     app(["plan", "turntable-kalman", "--run", str(run.path)], standalone_mode=False)
     printed = capsys.readouterr().out
     assert "40000" not in printed

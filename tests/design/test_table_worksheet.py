@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.accuracy import rate_table as made
 
-from inercal.design.worksheet import Worksheet, as_csv, worksheet
+from inercal.design.worksheet import Worksheet, build_worksheet, worksheet_csv
 from inercal.errors import InputError, NotObserved
 from inercal.pipeline import calibrate
 from inercal.runfile import read
@@ -23,12 +23,12 @@ def planned(folder: Path, *changes: tuple[str, str]) -> Worksheet:
         assert old in text
         text = text.replace(old, new)
     (folder / "run.toml").write_text(text, encoding="utf-8")
-    return worksheet(read(folder / "run.toml"))
+    return build_worksheet(read(folder / "run.toml"))
 
 
 def fill(sheet: Worksheet, path: Path, seed: int) -> made.Draw:
     """Write the sheet filled with the readings of a device that the generator draws."""
-    header, *lines = csv.reader(as_csv(sheet).splitlines())
+    header, *lines = csv.reader(worksheet_csv(sheet).splitlines())
     states: list[made.State] = []
     for line in lines:
         tilts = [float(tilt) for tilt in line[0][2:].split("+") if tilt]
@@ -75,7 +75,7 @@ def test_what_is_felt_is_what_the_generator_says(tmp_path: Path):
 
 def test_rates_are_written_in_the_unit_of_their_column(tmp_path: Path):
     sheet = planned(tmp_path, ('arm_rate = "rpm"', 'arm_rate = "w"\narm_rate_unit = "rad/s"'))
-    header, first, second, *_ = as_csv(sheet).splitlines()
+    header, first, second, *_ = worksheet_csv(sheet).splitlines()
     assert header == "mounting,w,ax,ay,az"
     assert first == "XY,0,,,"
     assert float(second.split(",")[1]) == pytest.approx(46 * made.RPM)
@@ -84,9 +84,9 @@ def test_rates_are_written_in_the_unit_of_their_column(tmp_path: Path):
 def test_columns_by_number_have_no_name_to_write(tmp_path: Path):
     sheet = planned(tmp_path)
     data = sheet.run.data.model_copy(update={"arm_rate": 2})
-    numbered = worksheet(replace(sheet.run, data=data))
+    numbered = build_worksheet(replace(sheet.run, data=data))
     with pytest.raises(InputError, match="column 2 by its number"):
-        as_csv(numbered)
+        worksheet_csv(numbered)
 
 
 def test_noise_that_is_not_stated_is_asked_for(tmp_path: Path):
@@ -98,4 +98,4 @@ def test_a_plan_that_leaves_coefficients_open_says_which(tmp_path: Path):
     sheet = planned(tmp_path)
     run = replace(sheet.run, plan=lambda: sheet.run.steps[:3])
     with pytest.raises(NotObserved, match=r"plan of 3 states leaves open.* YX"):
-        worksheet(run)
+        build_worksheet(run)

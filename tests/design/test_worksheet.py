@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inercal.benches.sheet import Row
-from inercal.design.worksheet import Worksheet, as_csv, worksheet
+from inercal.benches.operator_sheet import SheetRow
+from inercal.design.worksheet import Worksheet, build_worksheet, worksheet_csv
 from inercal.errors import InputError, NotObserved
 from inercal.motion import Motion
 from inercal.pipeline import calibrate
@@ -94,10 +94,10 @@ def run_file(folder: Path, *changes: tuple[str, str]) -> Path:
 
 
 def planned(folder: Path, *changes: tuple[str, str]) -> Worksheet:
-    return worksheet(read(run_file(folder, *changes)))
+    return build_worksheet(read(run_file(folder, *changes)))
 
 
-def done_with(row: Row) -> str:
+def done_with(row: SheetRow) -> str:
     """Return what is done with the autocollimator, in words."""
     return row.facts["autocollimator"]
 
@@ -112,7 +112,7 @@ class Operator:
         self.line = 0.3 * ARCSEC  # where the autocollimator looks
         self.read: dict[tuple[int, str], float] = {}
 
-    def at(self, row: Row) -> tuple[float, float | None]:
+    def at(self, row: SheetRow) -> tuple[float, float | None]:
         """Return where the head truly stands beyond its angle, and what was written down, rad."""
         angle, act, in_pass = radians(row.facts["angle_deg"]), done_with(row), row.facts["pass"]
         face = FACES[round(angle * 6 / pi) % 12] * ARCSEC
@@ -137,7 +137,7 @@ class Operator:
 def fill(sheet: Worksheet, path: Path, seed: int) -> None:
     """Write the sheet with its empty cells filled."""
     run, operator = sheet.run, Operator(seed)
-    header, *lines = csv.reader(as_csv(sheet).splitlines())
+    header, *lines = csv.reader(worksheet_csv(sheet).splitlines())
     sensor = run.sensor.with_coefficients(*run.truth)
     c = np.array([run.truth[name] for name in sensor.coefficients])
     filled = [header]
@@ -258,12 +258,12 @@ def test_noise_that_is_not_stated_is_asked_for(tmp_path: Path):
 def test_columns_by_number_have_no_name_to_write(tmp_path: Path):
     sheet = planned(tmp_path)
     data = sheet.run.data.model_copy(update={"angle": 2})
-    numbered = worksheet(replace(sheet.run, data=data))
+    numbered = build_worksheet(replace(sheet.run, data=data))
     with pytest.raises(InputError, match="column 2 by its number"):
-        as_csv(numbered)
+        worksheet_csv(numbered)
 
 
 def test_angles_are_written_in_the_unit_of_their_column(tmp_path: Path):
     sheet = planned(tmp_path, ('angle = "head"', 'angle = "head"\nangle_unit = "′"'))
-    lines = as_csv(sheet).splitlines()
+    lines = worksheet_csv(sheet).splitlines()
     assert lines[:3] == ["position,head,volts A,volts B,mirror", "f01,0,,,", "f02,1800,,,"]

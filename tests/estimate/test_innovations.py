@@ -11,8 +11,8 @@ GROUP = np.repeat(np.arange(GROUPS), EACH)
 
 
 def p_values(standard: np.ndarray) -> list[float]:
-    z = innovations.grouped(standard, GROUP)
-    return [one.p_value for one in innovations.means_and_whiteness(z, "means", "whiteness")]
+    z = innovations.group_innovations(standard, GROUP)
+    return [one.p_value for one in innovations.mean_and_whiteness_tests(z, "means", "whiteness")]
 
 
 def test_p_values_of_white_noise_are_uniform():
@@ -26,7 +26,7 @@ def test_few_groups_have_no_more_small_p_values_than_they_should():
     rng = np.random.default_rng(12)
     for g in (8, 11):
         made = [
-            innovations.means_and_whiteness(rng.standard_normal((g, M)), "", "")[1].p_value
+            innovations.mean_and_whiteness_tests(rng.standard_normal((g, M)), "", "")[1].p_value
             for _ in range(4000)
         ]
         assert np.mean(np.array(made) < 1e-2) < 1e-2 + 3.3 * np.sqrt(1e-2 / 4000)
@@ -35,7 +35,7 @@ def test_few_groups_have_no_more_small_p_values_than_they_should():
 def test_whiteness_takes_every_pair_of_neighbours():
     for g in (8, 9):
         z = np.random.default_rng(g).standard_normal((g, M))
-        (_, made) = innovations.means_and_whiteness(z, "", "")
+        (_, made) = innovations.mean_and_whiteness_tests(z, "", "")
         padded = np.concatenate([z, np.zeros((1, M))])
         variance = sum(np.sum((z[i - 1] + padded[i + 1]) ** 2) for i in range(1, g, 2))
         assert made.statistic == pytest.approx(np.sum(z[:-1] * z[1:]) ** 2 / variance, rel=1e-12)
@@ -65,12 +65,12 @@ def test_groups_that_hang_together_are_seen():
 def test_epochs_without_a_group_or_an_observation_are_left_out():
     standard = np.ones((6, 2))
     standard[1] = np.nan
-    z = innovations.grouped(standard, np.array([0, 0, 0, -1, 2, 2]))
+    z = innovations.group_innovations(standard, np.array([0, 0, 0, -1, 2, 2]))
     np.testing.assert_allclose(z, np.sqrt(2) * np.ones((2, 2)))
 
 
 def test_an_innovation_that_was_not_observed_is_no_number():
-    made = innovations.standardised(np.array([[2.0, 0.0]]), np.array([[4.0, 0.0]]))
+    made = innovations.standardised_innovations(np.array([[2.0, 0.0]]), np.array([[4.0, 0.0]]))
     assert made[0, 0] == 1.0
     assert np.isnan(made[0, 1])
 
@@ -80,14 +80,14 @@ def test_means_of_residuals_of_a_fit_are_chi_squared():
     design = rng.standard_normal((GROUP.size, 12)) + 3 * rng.standard_normal((GROUPS, 12))[GROUP]
     prior = np.eye(12)  # each was known to ± 1, and is drawn so
     covariance = np.asarray(np.linalg.inv(design.T @ design + prior), dtype=float)
-    slope = innovations.grouped(design, GROUP)
+    slope = innovations.group_innovations(design, GROUP)
     found: list[float] = []
     for _ in range(300):
         x = rng.standard_normal(12)
         y = design @ x + rng.standard_normal(GROUP.size)
         residual = y - design @ (covariance @ (design.T @ y))
-        z = innovations.grouped(residual[:, None], GROUP).ravel()
-        made = innovations.means_of_residuals(z, slope, covariance, "means")
+        z = innovations.group_innovations(residual[:, None], GROUP).ravel()
+        made = innovations.residual_mean_test(z, slope, covariance, "means")
         assert made.dof == GROUPS
         found.append(made.p_value)
     assert kstest(found, "uniform").pvalue > 1e-3

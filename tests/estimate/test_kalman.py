@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inercal.estimate.kalman import predict, smoothed, steps, update
+from inercal.estimate.kalman import allocate_steps, predict, smoother_corrections, update
 
 N, K, M, EPOCHS = 7, 2, 3, 9  # states, driven ones, observations, epochs
 
@@ -56,7 +56,7 @@ class SimulatedErrors:
 
         After each epoch a part of x, `fed`, is fed back to an estimate beside the filter.
         """
-        made = steps(EPOCHS, N, K, M, np.eye(N))
+        made = allocate_steps(EPOCHS, N, K, M, np.eye(N))
         x, p, beside = np.zeros(N), self.prior.copy(), np.zeros(N)
         found = np.zeros((EPOCHS, N))
         for e in range(EPOCHS):
@@ -75,7 +75,7 @@ class SimulatedErrors:
             made.rows[e] = p
             beside, x = beside + fed * x, (1 - fed) * x
             found[e] = beside + x
-        added, variance = smoothed(made, np.zeros((N, N)), p)
+        added, variance = smoother_corrections(made, np.zeros((N, N)), p)
         return found, found + added, variance
 
 
@@ -98,5 +98,5 @@ def test_a_constant_is_all_along_what_it_is_at_the_end():
 
 
 def test_of_a_way_back_that_nobody_asks_for_one_epoch_is_kept():
-    made = steps(1000, N, K, M, np.zeros((0, N)))
+    made = allocate_steps(1000, N, K, M, np.zeros((0, N)))
     assert sum(part.size for part in made) < 10 * N * N

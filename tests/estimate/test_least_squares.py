@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares as scipy_least_squares
 
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gauge, Gaussian, Problem, least_squares, linear
+from inercal.estimate import Gauge, Gaussian, Problem, least_squares, linear_least_squares
 
 Array = NDArray[np.float64]
 NAMES = ("a", "b", "c", "d")
@@ -234,7 +234,7 @@ def test_linear_and_least_squares_agree_where_the_model_is_linear():
     rng = np.random.default_rng(0)
     design, y = rng.normal(size=(9, 4)), rng.normal(size=(30, 9))
     flat = Problem(NAMES, np.zeros(4), lambda x: (y - x @ design.T, design), np.ones(9), np.ones(4))
-    one, other = linear(flat), least_squares(flat)
+    one, other = linear_least_squares(flat), least_squares(flat)
     assert one.converged.all()
     assert_allclose(one.value, other.value, rtol=1e-10)
     expected = np.linalg.lstsq(design, y.T, rcond=None)[0].T

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gauge, Gaussian, Problem, least_squares, linear
+from inercal.estimate import Estimate, Gauge, Gaussian, Problem, least_squares, linear_least_squares
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,9 @@ def flat(
     )
 
 
-def refused(problem: Problem, solver: Callable[[Problem], Estimate] = linear) -> tuple[str, ...]:
+def refused(
+    problem: Problem, solver: Callable[[Problem], Estimate] = linear_least_squares
+) -> tuple[str, ...]:
     with pytest.raises(NotObserved) as caught:
         solver(problem)
     assert all(words in str(caught.value) for words in caught.value.directions)
@@ -82,7 +84,7 @@ def test_null_directions_of_random_designs_are_null_and_complete():
         design = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, p)) / scale
         names = tuple(f"p{i}" for i in range(p))
         prior = Gaussian(names, np.zeros(p), np.diag(scale**2))
-        estimate = linear(flat(names, design, scale, priors=(prior,)))
+        estimate = linear_least_squares(flat(names, design, scale, priors=(prior,)))
         assert estimate.rank == rank
         assert len(estimate.null_directions) == p - rank
         weights = np.array(
@@ -100,7 +102,9 @@ def test_a_nuisance_without_prior_hides_what_it_resembles():
     problem = flat(("k", "other", "drift"), design, wanted=("k", "other"))
     assert refused(problem) == ("k",)
     known = Gaussian.independent(("drift",), 0.0, 0.1)
-    estimate = linear(flat(("k", "other", "drift"), design, wanted=("k", "other"), priors=(known,)))
+    estimate = linear_least_squares(
+        flat(("k", "other", "drift"), design, wanted=("k", "other"), priors=(known,))
+    )
     assert estimate.null_directions == ()
     assert estimate.rank == 2
     # What is left of k after the drift is as uncertain as the drift is.
@@ -121,7 +125,7 @@ def test_singular_values_are_those_of_the_marginal_information():
     names = tuple("abcdef")
     scale = rng.uniform(0.1, 10, size=6)
     prior = Gaussian.independent(("e", "f"), 0.0, sd)
-    estimate = linear(flat(names, design, scale, wanted=names[:4], priors=(prior,)))
+    estimate = linear_least_squares(flat(names, design, scale, wanted=names[:4], priors=(prior,)))
     marginal = estimate.covariance[:4, :4] / np.outer(scale[:4], scale[:4])
     expected = np.sort(1 / np.sqrt(np.linalg.eigvalsh(marginal)))[::-1]
     assert_allclose(estimate.singular_values, expected, rtol=1e-9)

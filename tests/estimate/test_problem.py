@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from inercal.errors import InputError
-from inercal.estimate import Estimate, Gauge, Gaussian, Problem, least_squares, linear
+from inercal.estimate import Estimate, Gauge, Gaussian, Problem, least_squares, linear_least_squares
 
 Solver = Callable[[Problem], Estimate]
 DESIGN = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]])
@@ -38,7 +38,7 @@ def test_a_malformed_problem_is_refused_in_words(change: dict[str, Any], message
         replace(GOOD, **change)
 
 
-@pytest.mark.parametrize("solver", [linear, least_squares])
+@pytest.mark.parametrize("solver", [linear_least_squares, least_squares])
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import f, kstest, norm
 
-from inercal.estimate import Candidate, Gaussian, Problem, least_squares, scored
-from inercal.estimate.scores import compressed, tail
+from inercal.estimate import Candidate, Gaussian, Problem, least_squares, score_tests
+from inercal.estimate.scores import chi2_tail_probability, rows_from_products
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ def test_fall_size_and_shift_are_those_of_the_fit_with_the_candidate(
     whole = np.linalg.lstsq(np.column_stack([design, extra]), y)[0]
     fall = np.sum((y - design @ first) ** 2)
     fall -= np.sum((y - np.column_stack([design, extra]) @ whole) ** 2)
-    (score,) = scored(y - design @ first, design, [candidate("c", extra)]).scores
+    (score,) = score_tests(y - design @ first, design, [candidate("c", extra)]).scores
     assert score.chi2 == pytest.approx(fall, rel=1e-12)
     assert score.dof == 2
     np.testing.assert_allclose(score.size, whole[4:], rtol=1e-10)
@@ -43,7 +43,7 @@ def test_fall_size_and_shift_are_those_of_the_fit_with_the_candidate(
 def test_what_the_fit_takes_up_whole_is_not_shown(rng: np.random.Generator) -> None:
     design = rng.standard_normal((20, 4))
     residual = rng.standard_normal(20)
-    (score,) = scored(residual, design, [candidate("c", design[:, :1] * 3.0)]).scores
+    (score,) = score_tests(residual, design, [candidate("c", design[:, :1] * 3.0)]).scores
     assert score.dof == 0
     assert score.p_value == 1.0
     assert np.isnan(score.size).all()
@@ -52,7 +52,7 @@ def test_what_the_fit_takes_up_whole_is_not_shown(rng: np.random.Generator) -> N
 def test_half_of_a_pair_that_is_shown_leaves_sizes_open(rng: np.random.Generator) -> None:
     design = rng.standard_normal((20, 4))
     both = np.column_stack([rng.standard_normal(20), design[:, 0]])
-    (score,) = scored(rng.standard_normal(20), design, [candidate("c", both)]).scores
+    (score,) = score_tests(rng.standard_normal(20), design, [candidate("c", both)]).scores
     assert score.dof == 1
     assert np.isnan(score.size).tolist() == [False, True]
 
@@ -72,7 +72,7 @@ def test_a_prior_of_the_solver_is_part_of_the_projection(rng: np.random.Generato
 
     small = least_squares(problem(design, ("a", "b", "c"), True))
     large = least_squares(problem(np.column_stack([design, extra]), ("a", "b", "c", "d"), False))
-    (score,) = small.scored.scores
+    (score,) = small.score_tests.scores
     assert score.chi2 == pytest.approx(float(small.chi2 - large.chi2), rel=1e-9)
     np.testing.assert_allclose(score.size, large.value[3:], rtol=1e-9)
     np.testing.assert_allclose(score.sd, large.std[3:] / large.birge, rtol=1e-9)
@@ -87,7 +87,7 @@ def test_scores_are_normal_and_the_adjusted_level_holds(rng: np.random.Generator
     t: list[float] = []
     for _ in range(1500):
         noise = rng.standard_normal(15)
-        result = scored(noise - basis @ (basis.T @ noise), design, candidates)
+        result = score_tests(noise - basis @ (basis.T @ noise), design, candidates)
         assert result.span == 10
         t.append(float(result.scores[0].size[0] / result.scores[0].sd[0]))
         least.append(min(result.adjusted(one) for one in result.scores))
@@ -99,7 +99,9 @@ def test_scores_are_normal_and_the_adjusted_level_holds(rng: np.random.Generator
 def test_parallel_candidates_have_a_cosine_of_one(rng: np.random.Generator) -> None:
     design, one = rng.standard_normal((20, 4)), rng.standard_normal((20, 1))
     alike = one + design @ rng.standard_normal((4, 1))
-    both = scored(rng.standard_normal(20), design, [candidate("a", one), candidate("b", alike)])
+    both = score_tests(
+        rng.standard_normal(20), design, [candidate("a", one), candidate("b", alike)]
+    )
     assert both.scores[0].cosine(both.scores[1]) == pytest.approx(1.0, abs=1e-12)
     assert both.span == 1
 
@@ -113,9 +115,9 @@ def test_very_many_rows_are_scored_as_few_are(
     some = [candidate("c", three), candidate("d", rng.standard_normal((300, 1)))]
     # One that is in a family is the same column alone.
     alone = Candidate("c1", "coefficient", ("c1",), ("1",), three[:, 1:2])
-    few = scored(noise, design, [*some, alone])
+    few = score_tests(noise, design, [*some, alone])
     monkeypatch.setattr("inercal.estimate.scores._MANY", 100)
-    many = scored(noise, design, [*some, alone])
+    many = score_tests(noise, design, [*some, alone])
     assert many.span == few.span
     for one, other in zip(few.scores, many.scores, strict=True):
         assert other.chi2 == pytest.approx(one.chi2, rel=1e-9)
@@ -129,10 +131,10 @@ def test_products_alone_give_the_same_scores(rng: np.random.Generator) -> None:
     columns, residual = rng.standard_normal((400, 4)), rng.standard_normal(400)
     columns *= [1.0, 1e-6, 1e4, 1.0]  # units differ
     columns[:, 3] = columns[:, 0] + 1e-3 * columns[:, 3]
-    less, rows = compressed(columns.T @ columns, columns.T @ residual)
+    less, rows = rows_from_products(columns.T @ columns, columns.T @ residual)
     for k in range(4):
-        one = scored(residual, np.zeros((400, 0)), [candidate("c", columns[:, k : k + 1])])
-        other = scored(less, np.zeros((len(less), 0)), [candidate("c", rows[:, k : k + 1])])
+        one = score_tests(residual, np.zeros((400, 0)), [candidate("c", columns[:, k : k + 1])])
+        other = score_tests(less, np.zeros((len(less), 0)), [candidate("c", rows[:, k : k + 1])])
         assert other.scores[0].chi2 == pytest.approx(one.scores[0].chi2, rel=1e-6)
         np.testing.assert_allclose(other.scores[0].size, one.scores[0].size, rtol=1e-6)
 
@@ -142,7 +144,7 @@ def test_products_are_those_of_what_is_left_of_the_columns(rng: np.random.Genera
     residual -= design @ np.linalg.lstsq(design, residual)[0]
     rows = np.zeros((40, 4))  # two of them share a row, two act apart
     rows[:2, 0], rows[1:3, 1], rows[10, 2], rows[20, 3] = 1.0, 2.0, 1.0, 1.0
-    made = scored(residual, design, [candidate(f"c{k}", rows[:, k : k + 1]) for k in range(4)])
+    made = score_tests(residual, design, [candidate(f"c{k}", rows[:, k : k + 1]) for k in range(4)])
     left = rows - design @ np.linalg.lstsq(design, rows)[0]
     lengths = np.linalg.norm(left, axis=0)
     expected = np.abs(left.T @ left) / np.outer(lengths, lengths)
@@ -155,9 +157,9 @@ def test_a_score_by_noise_that_was_found_is_f(seed: int) -> None:
     many, nu = 20_000, 12
     variance = rng.chisquare(nu, many) / nu
     chi2 = rng.chisquare(3, many) / variance
-    p = [tail(x, 3, nu) for x in chi2.tolist()]
+    p = [chi2_tail_probability(x, 3, nu) for x in chi2.tolist()]
     assert kstest(p, "uniform").pvalue > 1e-3
-    assert tail(11.3, 3, nu) == pytest.approx(f.sf(11.3 / 3, 3, nu))
+    assert chi2_tail_probability(11.3, 3, nu) == pytest.approx(f.sf(11.3 / 3, 3, nu))
 
 
 def test_noise_that_was_found_lets_fewer_candidates_reject(rng: np.random.Generator) -> None:
@@ -165,7 +167,7 @@ def test_noise_that_was_found_lets_fewer_candidates_reject(rng: np.random.Genera
     rows = 5.0 * np.eye(30)[:, :6]
     residual[:6] += 5.0
     some = [candidate(f"c{k}", rows[:, k : k + 1]) for k in range(6)]
-    stated = scored(residual, design, some)
+    stated = score_tests(residual, design, some)
     found = replace(stated, noise_dof=20.0)
     for one in stated.scores:
         assert found.adjusted(one) > stated.adjusted(one)

@@ -9,17 +9,17 @@ import argparse
 import sys
 from multiprocessing import Pool, cpu_count
 
-from tests.evidence import store, tables_of
-from tests.evidence.cells import (
+from tests.evidence import stored_counts, violation_table
+from tests.evidence.violation_cells import (
     BASE_DEVICES,
     CASES,
     DEVICES,
     Cell,
     Count,
-    bases_of,
-    cells_of,
-    count,
-    split,
+    base_cells,
+    case_cells,
+    count_answers,
+    split_cell,
 )
 
 
@@ -38,11 +38,11 @@ def main(arguments: list[str]) -> None:
         for name in chosen.methods
         for cell in (
             *(
-                bases_of(name, chosen.base)
+                base_cells(name, chosen.base)
                 if chosen.base and not (chosen.cells or chosen.at)
                 else ()
             ),
-            *cells_of(name, devices=chosen.devices),
+            *case_cells(name, devices=chosen.devices),
         )
         if chosen.cells in cell.violation and chosen.at in cell.at
     ]
@@ -52,21 +52,21 @@ def main(arguments: list[str]) -> None:
     )
     counted: dict[Cell, Count] = {}
     for name in chosen.methods:
-        of_method = work([cell for cell in cells if cell.case == name], chosen.processes)
+        of_method = count_cells([cell for cell in cells if cell.case == name], chosen.processes)
         if whole:
-            store.write(of_method)
-        print(tables_of.text(of_method), flush=True)
+            stored_counts.write_counts(of_method)
+        print(violation_table.table_text(of_method), flush=True)
         counted |= of_method
     if not (chosen.cells or chosen.at):
-        print(tables_of.summary(counted))
+        print(violation_table.demand_summary(counted))
 
 
-def work(cells: list[Cell], processes: int) -> dict[Cell, Count]:
+def count_cells(cells: list[Cell], processes: int) -> dict[Cell, Count]:
     """Return the counts of cells, worked out side by side."""
-    parts = [part for cell in cells for part in split(cell)]
+    parts = [part for cell in cells for part in split_cell(cell)]
     counted = {cell: Count() for cell in cells}
     with Pool(processes) as pool:
-        done = pool.imap(count, parts)
+        done = pool.imap(count_answers, parts)
         for k, ((cell, _), one) in enumerate(zip(parts, done, strict=True), start=1):
             counted[cell] = counted[cell] + one
             if sys.stderr.isatty():

@@ -1,34 +1,38 @@
 """The stored counts of errors under slow noise and drift, and a sample worked out again."""
 
 import pytest
-from tests.evidence import coverage
+from tests.evidence import noise_coverage
 
-NAMED = {one.words: one for one in coverage.ADDED}
+NAMED = {one.words: one for one in noise_coverage.DISTURBANCES}
 SAMPLE = 8
 ROUNDED = 1  # sessions with an error or a p-value at its bound, on another processor
 
 
 def test_every_case_is_stored():
-    cases = {(one.method, one.added) for one in coverage.read() if len(one.each) == 100}
-    assert cases == {(method, words) for method in coverage.METHODS for words in NAMED}
+    cases = {
+        (one.method, one.added) for one in noise_coverage.read_coverage() if len(one.each) == 100
+    }
+    assert cases == {(method, words) for method in noise_coverage.METHODS for words in NAMED}
 
 
 def test_errors_in_sessions_called_consistent_are_as_stated():
-    for one in coverage.read():
-        assert one.share <= coverage.MOST, (one.method, one.added)
+    for one in noise_coverage.read_coverage():
+        assert one.share <= noise_coverage.MAX_SHARE, (one.method, one.added)
 
 
 def test_sessions_without_a_violation_are_called_consistent():
-    for one in coverage.read():
+    for one in noise_coverage.read_coverage():
         if one.added == "nothing":
             assert one.consistent >= 0.95 * len(one.each), one.method
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", coverage.METHODS)
+@pytest.mark.parametrize("method", noise_coverage.METHODS)
 @pytest.mark.parametrize("added", list(NAMED))
 def test_a_sample_of_sessions_errs_as_stored(method: str, added: str):
-    answers = [coverage.answer(method, NAMED[added], k) for k in range(SAMPLE)]
-    stored = next(one for one in coverage.read() if (one.method, one.added) == (method, added))
-    now = coverage.covered(method, NAMED[added], answers).each
+    answers = [noise_coverage.calibrate_session(method, NAMED[added], k) for k in range(SAMPLE)]
+    stored = next(
+        one for one in noise_coverage.read_coverage() if (one.method, one.added) == (method, added)
+    )
+    now = noise_coverage.count_sessions(method, NAMED[added], answers).each
     assert sum(a != b for a, b in zip(now, stored.each, strict=False)) <= ROUNDED

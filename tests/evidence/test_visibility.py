@@ -7,20 +7,20 @@ from typing import cast
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.evidence import cannot_tell, store
-from tests.evidence.cells import (
+from tests.evidence import stored_counts, unobservable_causes
+from tests.evidence.graded_calibration import calibrate_files
+from tests.evidence.violation_cells import (
     BASE,
     CASES,
     ETA_SIX,
-    VISIBLE,
+    VISIBLE_ETA,
     Cell,
-    answer_of,
-    case,
-    cells_of,
+    calibrate_device,
+    case_cells,
+    find_case,
     visibilities,
 )
-from tests.evidence.model import Case, Unknown, Values, Violation
-from tests.evidence.through import ask
+from tests.evidence.visibility_model import Case, Unknown, Values, Violation
 
 Array = NDArray[np.float64]
 X = np.linspace(-1, 1, 5)
@@ -32,7 +32,7 @@ SLOW = (
 )
 
 
-def line(prior: float | None = None) -> Case:
+def line_case(prior: float | None = None) -> Case:
     """Return a straight line through five readings of sd 0.1, with a parabola left out."""
 
     def readings(v: Values) -> Array:
@@ -51,25 +51,25 @@ def line(prior: float | None = None) -> Case:
 
 
 def test_a_parabola_left_out_of_a_line_shifts_its_offset_by_the_mean_of_its_squares():
-    seen = line().visibility(line().violations[0])
+    seen = line_case().visibility(line_case().violations[0])
     assert seen.coefficient == "offset"
     assert seen.shift == pytest.approx(np.mean(X**2) / (0.1 / math.sqrt(5)), rel=1e-6)
     assert seen.eta == pytest.approx(np.linalg.norm(X**2 - np.mean(X**2)) / 0.1, rel=1e-6)
     assert seen.at_five * seen.eta == pytest.approx(seen.eta_at_five, rel=1e-3)
 
 
-def test_what_is_estimated_without_a_prior_leaves_no_residual():
-    assert line().visibility(line().violations[1]).eta == 0
+def test_a_coefficient_without_a_prior_leaves_no_residual():
+    assert line_case().visibility(line_case().violations[1]).eta == 0
 
 
-def test_a_departure_from_what_is_stated_shows_against_its_prior():
+def test_a_departure_from_a_stated_value_shows_against_its_prior():
     """Of y = s x + noise and s = 0 ± p the residual of s is |s| / √(p² + σ²/Σx²)."""
     prior = 0.05
-    seen = line(prior).visibility(line(prior).violations[1])
+    seen = line_case(prior).visibility(line_case(prior).violations[1])
     assert seen.eta == pytest.approx(1 / math.sqrt(prior**2 + 0.01 / np.sum(X**2)), rel=1e-6)
 
 
-def test_six_positions_see_neither_gravity_nor_k3_nor_a_common_tilt():
+def test_six_positions_do_not_observe_gravity_k3_or_a_common_tilt():
     found = visibilities("six_position")
     for name in ("gravity", "third-order nonlinearity k3", "tilt common to all faces"):
         assert found[name][1].eta == 0
@@ -95,14 +95,16 @@ class Silence:
     ],
 )
 def test_without_noise_the_residual_of_the_estimator_has_the_norm_that_is_computed(name: str):
-    here = case(name)
-    for cell in cells_of(name):
+    here = find_case(name)
+    for cell in case_cells(name):
         if cell.at != ETA_SIX:
             continue
         violation = next(v for v in here.violations if v.name == cell.violation)
         values = {n: cell.size * violation.si * c for n, c in violation.change.items()}
         files = here.files(values, cast("np.random.Generator", Silence()), None)
-        assert ask(files, {}).chi == pytest.approx(VISIBLE, rel=0.03), violation.name
+        assert calibrate_files(files, {}).chi == pytest.approx(VISIBLE_ETA, rel=0.03), (
+            violation.name
+        )
 
 
 @pytest.mark.parametrize(
@@ -117,10 +119,10 @@ def test_without_noise_the_residual_of_the_estimator_has_the_norm_that_is_comput
 )
 def test_the_linear_problem_has_the_uncertainties_of_the_estimator(name: str):
     """The η of another problem than the one that is solved would say nothing."""
-    here, cell = case(name), Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1)
+    here, cell = find_case(name), Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1)
     ratios: list[float] = []
     for k in range(3):
-        std = answer_of(cell, k).std
+        std = calibrate_device(cell, k).std
         ratio = [size / here.uncertainty[one] for one, size in std.items()]
         ratios.append(float(np.exp(np.mean(np.log(ratio)))))
     # One device in a few has its u scaled by a scatter that chance made large: the median has not.
@@ -129,36 +131,36 @@ def test_the_linear_problem_has_the_uncertainties_of_the_estimator(name: str):
     assert 0.85 < np.median(ratios) < most
 
 
-def test_the_page_of_what_the_data_cannot_tell_has_the_figures_of_the_cases():
-    stored = cannot_tell.PAGE.read_text(encoding="utf-8")
+def test_the_limitations_page_has_the_figures_of_the_cases():
+    stored = unobservable_causes.PAGE.read_text(encoding="utf-8")
     number = re.compile(r"\d+\.?\d*")
-    now = cannot_tell.text(dict(store.read()))
+    now = unobservable_causes.page_text(dict(stored_counts.read_counts()))
     assert number.sub("#", stored) == number.sub("#", now)
     figures = [np.array([float(x) for x in number.findall(text)]) for text in (stored, now)]
     # Two digits: another rounding is 5 % at most.
     np.testing.assert_allclose(*figures, rtol=0.06)
 
 
-def test_each_cause_that_cannot_show_has_a_way_to_count_it():
+def test_each_unobservable_cause_has_a_key_to_account_for_it():
     for name in CASES:
-        for one in cannot_tell.lines(name):
+        for one in unobservable_causes.hidden_causes(name):
             assert one.violation.counted, f"{name}: {one.violation.name}"
 
 
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in CASES]
 )
-def test_the_verdict_names_each_cause_that_cannot_show_and_that_no_key_counts(name: str):
-    answer = answer_of(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
-    hidden = [one.violation for one in cannot_tell.lines(name)]
-    hidden += [one for one in case(name).violations if one.symmetric]
+def test_the_verdict_names_each_unobservable_cause_without_a_key(name: str):
+    answer = calibrate_device(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
+    hidden = [one.violation for one in unobservable_causes.hidden_causes(name)]
+    hidden += [one for one in find_case(name).violations if one.symmetric]
     without = [one for one in hidden if one.limit]
     assert [one.name for one in without if not answer.limits_name(one.limit)] == []
 
 
 @pytest.mark.parametrize("name", ["six_position", "centrifuge_norm", "dual_orthogonal", "tumble"])
-def test_the_size_that_is_printed_of_what_cannot_show_shifts_a_coefficient_by_five_u(name: str):
-    answer = answer_of(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
+def test_the_printed_size_of_an_unobservable_cause_shifts_a_coefficient_by_five_u(name: str):
+    answer = calibrate_device(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
     assert answer.chi**2 < 60  # else u is enlarged
     compared: list[str] = []
     for full, size in answer.unseen.items():
@@ -166,16 +168,18 @@ def test_the_size_that_is_printed_of_what_cannot_show_shifts_a_coefficient_by_fi
         own = f"{axis}.{short}" if axis else f"{short}.drift"
         if own.rpartition(".")[2] not in ("k2", "koq", "k1_prime", "drift") or not full:
             continue
-        seen = case(name).visibility(Violation(own, si=size / 5, change={own: 1.0}, most=100.0))
+        seen = find_case(name).visibility(
+            Violation(own, si=size / 5, change={own: 1.0}, most=100.0)
+        )
         assert seen.at_five == pytest.approx(5.0, rel=0.1), own
         assert seen.eta_at_five < 7.5
         compared.append(own)
     assert compared
 
 
-def test_causes_that_show_are_no_limitations():
+def test_observable_causes_are_not_listed_as_limitations():
     """Head and arm show k3 and harmonics long before they shift a coefficient."""
     for name, shown in (("tumble", ("harmonic 3",)), ("centrifuge_norm", ("k3", "koq"))):
-        answer = answer_of(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
+        answer = calibrate_device(Cell(name, "", BASE, 0.0, 0.0, 90.0, 1, 1), 0)
         assert answer.limits
         assert [word for word in shown if answer.limits_name(word)] == []

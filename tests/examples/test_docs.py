@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from tests.own_bench import loaded, registered
-from tests.store import generator
+from tests.external_bench import load_example_module, register_example_bench
+from tests.store import calibration_generator
 
 import inercal
 from inercal.benches import Hand
-from inercal.benches.kind import Kind
+from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
-from inercal.cli import store_objects
+from inercal.cli import store_json
 from inercal.errors import InputError
 from inercal.io.write import write_recordings
 from inercal.methods import METHODS, Method
 from inercal.pipeline import calibrate, simulate_files
 from inercal.runfile import read, schema
 from inercal.sensors import SI_UNITS
-from inercal.sensors.tables import ACCELEROMETER, GYRO, Coefficient
+from inercal.sensors.coefficient_tables import ACCELEROMETER, GYRO, ErrorTerm
 from inercal.store import FileEntry, Register, RunEntry
 from inercal.store.comparison import compare
-from inercal.units import Measured, digits, parse
+from inercal.units import Measured, format_value_and_uncertainty, parse_quantity
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -146,7 +146,7 @@ def test_examples_of_quantities_on_the_run_file_page_can_be_read():
     for name, _, example, *_ in rows(page("reference/run-file.md")):
         first = re.match(r'`"(-?\d[^"]*)"`', example)
         if first and name.strip("`") in likes:
-            assert isinstance(parse(first[1], likes[name.strip("`")]), Measured)
+            assert isinstance(parse_quantity(first[1], likes[name.strip("`")]), Measured)
             read += 1
     assert read >= len(likes) - 1  # [data] accelerometer names columns
 
@@ -155,7 +155,7 @@ def test_examples_of_quantities_on_the_run_file_page_can_be_read():
     ("heading", "table"), [("Accelerometer", ACCELEROMETER), ("Gyro", GYRO)], ids=["acc", "gyro"]
 )
 def test_model_page_has_the_lines_of_the_coefficient_tables(
-    heading: str, table: tuple[Coefficient, ...]
+    heading: str, table: tuple[ErrorTerm, ...]
 ):
     expected = [
         [
@@ -224,7 +224,7 @@ def test_the_snippets_of_the_calibration_page_apply_and_verify_a_file(tmp_path: 
     ))  # fmt: skip
     scope: dict[str, Any] = {}
     exec(apply, scope)
-    matrix, offset = run.linear()
+    matrix, offset = run.affine_correction()
     np.testing.assert_allclose(scope["matrix"], matrix, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(scope["offset"], offset, rtol=1e-12)
     shared: dict[str, Any] = {}
@@ -261,7 +261,9 @@ def test_numbers_in_the_ferraris_guide_are_those_of_the_recording(data_dir: Path
         for k, calibration in enumerate((found["ml"], found["classical"])):
             si = calibration.sensor.coefficient(full).si
             u = 2 * calibration.uncertainty(full) / si
-            assert (cells[2 * k], cells[2 * k + 1]) == digits(calibration.value(full) / si, u)
+            assert (cells[2 * k], cells[2 * k + 1]) == format_value_and_uncertainty(
+                calibration.value(full) / si, u
+            )
 
 
 def test_the_register_page_names_every_field_of_what_is_printed(tmp_path: Path):
@@ -270,18 +272,18 @@ def test_the_register_page_names_every_field_of_what_is_printed(tmp_path: Path):
     rng = np.random.default_rng(1)
     with Register(str(tmp_path / "r.db"), by="Ada") as register:
         for years in (0.0, 1.0, 2.0):
-            made = generator.content(generator.DRIFTING, years, rng)
-            path = generator.write(tmp_path / f"{years}.calibration.json", made)
+            made = calibration_generator.content(calibration_generator.DRIFTING, years, rng)
+            path = calibration_generator.write(tmp_path / f"{years}.calibration.json", made)
             register.enter_calibration(path)
         entry, history = register.calibration(1), register.history(1)
         rows = register.coefficients(1)
         (sensor,) = register.sensors()
     first, second = (one.calibration for one in history.entries[:2])
     objects = (
-        store_objects.of_entry(sensor),
-        store_objects.of_calibration(entry, rows) | {"content": {}},
-        store_objects.of_history(history),
-        store_objects.of_comparison(compare(first, second), ("1", "2")),
+        store_json.entry_object(sensor),
+        store_json.calibration_object(entry, rows) | {"content": {}},
+        store_json.history_object(history),
+        store_json.comparison_object(compare(first, second), ("1", "2")),
         dict.fromkeys(one.name for one in fields(RunEntry)),
         dict.fromkeys(FileEntry._fields),
     )
@@ -298,8 +300,10 @@ def test_the_snippet_of_the_register_page_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setenv("INERCAL_REGISTER", str(tmp_path / "r.db"))
-    made = generator.content(generator.DRIFTING, 0.0, np.random.default_rng(1))
-    file = generator.write(tmp_path / "run.calibration.json", made)
+    made = calibration_generator.content(
+        calibration_generator.DRIFTING, 0.0, np.random.default_rng(1)
+    )
+    file = calibration_generator.write(tmp_path / "run.calibration.json", made)
     (text,) = snippets("how-to/register.md")
     exec(text.replace("run.calibration.json", str(file)), {})
     assert capsys.readouterr().out.startswith("{'too few': ('ax.k0', ")
@@ -311,14 +315,15 @@ OWN = ROOT / "examples" / "own_bench"
 @pytest.fixture
 def tilted(tmp_path: Path) -> Iterator[Path]:
     """Return a copy of the example's run file, its kind and its method being known."""
-    with registered(tmp_path) as path:
+    with register_example_bench(tmp_path) as path:
         yield path
 
 
 def test_excerpts_on_the_pages_of_ones_own_are_those_of_the_examples():
     files = [OWN / "tilt_table.py", OWN / "pyproject.toml", OWN / "tilt.toml"]
     source = "\n".join(
-        path.read_text(encoding="utf-8") for path in (*files, ROOT / "tests" / "rest_biases.py")
+        path.read_text(encoding="utf-8")
+        for path in (*files, ROOT / "tests" / "rest_bias_method.py")
     )
     excerpts = [*snippets("how-to/own-bench.md"), *snippets("how-to/own-method.md")]
     excerpts = [text for text in excerpts if not text.startswith(("import ", "from "))]
@@ -346,7 +351,7 @@ def test_the_pages_of_ones_own_have_every_field_and_say_which_are_needed(
 
 
 def test_the_tests_on_the_page_of_a_bench_of_ones_own_pass():
-    loaded()
+    load_example_module()
     (text,) = (one for one in snippets("how-to/own-bench.md") if one.startswith("import"))
     scope: dict[str, Any] = {}
     exec(text, scope)
@@ -367,7 +372,7 @@ def test_the_page_of_a_bench_of_ones_own_shows_what_its_run_gives(tilted: Path):
         si, u = calibration.sensor.coefficient(name).si, calibration.uncertainty(name)
         value = calibration.value(name)
         error = (value - run.truth.get(name, 0.0)) / u
-        assert cells == [*digits(value / si, 2 * u / si), f"{error:+.2f}"]
+        assert cells == [*format_value_and_uncertainty(value / si, 2 * u / si), f"{error:+.2f}"]
 
 
 def test_mistakes_in_the_run_file_of_ones_own_bench_are_answered_as_the_page_says(tilted: Path):

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import inercal
-from inercal.host.compile import compiled
-from inercal.host.finish import finish
-from inercal.host.folder import begin
-from inercal.host.run import BenchRun
-from inercal.host.simulated import SimulatedBench
+from inercal.host.bench_run import BenchRun
+from inercal.host.bench_simulator import BenchSimulator
+from inercal.host.precompilation import precompile_run
+from inercal.host.run_completion import finish_run
+from inercal.host.run_folder import create_run
 from inercal.io.write import write_recordings
 from inercal.pipeline import Outcome, calibrate, simulate_files
 from inercal.runfile import read
@@ -76,9 +76,9 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"rate_table/ship.toml"}  # by tests/test_rate_table_runs.py
     run |= {"rate_table/ship_recording.toml"}  # by tests/test_rate_table_simulated.py
     run |= {"turntable/mimu.toml", "turntable/two_clocks.toml"}
-    run |= {"bench/packets.toml"}  # by tests/host/packets/test_page.py
+    run |= {"bench/packets.toml"}  # by tests/host/packets/test_how_to_page.py
     run |= {"bench/plan.toml", "verdict/left_out.toml"}
-    run |= {"own_bench/tilt.toml"}  # by tests/benches/test_from_outside.py
+    run |= {"own_bench/tilt.toml"}  # by tests/benches/test_external_kind.py
     run |= {f"dividing_head/{name}.toml" for name in ("pair", "lab", "tumble")}
     assert found == run | {f"ferraris_recordings/{name}.toml" for name in SESSIONS}
 
@@ -108,15 +108,17 @@ def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: 
 @pytest.mark.slow
 def test_the_plan_of_the_bench_is_carried_out_on_a_simulated_one(examples: Path, tmp_path: Path):
     run = read(examples / "bench" / "plan.toml")
-    with SimulatedBench(run.path, seed=1) as bench:
+    with BenchSimulator(run.path, seed=1) as bench:
         addresses = bench.addresses
         # So seldom, it is over in some 10 s; compiling comes on top, once.
-        folder, journal = begin(tmp_path / "run", run, addresses, poll=0.05)
+        folder, journal = create_run(tmp_path / "run", run, addresses, poll=0.05)
         with journal:
-            compiled(folder.run)
-            with BenchRun(folder, journal, addresses) as going:
-                assert going.carry_out(), going.trouble
-            calibration = finish(folder, journal, going.account.live).outcome.calibration
+            precompile_run(folder.run)
+            with BenchRun(folder, journal, addresses) as run_process:
+                assert run_process.execute_plan(), run_process.trouble
+            calibration = finish_run(
+                folder, journal, run_process.recorder.live_estimator
+            ).outcome.calibration
     truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
     error = calibration.values - truth
     # χ² with 24 degrees of freedom: these are its 0.5 % and 99.9 % points.
@@ -226,7 +228,7 @@ def test_a_coefficient_left_out_is_the_suspect_and_estimated_the_data_agree(exam
     assert verdict.grade == "unreliable"
     assert verdict.suspect is not None
     assert verdict.suspect.name == "a.k2"
-    assert "harmonic 1" in verdict.suspect.alike
+    assert "harmonic 1" in verdict.suspect.indistinguishable
     estimated = examples / "verdict" / "estimated.toml"
     text = run_file.read_text(encoding="utf-8")
     estimated.write_text(f'{text}also = ["a.k2"]\n', encoding="utf-8")

@@ -7,20 +7,20 @@ import pytest
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.link import LinkLost
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import Server
+from inercal.host.sim.server import SimulatorServer
 
 COUNTS = 3_600_000
 AXES = tuple(PmacAxis(name, i, COUNTS) for i, name in enumerate(("outer", "middle", "inner"), 1))
 
 
 @pytest.fixture
-def pmac() -> Iterator[Server[SimulatedPmac]]:
-    with Server(SimulatedPmac(counts_per_turn=COUNTS)) as server:
+def pmac() -> Iterator[SimulatorServer[SimulatedPmac]]:
+    with SimulatorServer(SimulatedPmac(counts_per_turn=COUNTS)) as server:
         yield server
 
 
 @pytest.fixture
-def table(pmac: Server[SimulatedPmac]) -> Iterator[Pmac]:
+def table(pmac: SimulatorServer[SimulatedPmac]) -> Iterator[Pmac]:
     with Pmac(pmac.address, AXES, timeout=5.0) as table:
         table.enable()
         yield table

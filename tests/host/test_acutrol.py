@@ -8,18 +8,18 @@ import pytest
 
 from inercal.errors import InputError
 from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
-from inercal.host.drivers.table import ProtocolError, TableFault
+from inercal.host.drivers.rotary_table import ProtocolError, TableFault
 from inercal.host.sim.acutrol import SimulatedAcutrol
-from inercal.host.sim.server import Server
+from inercal.host.sim.server import SimulatorServer
 
-Served = Server[SimulatedAcutrol]
+Served = SimulatorServer[SimulatedAcutrol]
 
 AXES = (AcutrolAxis("outer", 1), AcutrolAxis("middle", 2), AcutrolAxis("inner", 3))
 
 
 @pytest.fixture
 def server() -> Iterator[Served]:
-    with Server(SimulatedAcutrol()) as server:
+    with SimulatorServer(SimulatedAcutrol()) as server:
         yield server
 
 

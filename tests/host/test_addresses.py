@@ -13,14 +13,14 @@ from typing import Any
 import pytest
 
 from inercal.benches import Turntable
-from inercal.benches.turntable.moves import Limits
+from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.errors import InputError
 from inercal.host.addresses import (
+    allows_second_connection,
     layout_of_address,
     link_of_address,
     open_imu,
     open_table,
-    shared,
 )
 from inercal.host.drivers.acutrol import Acutrol
 from inercal.host.drivers.motor import Motor
@@ -29,18 +29,20 @@ from inercal.host.packets import PRESETS, encode, read_layout
 from inercal.host.sim.acutrol import SimulatedAcutrol
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import Server
+from inercal.host.sim.server import SimulatorServer
 from inercal.units import Measured
 
-BENCH = Turntable(Measured(9.8, 0.0), radians(38), limits=(Limits(radians(90), radians(45)),))
+BENCH = Turntable(
+    Measured(9.8, 0.0), radians(38), limits=(AxisMotionLimits(radians(90), radians(45)),)
+)
 SINGLE = replace(BENCH, axes="z")
 
 
-def _at(scheme: str, server: Server[Any], query: str) -> str:
+def _at(scheme: str, server: SimulatorServer[Any], query: str) -> str:
     return f"{server.address.replace('tcp', scheme, 1)}?{query}"
 
 
-def test_a_pmac_is_opened_with_motors_and_counts_by_axis(pmac: Server[SimulatedPmac]):
+def test_a_pmac_is_opened_with_motors_and_counts_by_axis(pmac: SimulatorServer[SimulatedPmac]):
     with open_table(_at("pmac", pmac, "motors=3,1,2&counts=3600000"), BENCH) as table:
         assert isinstance(table, Pmac)
         assert table.axes == ("outer", "middle", "inner")
@@ -51,7 +53,7 @@ def test_a_pmac_is_opened_with_motors_and_counts_by_axis(pmac: Server[SimulatedP
 
 
 def test_an_acutrol_is_opened_with_its_axes():
-    with Server(SimulatedAcutrol()) as server:
+    with SimulatorServer(SimulatedAcutrol()) as server:
         with open_table(_at("acutrol", server, "axes=1,2,3"), BENCH, 5.0) as table:
             assert isinstance(table, Acutrol)
             assert table.axes == BENCH.names
@@ -61,14 +63,14 @@ def test_an_acutrol_is_opened_with_its_axes():
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_a_motor_is_opened_over_any_link_and_held_to_the_benchs_limits(terminal: bool):
-    with Server(SimulatedMotor(), terminal=terminal) as server:
+    with SimulatorServer(SimulatedMotor(), terminal=terminal) as server:
         address = f"motor:{server.address}"
         with open_table(address, SINGLE, 5.0) as table:
             assert isinstance(table, Motor)
             assert table.axes == ("outer",)
             with pytest.raises(InputError, match="at most 90"):
                 table.spin("outer", radians(91), radians(45))
-        assert shared(address) is not terminal
+        assert allows_second_connection(address) is not terminal
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, event, run_file
+from tests.host.synthetic_log import LAYOUT, PATH, Bench, Faults, event, run_file
 
 from inercal.errors import InputError
-from inercal.host.assembly import Assembly, Block
-from inercal.host.log import EVENT, IMU, TABLE, Frame, Log, frames
+from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.packets import read_layout
+from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
 from inercal.runfile import Run
 
 ARCSEC = radians(1 / 3600)
@@ -36,23 +36,25 @@ def hard(run: Run) -> Bench:
 
 
 @pytest.fixture(scope="module")
-def logged(hard: Bench) -> list[Frame]:
+def logged(hard: Bench) -> list[LogFrame]:
     return hard.frames()
 
 
-def taken(run: Run, logged: list[Frame], cuts: "list[int] | None" = None) -> tuple[Assembly, Block]:
-    made, blocks = Assembly(run, LAYOUT), list[Block]()
+def taken(
+    run: Run, logged: list[LogFrame], cuts: "list[int] | None" = None
+) -> tuple[SampleAssembler, SampleBlock]:
+    made, blocks = SampleAssembler(run, LAYOUT), list[SampleBlock]()
     bounds: list[int] = [0, *(cuts or []), len(logged)]
     for start, stop in pairwise(bounds):
         for frame in logged[start:stop]:
             made.feed(frame)
         if (block := made.take()) is not None:
-            if block.begins:
+            if block.starts_recording:
                 blocks.clear()
             blocks.append(block)
     assert blocks
     columns = zip(*(one[:-1] for one in blocks), strict=True)
-    return made, Block(*(np.concatenate(column) for column in columns), begins=True)
+    return made, SampleBlock(*(np.concatenate(column) for column in columns), starts_recording=True)
 
 
 def schedules(n: int) -> Iterator[list[int]]:
@@ -63,17 +65,17 @@ def schedules(n: int) -> Iterator[list[int]]:
         yield np.sort(rng.choice(np.arange(1, n), pieces, replace=False)).tolist()
 
 
-def test_the_samples_are_the_same_however_they_are_taken(run: Run, logged: list[Frame]):
+def test_the_samples_are_the_same_however_they_are_taken(run: Run, logged: list[LogFrame]):
     made, whole = taken(run, logged)
     for cuts in schedules(len(logged)):
         other, parts = taken(run, logged, cuts)
-        for name, one, two in zip(Block._fields[:-1], whole[:-1], parts[:-1], strict=True):
+        for name, one, two in zip(SampleBlock._fields[:-1], whole[:-1], parts[:-1], strict=True):
             assert one.tobytes() == two.tobytes(), name
         assert other.tally == made.tally
         assert other.sections == made.sections
 
 
-def test_every_good_packet_is_a_sample_once(hard: Bench, run: Run, logged: list[Frame]):
+def test_every_good_packet_is_a_sample_once(hard: Bench, run: Run, logged: list[LogFrame]):
     made, block = taken(run, logged)
     numbers = np.rint(block.time * hard.rate).astype(int)
     assert block.time == pytest.approx(numbers / hard.rate, abs=1e-12)
@@ -93,11 +95,11 @@ def test_every_good_packet_is_a_sample_once(hard: Bench, run: Run, logged: list[
     assert missed.size <= 20
     assert hard.end - hard.taken[last] < 2.0
     assert made.tally.samples == numbers.size
-    assert made.tally.left_out.repeated > 200
+    assert made.tally.drops.repeated > 200
     assert made.tally.bytes.failed > 0
 
 
-def test_a_changed_byte_never_enters(hard: Bench, run: Run, logged: list[Frame]):
+def test_a_changed_byte_never_enters(hard: Bench, run: Run, logged: list[LogFrame]):
     _, block = taken(run, logged)
     numbers = np.rint(block.time * hard.rate).astype(int)
     # The tie between host and clocks is no matter: packets tell their samples.
@@ -105,8 +107,8 @@ def test_a_changed_byte_never_enters(hard: Bench, run: Run, logged: list[Frame])
     first = int(np.searchsorted(hard.taken, hard.begun))
     offset = min(range(first - 3, first + 4), key=lambda k: np.sum(lost[k + numbers]))
     sent = hard.reading[numbers + offset]
-    quantum = np.array([9.80665e-6] * 3 + [radians(1 / 3600)] * 3)
-    assert (np.abs(block.reading - sent) <= 0.51 * quantum).all()
+    resolution = np.array([9.80665e-6] * 3 + [radians(1 / 3600)] * 3)
+    assert (np.abs(block.reading - sent) <= 0.51 * resolution).all()
     assert hard.changed.sum() > 200
 
 
@@ -127,39 +129,39 @@ def test_angles_between_polls_are_true_to_an_arcsecond_away_from_kinks(run: Run)
     when = block.table - bench.servo
     apart = np.abs(block.angles - bench.angles(when)).max(axis=-1)
     steps = when[:, None] + 0.02 * np.arange(-3, 4)
-    accelerations = bench.way.at(bench.along(steps.ravel()))[2].reshape(*steps.shape, -1)
+    accelerations = bench.way.evaluate(bench.along(steps.ravel()))[2].reshape(*steps.shape, -1)
     smooth = (np.ptp(accelerations, axis=1) < 1e-9).all(axis=-1)
     assert smooth.mean() > 0.8
     assert apart[smooth].max() < 0.01 * ARCSEC  # a cubic holds a constant acceleration
     assert apart.max() < 20 * ARCSEC
-    turning = np.abs(bench.way.at(bench.along(when))[1]).max(axis=-1) > radians(29)
+    turning = np.abs(bench.way.evaluate(bench.along(when))[1]).max(axis=-1) > radians(29)
     assert (turning & smooth).sum() > 1000
 
 
 def test_a_hold_that_is_void_keeps_its_number_and_loses_its_label(
-    hard: Bench, run: Run, logged: list[Frame]
+    hard: Bench, run: Run, logged: list[LogFrame]
 ):
     made, block = taken(run, logged)
     labels = made.labels(block.table)
     away = [one for one in made.sections if one.number == 1]
-    assert [one.what for one in away] == ["void", "done"]
+    assert [one.state for one in away] == ["void", "done"]
     assert [one.label for one in away] == ["up", "up"]
     void, again = away
-    assert again.begun - void.ended == pytest.approx(AWAY[1] - AWAY[0] + 0.1, abs=0.05)
-    within = (block.table > void.begun) & (block.table < void.ended)
+    assert again.start_time - void.end_time == pytest.approx(AWAY[1] - AWAY[0] + 0.1, abs=0.05)
+    within = (block.table > void.start_time) & (block.table < void.end_time)
     assert set(labels[within]) == {""}
     assert set(block.hold[within]) == {-1, 1}
-    within = (block.table > again.begun) & (block.table < again.ended)
+    within = (block.table > again.start_time) & (block.table < again.end_time)
     assert set(labels[within]) == {"up"}
     assert set(block.hold[within]) == {-1, 2}
     assert block.hold.max() == 4  # warm-up, up, up again, slanted, rest; of them all but the turn
     settling = 0.25 + 2 * 5e-3
     for number in range(5):
         span = block.table[block.hold == number]
-        section = [s for s in made.sections if s.begun <= span[0] <= s.ended]
+        section = [s for s in made.sections if s.start_time <= span[0] <= s.end_time]
         assert len(section) == 1
-        assert span[0] - section[0].begun == pytest.approx(settling, abs=0.03)
-        assert section[0].ended - span[-1] == pytest.approx(settling, abs=0.03)
+        assert span[0] - section[0].start_time == pytest.approx(settling, abs=0.03)
+        assert section[0].end_time - span[-1] == pytest.approx(settling, abs=0.03)
     assert (block.hold[labels == "y+"] == -1).all()
 
 
@@ -169,9 +171,9 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
     logged = bench.frames()
     made, block = taken(run, logged)
     first = [one for one in made.sections if one.number == 0]
-    assert [one.what for one in first] == ["void", "done"]
+    assert [one.state for one in first] == ["void", "done"]
     assert block.time[0] == 0
-    assert block.table[0] == pytest.approx(first[1].begun, abs=0.02)
+    assert block.table[0] == pytest.approx(first[1].start_time, abs=0.02)
     assert block.hold[block.hold >= 0][0] == 0
     for cuts in list(schedules(len(logged)))[1:3]:
         parts = taken(run, logged, cuts)[1]
@@ -182,8 +184,8 @@ def test_a_first_rest_that_was_interrupted_is_left_out_of_the_recording(run: Run
 def test_a_first_rest_of_twenty_seconds_is_enough(run: Run):
     bench = Bench(run, seed=6, faults=Faults(outages=((24.5, 30.0),)))
     made, block = taken(run, bench.frames())
-    assert block.table[0] == pytest.approx(made.sections[0].begun, abs=0.02)
-    assert made.sections[0].what == "void"
+    assert block.table[0] == pytest.approx(made.sections[0].start_time, abs=0.02)
+    assert made.sections[0].state == "void"
 
 
 def test_a_gap_in_a_hold_begins_another(run: Run):
@@ -213,7 +215,7 @@ def test_a_clock_that_was_set_anew_is_refused(run: Run, wraps: float):
         taken(run, sorted(mixed, key=lambda one: one.time))
 
 
-def replace_time(frame: Frame, time: float) -> Frame:
+def replace_time(frame: LogFrame, time: float) -> LogFrame:
     return frame._replace(payload=np.float64(time).tobytes() + frame.payload[8:])
 
 
@@ -229,18 +231,18 @@ def test_an_imu_that_was_silent_for_longer_than_half_its_counters_turn_is_follow
 
 
 def test_a_torn_frame_at_the_end_loses_what_it_held(
-    run: Run, tmp_path: Path, logged: list[Frame], hard: Bench
+    run: Run, tmp_path: Path, logged: list[LogFrame], hard: Bench
 ):
     path = tmp_path / "log"
-    with Log(path) as log:
+    with RunLog(path) as log:
         for frame in logged:
             log.append(*frame)
-    whole = taken(run, list(frames(path)))[1]
+    whole = taken(run, list(read_frames(path)))[1]
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 12])
-    with Log(path) as log:
-        assert log.torn > 0
-    part = taken(run, list(frames(path)))[1]
+    with RunLog(path) as log:
+        assert log.incomplete_bytes > 0
+    part = taken(run, list(read_frames(path)))[1]
     n = part.time.size
     assert 0 < n < whole.time.size
     assert part.reading.tobytes() == whole.reading[:n].tobytes()
@@ -250,13 +252,13 @@ def test_a_torn_frame_at_the_end_loses_what_it_held(
 def test_nothing_comes_of_the_time_before_the_first_section_or_before_clocks_are_tied(run: Run):
     bench = Bench(run, seed=10)
     logged = bench.frames()
-    made = Assembly(run, LAYOUT)
+    made = SampleAssembler(run, LAYOUT)
     for frame in logged:
         if frame.time < 4.9:
             made.feed(frame)
     assert made.take() is None
     silent = [one for one in logged if one.kind != EVENT]
-    made = Assembly(run, LAYOUT)
+    made = SampleAssembler(run, LAYOUT)
     for frame in silent:
         made.feed(frame)
     assert made.take() is None
@@ -267,7 +269,7 @@ def test_readings_that_cannot_be_are_left_out_and_counted(run: Run):
     logged = bench.frames()
     low = run_file(run.path.parent, PATH, **{'full_scale = "150 °/s"': 'full_scale = "20 °/s"'})
     made, block = taken(low, logged)
-    assert made.tally.left_out.beyond_range > 1000
+    assert made.tally.drops.beyond_range > 1000
     assert np.abs(block.reading[:, 3:]).max() <= radians(20) * (1 + 1e-5)
 
 
@@ -276,21 +278,21 @@ def test_readings_that_cannot_be_are_left_out_and_counted(run: Run):
     [(b"no json", "is none"), (b"[1]", "is none"), (b'{"what": "section"}', "no section")],
 )
 def test_an_event_that_is_none_is_refused(run: Run, payload: bytes, words: str):
-    made = Assembly(run, LAYOUT)
-    made.feed(Frame(EVENT, 0.0, payload))
+    made = SampleAssembler(run, LAYOUT)
+    made.feed(LogFrame(EVENT, 0.0, payload))
     with pytest.raises(InputError, match=words):
         made.take()
 
 
 def test_events_of_others_are_no_matter(run: Run):
-    made = Assembly(run, LAYOUT)
+    made = SampleAssembler(run, LAYOUT)
     made.feed(event(0.0, {"what": "temperature", "celsius": 21.5}))
     assert made.take() is None
 
 
 def test_packets_that_cannot_be_timed_are_refused(run: Run):
     with pytest.raises(InputError, match=r"come at 100 Hz; \[data\] rate is 200 Hz"):
-        Assembly(run, replace(LAYOUT, rate_hz=100.0))
+        SampleAssembler(run, replace(LAYOUT, rate_hz=100.0))
     ascii_like = read_layout("witmotion")
     with pytest.raises(InputError, match="neither counter nor time"):
-        Assembly(run, replace(ascii_like, rate_hz=None))
+        SampleAssembler(run, replace(ascii_like, rate_hz=None))

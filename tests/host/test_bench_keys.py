@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from inercal.cli.bench_keys import keys
+from inercal.cli.keyboard import listen_to_keys
 
 PATIENCE = 20.0  # s
 
@@ -19,7 +19,7 @@ class Asked:
     def __init__(self):
         self.all: list[str] = []
 
-    def ask(self, what: str) -> None:
+    def request(self, what: str) -> None:
         self.all.append(what)
 
 
@@ -28,7 +28,7 @@ def test_keys_that_come_at_once_are_heard_one_by_one(monkeypatch: pytest.MonkeyP
     asked = Asked()
     with os.fdopen(host, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        with keys(cast("Any", asked)):
+        with listen_to_keys(cast("Any", asked)):
             os.write(terminal, b"px\xc3\xa4gp")
             end = monotonic() + PATIENCE
             while len(asked.all) < 3:
@@ -49,8 +49,8 @@ def test_a_terminal_that_ends_is_listened_to_no_more(monkeypatch: pytest.MonkeyP
     asked = Asked()
     with os.fdopen(host, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        monkeypatch.setattr("inercal.cli.bench_keys.os.read", ended)
-        with keys(cast("Any", asked)):
+        monkeypatch.setattr("inercal.cli.keyboard.os.read", ended)
+        with listen_to_keys(cast("Any", asked)):
             os.write(terminal, b"p")
             end = monotonic() + PATIENCE
             while not reads:

@@ -11,13 +11,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from tests.host.benches import INERCAL, SHORT, plan, quick
-from tests.host.sections import sections_done
+from tests.host.journal_sections import sections_done
+from tests.host.simulated_runs import INERCAL, SHORT, plan, quick
 
 from inercal.host.addresses import open_table
-from inercal.host.compile import compiled
+from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
-from inercal.host.simulated import SimulatedBench
+from inercal.host.precompilation import precompile_run
 from inercal.runfile import Run, read
 
 SEED = 3
@@ -30,8 +30,8 @@ class Unbroken:
 
     def __init__(self, folder: Path):
         self.run = plan(folder / "plan", quick())
-        compiled(self.run)
-        with SimulatedBench(self.run.path, SEED) as bench:
+        precompile_run(self.run)
+        with BenchSimulator(self.run.path, SEED) as bench:
             told = command(self.run, bench, folder / "run")
             done = subprocess.run(told, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
@@ -44,12 +44,12 @@ def unbroken(tmp_path_factory: pytest.TempPathFactory) -> Unbroken:
     return Unbroken(tmp_path_factory.mktemp("unbroken"))
 
 
-def command(run: Run, bench: SimulatedBench, folder: Path) -> list[str]:
+def command(run: Run, bench: BenchSimulator, folder: Path) -> list[str]:
     where = ["--table", bench.table, "--imu", bench.imu, "--clock", str(bench.clock)]
     return [*INERCAL, "bench", "run", str(run.path), *where, "--out", str(folder), "--json"]
 
 
-def started(run: Run, bench: SimulatedBench, folder: Path) -> "subprocess.Popen[str]":
+def started(run: Run, bench: BenchSimulator, folder: Path) -> "subprocess.Popen[str]":
     pipe = subprocess.PIPE
     return subprocess.Popen(command(run, bench, folder), stdout=pipe, stderr=pipe, text=True)
 
@@ -69,7 +69,7 @@ def until_log_is(folder: Path, size: int, host: "subprocess.Popen[str]") -> None
             continue
 
 
-def seconds_to_rest(bench: SimulatedBench) -> float:
+def seconds_to_rest(bench: BenchSimulator) -> float:
     """Return how long the table still turns by its own clock and the wall's, whichever is more."""
     begun = monotonic()
     with open_table(bench.table, None) as table:
@@ -110,7 +110,7 @@ def require_whole(folder: Path, run: Run) -> None:
 
 def killed_and_resumed(folder: Path, unbroken: Unbroken, share: float) -> None:
     run = unbroken.run
-    with SimulatedBench(run.path, SEED) as bench:
+    with BenchSimulator(run.path, SEED) as bench:
         with started(run, bench, folder) as host:
             until_log_is(folder, round(share * unbroken.size), host)
             host.send_signal(signal.SIGKILL)
@@ -151,9 +151,9 @@ def test_a_run_killed_at_twelve_more_moments_is_finished_by_resume(
 @pytest.mark.slow
 def test_a_host_that_freezes_has_its_table_stopped_and_repeats_the_step(tmp_path: Path):
     run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "outer,360,30"))
-    compiled(run)
+    precompile_run(run)
     folder = tmp_path / "run"
-    with SimulatedBench(run.path, SEED) as bench, started(run, bench, folder) as host:
+    with BenchSimulator(run.path, SEED) as bench, started(run, bench, folder) as host:
         until_turning(folder, host)
         host.send_signal(signal.SIGSTOP)
         seconds_to_rest(bench)

@@ -8,10 +8,10 @@ from pathlib import Path
 from time import monotonic
 
 import pytest
-from tests.host.benches import SHORT, carried_out, plan
+from tests.host.simulated_runs import SHORT, carried_out, plan
 
-from inercal.host.compile import compiled
-from inercal.host.simulated import SimulatedBench
+from inercal.host.bench_simulator import BenchSimulator
+from inercal.host.precompilation import precompile_run
 
 
 @pytest.mark.slow
@@ -19,13 +19,13 @@ from inercal.host.simulated import SimulatedBench
 def test_for_more_than_a_minute_in_real_time_no_packet_is_lost(tmp_path: Path, rate: int):
     path = SHORT.replace("22", "40")
     run = plan(tmp_path / "plan", path, [('rate = "200 Hz"', f'rate = "{rate} Hz"')])
-    compiled(run)
-    with SimulatedBench(run.path, seed=4, rate_hz=rate, pace=1.0) as bench:
+    precompile_run(run)
+    with BenchSimulator(run.path, seed=4, rate_hz=rate, pace=1.0) as bench:
         begun = monotonic()
         ended = carried_out(tmp_path / "run", bench, run, poll=0.02)
         wall = monotonic() - begun
     assert ended.done, ended.words
-    tally = ended.run.account.assembly.tally
+    tally = ended.run.recorder.assembly.tally
     print(
         f"{rate} Hz: {tally}, {wall:.1f} s of the wall, {ended.run.time:.1f} s of the run",
         ended.words,

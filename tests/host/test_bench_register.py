@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from tests.host.benches import plan, quick
+from tests.host.simulated_runs import plan, quick
 
 from inercal.cli.app import main
 from inercal.errors import InputError
+from inercal.host.bench_simulator import BenchSimulator
 from inercal.host.journal import Journal
-from inercal.host.simulated import SimulatedBench
 from inercal.store import Register, RunFacts
 
 Program = Callable[..., int]
@@ -28,19 +28,19 @@ def program(monkeypatch: pytest.MonkeyPatch) -> Program:
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedBench]:
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BenchSimulator]:
     run = plan(tmp_path_factory.mktemp("bench"), quick())
-    with SimulatedBench(run.path, seed=1) as made:
+    with BenchSimulator(run.path, seed=1) as made:
         yield made
 
 
-def at(bench: SimulatedBench) -> tuple[str, ...]:
+def at(bench: BenchSimulator) -> tuple[str, ...]:
     return ("--table", bench.table, "--imu", bench.imu, "--clock", bench.clock or "")
 
 
 @pytest.mark.slow
 def test_a_run_is_entered_as_it_begins_and_with_its_calibration_at_the_end(
-    tmp_path: Path, program: Program, bench: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, program: Program, bench: BenchSimulator, monkeypatch: pytest.MonkeyPatch
 ):
     # As little as finds all coefficients.
     path = quick().replace(",10,,,", ",4,,,").replace("360", "90")
@@ -73,7 +73,7 @@ def test_a_run_is_entered_as_it_begins_and_with_its_calibration_at_the_end(
 def test_a_register_that_goes_away_does_not_stop_a_run(
     tmp_path: Path,
     program: Program,
-    bench: SimulatedBench,
+    bench: BenchSimulator,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):

@@ -7,20 +7,20 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from tests.host.benches import SHORT, Act, Ended, Interfered, carried_out, made, plan
+from tests.host.simulated_runs import SHORT, Act, Ended, Interfered, carried_out, made, plan
 
 from inercal.host.addresses import open_table
-from inercal.host.compile import compiled
-from inercal.host.drivers.table import ProtocolError, TableState
-from inercal.host.log import IMU, frames
-from inercal.host.options import Options
-from inercal.host.simulated import SimulatedBench
+from inercal.host.bench_simulator import BenchSimulator
+from inercal.host.drivers.rotary_table import ProtocolError, TableState
+from inercal.host.options import RunOptions
+from inercal.host.precompilation import precompile_run
+from inercal.host.run_log import IMU, read_frames
 
 
 class Bench(NamedTuple):
     """A bench that was new when its first run was carried out on it; others may follow."""
 
-    bench: SimulatedBench
+    bench: BenchSimulator
     folder: Path
     first: Ended
 
@@ -29,30 +29,30 @@ class Bench(NamedTuple):
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     folder = tmp_path_factory.mktemp("first")
     run = plan(folder / "plan")
-    compiled(run)
-    with SimulatedBench(run.path, seed=1) as bench:
+    precompile_run(run)
+    with BenchSimulator(run.path, seed=1) as bench:
         yield Bench(bench, folder / "run", carried_out(folder / "run", bench, run))
 
 
 @pytest.fixture
-def bench(shared: Bench) -> SimulatedBench:
+def bench(shared: Bench) -> BenchSimulator:
     """Return a bench that others have used: what a test breaks it mends."""
     return shared.bench
 
 
 @pytest.fixture
-def broken(tmp_path: Path) -> Iterator[SimulatedBench]:
+def broken(tmp_path: Path) -> Iterator[BenchSimulator]:
     """Return a bench of the test's own, whose table may be broken for good."""
-    with SimulatedBench(plan(tmp_path / "plan").path, seed=1) as bench:
+    with BenchSimulator(plan(tmp_path / "plan").path, seed=1) as bench:
         yield bench
 
 
-def at_rest(bench: SimulatedBench) -> bool:
+def at_rest(bench: BenchSimulator) -> bool:
     with open_table(bench.table, None) as table:
         return all(abs(axis.rate) < 1e-3 for axis in table.read().axes)
 
 
-def run_with(tmp_path: Path, bench: SimulatedBench, label: str, phase: str, act: Act) -> Ended:
+def run_with(tmp_path: Path, bench: BenchSimulator, label: str, phase: str, act: Act) -> Ended:
     run = plan(tmp_path / "plan")
     return carried_out(tmp_path / "run", bench, run, [(label, phase, act)])
 
@@ -62,35 +62,37 @@ def test_a_run_does_its_steps_in_order_and_leaves_no_packet_out(shared: Bench):
     assert ended.done, ended.words
     assert ended.words == ""
     assert [label for label, _, _ in ended.sections] == ["warm-up", "y up", "z+", "rest"]
-    tally = ended.run.account.assembly.tally
-    assert (tally.bytes.lost, tally.bytes.failed, tally.bytes.thrown) == (0, 0, 0)
-    assert ended.run.account.live is not None
-    assert ended.run.account.live.begun
-    assert ended.run.account.estimation == "on"
+    tally = ended.run.recorder.assembly.tally
+    assert (tally.bytes.lost, tally.bytes.failed, tally.bytes.discarded) == (0, 0, 0)
+    assert ended.run.recorder.live_estimator is not None
+    assert ended.run.recorder.live_estimator.has_estimate
+    assert ended.run.recorder.estimation == "on"
     assert at_rest(shared.bench)
 
 
 @pytest.mark.slow
 def test_how_fast_a_bench_is_run_changes_no_byte_and_no_number(tmp_path: Path, shared: Bench):
     run = plan(tmp_path / "plan")
-    with SimulatedBench(run.path, seed=1) as bench:
-        slow = carried_out(tmp_path / "run", bench, run, options=Options(speed=40.0))
+    with BenchSimulator(run.path, seed=1) as bench:
+        slow = carried_out(tmp_path / "run", bench, run, options=RunOptions(speed=40.0))
     assert slow.done, slow.words
-    assert list(frames(made(tmp_path / "run").log)) == list(frames(made(shared.folder).log))
-    live, others = slow.run.account.live, shared.first.run.account.live
+    assert list(read_frames(made(tmp_path / "run").log)) == list(
+        read_frames(made(shared.folder).log)
+    )
+    live, others = slow.run.recorder.live_estimator, shared.first.run.recorder.live_estimator
     assert live is not None
     assert others is not None
     assert live.values.tolist() == others.values.tolist()
 
 
 def test_an_imu_that_is_unplugged_has_the_run_pause_and_go_on_when_it_is_back(
-    tmp_path: Path, bench: SimulatedBench
+    tmp_path: Path, bench: BenchSimulator
 ):
     def unplug(run: object) -> None:
-        bench.tell("imu", "fault unplug")
+        bench.inject_fault("imu", "fault unplug")
 
     def replug(run: object) -> None:
-        bench.tell("imu", "fault replug")
+        bench.inject_fault("imu", "fault replug")
 
     ended = carried_out(
         tmp_path / "run",
@@ -104,20 +106,20 @@ def test_an_imu_that_is_unplugged_has_the_run_pause_and_go_on_when_it_is_back(
 
 
 def test_an_imu_that_falls_silent_for_good_ends_the_run_with_the_table_at_rest(
-    tmp_path: Path, bench: SimulatedBench
+    tmp_path: Path, bench: BenchSimulator
 ):
     def silent(run: object) -> None:
-        bench.tell("imu", "fault silent on")
+        bench.inject_fault("imu", "fault silent on")
 
     run = plan(tmp_path / "plan")
     acts = [("z+", "work", silent)]
-    ended = carried_out(tmp_path / "run", bench, run, acts, Options(patience=5.0))
+    ended = carried_out(tmp_path / "run", bench, run, acts, RunOptions(patience=5.0))
     assert not ended.done
     assert "silent" in ended.run.trouble
     assert "not back within 5 s" in ended.run.trouble
     assert at_rest(bench)
     # The operator mends it, and goes on.
-    bench.tell("imu", "fault silent off")
+    bench.inject_fault("imu", "fault silent off")
     again = carried_out(tmp_path / "run", bench)
     assert again.done, again.words
     assert [label for label, _, _ in again.sections] == ["warm-up", "y up", "z+", "rest"]
@@ -128,10 +130,10 @@ def test_an_imu_that_falls_silent_for_good_ends_the_run_with_the_table_at_rest(
     [("amplifier 2", "amplifier"), pytest.param("jammed 2", "middle", marks=pytest.mark.slow)],
 )
 def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_rest(
-    tmp_path: Path, broken: SimulatedBench, fault: str, words: str
+    tmp_path: Path, broken: BenchSimulator, fault: str, words: str
 ):
     def spoil(run: object) -> None:
-        broken.tell("table", f"fault {fault}")
+        broken.inject_fault("table", f"fault {fault}")
 
     run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "middle,360,30"))
     ended = carried_out(tmp_path / "run", broken, run, [("z+", "work", spoil)])
@@ -141,10 +143,10 @@ def test_a_fault_of_the_table_ends_the_run_with_the_axis_named_and_the_table_at_
 
 
 def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
-    tmp_path: Path, broken: SimulatedBench
+    tmp_path: Path, broken: BenchSimulator
 ):
     def spoil(run: object) -> None:
-        broken.tell("table", "fault frozen 2")
+        broken.inject_fault("table", "fault frozen 2")
 
     run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "middle,360,30"))
     ended = carried_out(tmp_path / "run", broken, run, [("z+", "work", spoil)])
@@ -153,7 +155,7 @@ def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
     assert "by the gyros it still turns at" in ended.run.trouble
     with open_table(broken.table, None) as table:
         assert at_rest(broken)  # so its encoders say
-        broken.tell("table", "fault frozen 2 off")
+        broken.inject_fault("table", "fault frozen 2 off")
         told = table.read().time
         while (state := table.read()).time <= told:
             pass  # its encoder counts on when its clock does
@@ -163,12 +165,14 @@ def test_an_axis_whose_encoder_stands_is_switched_off_and_said_to_turn(
 
 
 def test_a_table_that_is_gone_ends_the_run_in_words(
-    tmp_path: Path, broken: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, broken: BenchSimulator, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.table_driver._LEAVING", 1.0)  # nobody comes to see it at rest
+    monkeypatch.setattr(
+        "inercal.host.table_driver._REST_TIMEOUT", 1.0
+    )  # nobody comes to see it at rest
 
     def die(run: object) -> None:
-        broken.tell("table", "die")
+        broken.inject_fault("table", "die")
 
     ended = run_with(tmp_path, broken, "y up", "approach", die)
     assert not ended.done
@@ -176,12 +180,12 @@ def test_a_table_that_is_gone_ends_the_run_in_words(
 
 
 def test_readings_of_the_table_that_fail_leave_out_what_was_felt_meanwhile(
-    tmp_path: Path, bench: SimulatedBench
+    tmp_path: Path, bench: BenchSimulator
 ):
     left = 4
 
     def spoil(run: Interfered) -> None:
-        read = run._driven._table.read
+        read = run._table_driver._table.read
 
         def fails() -> TableState:
             nonlocal left
@@ -191,62 +195,62 @@ def test_readings_of_the_table_that_fail_leave_out_what_was_felt_meanwhile(
                 raise ProtocolError("no whole reply")
             return state
 
-        run._driven._table.read = fails
+        run._table_driver._table.read = fails
 
     ended = run_with(tmp_path, bench, "z+", "work", spoil)
     assert ended.done, ended.words
     assert left == 0
-    tally = ended.run.account.assembly.tally
-    assert abs(tally.no_angle - 5 * 0.05 * 200) <= 2
+    tally = ended.run.recorder.assembly.tally
+    assert abs(tally.samples_without_angle - 5 * 0.05 * 200) <= 2
     # On a busy machine it is said before all of them are in: "so far".
     said = re.search(r"(\d+) samples", ended.words)
     assert said
-    assert 0 < int(said[1]) <= tally.no_angle
+    assert 0 < int(said[1]) <= tally.samples_without_angle
     assert ended.words.count("no whole reply") == 4
 
 
 def test_corrupt_bytes_and_lost_packets_are_counted_and_none_of_them_enters(
-    tmp_path: Path, bench: SimulatedBench
+    tmp_path: Path, bench: BenchSimulator
 ):
     def spoil(run: object) -> None:
-        bench.tell("imu", "fault errors 0.001")
-        bench.tell("imu", "fault loss 0.01")
+        bench.inject_fault("imu", "fault errors 0.001")
+        bench.inject_fault("imu", "fault loss 0.01")
 
     ended = run_with(tmp_path, bench, "warm-up", "work", spoil)
-    bench.tell("imu", "fault errors 0")
-    bench.tell("imu", "fault loss 0")
+    bench.inject_fault("imu", "fault errors 0")
+    bench.inject_fault("imu", "fault loss 0")
     assert ended.done, ended.words
-    tally = ended.run.account.assembly.tally
+    tally = ended.run.recorder.assembly.tally
     sent = 200 * (ended.run.time - ended.sections[0][1])
     # 1 − 0.999³⁶ of the packets have a byte that is changed; binomial, five standard deviations.
     for share, of in ((1 - 0.999**36, tally.bytes.failed), (0.01 + 0.0354, tally.bytes.lost)):
         assert abs(of - share * sent) < 5 * np.sqrt(share * sent)
     raw = b"".join(
-        frame.payload for frame in frames(made(tmp_path / "run").log) if frame.kind == IMU
+        frame.payload for frame in read_frames(made(tmp_path / "run").log) if frame.kind == IMU
     )
     assert len(raw) > 30 * 200 * 36 / 2
-    live = ended.run.account.live
+    live = ended.run.recorder.live_estimator
     assert live is not None
     squares, components = np.sum(list(live.innovations.values()), axis=0)
     assert 0.7 < squares / components < 1.3
 
 
-def test_an_operator_may_pause_a_run_and_let_it_go_on(tmp_path: Path, bench: SimulatedBench):
+def test_an_operator_may_pause_a_run_and_let_it_go_on(tmp_path: Path, bench: BenchSimulator):
     ended = carried_out(
         tmp_path / "run",
         bench,
         plan(tmp_path / "plan"),
         [
-            ("y up", "approach", lambda run: run.ask("pause")),
-            ("y up", "paused", lambda run: run.ask("go on")),
+            ("y up", "approach", lambda run: run.request("pause")),
+            ("y up", "paused", lambda run: run.request("go on")),
         ],
     )
     assert ended.done, ended.words
     assert "paused by the operator" in ended.words
 
 
-def test_an_operator_may_stop_a_run_and_resume_it(tmp_path: Path, bench: SimulatedBench):
-    ended = run_with(tmp_path, bench, "y up", "approach", lambda run: run.ask("stop"))
+def test_an_operator_may_stop_a_run_and_resume_it(tmp_path: Path, bench: BenchSimulator):
+    ended = run_with(tmp_path, bench, "y up", "approach", lambda run: run.request("stop"))
     assert not ended.done
     assert ended.run.trouble == "stopped by the operator"
     assert at_rest(bench)

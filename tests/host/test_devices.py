@@ -16,7 +16,7 @@ from inercal.host.packets import PRESETS, encode, read_layout
 from inercal.host.sim.acutrol import SimulatedAcutrol
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import Server
+from inercal.host.sim.server import SimulatorServer
 
 RATE = 200.0
 
@@ -59,24 +59,24 @@ def _packets(preset: str, lost: int = 0) -> bytes:
 def test_the_preset_that_reads_an_imu_is_found(preset: str):
     data = _packets(preset)
     with _sending(data[7:-3]) as address:
-        found = devices.imu(address, 20.0)
+        found = devices.probe_imu(address, 20.0)
     assert found.size == len(data) - 10
     assert found.seconds < 20.0
-    assert [sender.layout.name for sender in found.senders] == [preset]
-    (sender,) = found.senders
+    assert [sender.layout.name for sender in found.decodings] == [preset]
+    (sender,) = found.decodings
     assert 398 <= sender.counts.packets <= 399
-    assert sender.taken > 0.98
+    assert sender.decoded_fraction > 0.98
     if preset not in ("fixed", "witmotion"):  # they tell no time
         assert sender.rate_hz == pytest.approx(RATE, rel=1e-6)
 
 
 def test_lost_packets_are_told_and_change_no_rate():
     with _sending(_packets("vn100", lost=50)) as address:
-        (sender,) = devices.imu(f"{address}?preset=vn100", 20.0).senders
+        (sender,) = devices.probe_imu(f"{address}?preset=vn100", 20.0).decodings
     assert sender.rate_hz == pytest.approx(RATE, rel=1e-6)
     assert (sender.counts.packets, sender.counts.lost) == (399, 1)
     with _sending(_packets("xsens", lost=50)) as address:
-        (sender,) = devices.imu(f"{address}?preset=xsens", 20.0).senders
+        (sender,) = devices.probe_imu(f"{address}?preset=xsens", 20.0).decodings
     assert (sender.counts.packets, sender.counts.lost) == (399, 1)
     assert sender.rate_hz == pytest.approx(RATE, rel=1e-6)
     assert sender.layout.protection.startswith("sum of 8 bits")
@@ -84,45 +84,45 @@ def test_lost_packets_are_told_and_change_no_rate():
 
 def test_an_imu_that_goes_on_is_listened_to_for_so_long():
     with _sending(_packets("fixed"), over=False) as address:
-        found = devices.imu(address, 0.2)
+        found = devices.probe_imu(address, 0.2)
     assert found.seconds == pytest.approx(0.2, abs=0.15)
-    assert [sender.layout.name for sender in found.senders] == ["fixed"]
+    assert [sender.layout.name for sender in found.decodings] == ["fixed"]
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00" * 5000, bytes(range(256)) * 20])
 def test_what_no_preset_reads_is_told_as_bytes_alone(data: bytes):
     with _sending(data) as address:
-        found = devices.imu(address, 20.0)
-    assert (found.size, found.senders) == (len(data), ())
+        found = devices.probe_imu(address, 20.0)
+    assert (found.size, found.decodings) == (len(data), ())
 
 
 def test_an_imu_that_is_not_there_is_a_lost_link():
     with pytest.raises(LinkLost, match="cannot open"):
-        devices.imu("serial:/dev/ttyNONE")
+        devices.probe_imu("serial:/dev/ttyNONE")
 
 
-def _at(scheme: str, server: Server[Any], query: str) -> str:
+def _at(scheme: str, server: SimulatorServer[Any], query: str) -> str:
     return f"{server.address.replace('tcp', scheme, 1)}?{query}"
 
 
-def test_a_pmac_says_what_it_is_and_how_it_is_set(pmac: Server[SimulatedPmac]):
+def test_a_pmac_says_what_it_is_and_how_it_is_set(pmac: SimulatorServer[SimulatedPmac]):
     pmac.advance(5.0)
-    found = devices.table(_at("pmac", pmac, "motors=1,2,3&counts=3600000"))
+    found = devices.probe_table(_at("pmac", pmac, "motors=1,2,3&counts=3600000"))
     assert found.identity == "Turbo PMAC TURBO2, X4, firmware 1.947"
     assert found.axes == ("1", "2", "3")
     assert found.limits[2].rate == pytest.approx(radians(400))
-    assert found.wraps == pytest.approx(7427.4, abs=0.1)
+    assert found.wrap_period == pytest.approx(7427.4, abs=0.1)
     assert found.state.time == pytest.approx(5.0, abs=1e-3)
     assert not any(axis.enabled for axis in found.state.axes)
 
 
 def test_an_acutrol_and_a_motor_say_what_they_can():
-    with Server(SimulatedAcutrol()) as server:
-        found = devices.table(_at("acutrol", server, "axes=1,2"), timeout=5.0)
+    with SimulatorServer(SimulatedAcutrol()) as server:
+        found = devices.probe_table(_at("acutrol", server, "axes=1,2"), timeout=5.0)
     assert found.identity == "inercal,simulated ACUTROL3000"
-    assert found.wraps == inf
-    with Server(SimulatedMotor()) as server:
-        found = devices.table(f"motor:{server.address}", timeout=5.0)
+    assert found.wrap_period == inf
+    with SimulatorServer(SimulatedMotor()) as server:
+        found = devices.probe_table(f"motor:{server.address}", timeout=5.0)
     assert found.identity == ""
     assert found.limits[0].rate == inf
 
@@ -132,4 +132,4 @@ def test_ports_are_those_of_the_system(monkeypatch: pytest.MonkeyPatch):
         device, description = "/dev/ttyUSB7", "FT232R"
 
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [Seen()])
-    assert devices.ports() == (devices.Port("serial:/dev/ttyUSB7", "FT232R"),)
+    assert devices.list_serial_ports() == (devices.SerialPort("serial:/dev/ttyUSB7", "FT232R"),)

@@ -23,16 +23,16 @@ from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
 from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import Server, WallClock
+from inercal.host.sim.server import ScaledClock, SimulatorServer
 
-Served = Server[SimulatedPmac]
+Served = SimulatorServer[SimulatedPmac]
 
 AXES = tuple(PmacAxis(name, i, 3_600_000) for i, name in enumerate(("outer", "middle", "inner"), 1))
 PATIENCE = 20.0  # s; what is waited for comes at once on an idle machine
 SPEED = 10.0  # of the table against the wall
 
 
-def _address(server: Server[Any]) -> str:
+def _address(server: SimulatorServer[Any]) -> str:
     return server.address.replace("tcp://", "pmac://") + "?motors=1,2,3&counts=3600000"
 
 
@@ -48,7 +48,7 @@ def _hear(guard: Guard, line: str) -> list[str]:
     lines: list[str] = []
 
     def heard() -> bool:
-        lines.extend(guard.said())
+        lines.extend(guard.read_lines())
         return any(text.startswith(line) for text in lines)
 
     _until(heard)
@@ -62,7 +62,7 @@ def _turning(server: Served) -> bool:
 
 @pytest.fixture
 def server() -> Iterator[Served]:
-    with Server(SimulatedPmac(), WallClock(SPEED)) as server:
+    with SimulatorServer(SimulatedPmac(), ScaledClock(SPEED)) as server:
         yield server
 
 
@@ -78,7 +78,7 @@ def table(server: Served) -> Iterator[Pmac]:
 @pytest.fixture
 def guard(server: Served, table: Pmac) -> Iterator[Guard]:
     with Guard(_address(server), silence=0.5) as guard:
-        assert guard.said() == []
+        assert guard.read_lines() == []
         yield guard
 
 
@@ -101,7 +101,7 @@ def test_a_guard_that_is_let_go_leaves_the_table_as_it_is(server: Served, guard:
     guard.beat()
     guard.close()
     guard.close()
-    assert guard.said() == []
+    assert guard.read_lines() == []
     assert not guard.alive
     assert not guard.stop()
     guard.beat()
@@ -111,18 +111,18 @@ def test_a_guard_that_is_let_go_leaves_the_table_as_it_is(server: Served, guard:
 def test_silence_counts_from_the_first_beat_and_stops_once(server: Served, guard: Guard):
     quiet = monotonic() + 0.8
     _until(lambda: monotonic() > quiet)
-    assert guard.said() == []
+    assert guard.read_lines() == []
     for _ in range(30):
         guard.beat()
         pause = monotonic() + 0.03
         _until(lambda pause=pause: monotonic() > pause)
-    assert guard.said() == []
+    assert guard.read_lines() == []
     assert _turning(server)
     assert _hear(guard, "at rest") == ["stopping: the host was silent for 0.5 s", "at rest"]
     assert not _turning(server)
     quiet = monotonic() + 0.8
     _until(lambda: monotonic() > quiet)
-    assert guard.said() == []
+    assert guard.read_lines() == []
     guard.beat()
     assert _hear(guard, "at rest")
 
@@ -137,7 +137,7 @@ def test_what_a_host_commands_while_its_table_is_stopped_is_stopped_again(
         halt(i, abort)
         halts.append(abort)
         if halts.count(False) == 1 and not abort:
-            simulated.run(2, -1.0)  # arrives right behind the guard's last word
+            simulated.rotate_axis(2, -1.0)  # arrives right behind the guard's last word
 
     with server.lock:
         simulated.halt = halted
@@ -183,7 +183,7 @@ def test_a_motor_that_refuses_does_not_keep_the_guard_from_the_others(
 
 
 def test_a_table_whose_controller_refuses_to_stop_is_killed(server: Served, guard: Guard):
-    line, asked = server.device.interpreter.line, list[bytes]()
+    line, asked = server.device.interpreter.execute_line, list[bytes]()
 
     def refuses(packet: bytes, motor: int) -> tuple[bytes, int]:
         if b"J/" in packet:
@@ -192,8 +192,8 @@ def test_a_table_whose_controller_refuses_to_stop_is_killed(server: Served, guar
         return line(packet, motor)
 
     with server.lock:
-        server.device.interpreter.control = lambda character: None
-        server.device.interpreter.line = refuses
+        server.device.interpreter.execute_control = lambda character: None
+        server.device.interpreter.execute_line = refuses
     guard.stop()
     lines = _hear(guard, "at rest")
     assert [line.partition(":")[0] for line in lines] == ["stopping", "cannot", "killed", "at rest"]
@@ -217,7 +217,7 @@ def test_a_table_that_is_gone_and_comes_back_is_stopped(server: Served, table: P
     guard.stop()
     assert "stopping: told so" in _hear(guard, "cannot: ")
     assert guard.alive
-    with Server(simulated, WallClock(SPEED), port=port) as again:
+    with SimulatorServer(simulated, ScaledClock(SPEED), port=port) as again:
         _hear(guard, "at rest")
         assert not _turning(again)
 
@@ -225,7 +225,7 @@ def test_a_table_that_is_gone_and_comes_back_is_stopped(server: Served, table: P
 def test_a_guard_without_host_and_table_gives_up_in_the_end(server: Served, table: Pmac):
     with Guard(_address(server), patience=0.5) as guard:
         server.stop()
-        guard._let_go_of_pipe()  # as the system does of a host that is killed
+        guard._close_pipe()  # as the system does of a host that is killed
         assert _hear(guard, "cannot: no word")[0] == "stopping: the host is gone"
         _until(lambda: not guard.alive)
 
@@ -236,7 +236,7 @@ def test_an_idle_guard_finds_its_link_lost_and_says_when_it_is_ready_again(
     simulated, port = server.device, server.port
     server.stop()
     _hear(guard, "cannot: ")
-    with Server(simulated, WallClock(SPEED), port=port) as again:
+    with SimulatorServer(simulated, ScaledClock(SPEED), port=port) as again:
         assert _hear(guard, "ready")[-1] == "ready"
         guard.stop()
         _hear(guard, "at rest")
@@ -285,7 +285,7 @@ def test_a_guard_that_is_frozen_keeps_no_host_waiting(guard: Guard):
     begun = monotonic()
     while guard._write(b"." * 4096):
         pass
-    guard._beaten = -1.0
+    guard._beat_time = -1.0
     guard.beat()
     assert not guard.stop()
     assert monotonic() - begun < PATIENCE
@@ -293,10 +293,10 @@ def test_a_guard_that_is_frozen_keeps_no_host_waiting(guard: Guard):
 
 
 def test_a_motor_on_a_serial_port_is_the_hosts_alone_until_it_is_stopped():
-    with Server(SimulatedMotor(), WallClock(SPEED), terminal=True) as server:
+    with SimulatorServer(SimulatedMotor(), ScaledClock(SPEED), terminal=True) as server:
         with server.lock:
-            server.device._line("ACL 100")
-            server.device._line("JOG 90")
+            server.device._answer_line("ACL 100")
+            server.device._answer_line("JOG 90")
         with Guard(f"motor:{server.address}?baud=9600") as guard:
             assert server.faults.replies == 0
             _until(lambda: abs(server.device.table.state[0].rate) > 1)
@@ -319,7 +319,7 @@ with guard, guard.catch_signals():
         guard.beat()
     print(f"guarded by {guard._process.pid}", flush=True)
     if sys.argv[3] == "beats":
-        while not guard.interrupted:
+        while not guard.signal_received:
             guard.beat()
         print("interrupted", flush=True)
     if sys.argv[3] == "busy":
@@ -391,7 +391,7 @@ def test_no_other_process_keeps_the_end_of_the_host_from_being_seen(
             assert other.stdout
             other.stdout.readline()
             assert ready.wait(PATIENCE)
-            guard._let_go_of_pipe()  # as the system does of a host that is killed
+            guard._close_pipe()  # as the system does of a host that is killed
             assert _hear(guard, "at rest") == ["stopping: the host is gone", "at rest"]
             _until(lambda: not guard.alive)
         finally:
@@ -407,7 +407,7 @@ def test_from_a_signal_to_the_abort_at_the_controller_are_100_ms_at_most(
     """Each time while one call of C has the host's interpreter locked."""
     heard = Event()
     at = 0.0
-    carry_out = server.device.interpreter.control
+    carry_out = server.device.interpreter.execute_control
 
     def control(character: int) -> None:
         nonlocal at
@@ -416,7 +416,7 @@ def test_from_a_signal_to_the_abort_at_the_controller_are_100_ms_at_most(
             heard.set()
         carry_out(character)
 
-    server.device.interpreter.control = control
+    server.device.interpreter.execute_control = control
     table.stop()
     _until(lambda: not _turning(server))
     random = Random(8)

@@ -12,7 +12,7 @@ from time import monotonic
 import pytest
 
 from inercal.errors import InputError
-from inercal.host.imu import ImuPort
+from inercal.host.imu_port import ImuPort
 from inercal.host.link import LinkLost, open_link
 from inercal.host.packets import read_layout
 
@@ -26,7 +26,7 @@ def _joined(pieces: list[tuple[float, bytes]]) -> bytes:
 
 def _until(port: ImuPort, size: int) -> None:
     end = monotonic() + PATIENCE
-    while port.received < size:
+    while port.received_bytes < size:
         assert monotonic() < end
         Event().wait(0.002)
 
@@ -55,7 +55,7 @@ def test_what_came_is_handed_out_once_and_in_order(far: tuple[socket.socket, Imu
     assert _joined(pieces) == sent
     times = [time for time, _ in pieces]
     assert times == sorted(times)
-    assert port.received == len(sent)
+    assert port.received_bytes == len(sent)
     assert port.take() == []
 
 
@@ -118,7 +118,7 @@ def test_what_waited_before_the_port_was_opened_is_thrown_away():
     link = open_link(f"serial:{os.ttyname(host)}")
     os.write(device, b"stale" * 100)
     with ImuPort(link, FIXED, monotonic) as port:
-        assert port.thrown == 500
+        assert port.discarded_bytes == 500
         os.write(device, b"fresh")
         assert _joined(port.take(5, PATIENCE)) == b"fresh"
     port.close()

@@ -12,7 +12,7 @@ from inercal.host import imu_receiver
 from inercal.host.addresses import open_imu
 from inercal.host.clock import Tick
 from inercal.host.guard import Guard
-from inercal.host.imu import ImuPort
+from inercal.host.imu_port import ImuPort
 from inercal.host.imu_receiver import ImuReceiver
 from inercal.host.link import LinkLost
 from inercal.host.packets import read_layout
@@ -37,7 +37,7 @@ def test_a_port_is_opened_again_in_less_time_than_the_watchdog_waits(
             now[0] += opening  # nobody answers, and nobody refuses
             raise LinkLost("timed out")
         link = scripted(lambda data: b"")
-        port = ImuPort(link, read_layout("fixed"), monotonic, waits=True)
+        port = ImuPort(link, read_layout("fixed"), monotonic, synchronous=True)
         monkeypatch.setattr(link, "read", lost)
         return port
 

@@ -8,9 +8,9 @@ import pytest
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
-from inercal.benches.turntable.moves import Limits
+from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.errors import InputError
-from inercal.host.drivers.table import AxisLimits, AxisState, TableState
+from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
 from inercal.host.interlocks import Interlocks
 from inercal.recording import Track
 from inercal.sensors import imu
@@ -20,7 +20,7 @@ BENCH = Turntable(
     Measured(9.8, 0.0),
     radians(38),
     Measured(0.4, 0.0),
-    limits=(Limits(radians(100), radians(50)),),
+    limits=(AxisMotionLimits(radians(100), radians(50)),),
 )
 LIMITS = (AxisLimits(following_error=radians(2)),) * 3
 IMU = imu()
@@ -60,8 +60,8 @@ def test_what_an_axis_must_not_do_is_told_at_its_second_reading(wrong: dict[str,
 def test_what_an_axis_may_do_is_no_fault():
     fine = _state(rate=radians(119), following_error=radians(-0.99))
     assert _shown(_interlocks(), fine, fine, fine) == [None] * 3
-    unknown = _state(following_error=nan)
-    assert _shown(_interlocks(), unknown, unknown) == [None] * 2
+    not_found = _state(following_error=nan)
+    assert _shown(_interlocks(), not_found, not_found) == [None] * 2
     free = Interlocks((AxisLimits(following_error=inf),) * 3, BENCH, IMU)
     assert _shown(free, *[_state(following_error=1.0)] * 3) == [None] * 3
 
@@ -125,7 +125,7 @@ def test_an_encoder_that_stands_while_the_gyros_turn_is_named(axis: int, name: s
     rates = [(12.0, 0.0, 0.0), (0.0, 12.0, 0.0), (0.0, 0.0, 12.0)][axis]
     checks, told = _interlocks(), list[tuple[float, str]]()
     for piece in _pieces(_track(rates, (axis,)), size):
-        if words := checks.against_gyros(piece):
+        if words := checks.check_gyros(piece):
             told.append((piece.time[-1], words))
     assert told[0][1] == f"axis {name}: the encoder stands while the gyros turn at 12 °/s"
     # 0.2 s of it, and half a window of 20 ms.
@@ -134,18 +134,18 @@ def test_an_encoder_that_stands_while_the_gyros_turn_is_named(axis: int, name: s
 
 def test_other_axes_that_turn_meanwhile_are_not_blamed():
     checks = _interlocks()
-    words = checks.against_gyros(_track((10.0, -12.0, 40.0), (1,)))
+    words = checks.check_gyros(_track((10.0, -12.0, 40.0), (1,)))
     assert words == "axis middle: the encoder stands while the gyros turn at -12 °/s"
 
 
 def test_axes_that_are_one_are_both_named():
     checks = _interlocks()
-    words = checks.against_gyros(_track((12.0, 0.0, 0.0), (0,), at=(0.3, 0.0, pi / 2)))
+    words = checks.check_gyros(_track((12.0, 0.0, 0.0), (0,), at=(0.3, 0.0, pi / 2)))
     assert words is not None
     assert words.startswith("axis outer: ")
     checks = _interlocks()
     # At 90° of the middle axis the inner one is the outer one.
-    words = checks.against_gyros(_track((12.0, 0.0, 0.0), (0,), at=(0.3, pi / 2, 0.0)))
+    words = checks.check_gyros(_track((12.0, 0.0, 0.0), (0,), at=(0.3, pi / 2, 0.0)))
     assert words is not None
     assert words.startswith("axis outer or inner: the encoder stands")
 
@@ -155,13 +155,13 @@ def test_declared_errors_are_no_frozen_encoder(rates: tuple[float, float, float]
     checks = _interlocks()
     for k in range(3):
         track = _track(rates, bias=radians(1.5), scale=0.03, start=float(k))
-        assert checks.against_gyros(track) is None
+        assert checks.check_gyros(track) is None
 
 
 def test_gyros_that_are_dead_are_told():
     track = _track((0.0, 0.0, 30.0))
     dead = Track(track.time, 0 * track.reading, track.angles, track.hold)
-    words = _interlocks().against_gyros(dead)
+    words = _interlocks().check_gyros(dead)
     assert words is not None
     assert words.startswith("axis inner: the encoder turns at 30 °/s while the gyros turn at")
 
@@ -169,7 +169,7 @@ def test_gyros_that_are_dead_are_told():
 def test_an_imu_that_is_not_as_the_run_file_says_is_told():
     track = _track((0.0, 20.0, 30.0))
     turned = track.reading[:, [0, 1, 2, 5, 3, 4]]
-    words = _interlocks().against_gyros(Track(track.time, turned, track.angles, track.hold))
+    words = _interlocks().check_gyros(Track(track.time, turned, track.angles, track.hold))
     assert words is not None
     assert "about none of the table's axes; is the IMU mounted as the run file says?" in words
 
@@ -177,12 +177,12 @@ def test_an_imu_that_is_not_as_the_run_file_says_is_told():
 def test_a_gap_is_no_difference():
     track = _track((0.0, 0.0, 30.0))
     checks = _interlocks()
-    assert checks.against_gyros(track.slice(0, 110)) is None
-    assert checks.against_gyros(track.slice(170, 200)) is None
+    assert checks.check_gyros(track.slice(0, 110)) is None
+    assert checks.check_gyros(track.slice(170, 200)) is None
 
 
 def test_accelerometers_alone_say_nothing_of_rates():
-    alone = IMU.only("f")
+    alone = IMU.select_axes("f")
     track = _track((0.0, 0.0, 30.0), (2,))
     few = Track(track.time, track.reading[:, :3], track.angles, track.hold)
-    assert Interlocks(LIMITS, BENCH, alone).against_gyros(few) is None
+    assert Interlocks(LIMITS, BENCH, alone).check_gyros(few) is None

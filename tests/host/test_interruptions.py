@@ -8,33 +8,33 @@ import pytest
 
 from inercal.errors import InputError
 from inercal.host.interruptions import Interruptions
-from inercal.host.sequencer import Command, Stop
+from inercal.host.sequencer import Command, StopCommand
 
 
 @dataclass
 class Sequencer:
     phase: str = "work"
-    over: bool = False
+    is_over: bool = False
 
     def pause(self, time: float) -> list[Command]:
         self.phase = "paused"
-        return [Stop()]
+        return [StopCommand()]
 
     def abort(self, time: float) -> list[Command]:
-        self.phase, self.over = "aborted", True
-        return [Stop()]
+        self.phase, self.is_over = "aborted", True
+        return [StopCommand()]
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         self.phase = "approach"
 
 
 @dataclass
 class Guard:
     alive: bool = True
-    interrupted: bool = False
+    signal_received: bool = False
     says: list[str] = field(default_factory=list)
 
-    def said(self) -> list[str]:
+    def read_lines(self) -> list[str]:
         said, self.says = self.says, []
         return said
 
@@ -42,7 +42,7 @@ class Guard:
 @dataclass
 class Imu:
     trouble: str | None = None
-    since: float = 0.0
+    trouble_since: float = 0.0
 
 
 class MessageHistory:
@@ -54,9 +54,9 @@ class MessageHistory:
         self._fails = fails
         self.made = Interruptions(self.sequencer, self.guard, self._stop, self._say)  # pyright: ignore[reportArgumentType]
 
-    def look(self) -> None:
-        self.made.look_at_guard()
-        self.made.look(0.0, self.imu, 10.0)  # pyright: ignore[reportArgumentType]
+    def update(self) -> None:
+        self.made.check_guard()
+        self.made.update(0.0, self.imu, 10.0)  # pyright: ignore[reportArgumentType]
 
     def _stop(self, how: Callable[[float], list[Command]]) -> None:
         self.done.append(f"{len(how(0.0))} stop")
@@ -81,23 +81,23 @@ def test_the_table_is_stopped_before_anything_is_said_and_what_can_be_said_is(fa
 def test_a_watchdog_that_stops_the_table_pauses_the_run_until_it_rests():
     kept = MessageHistory()
     kept.guard.says = ["stopping: the host was silent for 1.5 s"]
-    kept.look()
-    assert kept.made.paused == "watchdog: stopping: the host was silent for 1.5 s"
+    kept.update()
+    assert kept.made.pause_reason == "watchdog: stopping: the host was silent for 1.5 s"
     kept.guard.says = ["cannot: lost"]
-    kept.look()
+    kept.update()
     assert kept.done[-1] == "watchdog: cannot: lost"
     kept.guard.says = ["at rest"]
-    kept.look()
-    assert (kept.made.paused, kept.sequencer.phase) == ("", "approach")
+    kept.update()
+    assert (kept.made.pause_reason, kept.sequencer.phase) == ("", "approach")
     assert kept.done[-1] == "goes on"
 
 
 def test_a_run_whose_table_the_watchdog_had_to_switch_off_does_not_go_on():
     kept = MessageHistory()
     kept.guard.says = ["stopping: the host was silent for 1.5 s", "killed: it did not slow down"]
-    kept.look()
+    kept.update()
     kept.guard.says = ["at rest"]
-    kept.look()
+    kept.update()
     assert kept.sequencer.phase == "aborted"
     assert kept.made.trouble == "watchdog: killed: it did not slow down"
     assert "goes on" not in kept.done

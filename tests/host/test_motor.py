@@ -8,18 +8,18 @@ import pytest
 
 from inercal.errors import InputError
 from inercal.host.drivers.motor import Motor
-from inercal.host.drivers.table import AxisLimits, ProtocolError, TableFault
+from inercal.host.drivers.rotary_table import AxisLimits, ProtocolError, TableFault
 from inercal.host.sim.motor import SimulatedMotor
-from inercal.host.sim.server import Server
+from inercal.host.sim.server import SimulatorServer
 
-Served = Server[SimulatedMotor]
+Served = SimulatorServer[SimulatedMotor]
 
 LIMITS = AxisLimits(rate=radians(600), acceleration=radians(100))
 
 
 @pytest.fixture(params=[False, True], ids=["tcp", "terminal"])
 def server(request: pytest.FixtureRequest) -> Iterator[Served]:
-    with Server(SimulatedMotor(), terminal=request.param) as server:
+    with SimulatorServer(SimulatedMotor(), terminal=request.param) as server:
         yield server
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation as Turn
-from tests.host.bench_log import LAYOUT, PATH, Bench, Faults, run_file
+from tests.host.synthetic_log import LAYOUT, PATH, Bench, Faults, run_file
 
 from inercal.benches import Turntable
-from inercal.benches.turntable.attitude import reference
-from inercal.host.assembly import Assembly
-from inercal.host.navigation import Navigation, Navigator
-from inercal.methods.turntable.model import earth
+from inercal.benches.turntable.attitude import reference_attitude
+from inercal.host.assembly import SampleAssembler
+from inercal.host.navigation import NavigationSolution, Navigator
+from inercal.methods.turntable.model import earth_rate_level_frame
 from inercal.recording import Track
 from inercal.runfile import Run
 from inercal.sensors.inverse import inverse
@@ -32,7 +32,7 @@ def table(run: Run) -> Turntable:
 
 
 def track_of(run: Run, bench: Bench) -> Track:
-    made = Assembly(run, LAYOUT)
+    made = SampleAssembler(run, LAYOUT)
     for frame in bench.frames():
         made.feed(frame)
     block = made.take()
@@ -49,7 +49,7 @@ def truth(run: Run) -> Array:
     return np.array([run.truth[name] for name in run.sensor.coefficients])
 
 
-def in_pieces(made: Navigator, track: Track, values: Array, size: int) -> list[Navigation]:
+def in_pieces(made: Navigator, track: Track, values: Array, size: int) -> list[NavigationSolution]:
     n = track.time.size
     cuts = range(0, n, size)
     return [made.feed(track.slice(k, min(k + size, n)), values) for k in cuts]
@@ -64,12 +64,14 @@ def dense(run: Run, track: Track, values: Array) -> tuple[Array, Array]:
     for i in range(track.time.size):
         begins = track.hold[i] >= 0 and (i == 0 or track.hold[i] != track.hold[i - 1])
         if i == 0 or begins or track.time[i] - track.time[i - 1] > 0.5:
-            c, v = reference(bench, track.angles[i : i + 1])[0], np.zeros(3)
+            c, v = reference_attitude(bench, track.angles[i : i + 1])[0], np.zeros(3)
             cs[i], vs[i] = c, v
             continue
         dt = track.time[i] - track.time[i - 1]
         before, now = felt.w[i - 1], felt.w[i]
-        turn = ((before + now) / 2 - c.T @ earth(bench)) * dt + np.cross(before, now) * dt**2 / 12
+        turn = ((before + now) / 2 - c.T @ earth_rate_level_frame(bench)) * dt + np.cross(
+            before, now
+        ) * dt**2 / 12
         half = c @ Turn.from_rotvec(turn / 2).as_matrix()
         c = c @ Turn.from_rotvec(turn).as_matrix()
         pull = np.array([0, 0, bench.gravity.value])
@@ -109,7 +111,7 @@ def test_true_coefficients_keep_the_attitude_and_false_ones_lose_it(run: Run, qu
     before = quiet.slice(0, int(holding[-1]) + 1)  # from the turn to where its rest begins
     made = Navigator(run.sensor, table(run))
     good = in_pieces(made, before, truth(run), 100)[-1]
-    assert not good.holds
+    assert not good.is_hold
     # The readback is some ms late in this log, but the table has come to rest.
     assert np.abs(good.rotation_error).max() < 10
     assert np.abs(good.velocity).max() < 0.02
@@ -119,8 +121,8 @@ def test_true_coefficients_keep_the_attitude_and_false_ones_lose_it(run: Run, qu
 
 def test_velocity_stays_zero_through_a_hold(run: Run, quiet: Track):
     seen = in_pieces(Navigator(run.sensor, table(run)), quiet, truth(run), 50)
-    assert any(one.holds for one in seen)
-    assert all((one.velocity == 0).all() for one in seen if one.holds)
+    assert any(one.is_hold for one in seen)
+    assert all((one.velocity == 0).all() for one in seen if one.is_hold)
 
 
 @pytest.mark.parametrize(

@@ -5,21 +5,21 @@ import pytest
 
 from inercal.errors import InputError
 from inercal.host.drivers import pmac_codec as codec
-from inercal.host.drivers.table import ProtocolError
+from inercal.host.drivers.rotary_table import ProtocolError
 
 
 def test_a_command_is_the_header_of_the_manual_and_its_ascii():
-    assert codec.get_response("#1P") == bytes.fromhex("40 BF 00 00 00 00 00 03") + b"#1P"
-    assert codec.get_response("x" * 300)[:8] == bytes.fromhex("40 BF 00 00 00 00 01 2C")
-    assert codec.get_buffer() == bytes.fromhex("C0 C5 00 00 00 00 05 78")
-    assert codec.flush() == bytes.fromhex("40 B3 00 00 00 00 00 00")
-    assert codec.control("A") == bytes.fromhex("C0 C4 01 00 00 00 00 00")
+    assert codec.response_request("#1P") == bytes.fromhex("40 BF 00 00 00 00 00 03") + b"#1P"
+    assert codec.response_request("x" * 300)[:8] == bytes.fromhex("40 BF 00 00 00 00 01 2C")
+    assert codec.buffer_request() == bytes.fromhex("C0 C5 00 00 00 00 05 78")
+    assert codec.flush_request() == bytes.fromhex("40 B3 00 00 00 00 00 00")
+    assert codec.control_request("A") == bytes.fromhex("C0 C4 01 00 00 00 00 00")
 
 
 @pytest.mark.parametrize("line", ["", "x" * 1493, "#1P\r", "#1\x01", "°"])
 def test_a_line_that_cannot_be_sent_is_refused(line: str):
     with pytest.raises(InputError, match="1 to 1492 printable"):
-        codec.get_response(line)
+        codec.response_request(line)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +45,9 @@ def test_an_error_is_raised_with_its_meaning_however_it_is_split():
     for cut in range(len(reply)):
         reader = codec.ReplyReader("#1Z")
         assert reader.feed(reply[:cut]) is None
-        with pytest.raises(codec.Refused, match="ERR003 to '#1Z': unknown command") as caught:
+        with pytest.raises(
+            codec.CommandRefused, match="ERR003 to '#1Z': unknown command"
+        ) as caught:
             reader.feed(reply[cut:])
         assert caught.value.code == 3
 
@@ -70,29 +72,29 @@ def test_what_is_no_reply_is_refused(reply: bytes):
 def test_a_full_chunk_that_ends_in_cr_is_not_the_end():
     reader = codec.ReplyReader("?")
     assert reader.feed(b"123456\r" * 200) is None
-    assert reader.more
+    assert reader.awaits_request
     assert reader.feed(b"7\r\x06") == ["123456"] * 200 + ["7"]
 
 
 def test_status_words_are_read_as_in_the_manuals_example():
     # Software Reference, `?`: the example's bits are 23, 16, 13 and 15, 14, 10, 0.
-    status = codec.status("81200001C401")
+    status = codec.parse_status("81200001C401")
     assert (status.activated, status.homed, status.in_position) == (True, True, True)
     assert not status.moving
     assert status.faults == ()
 
 
 def test_faults_are_told_in_words():
-    assert codec.status("84000000840C").faults == ("amplifier fault", "fatal following error")
-    assert codec.status("000000000000").faults == ("not activated",)
+    assert codec.parse_status("84000000840C").faults == ("amplifier fault", "fatal following error")
+    assert codec.parse_status("000000000000").faults == ("not activated",)
 
 
 def test_numbers_are_decimal_or_hexadecimal_and_nothing_else():
-    assert codec.number("-12.03125") == -12.03125
-    assert codec.number("$78400") == 0x78400
+    assert codec.parse_number("-12.03125") == -12.03125
+    assert codec.parse_number("$78400") == 0x78400
     for text in ("", "nan", "1e5", "1_0", "0x10", "--1", "1 2", "ERR003", "٣"):
         with pytest.raises(ProtocolError):
-            codec.number(text)
+            codec.parse_number(text)
 
 
 _REAL = (
@@ -133,8 +135,8 @@ def _fuzz(count: int) -> int:
             lines = reader.feed(frame[:cut]) or reader.feed(frame[cut:])
             for text in lines or ():
                 taken += 1
-                (codec.status if len(text) == 12 else codec.number)(text)
-        except (ProtocolError, codec.Refused):
+                (codec.parse_status if len(text) == 12 else codec.parse_number)(text)
+        except (ProtocolError, codec.CommandRefused):
             pass
     return taken
 

@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
-from inercal.host.drivers.pmac_codec import Refused
-from inercal.host.drivers.pmac_dialogue import Dialogue
-from inercal.host.drivers.table import ProtocolError
+from inercal.host.drivers.pmac_codec import CommandRefused
+from inercal.host.drivers.pmac_dialogue import PmacDialogue
+from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import Server
+from inercal.host.sim.server import SimulatorServer
 
-Served = Server[SimulatedPmac]
+Served = SimulatorServer[SimulatedPmac]
 
 
 def _simulated() -> Callable[[bytes], bytes]:
@@ -34,7 +34,7 @@ def test_replies_in_pieces_of_any_size_are_the_same(scripted: Any, size: int):
     line = " ".join(["I20..23 #1P I10"] * 60)
     links: list[Link] = []
     opener = _keeping(links, lambda _: scripted(_simulated(), size))
-    with Dialogue("tcp://x:1", 1.0, opener) as dialogue:
+    with PmacDialogue("tcp://x:1", 1.0, opener) as dialogue:
         lines = dialogue.ask(line, 360)
         assert lines == ["$78400", "$0", "$0", "$0", "0", "3713707"] * 60
     assert len(links) == 1
@@ -47,7 +47,7 @@ def test_a_long_reply_is_asked_for_in_chunks_of_1400(scripted: Any):
         links.append(scripted(_simulated()))
         return links[-1]
 
-    with Dialogue("tcp://x:1", 1.0, opener) as dialogue:
+    with PmacDialogue("tcp://x:1", 1.0, opener) as dialogue:
         # 350 times "3713707\r" and ACK are 2801 bytes.
         assert dialogue.ask("I10 " * 350, 350) == ["3713707"] * 350
     assert links[0].written[-2:] == [bytes.fromhex("C0 C5 00 00 00 00 05 78")] * 2
@@ -56,7 +56,7 @@ def test_a_long_reply_is_asked_for_in_chunks_of_1400(scripted: Any):
 def test_a_reply_that_comes_after_the_timeout_is_never_taken_for_the_next(
     pmac: Served,
 ):
-    with Dialogue(pmac.address, 0.3) as dialogue:
+    with PmacDialogue(pmac.address, 0.3) as dialogue:
         pmac.faults.delay = 1.0
         with pytest.raises((ProtocolError, LinkLost), match=r"no whole reply|no Turbo PMAC"):
             dialogue.ask("#1P", 1)
@@ -83,7 +83,7 @@ def test_the_rest_of_a_reply_cut_by_a_timeout_is_never_taken_for_the_next(script
         return scripted(answer)
 
     links: list[Link] = []
-    with Dialogue("tcp://x:1", 0.02, _keeping(links, opener)) as dialogue:
+    with PmacDialogue("tcp://x:1", 0.02, _keeping(links, opener)) as dialogue:
         with pytest.raises(
             ProtocolError, match=r"within 0.02 s \(3 bytes came\); it may have been"
         ):
@@ -100,7 +100,7 @@ def test_bytes_that_come_unasked_end_the_connection(scripted: Any):
         links.append(scripted(_simulated()))
         return links[-1]
 
-    with Dialogue("tcp://x:1", 1.0, opener) as dialogue:
+    with PmacDialogue("tcp://x:1", 1.0, opener) as dialogue:
         links[0]._waiting = b"1995\r\x06"
         with pytest.raises(ProtocolError, match="came unasked before '#1P'"):
             dialogue.ask("#1P", 1)
@@ -109,7 +109,7 @@ def test_bytes_that_come_unasked_end_the_connection(scripted: Any):
 
 def test_another_number_of_lines_is_no_answer(pmac: Served):
     with (
-        Dialogue(pmac.address) as dialogue,
+        PmacDialogue(pmac.address) as dialogue,
         pytest.raises(ProtocolError, match="1 lines answer 'I10', 2 were due"),
     ):
         dialogue.ask("I10", 2)
@@ -117,23 +117,23 @@ def test_another_number_of_lines_is_no_answer(pmac: Served):
 
 def test_a_refusal_keeps_the_connection(pmac: Served):
     links: list[Link] = []
-    with Dialogue(pmac.address, opener=_keeping(links)) as dialogue:
-        with pytest.raises(Refused, match="ERR003"):
+    with PmacDialogue(pmac.address, opener=_keeping(links)) as dialogue:
+        with pytest.raises(CommandRefused, match="ERR003"):
             dialogue.ask("nonsense")
-        with pytest.raises(Refused, match="ERR015"):
+        with pytest.raises(CommandRefused, match="ERR015"):
             dialogue.ask("&1 B5R")
         assert dialogue.ask("I10", 1) == ["3713707"]
     assert len(links) == 1
 
 
 def test_corrupted_bytes_are_never_a_silent_number(pmac: Served):
-    with Dialogue(pmac.address, 0.2) as dialogue:
+    with PmacDialogue(pmac.address, 0.2) as dialogue:
         pmac.faults.corrupt = 7
         told: list[str] = []
         for _ in range(200):
             try:
                 told += dialogue.ask("RHX$0", 1)
-            except (ProtocolError, Refused, LinkLost):
+            except (ProtocolError, CommandRefused, LinkLost):
                 continue
         # One bit in a digit makes another digit: no check protects those. Most were told apart.
         assert told.count("0") > 150
@@ -143,7 +143,7 @@ def test_a_dropped_connection_is_told_and_the_next_question_is_answered(
     pmac: Served,
 ):
     links: list[Link] = []
-    with Dialogue(pmac.address, opener=_keeping(links)) as dialogue:
+    with PmacDialogue(pmac.address, opener=_keeping(links)) as dialogue:
         pmac.faults.drop = 1
         with pytest.raises(LinkLost, match="closed by the other end"):
             dialogue.ask("I10", 1)
@@ -153,16 +153,16 @@ def test_a_dropped_connection_is_told_and_the_next_question_is_answered(
 
 def test_a_controller_that_is_gone_is_a_lost_link_and_comes_back():
     simulated = SimulatedPmac()
-    with Server(simulated) as server:
-        dialogue = Dialogue(server.address)
+    with SimulatorServer(simulated) as server:
+        dialogue = PmacDialogue(server.address)
     with pytest.raises(LinkLost):
         dialogue.ask("I10", 1)
     with pytest.raises(LinkLost, match="cannot connect"):
         dialogue.ask("I10", 1)
-    with Server(simulated, port=server.port), dialogue:
+    with SimulatorServer(simulated, port=server.port), dialogue:
         assert dialogue.ask("I10", 1) == ["3713707"]
 
 
 def test_what_is_no_pmac_is_told(scripted: Any):
     with pytest.raises(LinkLost, match="no Turbo PMAC answers there"):
-        Dialogue("tcp://x:1", 0.01, lambda _: scripted(lambda _: b"SSH-2.0\r\n"))
+        PmacDialogue("tcp://x:1", 0.01, lambda _: scripted(lambda _: b"SSH-2.0\r\n"))

@@ -8,14 +8,14 @@ import pytest
 
 from inercal.errors import InputError
 from inercal.host.drivers.pmac import Pmac, PmacAxis
-from inercal.host.drivers.pmac_codec import Refused
-from inercal.host.drivers.pmac_dialogue import Dialogue
-from inercal.host.drivers.table import ProtocolError, TableFault
+from inercal.host.drivers.pmac_codec import CommandRefused
+from inercal.host.drivers.pmac_dialogue import PmacDialogue
+from inercal.host.drivers.rotary_table import ProtocolError, TableFault
 from inercal.host.link import Link, LinkLost, open_link
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import Server
+from inercal.host.sim.server import SimulatorServer
 
-Served = Server[SimulatedPmac]
+Served = SimulatorServer[SimulatedPmac]
 
 COUNTS = 3_600_000
 COUNT = tau / COUNTS
@@ -23,7 +23,7 @@ INNER = (PmacAxis("inner", 3, COUNTS),)
 
 
 def _tell(server: Served, line: str) -> None:
-    with Dialogue(server.address) as dialogue:
+    with PmacDialogue(server.address) as dialogue:
         dialogue.ask(line)
 
 
@@ -72,7 +72,7 @@ def test_time_is_the_controllers_own_whoever_connects_and_when(pmac: Served, tab
     pmac.advance(100.0)
     with Pmac(pmac.address, INNER) as other:
         assert other.read().time == table.read().time == pytest.approx(100.0, abs=table.period)
-        assert other.wraps == (1 << 24) * other.period
+        assert other.wrap_period == (1 << 24) * other.period
 
 
 def test_a_motor_that_refuses_to_stop_keeps_no_other_from_stopping(scripted: Any):
@@ -90,7 +90,7 @@ def test_a_motor_that_refuses_to_stop_keeps_no_other_from_stopping(scripted: Any
         table.spin("outer", 0.2, 1.0)
         table.spin("inner", 1.0, 1.0)
         simulated.advance(2.0)
-        with pytest.raises(Refused, match="ERR012"):
+        with pytest.raises(CommandRefused, match="ERR012"):
             table.stop()
         simulated.advance(4.0)
         assert [axis.settled for axis in table.read().axes] == [False, True]
@@ -116,7 +116,7 @@ def test_a_reading_over_several_cycles_says_so(scripted: Any):
         state = table.read()
     assert state.span == pytest.approx(4 * table.period)
     # From two cycles before the wrap to two behind it.
-    assert state.time == pytest.approx(table.wraps, rel=1e-12)
+    assert state.time == pytest.approx(table.wrap_period, rel=1e-12)
 
 
 @pytest.mark.parametrize("told", ["0F4240 1F4240", "1F4240 0F4240", "F423F F423F", "F4230 F4240"])
@@ -172,7 +172,7 @@ def test_a_motor_that_has_not_yet_started_is_not_taken_for_one_that_has_arrived(
         table.enable()
         assert table.read().axes[0].settled
         table.spin("inner", 1.0, 1.0)
-        assert not simulated.table.moving(2)
+        assert not simulated.table.is_moving(2)
         simulated.advance(0.015)
         assert not table.read().axes[0].settled
         simulated.advance(0.03)
@@ -290,7 +290,9 @@ def test_kill_is_refused_while_an_axis_turns(pmac: Served, table: Pmac):
 
 def test_a_killed_motor_that_is_jogged_is_refused_in_words(table: Pmac):
     table.kill()
-    with pytest.raises(Refused, match=r"ERR012 .*: the motor's loop is open: enable it first"):
+    with pytest.raises(
+        CommandRefused, match=r"ERR012 .*: the motor's loop is open: enable it first"
+    ):
         table.move("inner", 1.0, 1.0, 1.0)
 
 

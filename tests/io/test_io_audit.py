@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from inercal.errors import InputError
-from inercal.io.audit import accept, audit
+from inercal.io.audit import audit, require_accepted
 from inercal.io.read import Columns, read_recording
-from inercal.io.rest import audit_rest_norm
+from inercal.io.rest_norm import audit_rest_norm
 from inercal.recording import Finding, Recording
 from inercal.sensors import Readout, triad
 
@@ -41,7 +41,7 @@ def only(audited: Recording) -> Finding:
 def test_a_clean_recording_has_no_findings_and_is_accepted():
     audited = audit(recording())
     assert audited.findings == ()
-    assert accept(audited) is audited
+    assert require_accepted(audited) is audited
 
 
 def test_rows_without_numbers_are_refused_or_dropped():
@@ -58,8 +58,8 @@ def test_rows_without_numbers_are_refused_or_dropped():
         6,
     )
     with pytest.raises(InputError, match=r"^run\.csv: 3 rows"):
-        accept(refused)
-    dropped = accept(audit(made, nonfinite="drop"))
+        require_accepted(refused)
+    dropped = require_accepted(audit(made, nonfinite="drop"))
     assert dropped.time.size == 997
     assert dropped.first_row == 0
     assert kinds(dropped) == [("warning", "nonfinite"), ("note", "gap")]

@@ -11,9 +11,9 @@ import pytest
 import scipy.io
 
 from inercal.errors import InputError
+from inercal.io.column_table import ReadRequest
 from inercal.io.read import read_table
-from inercal.io.table import Wanted
-from inercal.io.variables import table_of
+from inercal.io.variables import table_from_variables
 
 h5py = pytest.importorskip("h5py", reason="HDF5 files need the extra inercal[io]")
 
@@ -406,4 +406,4 @@ def test_files_that_matlab_wrote_are_read():
 
 def test_a_file_without_variables_has_no_columns(tmp_path: Path):
     with pytest.raises(InputError, match="has no columns of numbers"):
-        table_of(tmp_path / "run.mat", [], Wanted())
+        table_from_variables(tmp_path / "run.mat", [], ReadRequest())

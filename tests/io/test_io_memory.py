@@ -10,9 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from inercal.io.audit import audit
+from inercal.io.column_table import BLOCK_ROWS
 from inercal.io.read import Columns, read_recording
-from inercal.io.rest import audit_rest_norm
-from inercal.io.table import BLOCK
+from inercal.io.rest_norm import audit_rest_norm
 from inercal.recording import Recording
 from inercal.sensors import imu
 
@@ -115,9 +115,9 @@ def test_an_audit_leaves_the_recording_it_is_given_unless_told_otherwise():
 
 def test_what_is_found_does_not_depend_on_where_blocks_end():
     rng = np.random.default_rng(8)
-    n = 2 * BLOCK + 1
+    n = 2 * BLOCK_ROWS + 1
     step = np.full(n - 1, 0.01) + rng.normal(scale=1e-4, size=n - 1)
-    step[[BLOCK - 2, BLOCK - 1, BLOCK, 2 * BLOCK - 1]] = 1.0
+    step[[BLOCK_ROWS - 2, BLOCK_ROWS - 1, BLOCK_ROWS, 2 * BLOCK_ROWS - 1]] = 1.0
     time = np.concatenate([[0.0], np.cumsum(step)])
     made = Recording(time, rng.normal(size=(n, 1)), ("x",), ("g",))
     ordinary = np.delete(np.diff(time), made.gaps[:, 0]) - made.median_step
@@ -129,7 +129,7 @@ def test_what_is_found_does_not_depend_on_where_blocks_end():
 @pytest.mark.parametrize("extra", [-1, 0, 1])
 def test_text_is_read_whole_around_the_end_of_a_block(tmp_path: Path, extra: int):
     path = tmp_path / "run.csv"
-    n = BLOCK + extra
+    n = BLOCK_ROWS + extra
     rows = [f"{k},p{k % 3}" for k in range(n)]
     path.write_text("t,part\n" + "\n".join(rows) + "\n\n")
     read = read_recording(path, Columns((("x", "t", "g"),), rate_hz=1.0, label="part"))

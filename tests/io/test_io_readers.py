@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
-from tests.runfile.texts import changed
+from tests.runfile.run_file_texts import changed
 
-from inercal.data.load import columns, options_of
+from inercal.data.recording_loader import file_reader_options, reader_columns
 from inercal.errors import InputError
-from inercal.io.read import Columns, read_recording, read_table, reader_of
+from inercal.io.read import Columns, detect_reader, read_recording, read_table
 from inercal.io.readers import READERS, Option, Reader
 from inercal.io.text import read_text
 from inercal.pipeline import calibrate
@@ -84,9 +84,9 @@ def test_each_format_of_ours_is_told_by_content_whatever_its_name_says(tmp_path:
         scipy.io.savemat(file, {"x": x})
     files["hdf5"].write_bytes(b"\x89HDF\r\n\x1a\n")
     files["parquet"].write_bytes(b"PAR1")
-    assert {name: reader_of(path).name for name, path in files.items()} == {n: n for n in files}
+    assert {name: detect_reader(path).name for name, path in files.items()} == {n: n for n in files}
     (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM" + bytes(400))
-    assert reader_of(tmp_path / "new.mat").name == "hdf5"
+    assert detect_reader(tmp_path / "new.mat").name == "hdf5"
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_a_suffix_tells_where_content_does_not(
     name: str, content: bytes, expected: str, tmp_path: Path
 ):
     (tmp_path / name).write_bytes(content)
-    assert reader_of(tmp_path / name).name == expected
+    assert detect_reader(tmp_path / name).name == expected
 
 
 def test_readers_have_the_names_they_are_registered_by_and_no_options():
@@ -135,7 +135,7 @@ def test_a_foreign_reader_reads_its_files_by_content(name: str, tmp_path: Path):
 
 def test_a_foreign_reader_reads_its_files_by_suffix(flight_log: Reader, tmp_path: Path):
     (tmp_path / "a.flog").write_text("FLIGHT LOG 2\n", encoding="utf-8")
-    assert reader_of(tmp_path / "a.flog") is flight_log
+    assert detect_reader(tmp_path / "a.flog") is flight_log
     with pytest.raises(InputError, match=r"^a.flog has 0 messages of topic 'imu'$"):
         read_table(tmp_path / "a.flog")
 
@@ -208,10 +208,16 @@ def test_a_reader_may_not_take_a_key_that_data_has(tmp_path: Path):
 
 def test_an_option_takes_the_types_that_it_declares():
     column = Option("stamp", str | int, None, "column of time")
-    assert [column.fits(v) for v in ("t", 1, 1.0, True, None)] == [True, True, False, False, False]
-    assert column.takes == "text or a whole number"
+    assert [column.accepts(v) for v in ("t", 1, 1.0, True, None)] == [
+        True,
+        True,
+        False,
+        False,
+        False,
+    ]
+    assert column.accepted_types == "text or a whole number"
     rate = Option("rate", float, 0.0, "")
-    assert [rate.fits(v) for v in (1, 2.5, "1", True)] == [True, True, False, False]
+    assert [rate.accepts(v) for v in (1, 2.5, "1", True)] == [True, True, False, False]
 
 
 @pytest.mark.usefixtures("flight_log")
@@ -225,10 +231,10 @@ def test_an_option_may_be_that_of_the_readback_s_file_alone(tmp_path: Path):
         (tmp_path / other).write_bytes(source.read_bytes() if source.exists() else b"x\n1\n")
     log(tmp_path / "t.flog", table=messages(3))
     run = read(tmp_path / "run.toml")
-    assert options_of(run, "t.flog") == {"topic": "table"}
-    assert columns(run).options == {}
+    assert file_reader_options(run, "t.flog") == {"topic": "table"}
+    assert reader_columns(run).options == {}
     (tmp_path / "t.flog").unlink()
-    assert columns(run).options == {"topic": "table"}
+    assert reader_columns(run).options == {"topic": "table"}
 
 
 def test_an_installed_package_brings_a_reader(tmp_path: Path):

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.runfile.texts import FERRARIS, SIX_POSITIONS, run_file
+from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_recording
 from inercal.io.write import write_recording
-from inercal.pipeline import calibrate, named_as_in, simulate
+from inercal.pipeline import apply_data_columns, calibrate, simulate
 from inercal.recording import Recording
 from inercal.runfile import read
 
@@ -143,7 +143,7 @@ TWO_FILES = ('file = "log.csv"', 'file = "acc.csv"\ngyro_file = "gyr.npz"')
 
 def _simulated(folder: Path) -> None:
     run = read(run_file(folder, FERRARIS))
-    made = named_as_in(run, simulate(run, 1))
+    made = apply_data_columns(run, simulate(run, 1))
     for name, part in (("acc.csv", slice(0, 3)), ("gyr.npz", slice(3, 6)), ("log.csv", slice(6))):
         write_recording(_some(made, part), folder / name)
 
@@ -169,7 +169,7 @@ def test_a_run_file_with_two_files_gives_what_one_file_gives(tmp_path: Path):
 def test_a_method_without_gyros_leaves_their_file_alone(tmp_path: Path):
     gyro = ("[sensor.truth]", '[sensor.gyro]\nunit = "°/s"\n\n[sensor.truth]')
     run = read(run_file(tmp_path, SIX_POSITIONS, gyro))
-    write_recording(named_as_in(run, simulate(run, 1)), run.file(run.data.file))
+    write_recording(apply_data_columns(run, simulate(run, 1)), run.file(run.data.file))
     name = f'file = "{run.data.file}"'
     missing = (name, f'{name}\ngyro_file = "none.csv"')
     outcome = calibrate(run_file(tmp_path, SIX_POSITIONS, gyro, missing))
@@ -181,4 +181,4 @@ def test_a_table_of_means_and_a_simulation_are_one_file(tmp_path: Path):
         read(run_file(tmp_path, FERRARIS, TWO_FILES, ("[data]", '[data]\nkind = "means"')))
     run = read(run_file(tmp_path, FERRARIS, TWO_FILES))
     with pytest.raises(InputError, match=r"\[data\] gyro_file: a simulation is one file; leave it"):
-        named_as_in(run, simulate(run, 1))
+        apply_data_columns(run, simulate(run, 1))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from inercal.errors import InputError
-from inercal.io.atomic import atomic_write
+from inercal.io.atomic_files import atomic_write
 from inercal.io.read import read_recording
 from inercal.io.write import write_recording
 from inercal.recording import Recording

@@ -7,7 +7,12 @@ from numpy.typing import NDArray
 from tests.accuracy import dividing_head as made
 from tests.accuracy.dividing_head import ARCSEC, TERMS, Bench, draw
 
-from inercal.benches.dividing_head.bench import DividingHead, mounted, positions, sensed_motion
+from inercal.benches.dividing_head.bench import (
+    DividingHead,
+    mounted_sensor,
+    position_plan,
+    sensed_motion,
+)
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent, single
 from inercal.plan import Index
@@ -16,7 +21,7 @@ from inercal.sensors import G0
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
-SENSOR = mounted().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
+SENSOR = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
 SI = {"k0": G0, "k1": 1.0, "delta": 1.0, "k2": 1 / G0, "k3": 1 / G0**2, "kip": 1 / G0}
 NAMES = {"delta": "delta_o"}
 WHOLE = Bench(
@@ -42,7 +47,7 @@ class Case(NamedTuple):
 
 def nominal(n: int = 12) -> tuple[Array, tuple[Index, ...]]:
     """Return what the nominal pair reads at n positions, (n, 2) m/s², and the steps."""
-    steps = positions(n)
+    steps = position_plan(n)
     return sensed_motion(DividingHead(Measured(G0, 0.0)), steps, {}).f[..., :2], steps
 
 
@@ -81,7 +86,7 @@ def declared(bench: Bench) -> DividingHead:
 
 def case(seed: int, trials: int, bench: Bench, n: int = 12, *, reverse: bool = False) -> Case:
     _, truth, y = draw(seed, trials, bench, n, reverse=reverse)
-    steps = positions(n, reverse=reverse)
+    steps = position_plan(n, reverse=reverse)
     return Case(observed(y, steps, bench.noise), declared(bench), steps, truth)
 
 

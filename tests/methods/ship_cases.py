@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy import rate_table as made
-from tests.accuracy.rate_table import PLANAR, RADIUS, TILTED, Bench, Draw, draw, fresh
+from tests.accuracy.rate_table import PLANAR, RADIUS, TILTED, Bench, Draw, draw, random_pose_forces
 
 from inercal.benches.rate_table.bench import RateTable
-from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan
+from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
 from inercal.estimate import Estimate
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
 from inercal.plan import Spin
@@ -72,7 +72,9 @@ def declared(bench: Bench) -> RateTable:
     )
 
 
-def case(seed: int, trials: int, bench: Bench = TYPICAL, reading: Reading = "azimuth") -> Case:
+def case(
+    seed: int, trials: int, bench: Bench = TYPICAL, reading: TiltConvention = "azimuth"
+) -> Case:
     given = draw(seed, trials, bench, PLANAR + TILTED, reading)
     steps = (*planar_plan(), *multi_angle_plan(reading))
     # Without noise its deviation still weighs the rows.
@@ -80,7 +82,7 @@ def case(seed: int, trials: int, bench: Bench = TYPICAL, reading: Reading = "azi
 
 
 @cache
-def calibrated(name: str, seed: int, trials: int, reading: Reading = "azimuth"):
+def calibrated(name: str, seed: int, trials: int, reading: TiltConvention = "azimuth"):
     given = case(seed, trials, reading=reading)
     return given, ESTIMATORS[name](given.seen, SENSOR, given.bench, given.steps)
 
@@ -88,7 +90,7 @@ def calibrated(name: str, seed: int, trials: int, reading: Reading = "azimuth"):
 def off(found: Estimate, given: Case, seed: int = 1) -> Array:
     """Return the vector rms on fresh poses, (trials,) mg."""
     model, _ = to_affine(SENSOR, found.select(SENSOR.coefficients).value)
-    return 1e3 * made.vector_rms(model.matrix, model.offset, given.draw, fresh(seed))
+    return 1e3 * made.vector_rms(model.matrix, model.offset, given.draw, random_pose_forces(seed))
 
 
 def nees(found: Estimate, given: Case) -> Array:

@@ -29,7 +29,7 @@ from tests.methods.test_centrifuge_norm import (
 from inercal.benches import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.methods.centrifuge_norm import ml
-from inercal.plan import Attitude, Spin, on_arm
+from inercal.plan import Attitude, Spin, arm_attitude
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
@@ -39,7 +39,7 @@ ARMS = ("x.arm_i", "x.arm_o", "y.arm_i", "z.arm_i", "z.arm_p")
 
 
 def attitudes(angles: list[tuple[float, float]]) -> list[Attitude]:
-    return [on_arm(psi, theta) for psi, theta in angles]
+    return [arm_attitude(psi, theta) for psi, theta in angles]
 
 
 def in_attitudes(spins: list[Spin], known: list[Attitude]) -> list[Spin]:

@@ -22,7 +22,7 @@ from tests.accuracy.centrifuge import (
 from inercal.benches import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
-from inercal.methods.centrifuge_norm import closed, ml, paper, series
+from inercal.methods.centrifuge_norm import closed_formulas, ml, paper, series
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Form, Readout, Sensor, triad
@@ -145,7 +145,7 @@ def test_a_full_circle_is_the_better_plan():
 
 
 def condition(f: Array) -> tuple[int, float]:
-    rows = closed.design(TRUTH.output(f))
+    rows = closed_formulas.regression_matrix(TRUTH.output(f))
     singular = np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[1]
     rank = int(np.sum(singular > 1e-10 * singular[0]))
     return rank, float(singular[0] / singular[-1])
@@ -168,25 +168,25 @@ def drawn(seed: int, trials: int) -> tuple[Array, Array]:
     ("invert", "expected"),
     [
         (
-            closed.series,
+            closed_formulas.series,
             [[4.1e-7, 2.9e-6, 5.4e-7], [5.2e-6, 1.8e-5, 6.8e-6], [4.7e-9, 1.3e-7, 7.8e-9]],
         ),
         (
-            closed.paper,
+            closed_formulas.paper,
             [[1.6e-6, 1.5e-5, 6.9e-6], [5.2e-6, 1.5e-5, 7.4e-6], [9.2e-7, 1.1e-5, 2.1e-6]],
         ),
     ],
 )
 def test_closed_formulas_scatter_as_the_note_says(
-    invert: closed.Invert, expected: list[list[float]]
+    invert: closed_formulas.SeriesInverse, expected: list[list[float]]
 ):
     output, rates = drawn(1, 4000)
     seen, made, _ = table(output, rates)
     a = rates**2
     norm = np.sqrt(a**2 + PAPER_G**2)
-    found = off(closed.coefficients(made, seen.mean, norm, invert))
+    found = off(closed_formulas.coefficients(made, seen.mean, norm, invert))
     possible = np.isfinite(found).all(axis=(1, 2))
-    if invert is closed.paper:
+    if invert is closed_formulas.paper:
         assert 0.10 < 1 - possible.mean() < 0.16
     else:
         assert possible.all()

@@ -9,7 +9,7 @@ from tests.accuracy.centrifuge import RATES, Triad, full_circle, printed_attitud
 from tests.methods.test_centrifuge_norm import BENCH, NOISE, table
 
 from inercal.errors import InputError
-from inercal.methods.centrifuge_norm.screening import screen
+from inercal.methods.centrifuge_norm.screening import screen_rows
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ def test_the_printed_table_lost_twenty_three_signs(printed: tuple[Array, Array])
     as_printed, corrected = printed
     _, rates = sensed_motion(printed_attitudes(), RATES)
     seen, sensor, spins = table(as_printed, rates)
-    suspects = screen(seen, sensor, BENCH, spins)
+    suspects = screen_rows(seen, sensor, BENCH, spins)
     wrong = np.argwhere(np.abs(as_printed - corrected) > 1e-4)
     assert len(wrong) == 23
     assert [s.row for s in suspects] == wrong[:, 0].tolist()
@@ -44,20 +44,20 @@ def test_the_printed_table_lost_twenty_three_signs(printed: tuple[Array, Array])
         name = sensor.channels[axis]
         assert list(repair.after) == [name]
         assert repair.after[name] == pytest.approx(corrected[row, axis], abs=2e-6)
-        assert "sign of" in suspect.in_words()
+        assert "sign of" in suspect.describe()
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_sound_table_raises_no_suspicion(seed: int):
     seen, sensor, spins = table(*made(seed))
-    assert screen(seen, sensor, BENCH, spins) == ()
+    assert screen_rows(seen, sensor, BENCH, spins) == ()
 
 
 def test_noise_that_is_stated_too_small_makes_no_suspects():
     output, rates = made(1)
     noise = 20 * NOISE * np.random.default_rng(7).standard_normal(output.shape)
     seen, sensor, spins = table(output + noise, rates)
-    assert screen(seen, sensor, BENCH, spins) == ()
+    assert screen_rows(seen, sensor, BENCH, spins) == ()
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -72,7 +72,7 @@ def test_signs_exchanges_and_digits_are_found(seed: int):
     if wrong[40, 1] == output[40, 1]:
         wrong[40, 1] += 0.02
     seen, sensor, spins = table(wrong, rates)
-    suspects = {s.row: s for s in screen(seen, sensor, BENCH, spins)}
+    suspects = {s.row: s for s in screen_rows(seen, sensor, BENCH, spins)}
     assert set(suspects) == {3, 17, 40}
     for row, axis, kind in ((3, 0, "sign"), (17, 0, "exchange"), (40, 1, "digit")):
         name = sensor.channels[axis]
@@ -84,9 +84,9 @@ def test_a_row_that_no_single_change_repairs_is_named():
     output, rates = made(2)
     output[5] = [0.1, 0.2, 0.3]
     seen, sensor, spins = table(output, rates)
-    (suspect,) = screen(seen, sensor, BENCH, spins)
+    (suspect,) = screen_rows(seen, sensor, BENCH, spins)
     assert suspect.label == "d05"
-    assert "no single change repairs it" in suspect.in_words()
+    assert "no single change repairs it" in suspect.describe()
 
 
 @pytest.mark.slow
@@ -95,4 +95,4 @@ def test_a_table_that_is_wrong_as_a_whole_is_refused():
     shuffled = output[np.random.default_rng(3).permutation(len(output))]
     seen, sensor, spins = table(shuffled, rates)
     with pytest.raises(InputError, match="look at the rates"):
-        screen(seen, sensor, BENCH, spins)
+        screen_rows(seen, sensor, BENCH, spins)

@@ -7,7 +7,7 @@ import pytest
 from tests.accuracy.dividing_head import LARGE, Bench
 from tests.methods.dual_orthogonal_cases import SENSOR, case, known, nominal, observed
 
-from inercal.benches.dividing_head.bench import DividingHead, mounted
+from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent
@@ -59,6 +59,6 @@ def test_what_does_not_fit_is_refused():
     bias = Gaussian.independent(("a.k0",), 0.0, 1e-3)
     with pytest.raises(InputError, match=r"a\.k0 from the four points"):
         patent(given.seen, SENSOR, given.bench, given.steps, [bias])
-    fewer = mounted().with_coefficients("k0", "k2")
+    fewer = mounted_sensor().with_coefficients("k0", "k2")
     with pytest.raises(InputError, match=r"a\.k1"):
         patent(given.seen, fewer, given.bench, given.steps)

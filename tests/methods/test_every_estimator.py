@@ -15,9 +15,9 @@ from inercal.benches import (
     RateTable,
     Turntable,
 )
-from inercal.benches.dividing_head.bench import mounted
+from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.benches.turntable.attitude import motion as on_turntable
-from inercal.benches.turntable.simulation import travel
+from inercal.benches.turntable.simulation import path_profile
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS
@@ -63,9 +63,9 @@ def perfect(sensor: Sensor, c: np.ndarray, method: str) -> Observations:
 def followed(
     bench: Turntable, steps: Sequence[TableStep], sensor: Sensor, c: np.ndarray
 ) -> Observations:
-    way = travel(bench, steps)
+    way = path_profile(bench, steps)
     time = np.arange(0, way.ends[-1], 0.01)
-    angles, *rates = way.at(time)
+    angles, *rates = way.evaluate(time)
     section = np.searchsorted(way.ends, time)
     positions = [step.label for step in steps if isinstance(step, Position)]
     held = [k for k, label in enumerate(way.labels) if label in positions]
@@ -93,9 +93,9 @@ CASES = [(name, estimator) for name, m in METHODS.items() for estimator in m.est
 def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
     chosen = METHODS[method]
     # Free attitudes tell of the gyros only by the way between them, which means do not hold.
-    whole = imu().only("f") if chosen.free else imu()
+    whole = imu().select_axes("f") if chosen.unknown_attitudes else imu()
     if chosen.bench is DividingHead:
-        whole = mounted(axes="a" if method == "tumble" else "ab")
+        whole = mounted_sensor(axes="a" if method == "tumble" else "ab")
         whole = replace(whole, form="reference" if estimator == "fourier" else "tilted")
     if chosen.bench is Turntable:
         quiet = [replace(axis, noise=Noise(white=1e-7)) for axis in whole.axes]

@@ -6,17 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.generator import mems
+from tests.accuracy.ferraris import mems
 from tests.accuracy.handheld import Session, about_one_axis, directions, planar, record
 
 from inercal.benches import Hand
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate
 from inercal.methods import METHODS
-from inercal.methods.multi_position.coverage import CUBE
+from inercal.methods.multi_position.attitude_coverage import CUBE_DIRECTIONS
 from inercal.plan import Hold
 from inercal.recording import Mark, Recording
-from inercal.segments import as_found, between_rests, held, observe
+from inercal.segments import (
+    holds_from_marks,
+    holds_from_observations,
+    observe,
+    passages_between_rests,
+)
 from inercal.sensors import imu
 from inercal.units import Measured
 
@@ -31,10 +36,10 @@ def calibrated(ups: Array, also: Sequence[str] = (), **session: float) -> Estima
     units = ("m/s²",) * 3 + ("rad/s",) * 3
     recording = Recording(made.time, made.data[0], sensor.channels, units)
     marks = [Mark(f"r{k:02d}", a + 10, b - 10) for k, (a, b) in enumerate(made.rests)]
-    seen = observe(recording, sensor, marks, as_found(marks), by_hand=True)
-    seen = replace(seen, passages=between_rests(recording, sensor, marks))
+    seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
+    seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
     bench = Hand(Measured(9.81, 1e-3))
-    return METHOD.estimator("")(seen, sensor, bench, held(seen, sensor))
+    return METHOD.estimator("")(seen, sensor, bench, holds_from_observations(seen, sensor))
 
 
 def test_eight_rests_are_too_few_for_nine_coefficients():
@@ -59,7 +64,9 @@ def test_attitudes_added_to_a_plane_as_advised_are_accepted():
     with pytest.raises(NotObserved) as refusal:
         calibrated(plane)
     advised = str(refusal.value).partition("add: ")[2].split("; ")
-    by_words = {f"hold {Hold('', tuple(up), 0.0).in_words()}": up for up in CUBE.tolist()}
+    by_words = {
+        f"hold {Hold('', tuple(up), 0.0).describe()}": up for up in CUBE_DIRECTIONS.tolist()
+    }
     added = np.array([by_words[words] for words in advised])
     assert calibrated(np.concatenate([plane, added])).converged
 

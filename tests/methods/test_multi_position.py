@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
-from tests.accuracy.generator import DEGREE, Imu, mems
+from tests.accuracy.ferraris import DEGREE, Imu, mems
 from tests.accuracy.handheld import (
     Handheld,
     Session,
@@ -22,16 +22,16 @@ from tests.accuracy.handheld import (
 from inercal.benches import Hand
 from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
-from inercal.estimate.spread import Spread
+from inercal.estimate.residual_scatter import ScatterModel
 from inercal.methods.multi_position import METHOD, joint, sequential
-from inercal.methods.multi_position._kernels import carry
-from inercal.methods.multi_position.chain import whitener
-from inercal.methods.multi_position.rests import Rests, Scatter
-from inercal.methods.multi_position.rotations import affine
-from inercal.methods.multi_position.timing import delay
+from inercal.methods.multi_position._kernels import integrate_passages
+from inercal.methods.multi_position.rest_observations import Rests, Scatter
+from inercal.methods.multi_position.rotations import inverse_model
+from inercal.methods.multi_position.row_whitening import whitener
+from inercal.methods.multi_position.timing import gyro_delay
 from inercal.recording import Mark, Observations, Passages, Recording
-from inercal.segments.average import observe
-from inercal.segments.transitions import between_rests
+from inercal.segments.section_means import observe
+from inercal.segments.transitions import passages_between_rests
 from inercal.sensors import Sensor, imu
 from inercal.units import Measured
 
@@ -54,7 +54,9 @@ def observed(made: Handheld, sensor: Sensor) -> Observations:
     output = np.ascontiguousarray(made.data[0, :, :m])
     recording = Recording(made.time, output, sensor.channels, ("SI",) * m)
     seen = observe(recording, sensor, marks, steps, by_hand=True)
-    return replace(seen, passages=between_rests(recording, sensor, marks)) if m == 6 else seen
+    return (
+        replace(seen, passages=passages_between_rests(recording, sensor, marks)) if m == 6 else seen
+    )
 
 
 def truth(device: Imu, sensor: Sensor, **more: float) -> Array:
@@ -90,21 +92,21 @@ def moved_reading(rests: Rests, rest: int, axis: int, by: float) -> Rests:
     mean = rests.observations.mean.copy()
     mean[rest, axis] += by
     moved = replace(rests, observations=replace(rests.observations, mean=mean))
-    moved.__dict__["across"] = rests.across  # the two directions in which ρ is told stay
+    moved.__dict__["across"] = rests.cross_directions  # the two directions in which ρ is told stay
     return moved
 
 
 SCATTERS = [
     Scatter(),
-    Scatter(Spread(excess=2e-3), Spread(excess=3e-4), Spread(excess=1e-3)),
-    Scatter(Spread(share=0.3), Spread(share=0.5), Spread(share=0.2)),
+    Scatter(ScatterModel(excess=2e-3), ScatterModel(excess=3e-4), ScatterModel(excess=1e-3)),
+    Scatter(ScatterModel(share=0.3), ScatterModel(share=0.5), ScatterModel(share=0.2)),
 ]
 
 
 def dense_noise(rests: Rests, x: Array, scatter: Scatter) -> Array:
     """Return the covariance of all rows from that of every sample of the rate."""
     rows, way = rests.rows(x), rests.passages
-    turns = rows.turns
+    turns = rows.rotations
     assert turns is not None
     assert way is not None
     force, rate, turn = scatter
@@ -126,10 +128,10 @@ def dense_noise(rests: Rests, x: Array, scatter: Scatter) -> Array:
     C[:chained, :chained] = J @ readings @ J.T
     # How an error of each sample of the rate moves rotations and mean rates.
     samples = np.zeros((len(C), way.time.size, 3))
-    model = affine(rests.sensor, x[: len(rests.sensor.coefficients)])
+    model = inverse_model(rests.sensor, x[: len(rests.sensor.coefficients)])
     for i in range(k):
-        frames, dt, _ = dense_steps(way, i, model.back, model.zero)
-        lever = -turns.ahead[i] @ frames[1:] * dt[:, None, None]  # of the steps' rates
+        frames, dt, _ = dense_steps(way, i, model.matrix, model.offset)
+        lever = -turns.to_end_turn[i] @ frames[1:] * dt[:, None, None]  # of the steps' rates
         of = slice(r + 2 * i, r + 2 * i + 2)
         samples[of, way.start[i] : way.stop[i]] += 0.5 * np.moveaxis(lever, 0, 1)
         samples[of, way.start[i] + 1 : way.stop[i] + 1] += 0.5 * np.moveaxis(lever, 0, 1)
@@ -137,7 +139,7 @@ def dense_noise(rests: Rests, x: Array, scatter: Scatter) -> Array:
         begin = int(np.searchsorted(way.time, rests.observations.time[i])) - n // 2
         for axis in range(3):
             samples[chained + 3 * i + axis, begin : begin + n, axis] = 1 / n
-    white = np.einsum("ina,ab,jnb->ij", samples, rests.white, samples, optimize=True)
+    white = np.einsum("ina,ab,jnb->ij", samples, rests.rate_noise, samples, optimize=True)
     share = np.full(white.shape, turn.share)
     share[chained:, chained:] = rate.share
     share[:chained, chained:] = share[chained:, :chained] = min(rate.share, turn.share)
@@ -145,11 +147,11 @@ def dense_noise(rests: Rests, x: Array, scatter: Scatter) -> Array:
 
     # An offset of the gyros through a rest, half of it on the ways there and on; their own offset.
     def turned_by(j: int, before: float, between: float, after: float) -> Array:
-        frames, dt, _ = dense_steps(way, j, model.back, model.zero)
+        frames, dt, _ = dense_steps(way, j, model.matrix, model.offset)
         of_step = np.full(len(dt), between)
         of_step[: way.left[j] - way.start[j]] = before
         of_step[way.reached[j] - way.start[j] :] = after
-        return -turns.ahead[j] @ np.einsum("n,nab,n->ab", dt, frames[1:], of_step)
+        return -turns.to_end_turn[j] @ np.einsum("n,nab,n->ab", dt, frames[1:], of_step)
 
     for i in range(r):
         steady = np.zeros((len(C), 3))
@@ -195,7 +197,7 @@ def test_rotations_of_neighbouring_passages_are_correlated():
     """Else the oracle above would say little."""
     rests, x = session()
     rows = rests.rows(x)
-    whiten = whitener(rests, rows, Scatter(Spread(excess=2e-3)), norms=False)
+    whiten = whitener(rests, rows, Scatter(ScatterModel(excess=2e-3)), norms=False)
     r, k = len(rows.norm.residual), len(rests.observations.labels) - 2
     W = whiten(np.eye(len(rows.residual)))[:, r:]
     C = np.linalg.inv(W.T @ W)[: 2 * k, : 2 * k]
@@ -263,14 +265,14 @@ def test_what_is_carried_along_is_the_product_of_all_steps():
     rests, x = session()
     way = rests.passages
     assert way is not None
-    model = affine(rests.sensor, x[: len(rests.sensor.coefficients)])
+    model = inverse_model(rests.sensor, x[: len(rests.sensor.coefficients)])
     white = 1e-6 * np.array([[2.0, 0.3, -0.2], [0.3, 1.0, 0.1], [-0.2, 0.1, 3.0]])
-    found = carry(
+    found = integrate_passages(
         way.time, way.output, way.start, way.left, way.reached, way.stop,
-        model.back, model.zero, white, np.zeros(0),
+        model.matrix, model.offset, white, np.zeros(0),
     )  # fmt: skip
     for i in range(len(way.rest)):
-        expected = dense_carry(way, i, model.back, model.zero, white)
+        expected = dense_carry(way, i, model.matrix, model.offset, white)
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_allclose(one[i], other, rtol=0, atol=1e-10 * np.abs(other).max())
 
@@ -281,7 +283,7 @@ def test_a_turn_of_known_rate_is_carried_as_that_turn(axis: int):
     output = np.zeros((n, 6))
     output[:, 3 + axis] = rate
     one, last = np.array([0]), np.array([n - 1])
-    rotation, _, _ = carry(
+    rotation, _, _ = integrate_passages(
         dt * np.arange(n, dtype=np.float64),
         output,
         one,
@@ -371,7 +373,7 @@ def test_the_gyros_delay_is_found_and_none_where_there_is_none(
     rng = np.random.default_rng(seed)
     sensor = whole("g")
     seen = observed(record(mems(rng), replace(SESSION, delay=late, arm=arm), rng), sensor)
-    found = delay(seen, sensor, joint(seen, sensor, BENCH, ()), SESSION.gravity)
+    found = gyro_delay(seen, sensor, joint(seen, sensor, BENCH, ()), SESSION.gravity)
     assert found.value == pytest.approx(late, abs=4 * found.sd)
     assert found.sd < known
 
@@ -394,7 +396,7 @@ def test_bent_accelerometers_are_found_on_wish():
 @both
 def test_accelerometers_alone_are_calibrated(estimator: str):
     rng = np.random.default_rng(89)
-    device, sensor = mems(rng), METHOD.prepare(imu().only("f"))
+    device, sensor = mems(rng), METHOD.prepare(imu().select_axes("f"))
     seen = observed(record(device, SESSION, rng), sensor)
     estimate = METHOD.estimator(estimator)(seen, sensor, BENCH, ())
     p = len(sensor.coefficients)
@@ -408,7 +410,7 @@ def test_the_accelerometers_of_sequential_are_those_found_without_gyros():
     rng = np.random.default_rng(90)
     device, sensor = mems(rng), whole("g")
     made = record(device, SESSION, rng)
-    alone = METHOD.prepare(imu().only("f"))
+    alone = METHOD.prepare(imu().select_axes("f"))
     first = sequential(observed(made, alone), alone, BENCH, ())
     both_kinds = sequential(observed(made, sensor), sensor, BENCH, ())
     np.testing.assert_allclose(both_kinds.value[:9], first.value[:9], rtol=0, atol=1e-9)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.accuracy.generator import DEGREE, Handling, mems, record
-from tests.accuracy.through_inercal import bench, observed
+from tests.accuracy.ferraris import DEGREE, Handling, mems, record
+from tests.accuracy.inercal_inputs import make_bench, make_observations
 
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
@@ -29,7 +29,7 @@ def test_the_estimate_moves_as_bayes_says(method: str):
     made = record(device, HANDS, rng)
     chosen = METHODS[method]
     sensor, steps = chosen.prepare(imu()), chosen.plan()
-    seen, hands = observed(made, sensor, steps, 0), bench(HANDS)
+    seen, hands = make_observations(made, sensor, steps, 0), make_bench(HANDS)
     alone = chosen.estimator("ml")(seen, sensor, hands, steps)
     p = len(sensor.coefficients)
     x, C = alone.value[:p], alone.covariance[:p, :p]
@@ -61,5 +61,5 @@ def test_classical_refuses_priors():
     prior = Gaussian.independent(("ax.k0",), [0.0], [1.0])
     with pytest.raises(InputError, match="prior"):
         chosen.estimator("classical")(
-            observed(made, sensor, steps, 0), sensor, bench(HANDS), steps, (prior,)
+            make_observations(made, sensor, steps, 0), sensor, make_bench(HANDS), steps, (prior,)
         )

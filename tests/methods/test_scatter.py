@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.accuracy.generator import DEGREE, mems
+from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record
 
 from inercal.benches import Hand
-from inercal.estimate.spread import Spread
+from inercal.estimate.residual_scatter import ScatterModel
 from inercal.methods import METHODS
-from inercal.methods.multi_position.rests import Rests, Scatter
-from inercal.methods.multi_position.stages import accelerometers, gyros
+from inercal.methods.multi_position.rest_observations import Rests, Scatter
+from inercal.methods.multi_position.stages import fit_accelerometers, fit_gyros
 from inercal.recording import Mark, Recording
-from inercal.segments import as_found, between_rests, observe
+from inercal.segments import holds_from_marks, observe, passages_between_rests
 from inercal.sensors import imu
 from inercal.units import Measured
 
@@ -29,24 +29,24 @@ def session(seed: int, **tremor: float) -> Rests:
     made = record(device, session, rng)
     recording = Recording(made.time, made.data[0], sensor.channels, ("SI",) * 6)
     marks = [Mark(f"r{k:02d}", a + INSIDE, b - INSIDE) for k, (a, b) in enumerate(made.rests)]
-    seen = observe(recording, sensor, marks, as_found(marks), by_hand=True)
-    seen = replace(seen, passages=between_rests(recording, sensor, marks))
+    seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
+    seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
     return Rests(seen, sensor, Hand(Measured(session.gravity, 2e-4), session.latitude))
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_scatter_of_the_norms_does_not_hide_that_rotations_are_calm(seed: int):
     rests = session(seed, tremor_deg=0.05)
-    first = accelerometers(rests, ())
-    calm = gyros(rests, replace(first, scatter=Scatter()), ()).scatter.turn
+    first = fit_accelerometers(rests, ())
+    calm = fit_gyros(rests, replace(first, scatter=Scatter()), ()).scatter.turn
     assert calm.share < 0.05
-    scattered = replace(first, scatter=Scatter(force=Spread(excess=0.02)))
-    assert gyros(rests, scattered, ()).scatter.turn.share == pytest.approx(calm.share, rel=0.1)
+    scattered = replace(first, scatter=Scatter(force=ScatterModel(excess=0.02)))
+    assert fit_gyros(rests, scattered, ()).scatter.turn.share == pytest.approx(calm.share, rel=0.1)
 
 
 def test_noise_as_stated_is_left_as_it_is():
     rests = session(1)
-    assert gyros(rests, accelerometers(rests, ()), ()).scatter == Scatter()
+    assert fit_gyros(rests, fit_accelerometers(rests, ()), ()).scatter == Scatter()
 
 
 @pytest.mark.parametrize("estimator", ["joint", "sequential"])

@@ -7,14 +7,14 @@ from math import radians
 
 import numpy as np
 import pytest
-from tests import rest_biases
+from tests import rest_bias_method
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import motion
-from inercal.benches.turntable.simulation import travel
+from inercal.benches.turntable.simulation import path_profile
 from inercal.keys import CoefficientName
 from inercal.methods import METHODS, Method, PartialEstimate, Sequential
-from inercal.methods.turntable_kalman.follow import WAYS, filtered
+from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, run_filter
 from inercal.plan import Position, Rotation
 from inercal.recording import Track
 from inercal.sensors import Noise, Sensor, imu
@@ -36,7 +36,7 @@ NOISE = {
 }
 CASES = [
     pytest.param(one, estimator, id=f"{one.name}-{estimator}")
-    for one in (*METHODS.values(), rest_biases.METHOD)
+    for one in (*METHODS.values(), rest_bias_method.METHOD)
     if one.sequential is not None
     for estimator in one.estimators
 ]
@@ -58,10 +58,10 @@ def track_of(
     sensor: Sensor, steps: Sequence[Position | Rotation] = STEPS, rate: float = RATE
 ) -> Track:
     rng = np.random.default_rng(7)
-    way = travel(TABLE, steps)
+    way = path_profile(TABLE, steps)
     # Some samples are lost.
     time = np.delete(np.arange(0, way.ends[-1], 1 / rate), [30, 31, 700, 1210, 1211])
-    angles, rates, accelerations = way.at(time)
+    angles, rates, accelerations = way.evaluate(time)
     c = 1e-3 * rng.standard_normal(len(sensor.coefficients))
     reading = sensor.forward(motion(TABLE, angles, rates, accelerations, {}), c)
     noise = [axis.noise.draw(rng, (time.size,), rate) for axis in sensor.axes]
@@ -146,7 +146,7 @@ def test_the_parts_of_a_sensor_are_estimated_as_each_by_itself():
     whole = begun(method, "full")
     whole.feed(track)
     for kind in ("f", "w"):
-        part = sensor.only(kind)
+        part = sensor.select_axes(kind)
         made = method.sequential("full", part, TABLE, STEPS, (), RATE)
         at = [sensor.channels.index(name) for name in part.channels]
         made.feed(replace(track, reading=track.reading[:, at]))
@@ -157,9 +157,9 @@ def test_a_plan_of_hours_has_the_states_of_the_recording_that_it_leaves():
     method = METHODS["turntable_kalman"]
     assert method.sequential is not None
     steps, rate = (replace(STEPS[0], seconds=1.1e4),), 5.0  # beyond 10⁴ s flicker has one more
-    sensor = sensor_of(method).only("w")
+    sensor = sensor_of(method).select_axes("w")
     track = track_of(sensor, steps, rate)
-    after = filtered("w", sensor, TABLE, track, WAYS["full"])
+    after = run_filter("w", sensor, TABLE, track, FILTER_CONFIGS["full"])
     p = len(sensor.coefficients)
     found: list[bool] = []
     for planned in (steps, STEPS):

@@ -9,7 +9,13 @@ from tests.methods.ship_cases import SENSOR, case
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors import G0, imu, triad
-from inercal.sensors.affine import IDEAL, NAMES, Affine, to_affine, to_coefficients
+from inercal.sensors.affine import (
+    AFFINE_NAMES,
+    IDENTITY_PARAMETERS,
+    AffineModel,
+    to_affine,
+    to_coefficients,
+)
 from inercal.uncertainty import jacobian, propagate
 
 RNG = np.random.default_rng(1)
@@ -39,7 +45,7 @@ def test_slopes_are_those_of_the_maps(far: float):
         jacobian(lambda x: to_affine(SENSOR, x)[0].theta, c, step), abs=1e-9
     )
     _, back = to_coefficients(SENSOR, model)
-    by_theta = jacobian(lambda x: to_coefficients(SENSOR, Affine.of(x))[0], model.theta, step)
+    by_theta = jacobian(lambda x: to_coefficients(SENSOR, AffineModel.of(x))[0], model.theta, step)
     assert back == pytest.approx(by_theta, abs=1e-8)
 
 
@@ -49,17 +55,19 @@ def test_a_covariance_survives_the_way_there_and_back():
     theta, there = propagate(lambda x: to_affine(SENSOR, x)[0].theta, C, covariance)
     model, out = to_affine(SENSOR, C)
     assert out @ covariance @ out.T == pytest.approx(there, rel=1e-6, abs=1e-14)
-    _, back = to_coefficients(SENSOR, Affine.of(theta))
+    _, back = to_coefficients(SENSOR, AffineModel.of(theta))
     assert back @ there @ back.T == pytest.approx(covariance, rel=1e-6, abs=1e-14)
     assert model.theta == pytest.approx(theta)
 
 
 def test_the_ideal_sensor_is_the_identity_and_thetas_have_the_papers_order():
-    assert to_affine(SENSOR, np.zeros(12))[0].theta.tolist() == IDEAL.tolist()
+    assert to_affine(SENSOR, np.zeros(12))[0].theta.tolist() == IDENTITY_PARAMETERS.tolist()
     c = np.zeros(12)
     c[SENSOR.coefficients.index("y.k0")] = 0.1 * G0
     c[SENSOR.coefficients.index("x.delta_o")] = 1e-9
-    moved = dict(zip(NAMES, to_affine(SENSOR, c)[0].theta - IDEAL, strict=True))
+    moved = dict(
+        zip(AFFINE_NAMES, to_affine(SENSOR, c)[0].theta - IDENTITY_PARAMETERS, strict=True)
+    )
     assert moved["Ayp"] == pytest.approx(-0.1)
     assert moved["Exy"] == pytest.approx(-1e-9)
     assert moved["Axp"] == pytest.approx(1e-10)

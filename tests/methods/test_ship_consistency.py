@@ -20,13 +20,13 @@ from tests.methods.ship_cases import (
 )
 
 from inercal.benches.rate_table.bench import sensed_motion
-from inercal.benches.rate_table.fixture import tilted
+from inercal.benches.rate_table.fixture import is_tilted
 from inercal.calibration.grade import assess
 from inercal.estimate import Estimate
-from inercal.methods.ship_consistency import of_rows
+from inercal.methods.ship_consistency import row_covariance
 from inercal.methods.ship_multi_angle import global_
-from inercal.methods.ship_multi_angle.evolution import Options
-from inercal.methods.ship_planar import level
+from inercal.methods.ship_multi_angle.global_search import SearchOptions
+from inercal.methods.ship_planar import fit_level_states
 from inercal.sensors import G0
 
 Array = NDArray[np.float64]
@@ -55,13 +55,13 @@ def test_chi_square_of_the_base_case_is_chi_square(name: str):
 
 def test_chi_square_is_that_of_the_residuals_with_their_own_covariance():
     given = case(4, 1)
-    rows = [k for k, step in enumerate(given.steps) if not tilted(step)]
+    rows = [k for k, step in enumerate(given.steps) if not is_tilted(step)]
     found = of_one("planar", given)
     steps = [given.steps[k] for k in rows]
     at = np.array([3 * k + axis for k in rows for axis in range(3)])
     f, a = sensed_motion(given.bench, steps, {}).f / G0, given.seen.mean[0, rows] / G0
-    model, gain = level(a, f)
-    spread = of_rows(given.seen, given.bench, given.steps, model.matrix)[np.ix_(at, at)]
+    model, gain = fit_level_states(a, f)
+    spread = row_covariance(given.seen, given.bench, given.steps, model.matrix)[np.ix_(at, at)]
     # Residuals move by the errors themselves and by the solution, at rows without noise.
     clean = model.inverse.correct(f)
     by_theta = np.kron(clean, np.eye(3)).reshape(len(rows) * 3, 3, 3).swapaxes(1, 2)
@@ -85,7 +85,7 @@ def test_a_radius_that_is_5_percent_off_is_named(name: str):
         judged = assess(found, len(SENSOR.coefficients))
         assert judged.rejects
         assert judged.suspect is not None
-        assert "radius" in (judged.suspect.name, *judged.suspect.alike)
+        assert "radius" in (judged.suspect.name, *judged.suspect.indistinguishable)
         assert float(found.birge) > 1.5
 
 
@@ -101,20 +101,20 @@ def test_a_lean_alike_at_all_rests_is_named(name: str):
     found = of_one(name, given, readings=given.seen.mean[0] + more)
     suspect = assess(found, len(SENSOR.coefficients)).suspect
     assert suspect is not None
-    assert "lean" in (suspect.name, *suspect.alike)
-    score = next(one for one in found.scored.scores if one.name == "lean")
+    assert "lean" in (suspect.name, *suspect.indistinguishable)
+    score = next(one for one in found.score_tests.scores if one.name == "lean")
     assert score.size[0] == pytest.approx(0.7 * np.pi / 180, abs=4 * score.sd[0])
 
 
 def test_a_search_tests_its_norms_too():
     given = case(2, 1)
     told = replace(given.bench, radius=replace(given.bench.radius, value=RADIUS * 1.05))
-    quick = Options(seconds=2.0)
+    quick = SearchOptions(seconds=2.0)
     seen = replace(given.seen, mean=given.seen.mean[0])
     right = global_(seen, SENSOR, given.bench, given.steps, options=quick)
     assert right.dof == 7
     assert not inconsistent(right)
-    assert len(right.scored.scores) > 20
+    assert len(right.score_tests.scores) > 20
     bent = replace(seen, mean=seen.mean + 3e-4 * given.draw.felt[0] ** 2 * G0 * 10)
     assert inconsistent(global_(bent, SENSOR, told, given.steps, options=quick))
 
@@ -128,7 +128,7 @@ def test_a_row_that_is_wrong_has_the_name_of_its_row(name: str):
         suspect = assess(of_one(name, given, readings=readings), len(SENSOR.coefficients)).suspect
         # Untilted states alone do not tell the two speeds of one mounting apart.
         assert suspect is not None
-        assert STEPS[k].label in (suspect.name, *suspect.alike)
+        assert STEPS[k].label in (suspect.name, *suspect.indistinguishable)
         assert suspect.kind == "row"
 
 
@@ -137,10 +137,10 @@ def test_scores_say_how_the_estimate_shifts(name: str):
     given = case(5, 1)
     before = of_one(name, given)
     for candidate, size in (("k3", 1e-6), ("radius", 1e-4)):
-        (score,) = (one for one in before.scored.scores if one.name == candidate)
+        (score,) = (one for one in before.score_tests.scores if one.name == candidate)
         readings = EFFECTS[candidate](given, 0, size)
         after = of_one(name, given, readings=readings)
-        (then,) = (one for one in after.scored.scores if one.name == candidate)
+        (then,) = (one for one in after.score_tests.scores if one.name == candidate)
         p = len(SENSOR.coefficients)
         moved = (after.value - before.value)[:p]
         said = (then.shift - score.shift)[:p]
@@ -209,7 +209,7 @@ def test_what_is_visible_is_not_called_consistent(name: str):
         ]
         seen = sum(one.rejects for one in judged)
         first = Counter(one.suspect.name for one in judged if one.suspect)
-        named = sum(what in (s.name, *s.alike) for one in judged if (s := one.suspect))
+        named = sum(what in (s.name, *s.indistinguishable) for one in judged if (s := one.suspect))
         print(f"{name}: {what} of {size:.3g}: {seen} of 40, named {named}, {first.most_common(3)}")
         assert seen >= 36
 

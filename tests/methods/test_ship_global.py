@@ -6,17 +6,30 @@ from time import process_time
 
 import numpy as np
 import pytest
-from tests.accuracy.rate_table import PLANAR, TILTED, centripetal, fresh, nominal, vector_rms
+from tests.accuracy.rate_table import (
+    PLANAR,
+    TILTED,
+    centripetal,
+    nominal_force,
+    random_pose_forces,
+    vector_rms,
+)
+from tests.base_seeds import SEEDS
 from tests.methods.ship_cases import SENSOR, Case, case, off
-from tests.seeds import SEEDS
 
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.ship_multi_angle import global_
-from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Generation, Options, search
-from inercal.methods.ship_multi_angle.norms import damped
-from inercal.methods.ship_planar import level
-from inercal.sensors.affine import Affine
+from inercal.methods.ship_multi_angle.global_search import (
+    GOAL,
+    Bounds,
+    Generation,
+    SearchOptions,
+    search,
+)
+from inercal.methods.ship_multi_angle.norm_equations import damped_solution
+from inercal.methods.ship_planar import fit_level_states
+from inercal.sensors.affine import AffineModel
 
 SQUARE = np.array([centripetal(state[3]) ** 2 + 1 for state in TILTED])
 
@@ -29,14 +42,14 @@ def one(seed: int = 1) -> Case:
 
 @cache
 def found(seed: int = 1):
-    return search(one(seed).draw.readings[0, 9:], SQUARE, Options(seed=seed))
+    return search(one(seed).draw.readings[0, 9:], SQUARE, SearchOptions(seed=seed))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_it_finds_dampings_sum_of_squares_and_other_coefficients(seed: int):
     readings = one(seed).draw.readings[0]
-    start, _ = level(readings[:9], nominal(PLANAR))
-    done = damped(readings[9:], SQUARE, start)
+    start, _ = fit_level_states(readings[:9], nominal_force(PLANAR))
+    done = damped_solution(readings[9:], SQUARE, start)
     away = np.abs(found(seed).model.theta - done.model.theta).max()
     print(f"cost {found(seed).cost:.6g} and {float(done.cost):.6g} g⁴; θ apart by {away:.3f}")
     assert found(seed).cost == pytest.approx(float(done.cost), rel=0.01)
@@ -45,10 +58,10 @@ def test_it_finds_dampings_sum_of_squares_and_other_coefficients(seed: int):
 
 def test_sixteen_groups_take_less_than_twenty_seconds():
     began = process_time()
-    result = search(one(2).draw.readings[0, 9:], SQUARE, Options(seed=5))
+    result = search(one(2).draw.readings[0, 9:], SQUARE, SearchOptions(seed=5))
     spent = process_time() - began
     print(f"{spent:.2f} s, {len(result.history)} generations")
-    assert result.in_time
+    assert result.completed
     assert spent < 20
 
 
@@ -65,10 +78,10 @@ def test_the_papers_goal_is_met_long_before_the_end_and_far_from_the_truth():
 def test_with_wide_bounds_the_goal_is_met_by_a_sensor_that_is_off_by_a_g(seed: int):
     wide = Bounds(scale=1.0, cross=1.0, bias=1.0)
     given = one(seed)
-    result = search(given.draw.readings[0, 9:], SQUARE, Options(wide, seed))
+    result = search(given.draw.readings[0, 9:], SQUARE, SearchOptions(wide, seed))
     assert result.goal is not None
     m = result.model
-    away = vector_rms(m.matrix[None], m.offset[None], given.draw, fresh(seed))[0]
+    away = vector_rms(m.matrix[None], m.offset[None], given.draw, random_pose_forces(seed))[0]
     print(f"goal met at generation {result.goal}; {away:.2f} g off on fresh poses")
     assert result.worst < 0.006
     assert away > 1
@@ -77,37 +90,39 @@ def test_with_wide_bounds_the_goal_is_met_by_a_sensor_that_is_off_by_a_g(seed: i
 def test_history_is_the_best_member_after_each_generation():
     told: list[Generation] = []
     readings = one().draw.readings[0, 9:]
-    result = search(readings, SQUARE, Options(seed=1), generations=20, progress=told.append)
+    result = search(readings, SQUARE, SearchOptions(seed=1), generations=20, progress=told.append)
     assert tuple(told) == result.history
     assert [g.number for g in told] == list(range(1, 21))
     costs = [g.cost for g in told]
     assert costs == sorted(costs, reverse=True)
-    again = search(readings, SQUARE, Options(seed=1), generations=20)
+    again = search(readings, SQUARE, SearchOptions(seed=1), generations=20)
     assert again.history == result.history
-    assert search(readings, SQUARE, Options(seed=2), generations=20).history != result.history
+    assert search(readings, SQUARE, SearchOptions(seed=2), generations=20).history != result.history
 
 
 def test_time_ends_it():
-    result = search(one().draw.readings[0, 9:], SQUARE, Options(seconds=0.0))
-    assert not result.in_time
+    result = search(one().draw.readings[0, 9:], SQUARE, SearchOptions(seconds=0.0))
+    assert not result.completed
     assert len(result.history) == 1
     given = one()
-    estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=Options(seconds=0.0))
+    estimate = global_(
+        given.seen, SENSOR, given.bench, given.steps, options=SearchOptions(seconds=0.0)
+    )
     assert "it was ended after" in estimate.notes[0]
 
 
 def test_the_search_stays_within_its_bounds():
     narrow = Bounds(scale=1e-3, cross=1e-3, bias=1e-3)
-    assert narrow.half.max() == 1e-3
+    assert narrow.half_width.max() == 1e-3
     readings = one().draw.readings[0, 9:]
-    result = search(readings, SQUARE, Options(narrow), generations=30)
+    result = search(readings, SQUARE, SearchOptions(narrow), generations=30)
     wide = search(readings, SQUARE, generations=300)
     assert result.history[-1].cost > 10 * wide.history[-1].cost
 
 
 def test_the_estimate_warns_and_is_as_uncertain_as_the_bounds():
     given = one()
-    estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=Options(seed=1))
+    estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=SearchOptions(seed=1))
     print(estimate.notes)
     assert "the goal of 5 % is met at generation" in estimate.notes[0]
     assert "chance decided 3 directions" in estimate.notes[1]
@@ -120,14 +135,14 @@ def test_the_estimate_warns_and_is_as_uncertain_as_the_bounds():
 
 def test_coefficients_that_polishing_takes_beyond_the_bounds_are_named():
     given = one()
-    narrow = Options(Bounds(scale=1e-3, cross=0.5, bias=0.5), seed=1)
+    narrow = SearchOptions(Bounds(scale=1e-3, cross=0.5, bias=0.5), seed=1)
     estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=narrow)
     last = estimate.notes[-1]
     print(last)
     assert last.startswith("warning: beyond the bounds of the search: S")
     assert "(±0.1 %)" in last
     assert "Axp" not in last
-    wide = global_(given.seen, SENSOR, given.bench, given.steps, options=Options(seed=1))
+    wide = global_(given.seen, SENSOR, given.bench, given.steps, options=SearchOptions(seed=1))
     assert not any("beyond the bounds" in note for note in wide.notes)
 
 
@@ -160,8 +175,8 @@ def test_fewer_than_twelve_groups_are_refused():
 def test_the_truth_itself_has_no_error():
     given = one()
     h, b = given.draw.matrix[0], given.draw.bias[0]
-    readings = nominal(TILTED) @ h.T + b
-    truth = Affine(h, b).inverse
-    result = search(readings, SQUARE, Options(seed=1))
+    readings = nominal_force(TILTED) @ h.T + b
+    truth = AffineModel(h, b).inverse
+    result = search(readings, SQUARE, SearchOptions(seed=1))
     assert result.cost < 1e-24
     assert np.abs(result.model.theta - truth.theta).max() > 0.01

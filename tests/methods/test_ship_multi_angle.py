@@ -10,9 +10,9 @@ from tests.accuracy.rate_table import (
     TILTED,
     Bench,
     centripetal,
-    fresh,
-    nominal,
+    nominal_force,
     norm_rms,
+    random_pose_forces,
     vector_rms,
 )
 from tests.methods.ship_cases import (
@@ -29,20 +29,25 @@ from tests.methods.ship_cases import (
 )
 
 from inercal.benches.rate_table.bench import sensed_motion
-from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan, tilted
+from inercal.benches.rate_table.fixture import (
+    TiltConvention,
+    is_tilted,
+    multi_angle_plan,
+    planar_plan,
+)
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.ship_multi_angle import METHOD, damped, joint, plan, planar
-from inercal.methods.ship_multi_angle import norms as by_norms
-from inercal.methods.ship_multi_angle.freedom import free, seen
-from inercal.methods.ship_planar import level
+from inercal.methods.ship_multi_angle import norm_equations as by_norms
+from inercal.methods.ship_multi_angle.free_norm_directions import free_directions, group_information
+from inercal.methods.ship_planar import fit_level_states
 from inercal.sensors import G0
-from inercal.sensors.affine import IDEAL, Affine, to_affine
+from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel, to_affine
 
 Array = NDArray[np.float64]
-READINGS: tuple[Reading, ...] = ("azimuth", "dihedral", "successive")
+READINGS: tuple[TiltConvention, ...] = ("azimuth", "dihedral", "successive")
 SQUARE = np.array([centripetal(state[3]) ** 2 + 1 for state in TILTED])
-START = Affine.of(IDEAL)
+START = AffineModel.of(IDENTITY_PARAMETERS)
 RANK = {"azimuth": 9, "dihedral": 8, "successive": 9}
 
 
@@ -58,53 +63,53 @@ def rank(j: Array) -> int:
 
 
 @pytest.mark.parametrize("reading", READINGS)
-def test_rotations_are_null_directions_whatever_the_data(reading: Reading):
+def test_rotations_are_null_directions_whatever_the_data(reading: TiltConvention):
     given = case(1, 40, reading=reading)
     for model in (START, damped_of(given.draw.readings).model):
-        j = by_norms.rows(model, given.draw.readings[:, 9:])
-        turns = by_norms.rotations(model)
+        j = by_norms.norm_jacobian(model, given.draw.readings[:, 9:])
+        turns = by_norms.rotation_directions(model)
         moved = np.linalg.norm(j @ np.swapaxes(turns, -1, -2), axis=-2)
         size = np.linalg.norm(j, axis=(-2, -1))[:, None] * np.linalg.norm(turns, axis=-1)
         print("gauge", (moved / size).max())
         assert (moved / size).max() <= 1e-14
 
 
-def damped_of(readings: Array) -> by_norms.Damped:
-    start, _ = level(readings[..., :9, :], nominal(PLANAR))
-    return by_norms.damped(readings[..., 9:, :], SQUARE, start)
+def damped_of(readings: Array) -> by_norms.DampedSolution:
+    start, _ = fit_level_states(readings[..., :9, :], nominal_force(PLANAR))
+    return by_norms.damped_solution(readings[..., 9:, :], SQUARE, start)
 
 
 @pytest.mark.parametrize("reading", READINGS)
-def test_rank_of_error_free_data(reading: Reading):
+def test_rank_of_error_free_data(reading: TiltConvention):
     given = case(1, 5, EXACT, reading)
     for truth, a in zip(given.truth, given.draw.readings, strict=True):
         model, _ = to_affine(SENSOR, truth)
-        assert rank(by_norms.rows(model, a[9:])) == RANK[reading]
-    assert rank(by_norms.rows(START, nominal(TILTED, reading))) == RANK[reading]
+        assert rank(by_norms.norm_jacobian(model, a[9:])) == RANK[reading]
+    assert rank(by_norms.norm_jacobian(START, nominal_force(TILTED, reading))) == RANK[reading]
 
 
 def test_tilts_about_the_radial_direction_see_what_the_others_do_not():
     for reading in READINGS:
         steps = multi_angle_plan(reading, "radial")
         f = sensed_motion(declared(EXACT), steps, {}).f / G0
-        assert rank(by_norms.rows(START, f)) == 9
+        assert rank(by_norms.norm_jacobian(START, f)) == 9
 
 
 def test_the_sources_one_speed_sees_no_less():
     for reading in READINGS:
         f = sensed_motion(declared(EXACT), multi_angle_plan(reading, one_speed=True), {}).f / G0
-        assert rank(by_norms.rows(START, f)) == RANK[reading]
+        assert rank(by_norms.norm_jacobian(START, f)) == RANK[reading]
 
 
 def test_what_is_free_has_a_name():
     given = case(1, 1, EXACT, "dihedral")
     model, _ = to_affine(SENSOR, given.truth[0])
-    left = free(SENSOR, model, given.draw.readings[0, 9:], np.zeros((48, 48)))
+    left = free_directions(SENSOR, model, given.draw.readings[0, 9:], np.zeros((48, 48)))
     assert left.rank == 8
-    assert [one.words.partition(":")[0] for one in left.turns] == [
+    assert [one.words.partition(":")[0] for one in left.rotations] == [
         f"rotation of the triad about {axis}" for axis in "xyz"
     ]
-    (blind,) = left.blind
+    (blind,) = left.unobserved
     assert blind.words.startswith("the plan's own Exy + Eyx")
     assert max(blind.weights, key=lambda name: abs(blind.weights[name])) in (
         "x.delta_o",
@@ -116,11 +121,11 @@ def test_the_named_directions_change_no_norm():
     given = case(1, 1, EXACT, "dihedral")
     a = given.draw.readings[0, 9:]
     model, _ = to_affine(SENSOR, given.truth[0])
-    left = free(SENSOR, model, a, np.zeros((48, 48)))
-    for one in (*left.turns, *left.blind):
+    left = free_directions(SENSOR, model, a, np.zeros((48, 48)))
+    for one in (*left.rotations, *left.unobserved):
         move = np.array([one.weights.get(name, 0.0) for name in SENSOR.coefficients])
         there, back = (
-            by_norms.residual(to_affine(SENSOR, given.truth[0] + h * move)[0], a, SQUARE)
+            by_norms.norm_residuals(to_affine(SENSOR, given.truth[0] + h * move)[0], a, SQUARE)
             for h in (1e-6 * SENSOR.unit_scale, -1e-6 * SENSOR.unit_scale)
         )
         assert np.abs(there - back).max() / 2e-6 < 1e-8
@@ -131,8 +136,10 @@ def test_rows_are_the_slopes_of_the_equations():
     a = given.draw.readings[0, 9:]
     model, _ = to_affine(SENSOR, given.truth[0])
     h = 1e-6 * np.eye(12)
-    there, back = (by_norms.residual(Affine.of(model.theta + s * h), a, SQUARE) for s in (1, -1))
-    assert by_norms.rows(model, a) == pytest.approx((there - back).T / 2e-6, abs=1e-8)
+    there, back = (
+        by_norms.norm_residuals(AffineModel.of(model.theta + s * h), a, SQUARE) for s in (1, -1)
+    )
+    assert by_norms.norm_jacobian(model, a) == pytest.approx((there - back).T / 2e-6, abs=1e-8)
 
 
 # Error-free data
@@ -155,10 +162,10 @@ def test_joint_is_exact_too_where_the_bench_is_uncertain():
 
 def test_damping_from_the_identity_reaches_the_norms_and_not_the_vectors():
     given = case(1, 40, EXACT)
-    done = by_norms.damped(given.draw.readings[:, 9:], SQUARE, START)
+    done = by_norms.damped_solution(given.draw.readings[:, 9:], SQUARE, START)
     assert done.converged.all()
     norm = 1e3 * norm_rms(*done.model, given.draw.readings[:, 9:], TILTED)
-    vector = 1e3 * vector_rms(*done.model, given.draw, fresh(1))
+    vector = 1e3 * vector_rms(*done.model, given.draw, random_pose_forces(1))
     print("norms", norm.max(), "mg, vectors", vector.min(), "to", vector.max(), "mg")
     assert norm.max() <= 1e-9
     assert vector.min() > 1
@@ -205,7 +212,7 @@ def test_four_hundred_devices_reach_the_note(seed: int):
 def test_damping_betters_the_norms_it_sees_and_worsens_what_it_is_for(seed: int):
     given = case(seed, 100)
     readings = given.draw.readings
-    start, _ = level(readings[:, :9], nominal(PLANAR))
+    start, _ = fit_level_states(readings[:, :9], nominal_force(PLANAR))
     done = damped_of(readings)
     before, after = (
         np.median(1e3 * norm_rms(*m, readings[:, 9:], TILTED)) for m in (start, done.model)
@@ -213,8 +220,8 @@ def test_damping_betters_the_norms_it_sees_and_worsens_what_it_is_for(seed: int)
     print(f"norms {before:.2f} to {after:.2f} mg")
     assert before == pytest.approx(5.6, rel=0.15)
     assert after == pytest.approx(1.7, rel=0.15)
-    assert np.median(vector_rms(*done.model, given.draw, fresh(seed))) > np.median(
-        vector_rms(*start, given.draw, fresh(seed))
+    assert np.median(vector_rms(*done.model, given.draw, random_pose_forces(seed))) > np.median(
+        vector_rms(*start, given.draw, random_pose_forces(seed))
     )
 
 
@@ -298,11 +305,11 @@ def test_damped_states_what_it_reaches_with_the_starts_share(seed: int):
 def test_damped_pretends_nothing_along_what_norms_leave_free():
     given, found = calibrated("damped", 1, 4)
     model, out = to_affine(SENSOR, found.value[0])
-    told = seen(model, given.draw.readings[0, 9:])
+    told = group_information(model, given.draw.readings[0, 9:])
     start = planar(given.seen, SENSOR, given.bench, given.steps)
-    for turn in by_norms.rotations(model):
+    for turn in by_norms.rotation_directions(model):
         turn = turn / np.linalg.norm(turn)
-        assert told.free @ turn == pytest.approx(turn, abs=1e-12)
+        assert told.null_projector @ turn == pytest.approx(turn, abs=1e-12)
         mine, theirs = (
             float(turn @ out @ one.covariance[0] @ out.T @ turn) for one in (found, start)
         )
@@ -380,7 +387,7 @@ def test_priors_beside_untilted_states_are_refused():
 
 
 def test_joint_names_the_axis_that_nothing_excites():
-    rows = [k for k, step in enumerate(STEPS) if not tilted(step) and step.label[:2] != "YX"]
+    rows = [k for k, step in enumerate(STEPS) if not is_tilted(step) and step.label[:2] != "YX"]
     given = case(1, 1)
     steps = tuple(STEPS[k] for k in rows)
     seen_alone = observed(given.draw.readings[0, rows], steps, 3e-4)

@@ -5,7 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.accuracy.rate_table import PLANAR, PLANES, RPM, Bench, State, centripetal, draw, nominal
+from tests.accuracy.rate_table import (
+    PLANAR,
+    PLANES,
+    RPM,
+    Bench,
+    State,
+    centripetal,
+    draw,
+    nominal_force,
+)
 from tests.methods.ship_cases import (
     EXACT,
     SENSOR,
@@ -28,7 +37,7 @@ NINE = planar_plan()
 
 
 def test_the_nine_states_have_the_papers_rank_and_the_notes_condition():
-    rows = np.insert(nominal(PLANAR), 3, 1.0, axis=1)
+    rows = np.insert(nominal_force(PLANAR), 3, 1.0, axis=1)
     assert np.linalg.matrix_rank(rows) == 4
     # The note says 5.2: of what an ideal sensor reads at 0.25 m it is 5.08.
     assert np.linalg.cond(rows) == pytest.approx(5.08, abs=0.005)
@@ -43,7 +52,7 @@ def test_error_free_states_give_the_sensor_exactly():
 def test_each_axis_is_the_linear_regression_of_the_paper():
     given, found = calibrated("planar", 1, 40)
     rows = np.insert(given.draw.readings[7, :9], 3, 1.0, axis=1)
-    expected = np.linalg.lstsq(rows, nominal(PLANAR), rcond=None)[0].T
+    expected = np.linalg.lstsq(rows, nominal_force(PLANAR), rcond=None)[0].T
     model, _ = to_affine(SENSOR, found.value[7])
     assert np.column_stack([model.matrix, model.offset]) == pytest.approx(expected, abs=1e-12)
 

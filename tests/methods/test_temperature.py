@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from tests.methods.test_every_estimator import bench_of
 
 from inercal.benches import DividingHead, Turntable
-from inercal.benches.dividing_head.bench import mounted
+from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS
 from inercal.motion import Motion
-from inercal.recording import VARIES, Observations, Track, joined
+from inercal.recording import TEMPERATURE_VARIATION, Observations, Track, join_observations
 from inercal.sensors import Sensor, imu
 
 Array = NDArray[np.float64]
@@ -53,11 +53,11 @@ def motion_of(method: str, steps: Sequence[Any]) -> Motion:
 def made(method: str, estimator: str) -> tuple[Sensor, Array, Observations, list[Any]]:
     """Return sensor, truth, readings without noise at both temperatures, and their steps."""
     chosen = METHODS[method]
-    whole = imu().only("f") if chosen.free else imu()
+    whole = imu().select_axes("f") if chosen.unknown_attitudes else imu()
     if chosen.bench is DividingHead:
-        whole = mounted(axes="a" if method == "tumble" else "ab")
+        whole = mounted_sensor(axes="a" if method == "tumble" else "ab")
         whole = replace(whole, form="reference" if estimator == "fourier" else "tilted")
-    kinds = {axis.measures for axis in whole.axes if axis.measures in chosen.finds}
+    kinds = {axis.measures for axis in whole.axes if axis.measures in chosen.default_coefficients}
     also = FIRST if kinds == {"f", "w"} else FIRST[:2]
     sensor = chosen.prepare(whole, also=also)
     p = len(sensor.coefficients)
@@ -112,7 +112,9 @@ def test_one_temperature_and_none_are_refused_by_name(method: str, estimator: st
     solve = METHODS[method].estimator(estimator)
     told = priors(method, sensor, c)
     rng = np.random.default_rng(3)
-    scatter = 0.2 * VARIES * rng.uniform(-1, 1, len(steps))  # of a sensor of temperature
+    scatter = (
+        0.2 * TEMPERATURE_VARIATION * rng.uniform(-1, 1, len(steps))
+    )  # of a sensor of temperature
     alike = replace(seen, temperature=300.0 + scatter)
     with pytest.raises(NotObserved) as raised:
         solve(alike, sensor, bench_of(method), steps, told)
@@ -136,11 +138,11 @@ def test_a_bias_that_follows_the_temperature_is_a_suspect_where_it_was_recorded(
     solve = METHODS["six_position"].estimator("ml")
     bench = bench_of("six_position")
     seen = replace(seen, covariance=seen.covariance * 100)
-    scored = solve(seen, plain, bench, steps).scored
-    worst = max(scored.scores, key=lambda one: one.chi2)
+    score_tests = solve(seen, plain, bench, steps).score_tests
+    worst = max(score_tests.scores, key=lambda one: one.chi2)
     assert worst.name in ("k0_dT", "k1_dT")
     for silent in (None, np.full(len(steps), 300.0)):
-        of_others = solve(replace(seen, temperature=silent), plain, bench, steps).scored
+        of_others = solve(replace(seen, temperature=silent), plain, bench, steps).score_tests
         assert not [one for one in of_others.scores if "_dT" in one.name]
 
 
@@ -160,12 +162,16 @@ def observations(r: int, temperature: Array | None, **changes: Any) -> Observati
 
 def test_rows_that_are_joined_or_taken_keep_their_temperatures():
     one, other = observations(2, np.array([280.0, 281.0])), observations(1, np.array([290.0]))
-    assert joined(one, other).temperature == pytest.approx([280, 281, 290])
-    assert joined(one, observations(1, None)).temperature is None
-    assert joined(one, other).rows([2, 0]).temperature == pytest.approx([290, 280])
+    assert join_observations(one, other).temperature == pytest.approx([280, 281, 290])
+    assert join_observations(one, observations(1, None)).temperature is None
+    assert join_observations(one, other).rows([2, 0]).temperature == pytest.approx([290, 280])
     assert one.temperature_offset(280.5) == pytest.approx([-0.5, 0.5])
     assert observations(2, None).temperature_offset(280.5).shape == ()
-    assert [seen.warmed for seen in (one, other, observations(2, None))] == [True, False, False]
+    assert [seen.temperature_varies for seen in (one, other, observations(2, None))] == [
+        True,
+        False,
+        False,
+    ]
 
 
 def test_temperatures_of_another_number_or_not_finite_are_refused():

@@ -26,7 +26,7 @@ from tests.methods.tumble_cases import (
     spread,
 )
 
-from inercal.benches.dividing_head.bench import mounted
+from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.errors import InputError
 from inercal.methods.tumble import METHOD, fourier, least_squares
 from inercal.plan import Index
@@ -92,7 +92,7 @@ def test_formulas_move_no_reading_far():
 def test_the_method_takes_an_axis_of_any_name():
     plan = METHOD.plan(positions=12, reverse=True)
     observed = seen(plan, DEVICE.reading(angles(plan), G))
-    for made in (single(), mounted(axes=("a",))):
+    for made in (single(), mounted_sensor(axes=("a",))):
         wanted = METHOD.prepare(replace(made, form="reference"))
         assert [name[2:] for name in wanted.coefficients] == [
             "k0",

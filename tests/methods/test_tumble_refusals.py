@@ -19,7 +19,7 @@ from tests.methods.tumble_cases import (
     sensor,
 )
 
-from inercal.benches.dividing_head.bench import mounted
+from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.tumble import METHOD, fourier, least_squares
@@ -109,7 +109,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(estimator: Estimator):
         run(estimator, plan, single())
     with pytest.raises(InputError, match="two steps have one label"):
         run(estimator, (*plan, plan[0]), sensor())
-    across = replace(mounted(), axes=mounted().axes[1:]).with_coefficients("k0")
+    across = replace(mounted_sensor(), axes=mounted_sensor().axes[1:]).with_coefficients("k0")
     with pytest.raises(InputError, match="on the head they are x and y"):
         run(estimator, plan, across)
     with pytest.raises(InputError, match="a reading is stated without noise"):
@@ -151,5 +151,5 @@ def test_plans_and_positions_that_cannot_be_are_refused():
 
 
 def test_a_plan_says_what_to_do_forth_and_back():
-    assert METHOD.plan(positions=4)[1].in_words() == "head at 90°, forward"
+    assert METHOD.plan(positions=4)[1].describe() == "head at 90°, forward"
     assert [p.label for p in METHOD.plan(positions=4)][-2:] == ["r02", "r01"]

@@ -29,7 +29,7 @@ from tests.methods.tumble_cases import (
     truth,
 )
 
-from inercal.benches.dividing_head.bench import DividingHead, mounted
+from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
 from inercal.methods.tumble import fourier, least_squares
 from inercal.plan import Index
 from inercal.sensors import G0, Sensor
@@ -107,7 +107,7 @@ def test_all_that_a_bench_can_err_by_is_in_what_is_stated(
     trials = 150
     bench = replace(WHOLE, collimated=collimated, sizes=SIZES | {"delta": 0.0})
     given = case(seed, trials, bench, reverse=True)
-    made = replace(mounted(axes=("a",)), form="reference").with_coefficients(*SIX)
+    made = replace(mounted_sensor(axes=("a",)), form="reference").with_coefficients(*SIX)
     seen_by_a = replace(
         given.seen,
         mean=given.seen.mean[..., :1],

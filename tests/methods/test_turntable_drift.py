@@ -10,8 +10,14 @@ from tests.accuracy import turntable
 
 from inercal.errors import InputError
 from inercal.estimate.kalman import predict
-from inercal.methods.turntable.drift import SPAN, Drift, covariance_of_means, drift, flicker
-from inercal.methods.turntable.drifting import drifted, predict_drift
+from inercal.methods.turntable.drift import (
+    MIN_FLICKER_SPAN,
+    Drift,
+    covariance_of_means,
+    drift_model,
+    flicker_processes,
+)
+from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.sensors import Noise
 
 Array = NDArray[np.float64]
@@ -20,11 +26,11 @@ START, STOP = np.array([0.0, 90.0, 500.0]), np.array([90.0, 130.0, 900.0])
 RUN = (0.0, 1000.0)
 
 
-def allan_deviation(times: Array, variances: Array, averaging: Array) -> Array:
+def allan_deviation(times: Array, variances: Array, averaging_time: Array) -> Array:
     """Return that of a sum of Gauss–Markov processes, by covariances of neighbouring means."""
-    total = np.zeros(averaging.size)
+    total = np.zeros(averaging_time.size)
     for tau, variance in zip(times, variances, strict=True):
-        x = averaging / tau
+        x = averaging_time / tau
         within = 2 * (x - 1 + np.exp(-x)) / x**2
         between = (1 - np.exp(-x)) ** 2 / x**2
         total += variance * (within - between)
@@ -35,25 +41,27 @@ def allan_deviation(times: Array, variances: Array, averaging: Array) -> Array:
 def test_the_states_have_the_allan_deviation_of_flicker_from_1_s_to_the_span(
     span: float, count: int
 ):
-    times, variances = flicker(3.0, span)
+    times, variances = flicker_processes(3.0, span)
     found = allan_deviation(times, variances, np.geomspace(1.0, span, 300))
     assert times.size == count
     assert np.abs(found / (3.0 * FLAT) - 1).max() < 0.1
 
 
-@pytest.mark.parametrize("averaging", [1.0, 10.0, 100.0])
-def test_the_generators_flicker_has_that_allan_deviation(averaging: float):
+@pytest.mark.parametrize("averaging_time", [1.0, 10.0, 100.0])
+def test_the_generators_flicker_has_that_allan_deviation(averaging_time: float):
     drawn = turntable.flicker(np.random.default_rng(4), 2.0, 20_000, 20.0, (20,))
-    n = int(20 * averaging)
+    n = int(20 * averaging_time)
     means = drawn[:, : drawn.shape[1] // n * n].reshape(20, -1, n).mean(axis=-1)
     found = sqrt(float((np.diff(means, axis=1) ** 2).mean()) / 2)
     # Of 20 pieces of 1000 s: the deviation at 100 s has some 180 degrees of freedom.
-    assert found == pytest.approx(2.0 * FLAT, rel=0.12 if averaging > 10 else 0.05)
+    assert found == pytest.approx(2.0 * FLAT, rel=0.12 if averaging_time > 10 else 0.05)
 
 
 def test_runs_below_the_span_have_the_same_states_and_longer_ones_more():
     noise = [Noise(1.0, 2.0)] * 3
-    short, same, long = (drift(noise, s) for s in (60.0, SPAN, 1.1 * SPAN))
+    short, same, long = (
+        drift_model(noise, s) for s in (60.0, MIN_FLICKER_SPAN, 1.1 * MIN_FLICKER_SPAN)
+    )
     assert_allclose(short.times, same.times, rtol=0)
     assert long.times.size == short.times.size + 1
     assert long.times[-1] > 4 * short.times[-1]
@@ -61,7 +69,7 @@ def test_runs_below_the_span_have_the_same_states_and_longer_ones_more():
 
 def test_axes_of_different_correlation_times_are_refused():
     with pytest.raises(InputError, match="correlation time"):
-        drift([Noise(1.0, 1.0, correlation=t) for t in (1.0, 1.0, 2.0)], 60.0)
+        drift_model([Noise(1.0, 1.0, correlation=t) for t in (1.0, 1.0, 2.0)], 60.0)
 
 
 def simulated(noise: Array) -> Array:
@@ -100,7 +108,7 @@ def test_a_walk_grows_from_the_start():
 def test_the_states_vary_between_spans_as_flicker_does():
     # 20 % in variance are 10 % in deviation.
     exact = covariance_of_means([Noise(bias_instability=1.0)], START, STOP, RUN)[..., 0]
-    times, variances = flicker(1.0, SPAN)
+    times, variances = flicker_processes(1.0, MIN_FLICKER_SPAN)
     start, stop = np.append(START, RUN[0]), np.append(STOP, RUN[1])
     whole = np.zeros((4, 4))
     for tau, variance in zip(times, variances, strict=True):
@@ -117,9 +125,9 @@ def carried(made: Drift, steps: Array) -> Array:
     p, s = made.covariance(), made.size
     keep, drawn, joint = np.ones(s), np.zeros(s), np.zeros((made.times.size, 3))
     for step in steps.tolist():
-        drifted(made, step, 0, np.zeros(s), keep, drawn, joint)
+        propagate_drift(made, step, 0, np.zeros(s), keep, drawn, joint)
         predict(p, np.zeros((0, s)), keep, np.zeros((0, 0)), drawn)
-        predict_drift(made, 0, joint, p)
+        add_drift_cross_covariance(made, 0, joint, p)
     return p
 
 
@@ -127,7 +135,7 @@ def carried(made: Drift, steps: Array) -> Array:
 def test_the_states_hold_the_mean_over_the_run(since: float):
     # One Gauss–Markov process, and a walk that is no part of it.
     tau, variance, walk = 50.0, np.array([4.0, 1.0, 0.0]), np.array([0.0, 0.5, 2.0])
-    made = Drift(np.array([tau, inf]), np.stack([variance, np.zeros(3)]), walk, averaged=True)
+    made = Drift(np.array([tau, inf]), np.stack([variance, np.zeros(3)]), walk, mean_over_run=True)
     steps = np.random.default_rng(1).uniform(0.1, 20.0, 30)
     p, total = carried(made, steps), float(steps.sum()) + since
     by, beyond = made.mean(total, since)
@@ -137,9 +145,9 @@ def test_the_states_hold_the_mean_over_the_run(since: float):
 
 
 def test_the_mean_so_far_is_that_of_the_integral():
-    made = drift([Noise(1.0, 2.0, 0.1)] * 3, 600.0)
+    made = drift_model([Noise(1.0, 2.0, 0.1)] * 3, 600.0)
     states = np.random.default_rng(2).standard_normal((5, made.size))
     elapsed = np.array([0.0, 10.0, 20.0, 300.0, 600.0])
-    found = made.so_far(states, elapsed)
+    found = made.running_mean(states, elapsed)
     for row, one, since in zip(found, states, elapsed.tolist(), strict=True):
         assert_allclose(row, made.mean(since)[0] @ one if since else np.zeros(3), atol=1e-9)

@@ -15,8 +15,8 @@ from inercal.benches import Turntable
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods.turntable_kalman import METHOD
-from inercal.methods.turntable_kalman.accelerometers import Accelerometers
-from inercal.methods.turntable_kalman.innovations import least
+from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
+from inercal.methods.turntable_kalman.innovations import minimum_nis
 from inercal.sensors import Sensor
 
 Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ def test_innovations_are_as_stated_where_all_is_as_stated(seed: int):
     for group, mean in zip(estimate.groups, nis(estimate), strict=True):
         # By trapezoids an epoch of n samples has the noise of n − ½, where white noise prevails.
         off = 3 * sqrt(2 / group.dof)
-        assert least(track(draw).trial(0)) - off < mean < 1 + off
+        assert minimum_nis(track(draw).trial(0)) - off < mean < 1 + off
     assert all(note.endswith(WITHIN) for note in estimate.notes[:2])
     assert estimate.consistent
 
@@ -115,8 +115,8 @@ def test_noise_that_is_half_the_stated_is_less():
 def test_innovations_far_beyond_what_was_stated_are_in_doubt():
     estimate = found(drawn(5), sensor(turntable.grade(0.02, 0.5, 12, 15)))
     assert max(nis(estimate)) > 4
-    assert np.all(estimate.doubt > 2)
-    assert np.all(found(drawn(5)).doubt == 1)
+    assert np.all(estimate.largest_birge_ratio > 2)
+    assert np.all(found(drawn(5)).largest_birge_ratio == 1)
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_prior_of_both_triads_without_correlation_is_taken_apart():
 def test_turns_that_are_too_small_name_what_rests_on_the_guess():
     small = [("warm-up", (0, 0, 0), 40.0), *turntable.turns(0.3, 1.0)]
     draw = turntable.draw(7, 1, small, hz=50.0)
-    made = sensor().only("w")
+    made = sensor().select_axes("w")
     seen = observations(draw)
     whole = replace(seen, track=replace(track(draw), reading=track(draw).reading[..., 3:]))
     at = [seen.channels.index(name) for name in made.channels]
@@ -201,8 +201,8 @@ def test_a_recording_at_rest_needs_no_gyros_for_accelerometers():
     still = replace(one, reading=np.where(np.arange(6) < 3, one.reading, 0.0))
     results = []
     for each in (one, still):
-        ours = Accelerometers.of(sensor(), bench(), each)
+        ours = AccelerometerFilter.from_track(sensor(), bench(), each)
         results.append(ours.step(ours.start(each), each)[0].theta)
     assert np.array_equal(*results)
-    by = columns(sensor().only("f").coefficients)
+    by = columns(sensor().select_axes("f").coefficients)
     assert np.max(np.abs(results[0] - drawn(2).acc[0] @ by)) < 1e-2

@@ -10,10 +10,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 import pytest
 from tests.accuracy import turntable
-from tests.accuracy.turntable_filters import Done, Step
+from tests.accuracy.turntable_filters import FilterOutcome, Step
 from tests.accuracy.turntable_filters import accelerometer as dense_accelerometer
 from tests.accuracy.turntable_filters import gyro as dense_gyro
-from tests.accuracy.turntable_filters import smoothed as dense_smoothed
+from tests.accuracy.turntable_filters import smoothing_correction as dense_smoothed
 from tests.methods.turntable_cases import (
     ARCSEC,
     bench,
@@ -27,12 +27,12 @@ from tests.methods.turntable_cases import (
 
 from inercal.benches import Turntable
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Course, Gaussian, NullDirection, Smoothed
+from inercal.estimate import FilterHistory, Gaussian, NullDirection, SmoothedStates
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD
-from inercal.methods.turntable_kalman._gyros import gyros as compiled_gyros
-from inercal.methods.turntable_kalman.accelerometers import Accelerometers
-from inercal.methods.turntable_kalman.gyros import Gyros
+from inercal.methods.turntable_kalman._gyros import run_gyro_filter as compiled_gyros
+from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
+from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recording import Track
 from inercal.units import Measured
 
@@ -56,7 +56,7 @@ def smooth() -> turntable.Draw:
     return turntable.draw(1, 3, SHORT, table=turntable.Table(latency=0.0, jerk=radians(300)))
 
 
-Dense = Callable[[int], tuple[Done, list[Step]]]
+Dense = Callable[[int], tuple[FilterOutcome, list[Step]]]
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def of_gyros(smooth: turntable.Draw) -> Dense:
     """Return where the note's filter of so many states ends, and its steps."""
 
     @cache
-    def run(states: int) -> tuple[Done, list[Step]]:
+    def run(states: int) -> tuple[FilterOutcome, list[Step]]:
         steps: list[Step] = []
         return dense_gyro(smooth, states, steps=steps), steps
 
@@ -80,7 +80,7 @@ def of_accelerometers(made: turntable.Draw) -> Dense:
     carried, grade = replace(made, rates=_of_the_earth(made)), replace(turntable.T, arw=0.0)
 
     @cache
-    def run(states: int) -> tuple[Done, list[Step]]:
+    def run(states: int) -> tuple[FilterOutcome, list[Step]]:
         steps: list[Step] = []
         return dense_accelerometer(carried, states, grade=grade, steps=steps), steps
 
@@ -96,13 +96,13 @@ def test_gyros_filter_is_the_notes(
     stated = bench(azimuth=replace(bench().azimuth, sd=0.0))
     for k in range(3):
         one = track(made).trial(k)
-        ours = Gyros.of(
-            sensor(), stated, one, drifting=chosen, table=False,
-            readback=(4 if chosen else 10) * ARCSEC,
+        ours = GyroFilter.from_track(
+            sensor(), stated, one, bias_drift=chosen, table=False,
+            readback_sd=(4 if chosen else 10) * ARCSEC,
         )  # fmt: skip
         ours = replace(ours, lag=0)  # the note takes a readback in as it comes
         state, _ = ours.step(ours.start(one), one)
-        by = columns(ours.part.sensor.coefficients)
+        by = columns(ours.triad.sensor.coefficients)
         sd = np.sqrt(np.diagonal(dense.covariance[k]))
         assert np.max(np.abs(by @ state.theta - dense.theta[k]) / sd) < 0.03
         assert np.sqrt(np.diagonal(by @ state.p[3:15, 3:15] @ by.T)) == pytest.approx(sd, rel=0.01)
@@ -121,14 +121,14 @@ def test_accelerometers_filter_is_the_notes(
     for k in range(3):
         one = track(made).trial(k)
         hold = np.where(np.isin(made.labels, [f"p{n + 1}" for n in range(10)]), one.hold, -1)
-        ours = Accelerometers.of(
-            sensor(), bench(), one, drifting=states == 25, table=held,
-            readback=(1 if states == 25 else 10) * ARCSEC, still=1e-3,
+        ours = AccelerometerFilter.from_track(
+            sensor(), bench(), one, bias_drift=states == 25, table=held,
+            readback_sd=(1 if states == 25 else 10) * ARCSEC, velocity_sd=1e-3,
         )  # fmt: skip
         inside = Track(one.time, one.reading, one.angles, hold)
         alike = _Alike(**vars(ours))
         state, _ = alike.step(alike.start(inside), inside)
-        by = columns(ours.part.sensor.coefficients)
+        by = columns(ours.triad.sensor.coefficients)
         sd = np.sqrt(np.diagonal(dense.covariance[k]))
         assert np.max(np.abs(by @ state.theta - dense.theta[k]) / sd) < 0.1
         assert np.sqrt(np.diagonal(by @ state.p[6:18, 6:18] @ by.T)) == pytest.approx(sd, rel=0.02)
@@ -144,10 +144,10 @@ def _of_the_earth(made: turntable.Draw) -> np.ndarray:
     return turntable.attitude(made.angles[:, at]).swapaxes(-1, -2) @ earth
 
 
-class _Alike(Accelerometers):
+class _Alike(AccelerometerFilter):
     """The filter with the note's error of each hold in the place of what the table declares."""
 
-    def _held(self, angles: np.ndarray) -> np.ndarray:
+    def _hold_variance(self, angles: np.ndarray) -> np.ndarray:
         return np.full((len(angles), 2), HELD**2)
 
 
@@ -157,8 +157,10 @@ def test_the_gyros_way_back_is_that_of_the_notes_filter(smooth: turntable.Draw, 
     stated = bench(azimuth=replace(bench().azimuth, sd=0.0))
     for k in range(3):
         one = track(made).trial(k)
-        ours = replace(Gyros.of(sensor(), stated, one, table=False, readback=4 * ARCSEC), lag=0)
-        _, course = ours.step(ours.start(one), one, ours.varying)
+        ours = replace(
+            GyroFilter.from_track(sensor(), stated, one, table=False, readback_sd=4 * ARCSEC), lag=0
+        )
+        _, course = ours.step(ours.start(one), one, ours.time_varying_states)
         _compare(course.smoothed, steps, exact, k, [0, 1, 2], [15, 16, 17])
 
 
@@ -171,15 +173,17 @@ def test_the_accelerometers_way_back_is_that_of_the_notes_filter(
         one = track(made).trial(k)
         hold = np.where(np.isin(made.labels, [f"p{n + 1}" for n in range(10)]), one.hold, -1)
         inside = Track(one.time, one.reading, one.angles, hold)
-        ours = Accelerometers.of(sensor(), bench(), one, table="lean", readback=ARCSEC, still=1e-3)
+        ours = AccelerometerFilter.from_track(
+            sensor(), bench(), one, table="lean", readback_sd=ARCSEC, velocity_sd=1e-3
+        )
         alike = _Alike(**vars(ours))
-        smooth = (*alike.states[:5], *alike.varying[2:5])
+        smooth = (*alike.states[:5], *alike.time_varying_states[2:5])
         _, course = alike.step(alike.start(inside), inside, smooth)
         _compare(course.smoothed, steps, exact, k, [0, 1, 2, 3, 4], [18, 19, 20])
 
 
 def _compare(
-    found: Smoothed | None,
+    found: SmoothedStates | None,
     steps: list[Step],
     smoothed: tuple[np.ndarray, np.ndarray],
     trial: int,
@@ -204,16 +208,16 @@ def _compare(
     np.testing.assert_allclose(found.std[early : len(steps)], sd[early:], rtol=0.02)
 
 
-@pytest.mark.parametrize("kind", [Gyros, Accelerometers])
+@pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
 def test_constants_are_all_along_what_they_are_at_the_end(
-    made: turntable.Draw, kind: type[Gyros] | type[Accelerometers]
+    made: turntable.Draw, kind: type[GyroFilter] | type[AccelerometerFilter]
 ):
     one = track(made).trial(0)
     kept = np.r_[0:9000, 9300 : one.time.size]  # with a gap: the attitude is taken anew
     torn = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
-    ours: Any = kind.of(sensor(), bench(), torn)
-    first = ours.states.index(ours.part.sensor.coefficients[0])
-    constants = tuple(name for name in ours.states[first:] if name not in ours.varying)
+    ours: Any = kind.from_track(sensor(), bench(), torn)
+    first = ours.states.index(ours.triad.sensor.coefficients[0])
+    constants = tuple(name for name in ours.states[first:] if name not in ours.time_varying_states)
     _, course = ours.step(ours.start(torn), torn, constants)
     at = [course.names.index(name) for name in constants]
     assert course.smoothed.value[-1] == pytest.approx(course.value[-1, at], rel=1e-12)
@@ -223,25 +227,25 @@ def test_constants_are_all_along_what_they_are_at_the_end(
     assert np.max(np.abs(std / std[-1] - 1)) < 0.03
 
 
-@pytest.mark.parametrize("kind", [Gyros, Accelerometers])
+@pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
 def test_what_varies_is_the_attitude_alone_where_biases_do_not_drift(
-    made: turntable.Draw, kind: type[Gyros] | type[Accelerometers]
+    made: turntable.Draw, kind: type[GyroFilter] | type[AccelerometerFilter]
 ):
     one = track(made).trial(0)
-    names = kind.of(sensor(), bench(), one, drifting=False).varying
+    names = kind.from_track(sensor(), bench(), one, bias_drift=False).time_varying_states
     assert names
     assert all(name.startswith("phi_") for name in names)
 
 
-@pytest.mark.parametrize("kind", [Gyros, Accelerometers])
+@pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
 def test_a_recording_in_pieces_is_the_whole_to_the_last_bit(
-    made: turntable.Draw, kind: type[Gyros] | type[Accelerometers]
+    made: turntable.Draw, kind: type[GyroFilter] | type[AccelerometerFilter]
 ):
     one = track(made).trial(0)
     cuts = np.sort(np.random.default_rng(3).choice(one.time.size - 1, 40, replace=False) + 1)
-    ours: Any = kind.of(sensor(), bench(), one)
+    ours: Any = kind.from_track(sensor(), bench(), one)
     whole, course = ours.step(ours.start(one), one)
-    state, parts = ours.start(one), list[Course]()
+    state, parts = ours.start(one), list[FilterHistory]()
     for start, stop in pairwise([0, *cuts.tolist(), one.time.size]):
         state, part = ours.step(state, one.slice(start, stop))
         parts.append(part)
@@ -268,11 +272,11 @@ def test_both_filters_make_one_estimate_in_the_sensors_order(made: turntable.Dra
 def test_biases_of_a_tenth_of_a_degree_a_second_are_found_only_where_fed_back():
     made = turntable.draw(2, 1, SHORT)
     one = track(made).trial(0)
-    ours = Gyros.of(sensor(), bench(), one, table=False)
-    raw = replace(ours, first=np.zeros(12))
-    by = columns(ours.part.sensor.coefficients)
+    ours = GyroFilter.from_track(sensor(), bench(), one, table=False)
+    raw = replace(ours, initial_values=np.zeros(12))
+    by = columns(ours.triad.sensor.coefficients)
     off = {}
-    for name, filter_ in (("closed", raw), ("open", replace(raw, closed=False))):
+    for name, filter_ in (("closed", raw), ("open", replace(raw, feedback=False))):
         state, _ = filter_.step(filter_.start(one), one)
         found = state.theta + state.x[3:15]
         sd = np.sqrt(np.diagonal(state.p[3:15, 3:15]))
@@ -285,12 +289,12 @@ def test_biases_of_a_tenth_of_a_degree_a_second_are_found_only_where_fed_back():
 def test_attitudes_at_the_ends_of_turns_alone_leave_six_of_twelve():
     made = turntable.draw(1, 1, [("warm-up", (0, 0, 0), 30.0), *turntable.turns()])
     one = track(made).trial(0)
-    ours = Gyros.of(sensor(), bench(), one, table=False)
+    ours = GyroFilter.from_track(sensor(), bench(), one, table=False)
     whole, _ = ours.step(ours.start(one), one)
-    assert model.undecided(ours.part, whole.p[3:15, 3:15]) == ()
-    ends = replace(ours, turning=False)
+    assert model.undecided_directions(ours.triad, whole.p[3:15, 3:15]) == ()
+    ends = replace(ours, compare_while_turning=False)
     state, _ = ends.step(ends.start(one), one)
-    free = model.undecided(ours.part, state.p[3:15, 3:15])
+    free = model.undecided_directions(ours.triad, state.p[3:15, 3:15])
     assert len(free) == 6
     assert all(name.split(".")[1].startswith("delta") for one in free for name in _large(one))
 
@@ -309,11 +313,11 @@ def test_a_run_that_never_turns_about_z_names_what_it_leaves_open():
 
 def test_a_prior_decides_what_the_run_leaves_open(made: turntable.Draw):
     one = track(made).trial(0)
-    wide = Gyros.of(sensor(), bench(), one)
+    wide = GyroFilter.from_track(sensor(), bench(), one)
     told = Gaussian.independent(("gx.scale",), (0.005,), (1e-6,))
-    ours = Gyros.of(sensor(), bench(), one, (told,))
-    k = ours.part.sensor.coefficients.index("gx.scale")
-    assert ours.first[k] == pytest.approx(0.005, abs=1e-9)
+    ours = GyroFilter.from_track(sensor(), bench(), one, (told,))
+    k = ours.triad.sensor.coefficients.index("gx.scale")
+    assert ours.initial_values[k] == pytest.approx(0.005, abs=1e-9)
     assert ours.prior[k, k] == pytest.approx(1e-12, rel=1e-6)
     assert wide.prior[k, k] == pytest.approx(0.02**2)
 
@@ -375,7 +379,7 @@ class Judged(NamedTuple):
 
     nis: float
     nees: float
-    course: Course
+    course: FilterHistory
 
 
 def judged(
@@ -384,10 +388,12 @@ def judged(
     """Return how the gyros' filter did that trusts the readback as its noise allows."""
     nis, nees, courses = [], [], []
     for k, one in enumerate(tracks):
-        ours = replace(Gyros.of(SENSOR, stated, one, readback=0.5 * ARCSEC), **changes)
+        ours = replace(
+            GyroFilter.from_track(SENSOR, stated, one, readback_sd=0.5 * ARCSEC), **changes
+        )
         state, course = ours.step(ours.start(one), one)
         courses.append(course)
-        names = ours.part.sensor.coefficients
+        names = ours.triad.sensor.coefficients
         off = state.theta + state.x[3:15] - made.gyro[k] @ columns(names)
         nees.append(off @ np.linalg.solve(state.p[3:15, 3:15], off) / 12)
         nis.append(state.nis / state.epochs / 3)
@@ -452,14 +458,14 @@ def test_a_readback_is_as_late_as_is_stated(hz: float, true: float, stated: floa
 def test_a_latency_that_is_hardly_known_is_refused(made: turntable.Draw):
     told = bench(latency=Measured(0.0, 50e-3))
     with pytest.raises(InputError, match=r"^\[bench\] latency: .* 400 ms; .* ± 12\.5 ms at most"):
-        Gyros.of(SENSOR, told, track(made).trial(0))
+        GyroFilter.from_track(SENSOR, told, track(made).trial(0))
 
 
 def test_an_imu_that_waits_for_its_readback_may_come_in_pieces():
     table = turntable.Table(latency=0.15)
     made = turntable.draw(1, 1, SHORT, table=table)
     one = track(made).trial(0)
-    ours = Gyros.of(SENSOR, bench(table, latency=Measured(0.15, 5e-3)), one)
+    ours = GyroFilter.from_track(SENSOR, bench(table, latency=Measured(0.15, 5e-3)), one)
     assert ours.lag == -12
     whole, _ = ours.step(ours.start(one), one)
     state = ours.start(one)
@@ -473,7 +479,10 @@ def test_the_filter_is_compiled_once_whichever_of_imu_and_readback_waits():
     table = turntable.Table(latency=0.15)
     one = track(turntable.draw(1, 1, SHORT, table=table)).trial(0)
     exact, late, early = Measured(0, 0), Measured(0.15, 5e-3), Measured(-0.15, 5e-3)
-    filters = [Gyros.of(SENSOR, bench(table, latency=delay), one) for delay in (exact, late, early)]
+    filters = [
+        GyroFilter.from_track(SENSOR, bench(table, latency=delay), one)
+        for delay in (exact, late, early)
+    ]
     assert filters[1].lag < 0 < filters[2].lag
     signatures = list[int]()
     for ours in filters:
@@ -486,12 +495,14 @@ def test_the_filter_is_compiled_once_whichever_of_imu_and_readback_waits():
 
 def test_drift_of_the_bias_is_in_what_a_late_readback_is_compared_with():
     clean = turntable.Table(white=0.0, harmonics=(0.0, 0.0), square=0.0, lean=0.0, azimuth=0.0)
-    drifting = turntable.Device(gyro_bias=radians(0.1), scale=0.0, cross=0.0)
+    bias_drift = turntable.Device(gyro_bias=radians(0.1), scale=0.0, cross=0.0)
     silent = turntable.grade(0, 0, 0, 0)
-    made = turntable.draw(13, 1, [("warm-up", (0, 0, 0), 25.0)], silent, clean, drifting)
+    made = turntable.draw(13, 1, [("warm-up", (0, 0, 0), 25.0)], silent, clean, bias_drift)
     one = track(made).trial(0)
-    ours = replace(Gyros.of(SENSOR, bench(clean), one, readback=0.5 * ARCSEC), lag=4)
-    ours = replace(ours, first=np.zeros(12))
+    ours = replace(
+        GyroFilter.from_track(SENSOR, bench(clean), one, readback_sd=0.5 * ARCSEC), lag=4
+    )
+    ours = replace(ours, initial_values=np.zeros(12))
     state = ours.start(one)
     state.x[15:18] = made.gyro[0, :3]  # as if it had been found
     state.p[:, :] *= 1e-6
@@ -504,9 +515,9 @@ def test_an_axis_that_does_not_turn_finds_no_scale_factor_in_its_noise():
     path = [("warm-up", (0, 0, 0), 25.0), *turntable.turns(360.0, 30.0, back=True)[:3]]
     made = turntable.draw(12, 3, path)
     for k, one in enumerate(trials(made)):
-        ours = Gyros.of(SENSOR, bench(), one, readback=0.5 * ARCSEC)
+        ours = GyroFilter.from_track(SENSOR, bench(), one, readback_sd=0.5 * ARCSEC)
         state, _ = ours.step(ours.start(one), one)
-        names = ours.part.sensor.coefficients
+        names = ours.triad.sensor.coefficients
         off = (state.theta - made.gyro[k] @ columns(names))[names.index("gz.scale")]
         # Near what was expected before the data: they say nothing of it.
         assert abs(off) < 3 * 0.02
@@ -517,10 +528,10 @@ def test_open_and_closed_loop_agree_near_the_truth():
     wandering = turntable.grade(0.1, 20, 60, 15)
     made = turntable.draw(14, 1, SHORT, wandering)
     one = track(made).trial(0)
-    ours = Gyros.of(sensor(wandering), bench(), one, table=False)
-    near = replace(ours, first=made.gyro[0] @ columns(ours.part.sensor.coefficients))
+    ours = GyroFilter.from_track(sensor(wandering), bench(), one, table=False)
+    near = replace(ours, initial_values=made.gyro[0] @ columns(ours.triad.sensor.coefficients))
     closed, _ = near.step(near.start(one), one)
-    parted = replace(near, closed=False)
+    parted = replace(near, feedback=False)
     opened, _ = parted.step(parted.start(one), one)
     sd = np.sqrt(np.diagonal(closed.p[3:, 3:]))
     apart = opened.x[3:] - closed.x[3:]

@@ -26,8 +26,8 @@ from tests.methods.turntable_cases import (
 )
 
 from inercal.methods.turntable_kalman import METHOD
-from inercal.methods.turntable_kalman.accelerometers import STILL, Accelerometers
-from inercal.methods.turntable_kalman.gyros import Gyros
+from inercal.methods.turntable_kalman.accelerometers import REST_VELOCITY_SD, AccelerometerFilter
+from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recording import Track
 
 Array = NDArray[np.float64]
@@ -38,25 +38,25 @@ SEEDS = (1, 2, 3)
 SMOOTHED = 40
 
 
-class AsInTheNote(Accelerometers):
+class AsInTheNote(AccelerometerFilter):
     """The accelerometers' filter with the note's 3.5″ of each hold."""
 
-    def _held(self, angles: Array) -> Array:
+    def _hold_variance(self, angles: Array) -> Array:
         return np.full((len(angles), 2), (3.5 * ARCSEC) ** 2)
 
 
 def gyros(
     *,
     own: bool = False,
-    drifting: bool = True,
+    bias_drift: bool = True,
     table: bool = True,
-    readback: float = 4 * ARCSEC,
+    readback_sd: float = 4 * ARCSEC,
 ) -> Run:
     """Return a run of the gyros' filter, over its own part of the recording or the whole."""
 
     def run(made: turntable.Draw, one: Track, grade: turntable.Grade) -> tuple[Array, Array]:
-        ours = Gyros.of(
-            sensor(grade), bench(), one, drifting=drifting, table=table, readback=readback
+        ours = GyroFilter.from_track(
+            sensor(grade), bench(), one, bias_drift=bias_drift, table=table, readback_sd=readback_sd
         )
         first = int(np.flatnonzero(made.labels == "home")[0]) if own else 0
         piece = one.slice(first, one.time.size)
@@ -67,13 +67,16 @@ def gyros(
 
 
 def accelerometers(
-    kind: type[Accelerometers], table: str, readback: float | None = None, still: float = 1e-3
+    kind: type[AccelerometerFilter],
+    table: str,
+    readback_sd: float | None = None,
+    velocity_sd: float = 1e-3,
 ) -> Run:
     def run(made: turntable.Draw, one: Track, grade: turntable.Grade) -> tuple[Array, Array]:
-        ours = kind.of(
+        ours = kind.from_track(
             sensor(grade), bench(), one,
-            drifting=table != "exact", table=table,  # pyright: ignore[reportArgumentType]
-            readback=readback, still=still,
+            bias_drift=table != "exact", table=table,  # pyright: ignore[reportArgumentType]
+            readback_sd=readback_sd, velocity_sd=velocity_sd,
         )  # fmt: skip
         ours = kind(**vars(ours))
         state, _ = ours.step(ours.start(one), one)
@@ -99,7 +102,7 @@ def scores(
 
 
 def judged(name: str, rows: Sequence[tuple[Array, Array, Array]]) -> Score:
-    names = sensor().only("w" if name[0] == "g" else "f").coefficients
+    names = sensor().select_axes("w" if name[0] == "g" else "f").coefficients
     by = columns(names)
     off = np.array([theta - truth @ by for theta, _, truth in rows])
     covariance = np.array([one for _, one, _ in rows])
@@ -112,20 +115,20 @@ def band(parameters: int = 12, devices: int = DEVICES) -> float:
 
 
 RUNS = {
-    "g 15, own part": gyros(own=True, drifting=False, table=False, readback=10 * ARCSEC),
+    "g 15, own part": gyros(own=True, bias_drift=False, table=False, readback_sd=10 * ARCSEC),
     "g 19, own part": gyros(own=True, table=False),
     "g 19, whole": gyros(table=False),
-    "g full": gyros(readback=TABLE.white),
-    "a 18": accelerometers(Accelerometers, "exact", 10 * ARCSEC),
+    "g full": gyros(readback_sd=TABLE.white),
+    "a 18": accelerometers(AccelerometerFilter, "exact", 10 * ARCSEC),
     "a 25": accelerometers(AsInTheNote, "lean", ARCSEC),
-    "a drift": accelerometers(Accelerometers, "lean", ARCSEC),
-    "a full": accelerometers(Accelerometers, "whole", still=STILL),
+    "a drift": accelerometers(AccelerometerFilter, "lean", ARCSEC),
+    "a full": accelerometers(AccelerometerFilter, "whole", velocity_sd=REST_VELOCITY_SD),
 }
 
 
 @cache
 def of_grade_t(seed: int) -> dict[str, Score]:
-    return scores(seed, turntable.whole(), RUNS)
+    return scores(seed, turntable.complete_path(), RUNS)
 
 
 @pytest.mark.slow
@@ -167,7 +170,10 @@ def test_the_notes_table_of_grade_t(seed: int):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_fast_turns_both_ways(seed: int):
-    runs = {"g 19": gyros(own=True, table=False), "g full": gyros(own=True, readback=TABLE.white)}
+    runs = {
+        "g 19": gyros(own=True, table=False),
+        "g full": gyros(own=True, readback_sd=TABLE.white),
+    }
     found = scores(seed, FAST, runs)
     print(seed, {name: tuple(round(x, 4) for x in one) for name, one in found.items()})
     full = found["g full"]
@@ -187,7 +193,7 @@ def test_the_notes_table_of_other_grades(
     grade: str, gyro: tuple[float, ...], accelerometer: tuple[float, ...]
 ):
     runs = {name: RUNS[name] for name in ("g 19, whole", "g full", "a full")}
-    found = scores(1, turntable.whole(), runs, turntable.GRADES[grade])
+    found = scores(1, turntable.complete_path(), runs, turntable.GRADES[grade])
     print(grade, {name: tuple(round(x, 4) for x in one) for name, one in found.items()})
     # The note's figures are of other draws: RMS of 300 numbers or more vary by 8 % (two sd).
     for one, printed in ((found["g full"], gyro), (found["a full"], accelerometer)):
@@ -225,13 +231,13 @@ def test_g_sensitivity_as_a_state_costs_little():
     device = turntable.Device(by_g=radians(50) / 3600 / turntable.G)
     rows = []
     for batch in range(3):
-        made = turntable.draw(700 + batch, 10, turntable.whole(), device=device)
+        made = turntable.draw(700 + batch, 10, turntable.complete_path(), device=device)
         whole, chosen = track(made), sensor(turntable.T, "g")
         for k in range(10):
-            ours = Gyros.of(chosen, bench(), whole.trial(k), table=False)
+            ours = GyroFilter.from_track(chosen, bench(), whole.trial(k), table=False)
             state, _ = ours.step(ours.start(whole.trial(k)), whole.trial(k))
-            names = ours.part.sensor.coefficients
-            at = [names.index(name) for name in sensor().only("w").coefficients]
+            names = ours.triad.sensor.coefficients
+            at = [names.index(name) for name in sensor().select_axes("w").coefficients]
             p = state.p[3:, 3:]
             rows.append((state.theta[at], p[np.ix_(at, at)], made.gyro[k]))
     found = judged("g", rows)
@@ -247,7 +253,7 @@ def test_packets_lost_unnoticed_spoil_the_bias_and_noticed_ones_do_not():
     for name, share, noticed in (("noticed", 1e-3, True), ("unnoticed", 1e-4, False)):
         rng, rows = np.random.default_rng(8), []
         for batch in range(2):
-            made = turntable.draw(800 + batch, 10, turntable.whole())
+            made = turntable.draw(800 + batch, 10, turntable.complete_path())
             whole = track(made)
             for k in range(10):
                 one = whole.trial(k)
@@ -256,7 +262,7 @@ def test_packets_lost_unnoticed_spoil_the_bias_and_noticed_ones_do_not():
                 # The readback keeps its own time: unnoticed, readings slip against it.
                 angles = one.angles[kept] if noticed else one.angles[: kept.size]
                 torn = Track(time, one.reading[kept], angles, one.hold[kept])
-                ours = Gyros.of(sensor(), bench(), torn, table=False)
+                ours = GyroFilter.from_track(sensor(), bench(), torn, table=False)
                 state, _ = ours.step(ours.start(torn), torn)
                 rows.append((state.theta, state.p[3:15, 3:15], made.gyro[k]))
         judged_by[name] = judged("g", rows)
@@ -270,24 +276,24 @@ def test_packets_lost_unnoticed_spoil_the_bias_and_noticed_ones_do_not():
 @pytest.mark.slow
 def test_what_is_exact_in_the_bench_is_not_estimated():
     exact = replace(bench(), harmonics=(), square=0.0, lean=0.0)
-    made = turntable.draw(5, 1, turntable.whole(20.0))
+    made = turntable.draw(5, 1, turntable.complete_path(20.0))
     one = track(made).trial(0)
-    assert len(Gyros.of(sensor(), exact, one).states) == 3 + 12 + 3 + 2
-    assert len(Accelerometers.of(sensor(), exact, one).states) == 6 + 12 + 3
+    assert len(GyroFilter.from_track(sensor(), exact, one).states) == 3 + 12 + 3 + 2
+    assert len(AccelerometerFilter.from_track(sensor(), exact, one).states) == 6 + 12 + 3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("kind", [Gyros, Accelerometers])
+@pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
 @pytest.mark.parametrize("flicker", [False, True])
 def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
-    seed: int, kind: type[Gyros] | type[Accelerometers], flicker: bool
+    seed: int, kind: type[GyroFilter] | type[AccelerometerFilter], flicker: bool
 ):
     grade = replace(turntable.T, flicker=flicker)
     squares, off, filtered = list[float](), list[float](), list[float]()
     for batch in range(SMOOTHED // 10):
-        made = turntable.draw(1000 * seed + batch, 10, turntable.whole(), grade)
-        whole, drift = track(made), made.gyro_drift if kind is Gyros else made.acc_drift
+        made = turntable.draw(1000 * seed + batch, 10, turntable.complete_path(), grade)
+        whole, drift = track(made), made.gyro_drift if kind is GyroFilter else made.acc_drift
         if flicker:
             # The states have no correlation below 0.8 s: what is faster is not drawn.
             drift = uniform_filter1d(drift, 50, axis=1)
@@ -297,11 +303,11 @@ def test_the_smoothed_drift_is_off_as_it_says_and_less_than_the_filters(
             kept = np.r_[0 : gap + 300 * (k % 2), gap + 300 : made.time.size]
             one = whole.trial(k)
             torn = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
-            ours: Any = kind.of(sensor(grade), bench(), torn)
-            _, course = ours.step(ours.start(torn), torn, ours.varying)
+            ours: Any = kind.from_track(sensor(grade), bench(), torn)
+            _, course = ours.step(ours.start(torn), torn, ours.time_varying_states)
             truth = drift[k, np.searchsorted(made.time, course.time - 1e-9)]
-            names = [name for name in ours.varying if name.startswith("drift")]
-            at = [ours.varying.index(name) for name in names]
+            names = [name for name in ours.time_varying_states if name.startswith("drift")]
+            at = [ours.time_varying_states.index(name) for name in names]
             error = course.smoothed.value[:, at] - truth
             squares.append(float(np.mean((error / course.smoothed.std[:, at]) ** 2)))
             off.append(float(np.mean(error**2)))

@@ -23,7 +23,7 @@ from inercal.estimate import Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable_kalman import METHOD as FILTERS
-from inercal.methods.turntable_trajectory import _kernels, solved, trajectory
+from inercal.methods.turntable_trajectory import _kernels, solve_trial, trajectory
 from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
@@ -46,7 +46,7 @@ def gyros(draw: made_by.Draw, made: Sensor) -> tuple[Observations, Sensor]:
         channels=seen.channels[3:],
         track=replace(seen.track, reading=seen.track.reading[..., 3:]),
     )
-    return part, made.only("w")
+    return part, made.select_axes("w")
 
 
 def track(seen: Observations, trial: int = 0) -> Track:
@@ -64,8 +64,8 @@ def _dense(whitened: Array, rows: Array, covariance: Array) -> None:
     assert np.abs(made - exact).max() < 1e-9 * np.abs(exact).max()
 
 
-@pytest.mark.parametrize("averaged", [False, True])
-def test_whitened_increments_make_the_sums_of_the_whole_covariance(averaged: bool):
+@pytest.mark.parametrize("mean_over_run", [False, True])
+def test_whitened_increments_make_the_sums_of_the_whole_covariance(mean_over_run: bool):
     rng = np.random.default_rng(3)
     e, m, readback = 9, 4, 0.3
     since, lost = rng.uniform(0.5, 1.5, e), np.arange(e) == 5
@@ -74,7 +74,7 @@ def test_whitened_increments_make_the_sums_of_the_whole_covariance(averaged: boo
     driven, walk = half @ half.swapaxes(1, 2), np.array([0.1, 0.0, 0.3])
     times = np.array([2.0, 7.0, inf])
     variance = np.array([(0.5, 0.2, 1.0), (0.1, 0.4, 0.0), (0.0, 0.0, 0.0)])
-    drift, components = Drift(times, variance, walk, averaged=averaged), len(times)
+    drift, components = Drift(times, variance, walk, mean_over_run=mean_over_run), len(times)
     rows = rng.normal(size=(e, 3, m))
     # The same by matrices: all noises ν, z = S (increments), z = N ν.
     turn = np.array([[0, earth[2], -earth[1]], [-earth[2], 0, earth[0]], [earth[1], -earth[0], 0]])
@@ -123,7 +123,7 @@ def test_whitened_means_make_the_sums_of_the_whole_covariance():
     )
     made = rows.copy()
     drift = Drift(np.array([200.0, 10.0]), np.array([[4.0] * 3, [2.0] * 3]), np.zeros(3), True)
-    _kernels.whiten_each(time, made, white, drift, drift.covariance(), 0.0)
+    _kernels.whiten_independent_axes(time, made, white, drift, drift.covariance(), 0.0)
     apart = np.abs(time[:, None] - time)
     for k in range(3):
         covariance = 4 * np.exp(-apart / 200) + 2 * np.exp(-apart / 10) + np.eye(8)
@@ -137,24 +137,28 @@ def test_whitened_means_make_the_sums_of_the_whole_covariance():
 def test_jacobians_are_those_of_the_residuals(kind: str):
     made = sensor(made_by.T, "g" if kind == "w" else "k2")
     bench = replace(BENCH, clock=1e-5, gravity=replace(BENCH.gravity, sd=1e-4))
-    path = made_by.whole(5.0) if kind == "f" else [("home", (0, 40, 30), 5.0), ("x", 1, 90.0, 30.0)]
+    path = (
+        made_by.complete_path(5.0)
+        if kind == "f"
+        else [("home", (0, 40, 30), 5.0), ("x", 1, 90.0, 30.0)]
+    )
     draw = made_by.draw(2, 1, path, hz=50.0)
     whole = track(observations(draw, made))
     of = RotationRows if kind == "w" else StaticRows
-    part = of.of(model.triad(made, kind, 60.0), bench, whole)
-    names = part.part.sensor.coefficients
+    part = of.from_track(model.triad_model(made, kind, 60.0), bench, whole)
+    names = part.triad.sensor.coefficients
     theta = np.zeros(len(names))
     drawn = [k for k, name in enumerate(names) if ".g_" not in name and ".k2" not in name]
     theta[drawn] = truth(draw, [names[k] for k in drawn])[0]
     q = {one.name: one.value for one in part.table} | {"latency": 2e-3}
 
     def rows(theta: np.ndarray, q: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        whole, _, _ = part.whitened(theta, q)
+        whole, _, _ = part.whiten(theta, q)
         return whole[:, 0], whole[:, 1:]
 
     residual, jacobian = rows(theta, q)
     for k, name in enumerate(names):
-        step = 1e-4 * part.part.sensor.unit_scale[k]
+        step = 1e-4 * part.triad.sensor.unit_scale[k]
         up, down = (rows(theta + s * step * np.eye(len(names))[k], q)[0] for s in (1, -1))
         off = np.abs((up - down) / (2 * step) + jacobian[:, k]).max()
         assert off < 2e-3 * np.abs(jacobian[:, k]).max(), name
@@ -172,7 +176,7 @@ def test_jacobians_are_those_of_the_residuals(kind: str):
 
 def test_without_noise_and_with_a_perfect_table_the_truth_comes_out():
     made = sensor()
-    draw = made_by.draw(3, 1, made_by.whole(5.0), QUIET, PLAIN, hz=200.0)
+    draw = made_by.draw(3, 1, made_by.complete_path(5.0), QUIET, PLAIN, hz=200.0)
     found = trajectory(observations(draw, made), made, BENCH, ())
     # What is left is rates that bend between samples: a quarter at twice as many.
     assert (np.abs(errors(found, draw, made)[0]) < 0.05 * found.std[:, :24]).all()
@@ -186,7 +190,7 @@ def test_the_delay_of_the_readback_comes_out_and_trials_are_each_by_itself():
     k = both.names.index("latency")
     assert np.abs(both.value[:, k] - 2e-3).max() < 4 * both.std[0, k]
     assert both.std[0, k] < 1e-4
-    one = solved(part, BENCH, track(seen, 1))
+    one = solve_trial(part, BENCH, track(seen, 1))
     assert np.array_equal(one.value, both.value[1])
     assert both.chi2.shape == (2,)
 
@@ -226,7 +230,7 @@ def test_samples_that_were_lost_cost_only_what_they_would_have_said():
     kept = np.abs(draw.time - 100.0) > 0.6
     whole = track(seen)
     short = Track(whole.time[kept], whole.reading[kept], whole.angles[kept], whole.hold[kept])
-    one, other = (solved(part, BENCH, each) for each in (whole, short))
+    one, other = (solve_trial(part, BENCH, each) for each in (whole, short))
     assert (np.abs(one.value - other.value)[:12] < 0.6 * one.std[:12]).all()
     assert (other.std[:12] > 0.999 * one.std[:12]).all()
     assert other.p_value > 0.05
@@ -239,7 +243,7 @@ def test_attitudes_at_the_ends_of_whole_turns_alone_leave_six_directions_open():
     ends = [np.flatnonzero(draw.labels == name)[[0, -1]] for name in ("x+", "y+", "z+", "rest")]
     epochs = np.unique(np.concatenate([[0], *ends])).astype(np.int64)
     with pytest.raises(NotObserved, match="decides 6 of 12") as refused:
-        solved(part, BENCH, track(seen), epochs=epochs)
+        solve_trial(part, BENCH, track(seen), epochs=epochs)
     assert len(refused.value.directions) == 6
     assert all("delta" in words for words in refused.value.directions)
     assert not any("scale" in words or "bias" in words for words in refused.value.directions)
@@ -299,7 +303,7 @@ def test_nineteen_states_on_the_papers_path_are_within_5_percent_of_the_batch(ba
 def test_on_the_whole_recording_errors_are_those_of_the_note_and_as_stated(base: int):
     made, off, stated = sensor(), list[Array](), list[Array]()
     for k in range(0, 60, 2):  # NEES of 20 would scatter by .09, as wide as its band
-        draw = made_by.draw(1000 * base + k, 2, made_by.whole(), hz=50.0)
+        draw = made_by.draw(1000 * base + k, 2, made_by.complete_path(), hz=50.0)
         one = errors(trajectory(observations(draw, made), made, BENCH, ()), draw, made)
         off.append(one[0])
         stated.append(one[1])

@@ -10,8 +10,14 @@ import re
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.accuracy.generator import DEGREE, POSITIONS, TURNS, Handling, Imu, mems, record
-from tests.accuracy.through_inercal import bench, hold, observed, truth, turn
+from tests.accuracy.ferraris import DEGREE, POSITIONS, TURNS, Handling, Imu, mems, record
+from tests.accuracy.inercal_inputs import (
+    make_bench,
+    make_hold,
+    make_observations,
+    make_turn,
+    true_coefficients,
+)
 
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
@@ -44,17 +50,17 @@ def calibrated(
     made = record(DEVICE, HANDS, np.random.default_rng(71), faces=faces, turns=turns)
     chosen = METHODS[method]
     sensor = chosen.prepare(imu())
-    own = [hold(label, up) for label, up in faces.items()]
-    own += [turn(label, axis, 2 * np.pi) for label, axis in turns.items()]
+    own = [make_hold(label, up) for label, up in faces.items()]
+    own += [make_turn(label, axis, 2 * np.pi) for label, axis in turns.items()]
     plan = steps or tuple(own)
-    seen = observed(made, sensor, plan, 0)
-    return chosen.estimator("ml")(seen, sensor, bench(HANDS), plan, priors)
+    seen = make_observations(made, sensor, plan, 0)
+    return chosen.estimator("ml")(seen, sensor, make_bench(HANDS), plan, priors)
 
 
 def deviations(estimate: Estimate, device: Imu, method: str) -> Array:
     sensor = METHODS[method].prepare(imu())
     p = len(sensor.coefficients)
-    return (estimate.value[:p] - truth(device, sensor)) / estimate.std[:p]
+    return (estimate.value[:p] - true_coefficients(device, sensor)) / estimate.std[:p]
 
 
 def without(*labels: str) -> dict[str, Array]:

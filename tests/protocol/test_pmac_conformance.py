@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 
 from inercal.host.sim.pmac import SimulatedPmac
-from inercal.host.sim.server import Server
+from inercal.host.sim.server import SimulatorServer
 
-Served = Server[SimulatedPmac]
+Served = SimulatorServer[SimulatedPmac]
 
 
 @pytest.fixture
 def server() -> Iterator[Served]:
-    with Server(SimulatedPmac(counts_per_turn=3_600_000)) as server:
+    with SimulatorServer(SimulatedPmac(counts_per_turn=3_600_000)) as server:
         yield server
 
 

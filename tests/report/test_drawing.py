@@ -16,13 +16,13 @@ NAMES = (
 
 @drawing.style
 def drawn(names: tuple[str, ...], values: np.ndarray) -> list[Axes]:
-    figure, rows = drawing.panels(1.6, [drawing.room_for(()), drawing.room_for(names)], 2)
+    figure, rows = drawing.panels(1.6, [drawing.label_room(()), drawing.label_room(names)], 2)
     for row, named in zip(rows, (False, True), strict=True):
         for axes in row:
             axes.plot(np.linspace(0, len(names) - 1, values.size), values, label="across 1")
             axes.set_ylabel("standard deviations")
             axes.set_title("rotations")
-            drawing.key(axes)
+            drawing.add_legend(axes)
             drawing.name_positions(axes, names, named=named)
     figure.draw_without_rendering()
     return figure.axes

@@ -8,23 +8,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.report.tags import parsed
+from tests.report.page_tags import parsed
 
 from inercal.benches import Hand
 from inercal.benches.hand.report import directions
 from inercal.errors import InputError
 from inercal.io.write import write_recording
-from inercal.pipeline import Outcome, calibrate, named_as_in, simulate
+from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.plan import Hold
 from inercal.recording import Finding, Recording
 from inercal.report import write_report
+from inercal.report.calibration_page import page
 from inercal.report.figures import residuals
-from inercal.report.page import page
+from inercal.report.report_tables import bench_tables, coefficients, strongest_correlations
 from inercal.report.sphere import missing_faces
-from inercal.report.tables import bench, coefficients, strongest
-from inercal.report.traces import POINTS, envelope
+from inercal.report.traces import MAX_POINTS, envelope
 from inercal.runfile import Run, read
-from inercal.units import digits
+from inercal.units import format_value_and_uncertainty
 
 
 def simulated(folder: Path, run_file: str) -> Run:
@@ -32,7 +32,7 @@ def simulated(folder: Path, run_file: str) -> Run:
     path = folder / "run.toml"
     path.write_text(run_file, encoding="utf-8")
     run = read(path)
-    write_recording(named_as_in(run, simulate(run, 3)), folder / run.data.file)
+    write_recording(apply_data_columns(run, simulate(run, 3)), folder / run.data.file)
     return run
 
 
@@ -112,7 +112,7 @@ def test_every_coefficient_is_there_with_value_and_expanded_uncertainty(
     assert tuple(rows) == calibration.sensor.coefficients
     for name, value, std in zip(rows, calibration.values, calibration.std, strict=True):
         si = calibration.sensor.coefficient(name).si
-        shown, expanded = digits(value / si, 2 * std / si)
+        shown, expanded = format_value_and_uncertainty(value / si, 2 * std / si)
         assert (rows[name].value.replace("−", "-"), rows[name].expanded) == (shown, expanded)
         row = re.search(rf'<th scope="row">{re.escape(name)}</th>.*?</tr>', text, re.DOTALL)
         assert row
@@ -129,7 +129,7 @@ def test_errors_against_the_truth_are_in_standard_uncertainties(outcome: Outcome
     calibration = outcome.calibration
     truth = {"ax.k0": calibration.value("ax.k0") - 4 * calibration.uncertainty("ax.k0")}
     row = coefficients(outcome, truth)[0].axes[0][0]
-    assert (row.name, row.error, row.far) == ("ax.k0", "+4.00", True)
+    assert (row.name, row.error, row.error_is_large) == ("ax.k0", "+4.00", True)
 
 
 def test_a_hostile_name_stays_text(outcome: Outcome):
@@ -178,7 +178,7 @@ def test_the_envelope_keeps_spikes_ends_and_gaps():
     data = np.zeros((n, 1))
     data[12_345], data[-1] = 7.0, -3.0
     when, y = envelope(Recording(time, data, ("ax",), ("g",)), 0)
-    assert y.size <= POINTS + 4
+    assert y.size <= MAX_POINTS + 4
     assert when[np.nanargmax(y)] == time[12_345]
     assert (when[-1], y[-1]) == (time[-1], -3.0)
     assert np.isnan(y).sum() == 1
@@ -231,11 +231,11 @@ def test_faces_without_a_position_are_named(outcome: Outcome):
 
 
 def test_attitudes_are_near_nominal_and_turns_about_their_axes(outcome: Outcome):
-    assert all(attitude.off < np.deg2rad(2) for attitude in directions(outcome))
+    assert all(attitude.deviation_angle < np.deg2rad(2) for attitude in directions(outcome))
 
 
 def test_the_bench_table_compares_found_with_stated(outcome: Outcome):
-    grids, pulls = bench(outcome)
+    grids, pulls = bench_tables(outcome)
     assert [grid.title for grid in grids] == ["The whole run", "By position", "By turn"]
     assert set(pulls) == {"run", *outcome.observations.labels}
     k = outcome.estimate.names.index("tilt1[x_p]")
@@ -251,7 +251,7 @@ def test_strong_correlations_are_named_strongest_first(outcome: Outcome):
     for a, b, r in ((0, 1, -0.6), (2, 3, 0.9), (4, 5, 0.4)):
         covariance[a, b] = covariance[b, a] = r * sd[a] * sd[b]
     a = estimate.names
-    assert strongest(replace(estimate, covariance=covariance)) == [
+    assert strongest_correlations(replace(estimate, covariance=covariance)) == [
         f"{a[2]} and {a[3]}: +0.90",
         f"{a[0]} and {a[1]}: −0.60",
     ]

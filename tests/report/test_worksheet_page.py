@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from inercal.design.worksheet import Worksheet, worksheet
+from inercal.design.worksheet import Worksheet, build_worksheet
 from inercal.report import write_worksheet
 from inercal.runfile import read
 
@@ -42,7 +42,7 @@ def made(folder: Path, *changes: tuple[str, str]) -> tuple[Worksheet, str]:
         assert old in text
         text = text.replace(old, new)
     path.write_text(text, encoding="utf-8")
-    sheet = worksheet(read(path))
+    sheet = build_worksheet(read(path))
     page = write_worksheet(sheet, folder / "page.html", "readings.csv")
     return sheet, page.read_text(encoding="utf-8")
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from tests.runfile.sweep import (
+from tests.runfile.key_sweep import (
     EXAMPLES,
     Content,
     alternatives,
@@ -25,7 +25,7 @@ from tests.runfile.sweep import (
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.methods import METHODS
-from inercal.pipeline import named_as_in, simulate
+from inercal.pipeline import apply_data_columns, simulate
 from inercal.recording import Recording
 from inercal.runfile import read
 
@@ -120,7 +120,7 @@ def prepared(folder: Path, case: Case) -> Content:
     path.write_text(toml(content), encoding="utf-8")
     run = read(path)
     if run.data.kind == "recording":
-        write_recording(named_as_in(run, simulate(run, 1)), run.file(run.data.file))
+        write_recording(apply_data_columns(run, simulate(run, 1)), run.file(run.data.file))
     return content
 
 

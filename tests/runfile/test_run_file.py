@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.runfile.texts import FERRARIS, SIX_POSITIONS, changed, run_file
+from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, changed, run_file
 
 from inercal.benches import Hand
 from inercal.earth import normal_gravity

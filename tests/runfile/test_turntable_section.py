@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.runfile.texts import FERRARIS
+from tests.runfile.run_file_texts import FERRARIS
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.settings import TurntableSection, build

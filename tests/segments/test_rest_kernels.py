@@ -48,15 +48,15 @@ def of_samples(data: Array, window: int, these: slice = slice(None)) -> Array:
 @pytest.mark.parametrize("order", ["C", "F"])
 def test_the_scatter_of_each_sample_is_that_of_its_own_window(window: int, order: str):
     data = np.asarray(recorded(), order="F" if order == "F" else "C")
-    found = _kernels.variances(data, COLUMNS, WEIGHT, SEGMENTS, window)
+    found = _kernels.window_variances(data, COLUMNS, WEIGHT, SEGMENTS, window)
     expected = of_samples(data, window)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-14 * expected.max())
 
 
 def test_a_large_offset_costs_no_digits_that_the_data_has():
     data = np.round(recorded() + 33000.0)
-    apart = _kernels.variances(data, COLUMNS, WEIGHT, SEGMENTS, 50)
-    moved = _kernels.variances(data + 2.0**40, COLUMNS, WEIGHT, SEGMENTS, 50)
+    apart = _kernels.window_variances(data, COLUMNS, WEIGHT, SEGMENTS, 50)
+    moved = _kernels.window_variances(data + 2.0**40, COLUMNS, WEIGHT, SEGMENTS, 50)
     np.testing.assert_array_equal(apart, moved)
     np.testing.assert_allclose(apart, of_samples(data - 33000.0, 50), rtol=1e-9, atol=1e-12)
 
@@ -64,15 +64,17 @@ def test_a_large_offset_costs_no_digits_that_the_data_has():
 def test_a_shock_long_past_leaves_no_trace():
     data = recorded()
     data[100] = 1e9
-    found = _kernels.variances(data, COLUMNS, WEIGHT, SEGMENTS, 50)
-    calm = _kernels.variances(np.delete(data, 100, axis=0), COLUMNS, WEIGHT, SEGMENTS[:1], 50)
+    found = _kernels.window_variances(data, COLUMNS, WEIGHT, SEGMENTS, 50)
+    calm = _kernels.window_variances(
+        np.delete(data, 100, axis=0), COLUMNS, WEIGHT, SEGMENTS[:1], 50
+    )
     np.testing.assert_allclose(found[300:600], calm[299:599], rtol=1e-9)
 
 
 def test_a_dead_still_stretch_scatters_by_exactly_nothing():
     data = recorded()
     data[200:600] = data[200]
-    found = _kernels.variances(data, COLUMNS, WEIGHT, SEGMENTS, 50)
+    found = _kernels.window_variances(data, COLUMNS, WEIGHT, SEGMENTS, 50)
     assert np.all(found[300:550] == 0.0)
 
 
@@ -80,7 +82,7 @@ def test_a_dead_still_stretch_scatters_by_exactly_nothing():
 def test_the_largest_scatter_and_the_smallest_steps_are_found(window: int):
     data = np.round(recorded(), 1)
     data[:, 2] = 7.0
-    top, step, changes = _kernels.extent(data, COLUMNS, WEIGHT, SEGMENTS, window)
+    top, step, changes = _kernels.variance_extent(data, COLUMNS, WEIGHT, SEGMENTS, window)
     assert top == pytest.approx(max(of_windows(data, s, window).max(initial=0) for s in SEGMENTS))
     for k, column in enumerate(COLUMNS):
         steps = np.concatenate([np.abs(np.diff(data[a:b, column])) for a, b in SEGMENTS])
@@ -93,7 +95,9 @@ def test_each_window_is_counted_once_in_its_bin(window: int):
     data = recorded()
     v = np.concatenate([of_windows(data, s, window) for s in SEGMENTS])
     lowest, top = 3e-4, float(v.max())
-    _, every = _kernels.histogram(data, COLUMNS, WEIGHT, SEGMENTS, window, lowest, top, 10, 40)
+    _, every = _kernels.variance_histogram(
+        data, COLUMNS, WEIGHT, SEGMENTS, window, lowest, top, 10, 40
+    )
     edges = np.linspace(np.log(lowest), np.log(top) + 1e-9, 41)
     expected, _ = np.histogram(np.log(np.maximum(v, lowest)), edges)
     np.testing.assert_array_equal(every, expected)
@@ -111,7 +115,7 @@ def test_a_level_that_stays_is_counted_for_a_while_only():
             stayed += 1
             expected += stayed <= stay
     given = (data, COLUMNS, WEIGHT, SEGMENTS, window, 1e-3, 1e6)
-    counts, every = _kernels.histogram(*given, stay, 64)
+    counts, every = _kernels.variance_histogram(*given, stay, 64)
     assert counts.sum() == expected
     assert expected < every.sum()
     assert np.all(counts <= every)
@@ -130,7 +134,7 @@ def test_runs_are_those_of_the_samples_whose_windows_are_quiet(window: int, shor
     for start, stop in SEGMENTS[SEGMENTS[:, 1] - SEGMENTS[:, 0] >= window]:
         edges = np.flatnonzero(np.diff(np.r_[False, quiet[start:stop], False].astype(np.int8)))
         expected += [(start + a, start + b) for a, b in edges.reshape(-1, 2) if b - a >= shortest]
-    found = _kernels.runs(data, COLUMNS, WEIGHT, ends, limit, SEGMENTS, window, shortest)
+    found = _kernels.rest_runs(data, COLUMNS, WEIGHT, ends, limit, SEGMENTS, window, shortest)
     assert expected
     np.testing.assert_array_equal(found, expected)
 
@@ -140,14 +144,14 @@ def test_many_runs_are_all_kept():
     data[::40] = 1.0
     one, whole = np.array([0]), np.array([[0, 8000]])
     each = np.array([1.0])
-    found = _kernels.runs(data, one, each, np.array([1]), np.array([0.1]), whole, 4, 1)
+    found = _kernels.rest_runs(data, one, each, np.array([1]), np.array([0.1]), whole, 4, 1)
     assert len(found) == 200
 
 
 def test_a_sample_that_is_not_a_number_spoils_its_own_windows_only():
     data = recorded()
     data[300, 0] = np.nan
-    found = _kernels.variances(data, COLUMNS, WEIGHT, SEGMENTS, 50)
+    found = _kernels.window_variances(data, COLUMNS, WEIGHT, SEGMENTS, 50)
     assert np.isnan(found[276:325]).all()
     assert np.isfinite(found[400:]).all()
 
@@ -158,10 +162,10 @@ import numpy as np
 from inercal.segments import _kernels
 data = np.random.default_rng(1).standard_normal((300, 2)) * np.repeat([1.0, 9.0, 1.0], 100)[:, None]
 given = data, np.array([0, 1]), np.ones(2), np.array([[0, 140], [140, 300]]), 20
-print(_kernels.variances(*given).sum().hex(), _kernels.extent(*given)[0].hex())
-print([counts.tolist() for counts in _kernels.histogram(*given, 1e-3, 1e3, 9, 8)])
+print(_kernels.window_variances(*given).sum().hex(), _kernels.variance_extent(*given)[0].hex())
+print([counts.tolist() for counts in _kernels.variance_histogram(*given, 1e-3, 1e3, 9, 8)])
 ends, limit = np.array([1, 2]), np.array([4.0, 4.0])
-print(_kernels.runs(*given[:3], ends, limit, *given[3:], 5).tolist())
+print(_kernels.rest_runs(*given[:3], ends, limit, *given[3:], 5).tolist())
 """
     said = [
         subprocess.run(

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from inercal.errors import InputError, NotInvertible
 from inercal.motion import Motion
-from inercal.observe import norm
+from inercal.observe import norm_residuals
 from inercal.sensors import (
     ACCELEROMETER,
     G0,
@@ -20,7 +20,7 @@ from inercal.sensors import (
     single,
     triad,
 )
-from inercal.sensors.terms import COMPONENTS
+from inercal.sensors.basis_functions import COMPONENTS
 
 UG, PPM = 1e-6 * G0, 1e-6
 rng = np.random.default_rng(1293)
@@ -168,7 +168,7 @@ def test_a_search_is_told_where_the_model_folds_back_and_goes_on():
     readings = np.array([[1.0, 1.0, 1.0], [50.0, 1.0, 1.0]]) * G0
     felt = inverse(sensor, readings, c, refuse=False).f
     assert np.isfinite(felt).all(axis=1).tolist() == [True, False]
-    seen = norm(sensor, readings, c, np.full(2, 3**0.5 * G0))
+    seen = norm_residuals(sensor, readings, c, np.full(2, 3**0.5 * G0))
     assert np.isfinite(seen.residual).tolist() == [True, False]
     assert np.isfinite(seen.jacobian).all()
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.store.generator import DRIFTING, content, ten, write
+from tests.store.calibration_generator import DRIFTING, content, ten, write
 
 from inercal.errors import InputError
 from inercal.store import Register
-from inercal.store.address import address_of
+from inercal.store.address import resolve_address
 
 
 def refusal(address: str) -> str:
@@ -28,16 +28,16 @@ def refusal(address: str) -> str:
 def test_the_usual_place_is_below_the_users_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delenv("INERCAL_REGISTER", raising=False)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    assert address_of().file == tmp_path / "data" / "inercal" / "register.db"
+    assert resolve_address().file == tmp_path / "data" / "inercal" / "register.db"
     assert (tmp_path / "data" / "inercal").is_dir()
     for relative in ("data", ""):
         monkeypatch.setenv("XDG_DATA_HOME", relative)
         monkeypatch.setenv("HOME", str(tmp_path / "home"))
         expected = tmp_path / "home" / ".local" / "share" / "inercal" / "register.db"
-        assert address_of().file == address_of("default").file == expected
+        assert resolve_address().file == resolve_address("default").file == expected
     monkeypatch.setenv("INERCAL_REGISTER", str(tmp_path / "own.db"))
-    assert address_of().file == address_of("default").file == tmp_path / "own.db"
-    assert address_of(str(tmp_path / "said.db")).file == tmp_path / "said.db"
+    assert resolve_address().file == resolve_address("default").file == tmp_path / "own.db"
+    assert resolve_address(str(tmp_path / "said.db")).file == tmp_path / "said.db"
 
 
 def test_a_usual_place_that_cannot_be_made_is_one_line(
@@ -47,7 +47,7 @@ def test_a_usual_place_that_cannot_be_made_is_one_line(
     monkeypatch.delenv("INERCAL_REGISTER", raising=False)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "file"))
     with pytest.raises(InputError, match=r"folder cannot be made: .* name another by --register"):
-        address_of()
+        resolve_address()
 
 
 @pytest.mark.parametrize(
@@ -55,9 +55,9 @@ def test_a_usual_place_that_cannot_be_made_is_one_line(
     ["postgresql://a@h/b", "postgres://a@h/b", "postgresql+psycopg://a@h/b"],
 )
 def test_the_driver_of_a_server_is_chosen_here(text: str):
-    address = address_of(text)
+    address = resolve_address(text)
     assert address.url.drivername == "postgresql+psycopg"
-    assert address.shown == "postgresql://a@h/b"
+    assert address.display_url == "postgresql://a@h/b"
 
 
 @pytest.mark.parametrize(
@@ -70,11 +70,11 @@ def test_the_driver_of_a_server_is_chosen_here(text: str):
     ],
 )
 def test_a_password_is_never_printed(text: str):
-    address = address_of(text)
-    assert "secret" not in address.shown
+    address = resolve_address(text)
+    assert "secret" not in address.display_url
     assert "secret" not in repr(address)
-    assert "***" in address.shown or "hidden" in address.shown
-    assert "ada" in address.shown
+    assert "***" in address.display_url or "hidden" in address.display_url
+    assert "ada" in address.display_url
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.store.generator import (
+from tests.store.calibration_generator import (
     DRIFTING,
     G0,
     IMU,
@@ -23,15 +23,15 @@ from tests.store.generator import (
 from inercal.calibration.files import load
 from inercal.errors import InputError
 from inercal.store import Register
-from inercal.store.changes import BY_CHANCE
+from inercal.store.changes import CHANCE_FRACTION
 from inercal.store.comparison import compare
-from inercal.store.history import History
+from inercal.store.history import SensorHistory
 
 STEADY = Truth("steady", IMU, {"ay.k0": 1e-3 * G0}, {})
 Change = Callable[[dict[str, Any]], object]
 
 
-def of(register: Register, *paths: Path) -> History:
+def of(register: Register, *paths: Path) -> SensorHistory:
     register.enter_calibrations(paths)
     return register.history(load(paths[0]).sensor.name)
 
@@ -58,7 +58,7 @@ def test_the_drift_of_a_sensor_is_found_within_its_uncertainty(address: str, tmp
         history = of(register, *ten(tmp_path))
     assert len(history.entries) == 10
     for name, drift in DRIFTING.drift.items():
-        course = history.course(name)
+        course = history.trend(name)
         assert course.line is not None
         assert course.verdict == "drifts"
         assert abs(course.line.slope - drift) < 2 * course.line.slope_std
@@ -67,11 +67,11 @@ def test_the_drift_of_a_sensor_is_found_within_its_uncertainty(address: str, tmp
         assert abs(course.line.value - truth) < 3 * course.line.value_std
     # Half a year of it is less than U; E_n exceeds 1 now and then, over four and a half years much.
     whole = compare(load(tmp_path / "0.calibration.json"), load(tmp_path / "9.calibration.json"))
-    en = dict(zip(whole.names, whole.normalised, strict=True))
+    en = dict(zip(whole.names, whole.normalised_errors, strict=True))
     assert en["ax.k0"] > 3
     assert en["gz.scale"] < -3
-    assert whole.joint is not None
-    assert whole.joint.p_value < 1e-6
+    assert whole.joint_test is not None
+    assert whole.joint_test.p_value < 1e-6
 
 
 def test_a_slope_errs_by_what_it_states_and_steady_ones_are_called_so(
@@ -84,17 +84,17 @@ def test_a_slope_errs_by_what_it_states_and_steady_ones_are_called_so(
         folder = tmp_path / str(k)
         folder.mkdir()
         history = of(register, *ten(folder, truth, 100 * (10 + seed) + k))
-        for course in history.courses:
+        for course in history.trends:
             assert course.line is not None
             off = course.line.slope - truth.drift.get(course.name, 0.0)
             apart.append(off / course.line.slope_std)
             called += course.name not in truth.drift and course.verdict != "steady"
-        beyond, steps = beyond + history.beyond, steps + history.steps
+        beyond, steps = beyond + history.exceedances, steps + history.comparison_count
     # Coefficients of one calibration are correlated a little: some slack on 96 independent ones.
     assert float(np.std(apart)) == pytest.approx(1, abs=4.5 / np.sqrt(2 * len(apart)))
     assert abs(np.mean(apart)) < 4.5 / np.sqrt(len(apart))
     assert called < 20  # of 92, one in 13 expected
-    assert abs(beyond / steps - BY_CHANCE) < 0.02
+    assert abs(beyond / steps - CHANCE_FRACTION) < 0.02
 
 
 def test_a_repeat_within_u_is_not_called_a_change(address: str, tmp_path: Path):
@@ -112,7 +112,7 @@ def test_a_repeat_within_u_is_not_called_a_change(address: str, tmp_path: Path):
     with Register(address) as register:
         history = of(register, *paths)
         assert history.verdicts == {"steady": tuple(STEADY.names)}
-        assert history.beyond == 0
+        assert history.exceedances == 0
 
 
 def test_what_exceeds_u_between_two_calibrations_is_a_change(register: Register, tmp_path: Path):
@@ -121,14 +121,14 @@ def test_what_exceeds_u_between_two_calibrations_is_a_change(register: Register,
 
     history = of(register, *two(tmp_path, shifted))
     assert "ax.k0" in history.verdicts["changed"]
-    assert history.course("ax.k0").normalised[1] < -1
-    assert history.course("ax.k0").line is None
+    assert history.trend("ax.k0").normalised_errors[1] < -1
+    assert history.trend("ax.k0").line is None
 
 
 def test_one_calibration_is_a_history_without_a_verdict(register: Register, tmp_path: Path):
     history = of(register, two(tmp_path)[0])
     assert history.verdicts == {"too few": tuple(STEADY.names)}
-    assert (history.steps, history.beyond, history.joint) == (0, 0, (None,))
+    assert (history.comparison_count, history.exceedances, history.joint_test) == (0, 0, (None,))
 
 
 def triangular(made: dict[str, Any]) -> None:
@@ -155,21 +155,23 @@ def test_another_frame_is_brought_to_that_of_the_newest(register: Register, tmp_
     assert len(history.entries) == 2
     # Three misalignments of the accelerometers are zero by the frame, with no uncertainty.
     held = {"ax.delta_o", "ax.delta_p", "ay.delta_o"}
-    kept = {course.name for course in history.courses}
+    kept = {course.name for course in history.trends}
     assert kept & held == set()
-    assert any("no data stand behind" in line and "ax.delta_o" in line for line in history.left_out)
+    assert any(
+        "no data stand behind" in line and "ax.delta_o" in line for line in history.exclusions
+    )
     expected = load(paths[0]).in_frame("triangular")
     for name in kept & set(expected.sensor.coefficients):
-        assert history.course(name).values[0] == pytest.approx(expected.value(name), abs=1e-15)
+        assert history.trend(name).values[0] == pytest.approx(expected.value(name), abs=1e-15)
     # A rotation of both leaves the test as it was, but for the angles of the mounting.
-    assert history.joint[1] is not None
-    assert history.joint[1].rank == history.joint[1].size
+    assert history.joint_test[1] is not None
+    assert history.joint_test[1].rank == history.joint_test[1].size
 
 
 def test_a_frame_that_cannot_be_brought_is_left_out_by_name(register: Register, tmp_path: Path):
     history = of(register, *two(tmp_path, triangular))
     assert [entry.id for entry in history.entries] == [2]
-    (line,) = history.left_out
+    (line,) = history.exclusions
     assert line.startswith("calibration #1 cannot be compared with the newest: its frame is tri")
 
 
@@ -186,7 +188,7 @@ def test_other_terms_are_left_out_with_the_reason(
 ):
     history = of(register, *two(tmp_path, change))
     assert len(history.entries) == 1
-    assert words in history.left_out[0]
+    assert words in history.exclusions[0]
     first, second = two(tmp_path, change)
     with pytest.raises(InputError, match="the first cannot be compared with the second"):
         compare(load(first), load(second))
@@ -202,9 +204,9 @@ def test_of_calibrations_of_one_recording_the_last_entered_counts(
     paths = two(tmp_path, of_the_other)
     history = of(register, *paths)
     assert [entry.id for entry in history.entries] == [2]
-    assert history.left_out == ("calibration #1 is of the same recording as #2",)
-    assert compare(load(paths[0]), load(paths[1])).one_recording
-    assert not compare(*(load(path) for path in two(tmp_path))).one_recording
+    assert history.exclusions == ("calibration #1 is of the same recording as #2",)
+    assert compare(load(paths[0]), load(paths[1])).same_recording
+    assert not compare(*(load(path) for path in two(tmp_path))).same_recording
 
 
 def test_coefficients_that_the_newest_lacks_are_named(register: Register, tmp_path: Path):
@@ -213,33 +215,33 @@ def test_coefficients_that_the_newest_lacks_are_named(register: Register, tmp_pa
     part = content(replace(STEADY, axes=("ax", "ay", "az")), 0.5, rng)
     paths = [write(tmp_path / f"{k}.json", made) for k, made in enumerate((whole, part))]
     history = of(register, *paths)
-    assert len(history.courses) == 12
-    (line,) = history.left_out
+    assert len(history.trends) == 12
+    (line,) = history.exclusions
     assert line.startswith("gx.bias, gx.delta_o")
     assert "not among the coefficients of the newest calibration" in line
     compared = compare(load(paths[0]), load(paths[1]))
     assert len(compared.names) == 12
-    assert compared.left_out[0].startswith("only the first has gx.bias")
+    assert compared.exclusions[0].startswith("only the first has gx.bias")
     backwards = compare(load(paths[1]), load(paths[0]))
-    assert backwards.left_out[0].startswith("only the second has gx.bias")
+    assert backwards.exclusions[0].startswith("only the second has gx.bias")
     np.testing.assert_allclose(backwards.difference, -compared.difference)
 
 
 def test_coefficients_are_chosen_by_name_group_and_axis(register: Register, tmp_path: Path):
     history = of(register, *two(tmp_path))
-    assert [c.name for c in history.chosen(["ax.k0"]).courses] == ["ax.k0"]
-    assert [c.name for c in history.chosen(["gx.misalignment", "ay.bias"]).courses] == [
+    assert [c.name for c in history.select(["ax.k0"]).trends] == ["ax.k0"]
+    assert [c.name for c in history.select(["gx.misalignment", "ay.bias"]).trends] == [
         "ay.k0",
         "gx.delta_o",
         "gx.delta_p",
     ]
-    assert history.chosen([]) is history
+    assert history.select([]) is history
     with pytest.raises(InputError, match="no coefficient or group 'k9'"):
-        history.chosen(["k9"])
+        history.select(["k9"])
     with pytest.raises(InputError, match=r"k2: not in this history; it has ax\.k0"):
-        history.chosen(["k2"])
+        history.select(["k2"])
     with pytest.raises(InputError, match=r"no coefficient 'x\.k0' in this history"):
-        history.course("x.k0")
+        history.trend("x.k0")
 
 
 def test_calibrations_follow_one_another_as_they_were_measured(register: Register, tmp_path: Path):

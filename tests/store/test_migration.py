@@ -8,18 +8,18 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import create_engine
-from tests.store.generator import ten
+from tests.store.calibration_generator import ten
 
 from inercal.errors import InputError
 from inercal.store import Register
-from inercal.store.address import address_of
-from inercal.store.migrate import VERSION_TABLE
-from inercal.store.tables import metadata
+from inercal.store.address import resolve_address
+from inercal.store.register_tables import metadata
+from inercal.store.schema_upgrade import VERSION_TABLE
 
 
 def revised(address: str, revision: str) -> None:
     """Say in a register that its tables are of another revision."""
-    engine = create_engine(address_of(address).url)
+    engine = create_engine(resolve_address(address).url)
     with engine.begin() as db:
         db.exec_driver_sql(f"UPDATE {VERSION_TABLE} SET version_num = '{revision}'")
     engine.dispose()
@@ -27,7 +27,7 @@ def revised(address: str, revision: str) -> None:
 
 def test_migrations_lead_to_the_tables_of_this_version(address: str):
     Register(address).close()
-    engine = create_engine(address_of(address).url)
+    engine = create_engine(resolve_address(address).url)
     with engine.connect() as db:
         context = MigrationContext.configure(db, opts={"version_table": VERSION_TABLE})
         assert compare_metadata(context, metadata) == []

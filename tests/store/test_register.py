@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.store.generator import DRIFTING, content, hashed, ten, write
+from tests.store.calibration_generator import DRIFTING, content, hashed, ten, write
 
 from inercal.errors import InputError
 from inercal.sensors import Noise, Readout, imu, triad

@@ -3,47 +3,47 @@
 import pytest
 
 from inercal.studies import Study, reproduce
-from inercal.studies.turntable import trials
+from inercal.studies.turntable import turntable_trials
 
 
 @pytest.fixture(scope="session")
-def study() -> Study:
+def centrifuge_study() -> Study:
     """Return the study with few trials; what is judged there does not hang on their number."""
     return reproduce("centrifuge", trials=100, seed=1)
 
 
 @pytest.fixture(scope="session")
-def dual_orthogonal() -> Study:
+def dual_orthogonal_study() -> Study:
     """Return the other study, likewise."""
     return reproduce("dual-orthogonal", trials=100, seed=1)
 
 
 @pytest.fixture(scope="session")
-def ship_model() -> Study:
+def ship_model_study() -> Study:
     """Return the third study, likewise."""
     return reproduce("ship-model", trials=100, seed=1)
 
 
 @pytest.fixture(scope="session")
-def two_devices() -> trials.Trials:
+def two_devices() -> turntable_trials.TurntableTrials:
     """Return what the fourth study's filters made of two devices, each of half an hour."""
-    return trials.run(2, 7, lambda _: None)
+    return turntable_trials.run_filters(2, 7, lambda _: None)
 
 
 @pytest.fixture(scope="session")
-def turntable(two_devices: trials.Trials) -> Study:
+def turntable_study(two_devices: turntable_trials.TurntableTrials) -> Study:
     """Return the fourth study of these two; six decide some verdicts, in a slow test."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trials, "run", lambda devices, seed, say: two_devices)
+        patch.setattr(turntable_trials, "run_filters", lambda devices, seed, say: two_devices)
         return reproduce("turntable", trials=400, seed=1)
 
 
 @pytest.fixture(
     params=[
-        "study",
-        "dual_orthogonal",
-        "ship_model",
-        pytest.param("turntable", marks=pytest.mark.slow),
+        "centrifuge_study",
+        "dual_orthogonal_study",
+        "ship_model_study",
+        pytest.param("turntable_study", marks=pytest.mark.slow),
     ]
 )
 def each_study(request: pytest.FixtureRequest) -> Study:

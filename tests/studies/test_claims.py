@@ -12,18 +12,18 @@ from inercal.studies.claim import (
     LIMIT,
     Basis,
     Claim,
-    Finding,
+    ClaimResult,
     Relation,
     Verdict,
-    distance,
-    judge,
-    shown,
+    format_significant,
+    judge_claim,
+    normalized_deviation,
 )
-from inercal.studies.words import words_of
+from inercal.studies.section_texts import read_section_text
 
 
 def verdict(printed: float, computed: float, u: float, relation: Relation = "=") -> Verdict:
-    return judge(Claim("it", "here", printed, relation=relation), computed, u, "why").verdict
+    return judge_claim(Claim("it", "here", printed, relation=relation), computed, u, "why").verdict
 
 
 def test_the_limit_is_two_standard_uncertainties():
@@ -41,66 +41,71 @@ def test_a_bound_is_judged_on_its_wrong_side_alone(relation: Relation, side: int
     assert verdict(1.0, 1.0 + 2.001 * side, 1.0, relation) == "false"
 
 
-def test_what_is_exact_must_be_equal():
+def test_an_exact_number_must_be_equal():
     assert verdict(180.0, 180.0, 0.0) == "reproduced"
     assert verdict(180.0, 179.0, 0.0) == "false"
-    assert distance(180.0, 179.0, 0.0, "=") == inf
+    assert normalized_deviation(180.0, 179.0, 0.0, "=") == inf
     assert verdict(13.0, 13.0, 0.0, "≥") == "reproduced"
     assert verdict(13.0, 12.0, 0.0, "≥") == "false"
 
 
 @pytest.mark.parametrize("nothing", [nan, inf, -inf])
 @pytest.mark.parametrize("relation", ["=", "≤", "≥"])
-def test_what_does_not_come_out_is_not_reproduced(nothing: float, relation: Relation):
+def test_a_value_that_is_not_finite_is_not_reproduced(nothing: float, relation: Relation):
     assert verdict(1.0, nothing, 1.0, relation) == "false"
 
 
 def test_a_failed_result_is_not_reproducible_and_a_failed_statement_false():
     result = Claim("it", "Table 9", 1.0, kind="result")
-    assert judge(result, 2.0, 0.1, "why").verdict == "not reproducible"
-    assert judge(result, 1.1, 0.1, "why").verdict == "reproduced"
+    assert judge_claim(result, 2.0, 0.1, "why").verdict == "not reproducible"
+    assert judge_claim(result, 1.1, 0.1, "why").verdict == "reproduced"
     assert verdict(1.0, 2.0, 0.1) == "false"
 
 
 def test_rounding_of_the_printed_digits_counts():
     claim = Claim("it", "here", 1.28999, last_digit=1e-5)
     assert claim.rounding == pytest.approx(0.5e-5 / sqrt(3))
-    assert judge(claim, 1.28999 + 0.5e-5, 0.0, "why").verdict == "reproduced"
-    assert judge(claim, 1.28999 + 0.6e-5, 0.0, "why").verdict == "false"
-    both = judge(claim, 1.29, 3 * claim.rounding, "why")
+    assert judge_claim(claim, 1.28999 + 0.5e-5, 0.0, "why").verdict == "reproduced"
+    assert judge_claim(claim, 1.28999 + 0.6e-5, 0.0, "why").verdict == "false"
+    both = judge_claim(claim, 1.29, 3 * claim.rounding, "why")
     assert both.uncertainty == pytest.approx(claim.rounding * sqrt(10))
 
 
-def test_no_verdict_can_be_typed_in():
-    assert {f.name for f in fields(Finding)} == {"claim", "computed", "uncertainty", "because"}
+def test_a_verdict_cannot_be_set():
+    assert {f.name for f in fields(ClaimResult)} == {"claim", "computed", "uncertainty", "reason"}
     assert "verdict" not in {f.name for f in fields(Claim)}
-    assert isinstance(Finding.verdict, property)
+    assert isinstance(ClaimResult.verdict, property)
 
 
 def test_the_sentence_carries_both_numbers_and_the_distance():
-    finding = judge(Claim("it", "here", 1e-4, "g", "≤", last_digit=1e-4), 3.1e-4, 0.0, "reasons")
-    assert finding.why == "In print ≤ 10⁻⁴ g, computed 3.1·10⁻⁴ g, 7.3 u apart: reasons."
-    assert judge(Claim("it", "here", 1.0, "g"), nan, 0.1, "reasons").why.startswith("In print 1 g;")
+    finding = judge_claim(
+        Claim("it", "here", 1e-4, "g", "≤", last_digit=1e-4), 3.1e-4, 0.0, "reasons"
+    )
+    assert finding.explanation == "In print ≤ 10⁻⁴ g, computed 3.1·10⁻⁴ g, 7.3 u apart: reasons."
+    assert judge_claim(Claim("it", "here", 1.0, "g"), nan, 0.1, "reasons").explanation.startswith(
+        "In print 1 g;"
+    )
 
 
 def test_numbers_are_written_as_people_read_them():
-    assert [shown(x) for x in (0.0, 0.5, -20.0, 130.0, 22634.0, 5.8e-3, -1e-5, inf, nan)] == [
+    numbers = (0.0, 0.5, -20.0, 130.0, 22634.0, 5.8e-3, -1e-5, inf, nan)
+    assert [format_significant(x) for x in numbers] == [
         "0", "0.5", "−20", "130", "2.3·10⁴", "5.8·10⁻³", "−10⁻⁵", "infinitely many", "none",
     ]  # fmt: skip
-    assert shown(5.700684e-5, 7) == "5.700684·10⁻⁵"
+    assert format_significant(5.700684e-5, 7) == "5.700684·10⁻⁵"
 
 
 @pytest.mark.parametrize("basis", ["words", "derived"])
 def test_the_printed_column_holds_printed_numbers_alone(basis: Basis):
     printed, implied = (
-        judge(Claim("it", "here", 2.0, relation="≤", basis=one), 3.0, 0.1, "why")
+        judge_claim(Claim("it", "here", 2.0, relation="≤", basis=one), 3.0, 0.1, "why")
         for one in ("number", basis)
     )
-    assert (printed.claim.printed, printed.in_print) == (2.0, "≤ 2")
-    assert (implied.claim.printed, implied.in_print) == (None, "—")
-    assert implied.expectation == printed.expectation == "≤ 2"
+    assert (printed.claim.printed, printed.printed_text) == (2.0, "≤ 2")
+    assert (implied.claim.printed, implied.printed_text) == (None, "—")
+    assert implied.expected_text == printed.expected_text == "≤ 2"
     assert implied.verdict == printed.verdict == "false"
-    assert "In print" not in implied.why
+    assert "In print" not in implied.explanation
 
 
 FILES = sorted(
@@ -110,7 +115,7 @@ FILES = sorted(
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}.{path.stem}")
 def test_each_stored_claim_is_what_its_type_says(path: Path):
-    stored = words_of(f"inercal.studies.{path.parent.name}", path.stem)
+    stored = read_section_text(f"inercal.studies.{path.parent.name}", path.stem)
     for claim in stored.claims.values():
         assert isinstance(claim.expected, float)
         assert isinstance(claim.last_digit, float)

@@ -9,7 +9,7 @@ import pytest
 
 from inercal.cli.app import main
 from inercal.errors import InputError
-from inercal.studies import STUDIES, Study, as_list, reproduce, write_study
+from inercal.studies import STUDIES, Study, reproduce, results_as_list, write_study
 
 KEYS = ["claim", "printed", "expected", "computed", "uncertainty", "verdict"]
 VERDICTS = {"reproduced", "not reproducible", "false"}
@@ -21,12 +21,12 @@ def test_an_unknown_study_is_refused_with_those_there_are():
 
 
 @pytest.mark.parametrize(("trials", "seed", "words"), [(19, 0, "too few"), (20, -1, "seed -1")])
-def test_senseless_numbers_are_refused(trials: int, seed: int, words: str):
+def test_invalid_trials_and_seeds_are_refused(trials: int, seed: int, words: str):
     with pytest.raises(InputError, match=words):
         reproduce("centrifuge", trials, seed)
 
 
-def test_progress_is_told(monkeypatch: pytest.MonkeyPatch):
+def test_progress_messages_are_reported(monkeypatch: pytest.MonkeyPatch):
     class Stub:
         @staticmethod
         def run(trials: int, seed: int, say: Callable[[str], object]) -> tuple[int, int]:
@@ -44,13 +44,13 @@ def test_every_finding_has_its_sentence_and_its_own_name(each_study: Study):
     titles = [finding.claim.title for finding in each_study.findings]
     assert len(set(titles)) == len(titles)
     for finding in each_study.findings:
-        assert finding.came_out in finding.why
-        assert finding.expectation in finding.why
-        assert finding.because in finding.why
+        assert finding.computed_text in finding.explanation
+        assert finding.expected_text in finding.explanation
+        assert finding.reason in finding.explanation
 
 
 def test_the_list_has_the_documented_keys_and_plain_numbers(each_study: Study):
-    content = json.loads(json.dumps(as_list(each_study), allow_nan=False))
+    content = json.loads(json.dumps(results_as_list(each_study), allow_nan=False))
     assert len(content) == len(each_study.findings)
     for entry in content:
         assert list(entry) == KEYS
@@ -63,22 +63,22 @@ def test_the_list_has_the_documented_keys_and_plain_numbers(each_study: Study):
 
 
 @pytest.fixture(scope="session")
-def html(study: Study, tmp_path_factory: pytest.TempPathFactory) -> str:
-    path = write_study(study, tmp_path_factory.mktemp("page") / "new folder")
+def html(centrifuge_study: Study, tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = write_study(centrifuge_study, tmp_path_factory.mktemp("page") / "new folder")
     assert path.name == "centrifuge.study.html"
     assert [p.name for p in path.parent.iterdir()] == [path.name]
     return path.read_text(encoding="utf-8")
 
 
-def test_the_page_has_every_section_table_chart_and_finding(study: Study, html: str):
-    for section in study.sections:
+def test_the_page_has_every_section_table_chart_and_finding(centrifuge_study: Study, html: str):
+    for section in centrifuge_study.sections:
         assert f'<section id="{section.name}">' in html
         for table in section.tables:
             assert f"<caption>{table.title}</caption>" in html.replace("&#39;", "'")
         for chart in section.charts:
             assert f'id="{chart.name}-' in html
-    assert html.count("<svg ") == sum(len(s.charts) for s in study.sections) == 3
-    assert html.count('class="tag ') == 2 * len(study.findings)
+    assert html.count("<svg ") == sum(len(s.charts) for s in centrifuge_study.sections) == 3
+    assert html.count('class="tag ') == 2 * len(centrifuge_study.findings)
     for name in ("Table 1", "Table 2", "Table 3", "Fig. 4"):
         assert name in html
 
@@ -99,13 +99,13 @@ def test_the_page_needs_nothing_but_itself_and_follows_the_readers_colours(html:
     assert "prefers-color-scheme: dark" in html
 
 
-def test_a_page_that_cannot_be_written_leaves_nothing(study: Study, tmp_path: Path):
+def test_a_page_that_cannot_be_written_leaves_nothing(centrifuge_study: Study, tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be made"):
-        write_study(study, tmp_path / "file")
+        write_study(centrifuge_study, tmp_path / "file")
     (tmp_path / "centrifuge.study.html").mkdir()
     with pytest.raises(InputError, match="is a folder"):
-        write_study(study, tmp_path)
+        write_study(centrifuge_study, tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["centrifuge.study.html", "file"]
 
 
@@ -113,7 +113,7 @@ Said = Callable[..., tuple[str, str]]
 
 
 @pytest.fixture
-def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Said:
+def run_reproduce(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Said:
     """Run the verb within this process; return standard output and standard error."""
 
     def run(*arguments: str | Path) -> tuple[str, str]:
@@ -128,49 +128,55 @@ def said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch, study: Study) -> list[tuple[str, int, int]]:
+def reproduce_calls(
+    monkeypatch: pytest.MonkeyPatch, centrifuge_study: Study
+) -> list[tuple[str, int, int]]:
     """Have the verb find the study ready; hold what it asked for."""
     found: list[tuple[str, int, int]] = []
 
     def at_once(name: str, trials: int, seed: int, say: Callable[[str], object]) -> Study:
         say("at once")
         found.append((name, trials, seed))
-        return study
+        return centrifuge_study
 
     monkeypatch.setattr("inercal.studies.reproduce", at_once)
     return found
 
 
 def test_json_is_a_list_and_nothing_is_written(
-    said: Said,
+    run_reproduce: Said,
     tmp_path: Path,
-    study: Study,
+    centrifuge_study: Study,
     monkeypatch: pytest.MonkeyPatch,
-    asked: list[tuple[str, int, int]],
+    reproduce_calls: list[tuple[str, int, int]],
 ):
     monkeypatch.chdir(tmp_path)
-    out, _ = said("centrifuge", "--json", "--trials", "20", "--seed", "3")
-    assert json.loads(out) == as_list(study)
+    out, _ = run_reproduce("centrifuge", "--json", "--trials", "20", "--seed", "3")
+    assert json.loads(out) == results_as_list(centrifuge_study)
     assert list(tmp_path.iterdir()) == []
-    assert asked == [("centrifuge", 20, 3)]
+    assert reproduce_calls == [("centrifuge", 20, 3)]
 
 
-@pytest.mark.usefixtures("asked")
-def test_json_with_a_folder_writes_the_page_too(said: Said, tmp_path: Path, study: Study):
-    out, _ = said("centrifuge", "--json", "--out", tmp_path)
-    assert json.loads(out) == as_list(study)
+@pytest.mark.usefixtures("reproduce_calls")
+def test_json_with_a_folder_writes_the_page_too(
+    run_reproduce: Said, tmp_path: Path, centrifuge_study: Study
+):
+    out, _ = run_reproduce("centrifuge", "--json", "--out", tmp_path)
+    assert json.loads(out) == results_as_list(centrifuge_study)
     assert (tmp_path / "centrifuge.study.html").is_file()
 
 
-@pytest.mark.usefixtures("asked")
-def test_the_terminal_shows_every_claim_with_its_verdict(said: Said, tmp_path: Path, study: Study):
-    out, _ = said("centrifuge", "--out", tmp_path)
+@pytest.mark.usefixtures("reproduce_calls")
+def test_the_terminal_shows_every_claim_with_its_verdict(
+    run_reproduce: Said, tmp_path: Path, centrifuge_study: Study
+):
+    out, _ = run_reproduce("centrifuge", "--out", tmp_path)
     assert f"wrote {tmp_path / 'centrifuge.study.html'}" in out.replace("\n", "")
     words = out.split()
-    assert words.count("false") == sum(f.verdict == "false" for f in study.findings)
-    assert words.count("reproducible") == sum("not" in f.verdict for f in study.findings)
-    for finding in study.findings:
-        assert finding.came_out in out
+    assert words.count("false") == sum(f.verdict == "false" for f in centrifuge_study.findings)
+    assert words.count("reproducible") == sum("not" in f.verdict for f in centrifuge_study.findings)
+    for finding in centrifuge_study.findings:
+        assert finding.computed_text in out
 
 
 def test_an_unknown_study_is_one_line_and_status_2(

@@ -111,7 +111,7 @@ class MeanBench(Bench, Protocol):
         ...
 
 
-def one_after_another(parts: Sequence[Motion]) -> Motion:
+def concatenate_motions(parts: Sequence[Motion]) -> Motion:
     """Return f and ω of motions, (trials, n, 3) each, that follow one another."""
     f, w = ([getattr(part, name) for part in parts] for name in ("f", "w"))
     return Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
@@ -129,7 +129,7 @@ class SimulatedMotion:
         f and ω in the sensor's frame, (trials, n, 3).
     labels : (n,) array of str
         The step of each sample; empty between steps.
-    drawn : mapping of str to (trials,) array
+    bench_errors : mapping of str to (trials,) array
         The bench's errors, SI, by full name.
     readback : mapping of str to (n,) or (trials, n) array
         What the bench reads back, SI.
@@ -138,29 +138,31 @@ class SimulatedMotion:
     time: Array
     motion: Motion
     labels: NDArray[np.str_]
-    drawn: dict[str, Array]
+    bench_errors: dict[str, Array]
     readback: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated:
+class SensorSimulation:
     """A simulation of a sensor on a bench.
 
     Parameters
     ----------
-    done : SimulatedMotion
+    simulated_motion : SimulatedMotion
     sensor : Sensor
         With the noise that is still to be drawn.
     drift : (..., n, m) array or None
         Of its biases, SI, drawn by the bench's part of the simulation.
     """
 
-    done: SimulatedMotion
+    simulated_motion: SimulatedMotion
     sensor: Sensor
     drift: Array | None = None
 
 
-def stacked(rows: Sequence[Mapping[str, Array]], shape: tuple[int, ...]) -> dict[str, Array]:
+def stack_derivatives(
+    rows: Sequence[Mapping[str, Array]], shape: tuple[int, ...]
+) -> dict[str, Array]:
     """Return derivatives of all r steps, (..., r, 3), from those of each, by full name.
 
     Parameters

@@ -3,7 +3,7 @@
 from typing import Any
 
 from inercal.benches.contract import Bench
-from inercal.benches.kind import Kind
+from inercal.benches.kind_definition import Kind
 from inercal.errors import InputError
 from inercal.registry import Registry
 
@@ -17,7 +17,7 @@ KINDS: Registry[Kind[Any, Any]] = Registry(
 )
 
 
-def of_bench(bench: type[Any]) -> Kind[Any, Any]:
+def kind_for_class(bench: type[Any]) -> Kind[Any, Any]:
     """Return the kind that has this class of bench.
 
     Raises
@@ -31,12 +31,12 @@ def of_bench(bench: type[Any]) -> Kind[Any, Any]:
     raise InputError(f"{bench.__name__} is no kind of bench; there are {', '.join(KINDS)}")
 
 
-def named(bench: type[Any]) -> str:
+def kind_name_for_class(bench: type[Any]) -> str:
     """Return the name of the kind that has this class of bench; the class's own if none has."""
     return next((name for name, kind in KINDS.items() if kind.bench is bench), bench.__name__)
 
 
-def kind_of(bench: Bench) -> Kind[Any, Any]:
+def kind_for_bench(bench: Bench) -> Kind[Any, Any]:
     """Return the kind of a bench that was made without a run file.
 
     Raises
@@ -44,4 +44,4 @@ def kind_of(bench: Bench) -> Kind[Any, Any]:
     InputError
         No kind has its class.
     """
-    return of_bench(type(bench))
+    return kind_for_class(type(bench))

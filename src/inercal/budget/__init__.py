@@ -7,15 +7,22 @@ error as an unknown with a prior takes a part of it out, or spreads it over othe
 from dataclasses import dataclass
 
 from inercal.arrays import Array
-from inercal.budget.contributions import TOGETHER, Progress, drawn, first_order, spread, squares
-from inercal.budget.experiment import Experiment
+from inercal.budget.contributions import (
+    ALL_IMPERFECTIONS,
+    ProgressCallback,
+    first_order_contributions,
+    monte_carlo_estimates,
+    root_sum_of_squares,
+    sample_deviation,
+)
+from inercal.budget.effect_shifts import Shift, effect_shifts
 from inercal.budget.imperfections import Imperfection
-from inercal.budget.shifts import Shift, shifts
+from inercal.budget.virtual_experiment import Experiment
 from inercal.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class BudgetDeviations:
     """Standard deviations of the estimates, (p,) SI each.
 
     Parameters
@@ -42,9 +49,9 @@ class Budget:
     experiment : Experiment
     trials, seed : int
         Of the Monte Carlo.
-    lines : dict of Imperfection to Spread
+    contributions : dict of Imperfection to BudgetDeviations
         Each imperfection alone.
-    total : Spread
+    total : BudgetDeviations
         All together.
     bias : (p,) array
         Mean of the estimates with all together, minus the truth, SI.
@@ -57,19 +64,24 @@ class Budget:
     experiment: Experiment
     trials: int
     seed: int
-    lines: dict[Imperfection, Spread]
-    total: Spread
+    contributions: dict[Imperfection, BudgetDeviations]
+    total: BudgetDeviations
     bias: Array
     stated: Array
     shifts: tuple[Shift, ...]
 
-    def sorted_lines(self, coefficient: int) -> list[tuple[Imperfection, Spread]]:
+    def sorted_contributions(self, coefficient: int) -> list[tuple[Imperfection, BudgetDeviations]]:
         """Return the lines by what they contribute to one coefficient, largest first."""
-        return sorted(self.lines.items(), key=lambda line: -float(line[1].monte_carlo[coefficient]))
+        return sorted(
+            self.contributions.items(), key=lambda line: -float(line[1].monte_carlo[coefficient])
+        )
 
 
 def budget(
-    experiment: Experiment, trials: int = 1000, seed: int = 0, progress: Progress | None = None
+    experiment: Experiment,
+    trials: int = 1000,
+    seed: int = 0,
+    progress: ProgressCallback | None = None,
 ) -> Budget:
     """Work out the budget of an experiment.
 
@@ -91,22 +103,23 @@ def budget(
     """
     if trials < 2:
         raise InputError(f"{trials} trials have no spread: take 2 or more, such as 1000")
-    linear = first_order(experiment)
-    found = drawn(experiment, trials, seed, progress)
+    linear = first_order_contributions(experiment)
+    found = monte_carlo_estimates(experiment, trials, seed, progress)
     lines = {
-        one: Spread(linear[one.name], *spread(found[one.name])) for one in experiment.imperfections
+        one: BudgetDeviations(linear[one.name], *sample_deviation(found[one.name]))
+        for one in experiment.imperfections
     }
-    together = found[TOGETHER]
+    together = found[ALL_IMPERFECTIONS]
     return Budget(
         experiment,
         trials,
         seed,
         lines,
-        Spread(squares(list(linear.values())), *spread(together)),
-        together.mean(axis=0) - experiment.true,
+        BudgetDeviations(root_sum_of_squares(list(linear.values())), *sample_deviation(together)),
+        together.mean(axis=0) - experiment.true_values,
         experiment.stated(),
-        shifts(experiment),
+        effect_shifts(experiment),
     )
 
 
-__all__ = ["Budget", "Experiment", "Imperfection", "Shift", "Spread", "budget"]
+__all__ = ["Budget", "BudgetDeviations", "Experiment", "Imperfection", "Shift", "budget"]

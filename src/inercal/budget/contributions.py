@@ -14,18 +14,20 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.budget.experiment import Experiment
 from inercal.budget.imperfections import NOISE
+from inercal.budget.virtual_experiment import Experiment
 from inercal.uncertainty import monte_carlo
 from inercal.uncertainty.monte_carlo import BATCH
 
-Progress = Callable[[int, int], None]
-TOGETHER = "together"
+ProgressCallback = Callable[[int, int], None]
+ALL_IMPERFECTIONS = "together"
 
 
-def first_order(experiment: Experiment, progress: Progress | None = None) -> dict[str, Array]:
+def first_order_contributions(
+    experiment: Experiment, progress: ProgressCallback | None = None
+) -> dict[str, Array]:
     """Return the contribution of each imperfection by name, (p,) SI standard deviations."""
-    n, z = experiment.size, experiment.typical
+    n, z = experiment.size, experiment.expansion_point
     shifted = np.concatenate([z + np.eye(n), z - np.eye(n)])
     parts: list[Array] = []
     for k in range(0, 2 * n, BATCH):
@@ -36,16 +38,16 @@ def first_order(experiment: Experiment, progress: Progress | None = None) -> dic
     by_draw = (estimates[:n] - estimates[n:]) / 2
     return {
         name: np.sqrt(np.sum(by_draw[columns] ** 2, axis=0))
-        for name, columns in experiment.columns.items()
+        for name, columns in experiment.draw_columns.items()
     }
 
 
-def drawn(
-    experiment: Experiment, trials: int, seed: int, progress: Progress | None = None
+def monte_carlo_estimates(
+    experiment: Experiment, trials: int, seed: int, progress: ProgressCallback | None = None
 ) -> dict[str, Array]:
     """Return the estimates, (trials, p) SI, by the name of the imperfection that alone is drawn.
 
-    Those with all of them drawn are `TOGETHER`.
+    Those with all of them drawn are `ALL_IMPERFECTIONS`.
 
     Parameters
     ----------
@@ -59,18 +61,18 @@ def drawn(
     def run(rng: np.random.Generator, count: int) -> dict[str, Array]:
         z = rng.standard_normal((count, experiment.size))
         found: dict[str, Array] = {}
-        for name, columns in experiment.columns.items():
-            alone = np.tile(experiment.typical, (count, 1))
+        for name, columns in experiment.draw_columns.items():
+            alone = np.tile(experiment.expansion_point, (count, 1))
             alone[:, columns] = z[:, columns]
             found[name] = experiment(alone)
         # With no other imperfection, alone is together.
-        found[TOGETHER] = found[NOISE] if len(found) == 1 else experiment(z)
+        found[ALL_IMPERFECTIONS] = found[NOISE] if len(found) == 1 else experiment(z)
         return found
 
     return monte_carlo(run, trials, seed, progress=progress)
 
 
-def spread(estimates: Array) -> tuple[Array, Array]:
+def sample_deviation(estimates: Array) -> tuple[Array, Array]:
     """Return the standard deviation of (trials, p) and its standard error, (p,) each.
 
     The error is that of any distribution with a fourth moment, √(m₄ − s⁴ (n−3)/(n−1)) / (2 s √n);
@@ -83,6 +85,6 @@ def spread(estimates: Array) -> tuple[Array, Array]:
     return sd, sd * np.sqrt(np.maximum(fourth - (n - 3) / (n - 1), 0) / n) / 2
 
 
-def squares(parts: Sequence[Array]) -> Array:
+def root_sum_of_squares(parts: Sequence[Array]) -> Array:
     """Return the root of the sum of squares of arrays (p,)."""
     return np.sqrt(np.sum(np.square(parts), axis=0))

@@ -17,9 +17,11 @@ from inercal.parameters import Parameter
 from inercal.sensors import G0, Sensor
 
 NOISE = "noise"
-_COPY = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # of a name: the axis, the step
-_ONE = re.compile(r" about [xyz]$|, (toward the centre|along)$")  # of a meaning: which of them
-_WORDS = {  # names of parameters that are not words already
+_COPY_SUFFIX = re.compile(r"(_[abxyz]|_?\d)?(\[.*\])?$")  # of a name: the axis, the step
+_AXIS_SUFFIX = re.compile(
+    r" about [xyz]$|, (toward the centre|along)$"
+)  # of a meaning: which of them
+_PARAMETER_TITLES = {  # names of parameters that are not words already
     "g": "gravity",
     "mount": "mounting",
     "index": "indexing",
@@ -40,7 +42,7 @@ _WORDS = {  # names of parameters that are not words already
     "pier": "tilt of the base",
     "creep": "creep of the base",
 }
-_SHOWN = {  # unit in SI: as printed, its SI size
+_PRINTED_UNITS = {  # unit in SI: as printed, its SI size
     "m": ("µm", 1e-6),
     "m/s²": ("µg", 1e-6 * G0),
     "(m/s²)⁻¹": ("ppm/g", 1e-6 / G0),
@@ -72,7 +74,7 @@ class Imperfection:
     draws: tuple[str, ...]
 
 
-def of_bench(declared: Mapping[str, Parameter]) -> list[Imperfection]:
+def bench_imperfections(declared: Mapping[str, Parameter]) -> list[Imperfection]:
     """Return the imperfections of a bench, those that are stated to be exact left out.
 
     Parameters
@@ -83,18 +85,20 @@ def of_bench(declared: Mapping[str, Parameter]) -> list[Imperfection]:
     groups: dict[str, list[str]] = {}
     for name, parameter in declared.items():
         if parameter.sd > 0:
-            groups.setdefault(_COPY.sub("", name), []).append(name)
+            groups.setdefault(_COPY_SUFFIX.sub("", name), []).append(name)
     found: list[Imperfection] = []
     for key, names in groups.items():
         first = declared[names[0]]
         deviations = [declared[name].sd for name in names]
-        meaning = _ONE.sub("", first.meaning)
-        word = _WORDS.get(key, key)
-        found.append(Imperfection(word, meaning, shown(deviations, first.unit), tuple(names)))
+        meaning = _AXIS_SUFFIX.sub("", first.meaning)
+        word = _PARAMETER_TITLES.get(key, key)
+        found.append(
+            Imperfection(word, meaning, format_deviations(deviations, first.unit), tuple(names))
+        )
     return found
 
 
-def of_noise(sensor: Sensor, labels: Sequence[str], noise: Array) -> Imperfection:
+def noise_imperfection(sensor: Sensor, labels: Sequence[str], noise: Array) -> Imperfection:
     """Return the noise of the readings.
 
     Parameters
@@ -110,12 +114,12 @@ def of_noise(sensor: Sensor, labels: Sequence[str], noise: Array) -> Imperfectio
     for kind, unit in (("f", "m/s²"), ("w", "rad/s")):
         members = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if members:
-            texts.append(shown(sd[:, members].ravel().tolist(), unit))
+            texts.append(format_deviations(sd[:, members].ravel().tolist(), unit))
     draws = tuple(f"{channel}[{label}]" for label in labels for channel in sensor.channels)
     return Imperfection(NOISE, "noise of each mean reading", ", ".join(texts), draws)
 
 
-def of_prior(sensor: Sensor, prior: Gaussian) -> Imperfection:
+def prior_imperfection(sensor: Sensor, prior: Gaussian) -> Imperfection:
     """Return what is carried in with coefficients that are known from elsewhere."""
     names = ", ".join(prior.names)
     sd = np.sqrt(np.diagonal(prior.covariance)).tolist()
@@ -124,19 +128,19 @@ def of_prior(sensor: Sensor, prior: Gaussian) -> Imperfection:
     return Imperfection(f"prior of {names}", "known from elsewhere", ", ".join(texts), prior.names)
 
 
-def shown(deviations: Sequence[float], unit: str) -> str:
+def format_deviations(deviations: Sequence[float], unit: str) -> str:
     """Return one standard deviation, or the range of several, in a unit of a readable size.
 
     Examples
     --------
-    >>> shown([1e-5, 1e-5], "m"), shown([1e-4, 3e-4], "1")
+    >>> format_deviations([1e-5, 1e-5], "m"), format_deviations([1e-4, 3e-4], "1")
     ('10 µm', '100 – 300 ppm')
     """
     low, high = min(deviations), max(deviations)
-    name, si = _angle(high) if unit == "rad" else _SHOWN[unit]
+    name, si = _angle_unit(high) if unit == "rad" else _PRINTED_UNITS[unit]
     ends = [f"{x / si:.3g}" for x in (low, high)]
     return f"{' – '.join(dict.fromkeys(ends))} {name}"
 
 
-def _angle(size: float) -> tuple[str, float]:
+def _angle_unit(size: float) -> tuple[str, float]:
     return ("°", radians(1)) if abs(size) >= radians(0.09) else ("″", radians(1) / 3600)

@@ -6,15 +6,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.calibration.forms import Converted, Frame, ieee1293, reform, reframe
+from inercal.calibration.forms import (
+    ConvertedCoefficients,
+    Frame,
+    convert_form,
+    convert_frame,
+    ieee1293,
+)
 from inercal.calibration.grade import Verdict
-from inercal.calibration.shared import Shared, SharedError, moved
+from inercal.calibration.shared_errors import SharedError, SharedErrors, transform_shared
 from inercal.calibration.validity import Validity
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.recording import Recording
 from inercal.sensors import Form, Sensor, inverse
-from inercal.units import factor
+from inercal.units import si_factor
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +73,7 @@ class Calibration:
     frame: Frame = "mount"
     mount: Array = field(default_factory=lambda: np.eye(3))
     verdict: Verdict | None = None
-    shared: Shared = None
+    shared: SharedErrors = None
     validity: Validity | None = None
     job: Mapping[str, str] = field(default_factory=dict[str, str])
 
@@ -187,7 +193,7 @@ class Calibration:
                 )
         return recording.data[..., columns]
 
-    def linear(self) -> tuple[Array, Array]:
+    def affine_correction(self) -> tuple[Array, Array]:
         """Return C, (k, m), and o, (m,), of felt = C (output − o) for an affine model.
 
         `felt` is f (m/s²) and then ω (rad/s), whichever the sensor has.
@@ -199,7 +205,7 @@ class Calibration:
         """
         if not self.sensor.affine:
             if replace(self.sensor, form="reference").affine:
-                return self.in_form("reference").linear()
+                return self.in_form("reference").affine_correction()
             raise InputError("the model has nonlinear terms: no single matrix applies it")
         rest = Motion(np.zeros((1, 3)))
         kinds = {axis.measures for axis in self.sensor.axes}
@@ -210,7 +216,7 @@ class Calibration:
         matrix = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
         return matrix / scale, offset
 
-    def ieee1293(self) -> Converted:
+    def ieee1293(self) -> ConvertedCoefficients:
         """Return E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis, with covariance."""
         # The standard's equation is the reference form; nonlinear terms stay along their own axis.
         linear = replace(self.sensor, form="reference").affine
@@ -229,12 +235,12 @@ class Calibration:
         """
         if form == self.sensor.form:
             return self
-        sensor, values, by = reform(self.sensor, self.values, self.covariance)
-        return self._of(sensor, values, by)
+        sensor, values, by = convert_form(self.sensor, self.values, self.covariance)
+        return self._replace_coefficients(sensor, values, by)
 
-    def _of(self, sensor: Sensor, values: Array, by: Array) -> "Calibration":
+    def _replace_coefficients(self, sensor: Sensor, values: Array, by: Array) -> "Calibration":
         """Return other coefficients whose derivatives by these are `by`, (q, p)."""
-        covariance, shared = by @ self.covariance @ by.T, moved(self.shared, by)
+        covariance, shared = by @ self.covariance @ by.T, transform_shared(self.shared, by)
         return replace(self, sensor=sensor, values=values, covariance=covariance, shared=shared)
 
     def in_frame(self, frame: Frame) -> "Calibration":
@@ -254,16 +260,20 @@ class Calibration:
         if frame not in ("triangular", "symmetric"):
             raise InputError(f"frame {frame!r}; 'triangular' or 'symmetric' can be made of 'mount'")
         plain = self.in_form("reference")
-        sensor, values, by, turn = reframe(plain.sensor, plain.values, plain.covariance, frame)
-        turned = replace(plain._of(sensor, values, by), frame=frame, mount=turn @ self.mount)
+        sensor, values, by, turn = convert_frame(
+            plain.sensor, plain.values, plain.covariance, frame
+        )
+        turned = replace(
+            plain._replace_coefficients(sensor, values, by), frame=frame, mount=turn @ self.mount
+        )
         return turned.in_form(self.sensor.form)
 
 
 def _same_unit(first: str, second: str) -> bool:
     try:
-        return first == second or factor(first) == factor(second, like=first)
+        return first == second or si_factor(first) == si_factor(second, like=first)
     except InputError:
         return False
 
 
-__all__ = ["Calibration", "Converted", "Frame", "SharedError", "Validity"]
+__all__ = ["Calibration", "ConvertedCoefficients", "Frame", "SharedError", "Validity"]

@@ -19,11 +19,11 @@ import numpy as np
 
 from inercal.calibration import Calibration, Frame, SharedError, Validity, verdict_object
 from inercal.errors import InercalError, InputError
-from inercal.io.atomic import atomic_write
+from inercal.io.atomic_files import atomic_write
 from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
 
 SCHEMA = "inercal/calibration/2"
-_READ = (SCHEMA, "inercal/calibration/1")
+_READABLE_SCHEMAS = (SCHEMA, "inercal/calibration/1")
 
 
 def as_object(calibration: Calibration) -> dict[str, Any]:
@@ -105,10 +105,10 @@ def load(path: str | Path) -> Calibration:
     InputError
         No such file, not JSON, another schema, a broken hash, or fields that do not fit.
     """
-    return parse(text_of(path), str(path))
+    return parse(read_text(path), str(path))
 
 
-def text_of(path: str | Path) -> str:
+def read_text(path: str | Path) -> str:
     """Return what a calibration file holds, unread.
 
     Raises
@@ -140,8 +140,8 @@ def parse(text: str, source: str) -> Calibration:
     except (ValueError, RecursionError):
         raise InputError(f"{source}: not a calibration file: it is no JSON text") from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
-    if fields.get("schema") not in _READ:
-        read = " and ".join(map(repr, _READ))
+    if fields.get("schema") not in _READABLE_SCHEMAS:
+        read = " and ".join(map(repr, _READABLE_SCHEMAS))
         raise InputError(f"{source}: schema {fields.get('schema')!r}; this version reads {read}")
     stated = fields.pop("sha256", None)
     try:

@@ -16,18 +16,18 @@ import numpy as np
 
 from inercal import frames
 from inercal.arrays import Array
-from inercal.calibration.shared import Shared, moved
+from inercal.calibration.shared_errors import SharedErrors, transform_shared
 from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.sensors import G0, Sensor
-from inercal.uncertainty.propagation import linearised
+from inercal.uncertainty.propagation import value_and_jacobian
 
 Frame = Literal["mount", "triangular", "symmetric"]
 _AFFINE = {"k0", "k1", "bias", "scale", "delta_o", "delta_p", "g_i", "g_p", "g_o"}
 
 
 @dataclass(frozen=True, eq=False)
-class Converted:
+class ConvertedCoefficients:
     """Coefficients in another form.
 
     Parameters
@@ -44,7 +44,7 @@ class Converted:
     units: tuple[str, ...]
     values: Array
     covariance: Array
-    shared: Shared = None
+    shared: SharedErrors = None
 
     @property
     def std(self) -> Array:
@@ -52,7 +52,9 @@ class Converted:
         return np.sqrt(np.diag(self.covariance))
 
 
-def ieee1293(sensor: Sensor, values: Array, covariance: Array, shared: Shared = None) -> Converted:
+def ieee1293(
+    sensor: Sensor, values: Array, covariance: Array, shared: SharedErrors = None
+) -> ConvertedCoefficients:
     """Return the coefficients of E = K₁ (K₀ + a + K₂ a² + δ_O a_P − δ_P a_O + …).
 
     E is the output minus the readout's offset, a in g. Names are "x.K1" (output units per g) and
@@ -76,7 +78,7 @@ def ieee1293(sensor: Sensor, values: Array, covariance: Array, shared: Shared = 
             name, short = CoefficientName(full).parts
             if name == axis.name and short != "k1":
                 names.append(full)
-                units.append("rad" if short.startswith("delta") else _in_g(sensor, full))
+                units.append("rad" if short.startswith("delta") else _unit_in_g(sensor, full))
     if not names:
         raise InputError(f"sensor {sensor.name} has no accelerometer")
     scales = {axis.name: axis.readout.scale * G0 for axis in sensor.axes}
@@ -95,18 +97,20 @@ def ieee1293(sensor: Sensor, values: Array, covariance: Array, shared: Shared = 
                 result.append(by_name[full] / gain / sensor.coefficient(full).unit_scale)
         return np.array(result)
 
-    found, by = linearised(convert, values, covariance)
+    found, by = value_and_jacobian(convert, values, covariance)
     spread = by @ covariance @ by.T
-    return Converted(tuple(names), tuple(units), found, spread, moved(shared, by))
+    return ConvertedCoefficients(
+        tuple(names), tuple(units), found, spread, transform_shared(shared, by)
+    )
 
 
-def _in_g(sensor: Sensor, full: str) -> str:
+def _unit_in_g(sensor: Sensor, full: str) -> str:
     """Return the unit with µg replaced by g, mm by m and ppm by 1."""
     unit = sensor.coefficient(full).unit
     return unit.replace("µg", "g").replace("mm", "g/(rad/s)²").replace("ppm", "1")
 
 
-def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Array, Array]:
+def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Array, Array]:
     """Return sensor, values (q,), SI, and ∂values (q, p), with the model in its other form.
 
     The derivatives are by the p values before, over the range that `covariance` gives.
@@ -154,17 +158,17 @@ def reform(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Ar
             by_name |= dict(zip(turns, changed.tolist(), strict=True))
         return np.array([by_name[name] for name in full.coefficients])
 
-    found, by = linearised(convert, values, covariance)
+    found, by = value_and_jacobian(convert, values, covariance)
     other = "tilted" if sensor.form == "reference" else "reference"
     return replace(full, form=other), found, by
 
 
-def reframe(
+def convert_frame(
     sensor: Sensor, values: Array, covariance: Array, frame: Frame
 ) -> tuple[Sensor, Array, Array, Array]:
     """Return sensor, values (q,), SI, ∂values (q, p) and Q (3, 3) for the frame `frame`.
 
-    The derivatives are as of `reform`. Q takes vectors from the present frame to the new one.
+    The derivatives are as of `convert_form`. Q takes vectors from the present frame to the new one.
 
     Raises
     ------
@@ -196,7 +200,7 @@ def reframe(
         return own, force, by_name
 
     def rotation(c: Array) -> Array:
-        split = frames.triangular if frame == "triangular" else frames.symmetric
+        split = frames.decompose_triangular if frame == "triangular" else frames.decompose_symmetric
         return split(matrices(c)[0][:3])[1]
 
     def convert(c: Array) -> Array:
@@ -212,5 +216,5 @@ def reframe(
                 by_name |= {f"{axis.name}.g_{s}": felt[j] for j, s in enumerate("ipo")}
         return np.array([by_name[name] for name in full.coefficients])
 
-    found, by = linearised(convert, values, covariance)
+    found, by = value_and_jacobian(convert, values, covariance)
     return full, found, by, rotation(values)

@@ -28,28 +28,35 @@ from typing import Literal
 import numpy as np
 from scipy.special import chdtrc, fdtrc, gammaln
 
-from inercal.estimate import Estimate, Score
-from inercal.estimate.scores import ALIKE, LEVEL, SHARE, Kind, Scored, tail
+from inercal.estimate import Estimate, ScoreTest
+from inercal.estimate.scores import (
+    PARALLEL_COSINE,
+    SCORE_TEST_SHARE,
+    SIGNIFICANCE_LEVEL,
+    Kind,
+    ScoreTestSet,
+    chi2_tail_probability,
+)
 from inercal.recording import Finding
 
 Grade = Literal["consistent", "reservations", "unreliable"]
-WORDS: dict[Grade, str] = {
+GRADE_WORDS: dict[Grade, str] = {
     "consistent": "consistent",
     "reservations": "usable with reservations",
     "unreliable": "not to be relied on",
 }
-TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreliable": "bad"}
+GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreliable": "bad"}
 COVERAGE = 2.0  # U = k u; about 95 % for the degrees of freedom met here
-_SCATTER = 2.0  # times what was stated
-_SHIFT = 1.0  # U
-_FAR = (0.65, 1.5)  # of the nominal scale factor; crude sensors are within a quarter
-_ORDER: tuple[Kind, ...] = ("bench", "time", "row", "coefficient")
-_AS_GOOD = 4.0  # of χ²: two standard deviations of one direction
-_TINY = 1e-280  # below, a probability is taken from its asymptote
+_MAX_SCATTER = 2.0  # times what was stated
+_MAX_SHIFT = 1.0  # U
+_SCALE_LIMITS = (0.65, 1.5)  # of the nominal scale factor; crude sensors are within a quarter
+_KIND_ORDER: tuple[Kind, ...] = ("bench", "time", "row", "coefficient")
+_EQUIVALENT_CHI2 = 4.0  # of χ²: two standard deviations of one direction
+_MIN_P_VALUE = 1e-280  # below, a probability is taken from its asymptote
 
 
 @dataclass(frozen=True)
-class Assessed:
+class HypothesisTest:
     """One test: its χ² with degrees of freedom, and its p-value alone and among all of its kind."""
 
     name: str
@@ -61,11 +68,11 @@ class Assessed:
     @property
     def rejects(self) -> bool:
         """Whether the model is rejected by this test at the overall level."""
-        return self.adjusted < LEVEL
+        return self.adjusted < SIGNIFICANCE_LEVEL
 
 
 @dataclass(frozen=True)
-class Suspect:
+class SuspectedCause:
     """What explains the residuals best of all that was left out or taken as known.
 
     Parameters
@@ -76,13 +83,13 @@ class Suspect:
         What its components would come out at, and their standard deviations, SI.
     chi2, dof, adjusted
         By how much χ² would fall, and its p-value among all candidates.
-    left, left_dof : float and int
+    remaining_chi2, remaining_dof : float and int
         χ² that remains, and its degrees of freedom.
     shift : float
         The largest shift that it causes in a coefficient, in units of that coefficient's U.
-    shifted : str
+    shifted_coefficient : str
         That coefficient.
-    alike : tuple of str
+    indistinguishable : tuple of str
         Candidates that explain the same residuals: no test tells them from it.
     """
 
@@ -95,50 +102,54 @@ class Suspect:
     chi2: float
     dof: int
     adjusted: float
-    left: float
-    left_dof: int
+    remaining_chi2: float
+    remaining_dof: int
     shift: float
-    shifted: str
-    alike: tuple[str, ...]
+    shifted_coefficient: str
+    indistinguishable: tuple[str, ...]
 
     @property
-    def remains(self) -> float:
+    def remaining_p_value(self) -> float:
         """Probability of as large a χ² as remains, if what remains agrees."""
-        return float(chdtrc(self.left_dof, self.left)) if self.left_dof > 0 else 1.0
+        return (
+            float(chdtrc(self.remaining_dof, self.remaining_chi2))
+            if self.remaining_dof > 0
+            else 1.0
+        )
 
 
 @dataclass(frozen=True)
-class Row:
+class OutlierRow:
     """The row of the data that agrees least with the others, and its p-value among all rows.
 
-    `alike` are the rows that no test tells from it.
+    `indistinguishable` are the rows that no test tells from it.
     """
 
     name: str
     chi2: float
     dof: int
     adjusted: float
-    alike: tuple[str, ...]
+    indistinguishable: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Assessment:
     """What the tests of an estimate say."""
 
-    tests: tuple[Assessed, ...]
-    suspect: Suspect | None
-    row: Row | None
+    tests: tuple[HypothesisTest, ...]
+    suspect: SuspectedCause | None
+    row: OutlierRow | None
     scores_reject: bool
 
     @property
-    def rejected(self) -> tuple[Assessed, ...]:
+    def rejecting_tests(self) -> tuple[HypothesisTest, ...]:
         """The tests that reject the model."""
         return tuple(test for test in self.tests if test.rejects)
 
     @property
     def rejects(self) -> bool:
         """Whether any test rejects the model."""
-        return bool(self.rejected) or self.scores_reject
+        return bool(self.rejecting_tests) or self.scores_reject
 
 
 @dataclass(frozen=True)
@@ -152,25 +163,25 @@ class Verdict:
         Why it is not consistent, in few words each.
     lines : tuple of str
         The whole verdict in words; the first line is the summary.
-    tests : tuple of Assessed
-    suspect : Suspect or None
+    tests : tuple of HypothesisTest
+    suspect : SuspectedCause or None
     """
 
     grade: Grade
     reasons: tuple[str, ...] = ()
     lines: tuple[str, ...] = ()
-    tests: tuple[Assessed, ...] = ()
-    suspect: Suspect | None = None
+    tests: tuple[HypothesisTest, ...] = ()
+    suspect: SuspectedCause | None = None
 
     @property
     def word(self) -> str:
         """The grade in words, the same in terminal, report, register, page and JSON."""
-        return WORDS[self.grade]
+        return GRADE_WORDS[self.grade]
 
     @property
     def tone(self) -> str:
         """The name of the grade's colour: "good", "care" or "bad"."""
-        return TONES[self.grade]
+        return GRADE_TONES[self.grade]
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.lines)
@@ -198,26 +209,36 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
     if not named and estimate.dof:
         named = [("residuals", float(estimate.chi2), estimate.dof)]
     nu = estimate.noise_dof
-    real = [(name, chi2, dof, tail(chi2, dof, nu)) for name, chi2, dof in named if dof > 0]
+    real = [
+        (name, chi2, dof, chi2_tail_probability(chi2, dof, nu))
+        for name, chi2, dof in named
+        if dof > 0
+    ]
     # What a method tests besides is χ² whatever is behind the noise.
     real += [(one.name, one.statistic, one.dof, one.p_value) for one in estimate.tests if one.dof]
-    scored = estimate.scored
-    share = 1 - SHARE if any(one.dof for one in scored.scores) else 1.0
+    score_tests = estimate.score_tests
+    share = 1 - SCORE_TEST_SHARE if any(one.dof for one in score_tests.scores) else 1.0
     tests = tuple(
-        Assessed(name, chi2, dof, p, min(1.0, len(real) * p / share)) for name, chi2, dof, p in real
+        HypothesisTest(name, chi2, dof, p, min(1.0, len(real) * p / share))
+        for name, chi2, dof, p in real
     )
-    significant = [s for s in scored.scores if among_all(scored, s) < LEVEL]
+    significant = [
+        s for s in score_tests.scores if familywise_p_value(score_tests, s) < SIGNIFICANCE_LEVEL
+    ]
     return Assessment(
-        tests, _suspect(estimate, count, significant, possible), _row(estimate), bool(significant)
+        tests,
+        _suspected_cause(estimate, count, significant, possible),
+        _outlier_row(estimate),
+        bool(significant),
     )
 
 
-def among_all(scored: Scored, score: Score) -> float:
+def familywise_p_value(score_tests: ScoreTestSet, score: ScoreTest) -> float:
     """Return the p-value of a score among all tests of its estimate."""
-    return min(1.0, scored.adjusted(score) / SHARE)
+    return min(1.0, score_tests.adjusted(score) / SCORE_TEST_SHARE)
 
 
-def verdict_of(
+def grade_estimate(
     estimate: Estimate,
     assessment: Assessment,
     findings: Sequence[Finding],
@@ -234,49 +255,49 @@ def verdict_of(
     findings : sequence of Finding
         Of all checks.
     far : sequence of str
-        Coefficients whose scale factor is far from nominal (`is_far`).
+        Coefficients whose scale factor is far from nominal (`is_far_from_nominal`).
     lines : tuple of str
         What is said in words.
     """
-    suspect, doubt = assessment.suspect, float(estimate.doubt)
+    suspect, largest_birge_ratio = assessment.suspect, float(estimate.largest_birge_ratio)
     bad: list[str] = []
     if not np.all(estimate.converged):
         bad.append("the fit did not converge")
     bad += [f"{name} is far from nominal" for name in far]
     bad += [f"a check refused: {one.what}" for one in findings if one.severity == "refused"]
-    if assessment.rejects and doubt > _SCATTER:
-        bad.append(f"the residuals scatter {doubt:.2g} times as much as stated")
-    if suspect is not None and suspect.shift > _SHIFT:
-        bad.append(f"{suspect.name} shifts {suspect.shifted} by {suspect.shift:.2g} U")
-    mild = [f"test rejects the model: {test.name}" for test in assessment.rejected]
+    if assessment.rejects and largest_birge_ratio > _MAX_SCATTER:
+        bad.append(f"the residuals scatter {largest_birge_ratio:.2g} times as much as stated")
+    if suspect is not None and suspect.shift > _MAX_SHIFT:
+        bad.append(f"{suspect.name} shifts {suspect.shifted_coefficient} by {suspect.shift:.2g} U")
+    mild = [f"test rejects the model: {test.name}" for test in assessment.rejecting_tests]
     if assessment.scores_reject and suspect is None:
         mild.append("score tests reject the model")
     elif suspect is not None:
         mild.append(f"suspect: {suspect.name}")
     mild += [f"a check warns: {one.what}" for one in findings if one.severity == "warning"]
-    if not assessment.tests and not estimate.scored.scores:
+    if not assessment.tests and not estimate.score_tests.scores:
         mild.append("nothing was tested")
     grade: Grade = "unreliable" if bad else "reservations" if mild else "consistent"
     return Verdict(grade, (*bad, *mild), lines, assessment.tests, suspect)
 
 
-def is_far(scale: float) -> bool:
+def is_far_from_nominal(scale: float) -> bool:
     """Return whether a scale factor, 1 being nominal, is so far off that something is wrong."""
-    return not _FAR[0] < scale < _FAR[1]
+    return not _SCALE_LIMITS[0] < scale < _SCALE_LIMITS[1]
 
 
-def _suspect(
-    estimate: Estimate, count: int, significant: Sequence[Score], possible: Collection[str]
-) -> Suspect | None:
-    scored = estimate.scored
-    convincing = [score for score in significant if _explains(estimate, score)]
+def _suspected_cause(
+    estimate: Estimate, count: int, significant: Sequence[ScoreTest], possible: Collection[str]
+) -> SuspectedCause | None:
+    score_tests = estimate.score_tests
+    convincing = [score for score in significant if _explains_residuals(estimate, score)]
     if not convincing:
         return None
     logs = {score.name: _log_p(score) for score in convincing}
     least = min(logs.values())
 
-    def rank(score: Score) -> tuple[bool, int]:
-        return not set(score.components) <= set(possible), _ORDER.index(score.kind)
+    def rank(score: ScoreTest) -> tuple[bool, int]:
+        return not set(score.components) <= set(possible), _KIND_ORDER.index(score.kind)
 
     # Candidates that are one direction of the data have one p-value, but for rounding.
     best = min(
@@ -286,21 +307,21 @@ def _suspect(
     as_good = [
         score
         for score in convincing
-        if score.chi2 > best.chi2 - _AS_GOOD
-        and best.cosine(score) >= ALIKE
+        if score.chi2 > best.chi2 - _EQUIVALENT_CHI2
+        and best.cosine(score) >= PARALLEL_COSINE
         and not set(score.components) & set(best.components)
     ]
     first = min((best, *as_good), key=lambda score: (rank(score), score is not best, -score.chi2))
-    related = {one for one in scored.scores if set(one.components) & set(first.components)}
+    related = {one for one in score_tests.scores if set(one.components) & set(first.components)}
     alike = [
         one.name
-        for one in sorted(scored.scores, key=lambda one: -first.cosine(one))
-        if one not in related and one.dof and first.cosine(one) >= ALIKE
+        for one in sorted(score_tests.scores, key=lambda one: -first.cosine(one))
+        if one not in related and one.dof and first.cosine(one) >= PARALLEL_COSINE
     ]
     expanded = COVERAGE * estimate.std[:count]
     shift = np.abs(first.shift[:count]) / np.where(expanded > 0, expanded, np.inf)
     most = int(np.argmax(shift))
-    return Suspect(
+    return SuspectedCause(
         first.name,
         first.kind,
         first.components,
@@ -309,38 +330,38 @@ def _suspect(
         tuple(first.sd.tolist()),
         first.chi2,
         first.dof,
-        among_all(scored, first),
-        max(scored.chi2 - first.chi2, 0.0),
-        max(scored.dof - first.dof, 0),
+        familywise_p_value(score_tests, first),
+        max(score_tests.chi2 - first.chi2, 0.0),
+        max(score_tests.dof - first.dof, 0),
         float(shift[most]),
         estimate.names[most],
         tuple(alike),
     )
 
 
-def _explains(estimate: Estimate, score: Score) -> bool:
+def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
     """Return whether a candidate explains the residuals better than a scatter of all rows does."""
-    scored = estimate.scored
-    left, dof = max(scored.chi2 - score.chi2, 0.0), scored.dof - score.dof
-    if dof <= 0 or float(chdtrc(dof, left)) > LEVEL:
+    score_tests = estimate.score_tests
+    left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
+    if dof <= 0 or float(chdtrc(dof, left)) > SIGNIFICANCE_LEVEL:
         return True
     ratio = (score.chi2 / score.dof) / (left / dof)
-    return scored.adjusted(score, float(fdtrc(score.dof, dof, ratio))) < LEVEL
+    return score_tests.adjusted(score, float(fdtrc(score.dof, dof, ratio))) < SIGNIFICANCE_LEVEL
 
 
-def _row(estimate: Estimate) -> Row | None:
-    rows = [score for score in estimate.scored.scores if score.kind == "row" and score.dof]
+def _outlier_row(estimate: Estimate) -> OutlierRow | None:
+    rows = [score for score in estimate.score_tests.scores if score.kind == "row" and score.dof]
     if not rows:
         return None
     worst = min(rows, key=_log_p)
-    alike = (one for one in rows if one is not worst and worst.cosine(one) >= ALIKE)
+    alike = (one for one in rows if one is not worst and worst.cosine(one) >= PARALLEL_COSINE)
     p_value = min(1.0, len(rows) * worst.p_value)
-    return Row(worst.name, worst.chi2, worst.dof, p_value, tuple(one.name for one in alike))
+    return OutlierRow(worst.name, worst.chi2, worst.dof, p_value, tuple(one.name for one in alike))
 
 
-def _log_p(score: Score) -> float:
+def _log_p(score: ScoreTest) -> float:
     """Return the logarithm of a p-value, also where it is too small for a float."""
-    if (p := score.p_value) > _TINY:
+    if (p := score.p_value) > _MIN_P_VALUE:
         return float(np.log(p))
     half = score.dof / 2
     return float((half - 1) * np.log(score.chi2 / 2) - score.chi2 / 2 - gammaln(half))

@@ -5,41 +5,46 @@ from types import MappingProxyType
 
 import numpy as np
 
+from inercal.calibration.detectability import (
+    UndetectableCause,
+    coefficient_definition,
+    undetectable_causes,
+    undetectable_exact_parameters,
+)
 from inercal.calibration.grade import (
     COVERAGE,
     Assessment,
-    Suspect,
+    SuspectedCause,
     Verdict,
     assess,
-    is_far,
-    verdict_of,
+    grade_estimate,
+    is_far_from_nominal,
 )
-from inercal.calibration.unseen import Unseen, table_line, unseen, unseen_exact
 from inercal.estimate import Estimate
-from inercal.estimate.scores import LEVEL, Kind
+from inercal.estimate.scores import SIGNIFICANCE_LEVEL, Kind
 from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
 from inercal.recording import Finding
 from inercal.sensors import G0, Sensor
-from inercal.units import digits, readable
+from inercal.units import format_quantity, format_value_and_uncertainty
 
-_LEAST = 1e-99  # smallest probability that is printed
-_SHOWN = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
-_PER_CENT = 0.01  # above, a ratio is shown in %
-_LISTED = 6  # candidates that a line lists
-_DRIFT, _PRIOR = "drift of ", "prior of "  # and the axis, or the coefficient
+_MIN_PROBABILITY = 1e-99  # smallest probability that is printed
+_DISPLAY_UNITS = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
+_PERCENT_THRESHOLD = 0.01  # above, a ratio is shown in %
+_MAX_LISTED = 6  # candidates that a line lists
+_DRIFT_PREFIX, _PRIOR_PREFIX = "drift of ", "prior of "  # and the axis, or the coefficient
 _BIAS = {"f": "k0", "w": "bias"}
-_PULL = 2.0  # standard deviations; a smaller one is nothing to look at
-_OF_A_UNIT = 0.1  # as near to the ratio of two units a scale factor looks like it
-_WITHIN = "change "  # begins the name of a candidate that changes within one row
-NOTHING: Mapping[str, Parameter] = MappingProxyType({})
+_MIN_PULL = 2.0  # standard deviations; a smaller one is nothing to look at
+_UNIT_RATIO_TOLERANCE = 0.1  # as near to the ratio of two units a scale factor looks like it
+_CHANGE_PREFIX = "change "  # begins the name of a candidate that changes within one row
+NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 
 
 def verdict(
     estimate: Estimate,
     sensor: Sensor,
     findings: Sequence[Finding],
-    expected: Mapping[str, Parameter] = NOTHING,
+    expected: Mapping[str, Parameter] = NO_PARAMETERS,
     possible: Collection[str] = (),
     row_word: str = "position or turn",
 ) -> Verdict:
@@ -63,38 +68,38 @@ def verdict(
     scales = {
         name: 1 + float(value)
         for name, value in zip(sensor.coefficients, estimate.value[:p], strict=True)
-        if CoefficientName(name).term in ("k1", "scale") and is_far(1 + float(value))
+        if CoefficientName(name).term in ("k1", "scale") and is_far_from_nominal(1 + float(value))
     }
     wrong = bool(scales) or any(one.severity == "refused" for one in findings)
     lines = _summary(estimate, assessment, p, wrong)
     if assessment.suspect is not None:
-        lines += _suspect(assessment.suspect, sensor, expected, possible, row_word)
+        lines += _suspect_lines(assessment.suspect, sensor, expected, possible, row_word)
     elif assessment.scores_reject:
         lines.append(
             "no single coefficient, bench parameter or row explains the residuals: the noise is "
             "larger than stated, or something changes from row to row"
         )
-    lines += _row(assessment, row_word)
+    lines += _outlier_row_lines(assessment, row_word)
     if not (estimate.consistent or estimate.groups):
-        lines += _pulls(estimate, expected)
+        lines += _largest_pull_lines(estimate, expected)
     if estimate.dof or estimate.groups:
-        lines += _leading(estimate, sensor)
+        lines += _largest_uncertainty_lines(estimate, sensor)
     lines += [
-        f"{name} comes out at {scale:.3g} times nominal: {_why_far(name, scale)}"
+        f"{name} comes out at {scale:.3g} times nominal: {_scale_error_cause(name, scale)}"
         for name, scale in scales.items()
     ]
-    lines += _unseen(estimate, sensor, expected, possible, row_word, assessment.suspect)
+    lines += _undetectable_lines(estimate, sensor, expected, possible, row_word, assessment.suspect)
     lines += estimate.notes
     lines += [f.message for f in findings if f.severity == "warning"]
-    return verdict_of(estimate, assessment, findings, tuple(scales), tuple(lines))
+    return grade_estimate(estimate, assessment, findings, tuple(scales), tuple(lines))
 
 
-def chance(p: float) -> str:
+def p_value_text(p: float) -> str:
     """Return a small probability behind a "p": "= 0.003", "< 1e-99"."""
-    return f"= {p:.1g}" if p > _LEAST else f"< {_LEAST:.0e}"
+    return f"= {p:.1g}" if p > _MIN_PROBABILITY else f"< {_MIN_PROBABILITY:.0e}"
 
 
-def _why_far(name: str, scale: float) -> str:
+def _scale_error_cause(name: str, scale: float) -> str:
     """Return what makes a scale factor this far from nominal."""
     if scale < 0:
         return "the axis is reversed"
@@ -103,7 +108,7 @@ def _why_far(name: str, scale: float) -> str:
             (G0, "m/s² that is stated as g"),
             (1 / G0, "g that is stated as m/s²"),
         ):
-            if abs(scale / ratio - 1) < _OF_A_UNIT:
+            if abs(scale / ratio - 1) < _UNIT_RATIO_TOLERANCE:
                 return f"its column looks like {words}"
     return "its nominal scale is wrong, or one of its readings is"
 
@@ -112,9 +117,9 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool
     """Say how the residuals agree with noise and bench as stated; `wrong`: more than they show."""
     first = f"{count} coefficients found"
     if estimate.groups:
-        lines = _by_group(estimate, first, wrong)
+        lines = _group_summary(estimate, first, wrong)
     elif not estimate.dof:
-        tested = assessment.tests or estimate.scored.scores
+        tested = assessment.tests or estimate.score_tests.scores
         agree = "do not agree" if assessment.rejects else "agree"
         what = "the residuals" if wrong else "the data"
         lines = [
@@ -125,7 +130,7 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool
     else:
         p = float(estimate.p_value)
         numbers = f"χ² = {estimate.chi2:.1f} with {estimate.dof} degrees of freedom, " + (
-            f"p = {p:.2f}" if p >= LEVEL else f"p {chance(p)}"
+            f"p = {p:.2f}" if p >= SIGNIFICANCE_LEVEL else f"p {p_value_text(p)}"
         )
         if estimate.consistent:
             whole = "the residuals agree" if assessment.rejects or wrong else "the data agree"
@@ -141,18 +146,18 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool
             lines = [f"{first}{large} ({numbers}): {by}"]
     lines += [
         f"{test.name}: χ² = {test.statistic:.1f} with {test.dof} degrees of freedom, p "
-        f"{chance(test.p_value)} ({chance(test.adjusted).removeprefix('= ')} among "
+        f"{p_value_text(test.p_value)} ({p_value_text(test.adjusted).removeprefix('= ')} among "
         f"{len(assessment.tests)} tests): the model is rejected"
-        for test in assessment.rejected
+        for test in assessment.rejecting_tests
         if not test.name.startswith("residuals")
     ]
     return lines
 
 
-def _by_group(estimate: Estimate, first: str, wrong: bool) -> list[str]:
+def _group_summary(estimate: Estimate, first: str, wrong: bool) -> list[str]:
     """Say how each kind of observations agrees with its noise."""
     numbers = "; ".join(
-        f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {chance(group.p_value)}"
+        f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {p_value_text(group.p_value)}"
         for group in estimate.groups
     )
     beyond = [group for group in estimate.groups if group.spread.excess]
@@ -177,20 +182,22 @@ def _by_group(estimate: Estimate, first: str, wrong: bool) -> list[str]:
     ]
 
 
-def _suspect(
-    one: Suspect,
+def _suspect_lines(
+    one: SuspectedCause,
     sensor: Sensor,
     expected: Mapping[str, Parameter],
     possible: Collection[str],
     row_word: str,
 ) -> list[str]:
     """Name what explains the residuals best, its size, and what to do."""
-    fall = f"χ² would fall by {one.chi2:.1f} to {one.left:.1f}"
+    fall = f"χ² would fall by {one.chi2:.1f} to {one.remaining_chi2:.1f}"
     shift = (
-        f"it shifts {one.shifted} by {one.shift:.2g} U" if one.shift > 0 else "it shifts nothing"
+        f"it shifts {one.shifted_coefficient} by {one.shift:.2g} U"
+        if one.shift > 0
+        else "it shifts nothing"
     )
     if one.kind == "coefficient":
-        lines = _coefficient(one, sensor)
+        lines = _coefficient_suspect_text(one, sensor)
         free = set(one.components) <= set(possible)
         advice = (
             f'estimate it: [method] also = ["{one.name}"]'
@@ -198,44 +205,49 @@ def _suspect(
             else "this method cannot estimate it; its shift is not in U"
         )
     elif one.kind == "bench":
-        lines, advice = _bench(one, sensor, expected)
+        lines, advice = _bench_suspect_text(one, sensor, expected)
     elif one.kind == "row":
         lines = f"suspect: the readings of {one.name}"
         advice = f"look at this {row_word}, and repeat it"
     else:
         parts = ", ".join(
-            _shown(size, sd, unit)
+            _format_quantity(size, sd, unit)
             for size, sd, unit in zip(one.sizes, one.sds, one.units, strict=True)
         )
         lines = f"suspect: {one.name}, {parts} from the first row to the last"
         advice = "let the sensor settle, or repeat the first positions at the end"
-        if one.name.startswith(_WITHIN):
+        if one.name.startswith(_CHANGE_PREFIX):
             lines = f"suspect: {one.name}, {parts} from its first half to its second"
             advice = f"look at this {row_word}: was the sensor touched? Repeat it or leave it out"
-    text = f"{lines}; {fall} (p {chance(one.adjusted)} among all candidates), and {shift}; {advice}"
+    text = (
+        f"{lines}; {fall} (p {p_value_text(one.adjusted)} among all candidates), and {shift}; "
+        f"{advice}"
+    )
     made = [text]
-    if one.alike:
-        listed = ", ".join(one.alike[:_LISTED])
-        more = len(one.alike) - _LISTED
+    if one.indistinguishable:
+        listed = ", ".join(one.indistinguishable[:_MAX_LISTED])
+        more = len(one.indistinguishable) - _MAX_LISTED
         listed += f" and {more} more" if more > 0 else ""
         made.append(f"these data cannot tell {one.name} from: {listed}")
-    if one.remains < LEVEL:
+    if one.remaining_p_value < SIGNIFICANCE_LEVEL:
         made.append(
-            f"{one.name} alone does not explain the residuals: χ² = {one.left:.1f} with "
-            f"{one.left_dof} degrees of freedom remains; something else is wrong too, or the noise "
-            "is larger than stated"
+            f"{one.name} alone does not explain the residuals: χ² = {one.remaining_chi2:.1f} with "
+            f"{one.remaining_dof} degrees of freedom remains; something else is wrong too, or the "
+            "noise is larger than stated"
         )
     return made
 
 
-def _bench(one: Suspect, sensor: Sensor, expected: Mapping[str, Parameter]) -> tuple[str, str]:
+def _bench_suspect_text(
+    one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> tuple[str, str]:
     """Return what is said of a suspected statement of the run file, and what to do."""
     # Of the components of one vector, such as the angles of a mounting, the clearest.
     k = int(np.argmax(np.nan_to_num(np.abs(one.sizes) / np.asarray(one.sds))))
     name, size, sd = one.components[k], one.sizes[k], one.sds[k]
-    if name.startswith(_PRIOR):
-        full = name.removeprefix(_PRIOR)
-        departure = in_words(sensor, "coefficient", full, size, sd, one.units[k])
+    if name.startswith(_PRIOR_PREFIX):
+        full = name.removeprefix(_PRIOR_PREFIX)
+        departure = format_component(sensor, "coefficient", full, size, sd, one.units[k])
         return (
             f"suspect: the {name}; the data depart from it by {departure}",
             f"look at [method.prior] {full}, or state it with its true uncertainty",
@@ -246,21 +258,25 @@ def _bench(one: Suspect, sensor: Sensor, expected: Mapping[str, Parameter]) -> t
         stated, of_rows = (rows[0] if rows else None), f", alike in all {len(rows)} rows"
     meaning = "" if stated is None or not stated.meaning else f" ({stated.meaning})"
     known = "as exact" if stated is None or not stated.sd else ""
-    known = known or f"± {_shown(stated.sd if stated else 0.0, 0.0, one.units[k])}"
+    known = known or f"± {_format_quantity(stated.sd if stated else 0.0, 0.0, one.units[k])}"
     return (
         f"suspect: bench parameter {name}{meaning}{of_rows}; it departs by "
-        f"{_shown(size, sd, one.units[k])} from its stated value, which is stated {known}",
+        f"{_format_quantity(size, sd, one.units[k])} from its stated value, which is stated "
+        f"{known}",
         "measure it again, or state it with its true uncertainty",
     )
 
 
-def _coefficient(one: Suspect, sensor: Sensor) -> str:
+def _coefficient_suspect_text(one: SuspectedCause, sensor: Sensor) -> str:
     """Return the suspected coefficients with their sizes, in the units of reports."""
-    lines = {line.name: line for line in (table_line(sensor, name) for name in one.components)}
+    lines = {
+        line.name: line
+        for line in (coefficient_definition(sensor, name) for name in one.components)
+    }
     first = next(iter(lines.values()))
     meaning = first.meaning if len(lines) == 1 else ", ".join(lines)
     parts = [
-        f"{name} {in_words(sensor, one.kind, name, size, sd, unit)}"
+        f"{name} {format_component(sensor, one.kind, name, size, sd, unit)}"
         for name, size, sd, unit in zip(one.components, one.sizes, one.sds, one.units, strict=True)
         if np.isfinite(size)
     ]
@@ -268,7 +284,9 @@ def _coefficient(one: Suspect, sensor: Sensor) -> str:
     return f"suspect: {one.name} ({meaning}), which is not estimated{sizes}"
 
 
-def in_words(sensor: Sensor, kind: Kind, name: str, size: float, sd: float, unit: str) -> str:
+def format_component(
+    sensor: Sensor, kind: Kind, name: str, size: float, sd: float, unit: str
+) -> str:
     """Return the size of a candidate's component with its deviation, in the units of reports.
 
     Parameters
@@ -282,31 +300,31 @@ def in_words(sensor: Sensor, kind: Kind, name: str, size: float, sd: float, unit
         SI.
     """
     if kind != "coefficient" or not np.isfinite(size):
-        return _shown(size, sd, unit)
-    line = table_line(sensor, name)
-    value, spread = digits(size / line.si, sd / line.si)
+        return _format_quantity(size, sd, unit)
+    line = coefficient_definition(sensor, name)
+    value, spread = format_value_and_uncertainty(size / line.si, sd / line.si)
     return f"{value} ± {spread} {line.unit}"
 
 
-def _shown(value: float, sd: float, unit: str) -> str:
+def _format_quantity(value: float, sd: float, unit: str) -> str:
     """Return a quantity in the unit in which people read such a size."""
     if not np.isfinite(value):
         return "an unknown amount"
-    unit = _SHOWN.get(unit, unit)
-    if unit == "ppm" and abs(value) > _PER_CENT:
+    unit = _DISPLAY_UNITS.get(unit, unit)
+    if unit == "ppm" and abs(value) > _PERCENT_THRESHOLD:
         unit = "%"
     if unit.startswith("("):
         return f"{value:.2g} {unit}" if sd == 0 else f"{value:.2g} ± {sd:.2g} {unit}"
-    return readable(value, sd, unit)
+    return format_quantity(value, sd, unit)
 
 
-def _unseen(
+def _undetectable_lines(
     estimate: Estimate,
     sensor: Sensor,
     expected: Mapping[str, Parameter],
     possible: Collection[str],
     row_word: str,
-    suspect: Suspect | None,
+    suspect: SuspectedCause | None,
 ) -> list[str]:
     """Name what the calibration leaves out and no test of these data can see: U lacks it.
 
@@ -314,13 +332,17 @@ def _unseen(
     """
     own = (suspect.name, *suspect.components) if suspect is not None else ()
     short = {CoefficientName(name).term for name in own}
-    found = [one for one in unseen(estimate, sensor) if CoefficientName(one.name).term not in short]
+    found = [
+        one
+        for one in undetectable_causes(estimate, sensor)
+        if CoefficientName(one.name).term not in short
+    ]
     parts = [
         f"wrong readings of one {row_word}" if one.name == "row" else one.name for one in found
     ]
     for k, one in enumerate(found):
         if np.isfinite(one.size):
-            parts[k] += f" ({_whole(sensor, one)})"
+            parts[k] += f" ({_undetected_size_text(sensor, one)})"
     said: list[str] = []
     if parts:
         free = [one.name for one in found if one.component in possible]
@@ -329,7 +351,7 @@ def _unseen(
             "these data cannot show the following, and U does not hold it (in brackets the size "
             f"that shifts a coefficient by 5 u): {', '.join(parts)}{tail}"
         )
-    if exact := unseen_exact(estimate, sensor, expected):
+    if exact := undetectable_exact_parameters(estimate, sensor, expected):
         said.append(
             f"these data cannot show an error of {', '.join(exact)}, which the run file takes as "
             "exact: state its uncertainty"
@@ -337,41 +359,49 @@ def _unseen(
     return ["; ".join(said)] if said else []
 
 
-def _whole(sensor: Sensor, one: Unseen) -> str:
+def _undetected_size_text(sensor: Sensor, one: UndetectableCause) -> str:
     """Return a size with two digits, in the unit of reports."""
-    if one.component.startswith(_DRIFT):
-        axis = one.component.removeprefix(_DRIFT)
-        line = table_line(sensor, f"{axis}.{_BIAS[_measures(sensor, axis)]}")
+    if one.component.startswith(_DRIFT_PREFIX):
+        axis = one.component.removeprefix(_DRIFT_PREFIX)
+        line = coefficient_definition(sensor, f"{axis}.{_BIAS[_measures(sensor, axis)]}")
     else:
-        line = table_line(sensor, one.component)
-    return f"{digits(0.0, one.size / line.si)[1]} {line.unit}"
+        line = coefficient_definition(sensor, one.component)
+    return f"{format_value_and_uncertainty(0.0, one.size / line.si)[1]} {line.unit}"
 
 
 def _measures(sensor: Sensor, name: str) -> str:
     return next(axis.measures for axis in sensor.axes if axis.name == name)
 
 
-def _row(assessment: Assessment, row_word: str) -> list[str]:
+def _outlier_row_lines(assessment: Assessment, row_word: str) -> list[str]:
     """Name the row that agrees least with the others, where it stands out."""
     row, suspect = assessment.row, assessment.suspect
-    if row is None or row.adjusted >= LEVEL or (suspect is not None and suspect.kind == "row"):
+    if (
+        row is None
+        or row.adjusted >= SIGNIFICANCE_LEVEL
+        or (suspect is not None and suspect.kind == "row")
+    ):
         return []
-    alike = f" (or {', '.join(row.alike)}: these data cannot tell)" if row.alike else ""
+    alike = (
+        f" (or {', '.join(row.indistinguishable)}: these data cannot tell)"
+        if row.indistinguishable
+        else ""
+    )
     return [
         f"the {row_word} that agrees least with the others is {row.name}{alike}: χ² of its "
-        f"readings is {row.chi2:.1f} with {row.dof}, p {chance(row.adjusted)} over all rows"
+        f"readings is {row.chi2:.1f} with {row.dof}, p {p_value_text(row.adjusted)} over all rows"
     ]
 
 
-def _pulls(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
+def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
     """Name the largest residual, and the bench parameter farthest from what was stated."""
     lines: list[str] = []
     if estimate.observations:
         worst = int(np.argmax(np.abs(estimate.whitened)))
-        if (largest := abs(float(estimate.whitened[worst]))) > _PULL:
+        if (largest := abs(float(estimate.whitened[worst]))) > _MIN_PULL:
             lines.append(
                 f"the largest residual is {estimate.observations[worst]}, "
-                f"{digits(0.0, largest)[1]} standard deviations"
+                f"{format_value_and_uncertainty(0.0, largest)[1]} standard deviations"
             )
     pulls = {
         name: abs(float(value - expected[name].value)) / expected[name].sd
@@ -379,17 +409,17 @@ def _pulls(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
         if name in expected and expected[name].sd > 0
     }
     name = max(pulls, key=lambda one: pulls[one], default="")
-    if name and pulls[name] > _PULL:
+    if name and pulls[name] > _MIN_PULL:
         short, place = ErrorName(name).parts
         named = f"{short} of {place}" if place else short
-        size = digits(0.0, pulls[name])[1]
+        size = format_value_and_uncertainty(0.0, pulls[name])[1]
         lines.append(
             f"of the bench, {named} is farthest from what was stated, {size} standard deviations"
         )
     return lines
 
 
-def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:
+def _largest_uncertainty_lines(estimate: Estimate, sensor: Sensor) -> list[str]:
     """Name the least known coefficient of each group and unit."""
     p = len(sensor.coefficients)
     measures = {axis.name: axis.measures for axis in sensor.axes}
@@ -403,9 +433,9 @@ def _leading(estimate: Estimate, sensor: Sensor) -> list[str]:
     for (group, _), members in groups.items():
         worst = max(members, key=lambda k: float(std[k]))
         line = sensor.coefficient(sensor.coefficients[worst])
-        size = digits(0.0, COVERAGE * float(std[worst]) / line.si)[1]
+        size = format_value_and_uncertainty(0.0, COVERAGE * float(std[worst]) / line.si)[1]
         parts.append(f"{group} {size} {line.unit}")
     return ["expanded uncertainties (k = 2) are at most: " + ", ".join(parts)]
 
 
-__all__ = ["COVERAGE", "NOTHING", "chance", "in_words", "verdict"]
+__all__ = ["COVERAGE", "NO_PARAMETERS", "format_component", "p_value_text", "verdict"]

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.calibration.grade import WORDS, Assessed, Suspect, Verdict
+from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, SuspectedCause, Verdict
 
 
 def as_object(verdict: Verdict) -> dict[str, Any]:
@@ -22,8 +22,8 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
         "chi2": one.chi2,
         "dof": one.dof,
         "p_value": one.adjusted,
-        "largest_shift": {"coefficient": one.shifted, "in_U": one.shift},
-        "not_told_from": list(one.alike),
+        "largest_shift": {"coefficient": one.shifted_coefficient, "in_U": one.shift},
+        "not_told_from": list(one.indistinguishable),
     }  # fmt: skip
     return {
         "grade": verdict.grade,
@@ -46,7 +46,7 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
 def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
     """Return the verdict of a calibration file; `lines` are its notes."""
     one = content["suspect"]
-    suspect = one and Suspect(
+    suspect = one and SuspectedCause(
         one["name"],
         one["kind"],
         tuple(c["name"] for c in one["components"]),
@@ -63,10 +63,10 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
         tuple(one["not_told_from"]),
     )
     grade = content["grade"]
-    if grade not in WORDS:
-        raise ValueError(f"verdict {grade!r} is none of {', '.join(WORDS)}")
+    if grade not in GRADE_WORDS:
+        raise ValueError(f"verdict {grade!r} is none of {', '.join(GRADE_WORDS)}")
     tests = tuple(
-        Assessed(t["name"], t["chi2"], t["dof"], t["p_value"], t["p_among_all"])
+        HypothesisTest(t["name"], t["chi2"], t["dof"], t["p_value"], t["p_among_all"])
         for t in content["tests"]
     )
     return Verdict(grade, tuple(content["reasons"]), lines, tests, suspect)

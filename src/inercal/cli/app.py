@@ -7,16 +7,16 @@ import typer
 from typer.exceptions import TyperException
 
 from inercal.cli import (
-    apply,
-    bench,
-    budget,
-    calibrate,
-    demo,
-    plan,
-    report,
-    reproduce,
-    simulate,
-    store,
+    apply_command,
+    bench_commands,
+    budget_command,
+    calibrate_command,
+    demo_command,
+    plan_command,
+    report_command,
+    reproduce_command,
+    simulate_command,
+    store_commands,
 )
 from inercal.errors import InercalError
 
@@ -27,10 +27,19 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-for verb in (demo, calibrate, plan, budget, simulate, apply, report, reproduce):
+for verb in (
+    demo_command,
+    calibrate_command,
+    plan_command,
+    budget_command,
+    simulate_command,
+    apply_command,
+    report_command,
+    reproduce_command,
+):
     app.command(verb.NAME)(verb.run)
-app.add_typer(bench.app, name=bench.NAME)
-app.add_typer(store.app, name=store.NAME)
+app.add_typer(bench_commands.app, name=bench_commands.NAME)
+app.add_typer(store_commands.app, name=store_commands.NAME)
 
 
 @app.callback(invoke_without_command=True)

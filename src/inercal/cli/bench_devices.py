@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from inercal.cli.bench_options import TABLE
-from inercal.cli.show import as_json
+from inercal.cli.bench_options import TABLE_HELP
+from inercal.cli.console import print_json
 
 if TYPE_CHECKING:
     from inercal.benches import Turntable
 
 
 def devices(
-    table: Annotated[str, typer.Option(help=f"Ask a table: {TABLE}")] = "",
+    table: Annotated[str, typer.Option(help=f"Ask a table: {TABLE_HELP}")] = "",
     imu: Annotated[
         str, typer.Option(help="Listen to an IMU for a second; without preset= all are tried.")
     ] = "",
@@ -28,21 +28,21 @@ def devices(
     from dataclasses import asdict
 
     from inercal.host import devices
-    from inercal.host.device_lines import of_imu, of_ports, of_table
+    from inercal.host.device_description import imu_lines, port_lines, table_lines
 
     found: dict[str, object] = {}
     if not (table or imu):
-        ports = devices.ports()
+        ports = devices.list_serial_ports()
         found["ports"] = [asdict(port) for port in ports]
-        lines = of_ports(ports)
+        lines = port_lines(ports)
     else:
         lines = []
     if table:
-        seen = devices.table(table, _bench(run_file))
+        seen = devices.probe_table(table, _read_bench(run_file))
         found["table"] = asdict(seen)
-        lines += of_table(seen)
+        lines += table_lines(seen)
     if imu:
-        heard = devices.imu(imu)
+        heard = devices.probe_imu(imu)
         found["imu"] = {
             "address": heard.address,
             "bytes": heard.size,
@@ -51,22 +51,22 @@ def devices(
                 {
                     "preset": one.layout.name,
                     "protection": one.layout.protection,
-                    "taken": one.taken,
+                    "taken": one.decoded_fraction,
                     "rate_hz": one.rate_hz,
                 }
-                for one in heard.senders
+                for one in heard.decodings
             ],
         }
-        lines += of_imu(heard)
+        lines += imu_lines(heard)
     if json:
-        as_json(found)
+        print_json(found)
         return
     for line in lines:
         print(line)
 
 
-def _bench(run_file: Path | None) -> "Turntable | None":
-    from inercal.benches.turntable import turntable_of
+def _read_bench(run_file: Path | None) -> "Turntable | None":
+    from inercal.benches.turntable import require_turntable
     from inercal.runfile import read
 
-    return None if run_file is None else turntable_of(read(run_file))
+    return None if run_file is None else require_turntable(read(run_file))

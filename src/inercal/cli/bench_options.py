@@ -4,16 +4,18 @@ from math import inf
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from inercal.host.options import Options
+    from inercal.host.options import RunOptions
 
-TABLE = "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
-CLOCK = "Of a simulated bench, as `simulate` says it."
-SPEED = "Most seconds of a simulated bench in one of the wall's."
-PATIENCE = "s that the IMU may be gone before the run ends."
-TEMPERATURE = "°C that the IMU must stay within, as 15:40."
+TABLE_HELP = (
+    "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
+)
+CLOCK_HELP = "Of a simulated bench, as `simulate` says it."
+SPEED_HELP = "Most seconds of a simulated bench in one of the wall's."
+PATIENCE_HELP = "s that the IMU may be gone before the run ends."
+TEMPERATURE_HELP = "°C that the IMU must stay within, as 15:40."
 
 
-def above_zero(option: str, given: float | str, otherwise: str = "") -> float:
+def positive_number(option: str, given: float | str, otherwise: str = "") -> float:
     """Return the number that was given to an option.
 
     Parameters
@@ -40,7 +42,7 @@ def above_zero(option: str, given: float | str, otherwise: str = "") -> float:
     return value
 
 
-def of_runs(speed: float | None, patience: float, temperature: str) -> "Options":
+def run_options(speed: float | None, patience: float, temperature: str) -> "RunOptions":
     """Return what was given to `--speed`, `--patience` and `--temperature`.
 
     Raises
@@ -49,7 +51,7 @@ def of_runs(speed: float | None, patience: float, temperature: str) -> "Options"
         No number above 0, or no two temperatures of which the lower one comes first.
     """
     from inercal.errors import InputError
-    from inercal.host.options import Options
+    from inercal.host.options import RunOptions
     from inercal.units import ZERO_CELSIUS
 
     within: tuple[float, float] | None = None
@@ -63,5 +65,5 @@ def of_runs(speed: float | None, patience: float, temperature: str) -> "Options"
             raise InputError(f"--temperature {temperature!r}; give lowest and highest °C, as 15:40")
     for name, value in (("--speed", speed), ("--patience", patience)):
         if value is not None:
-            above_zero(name, value)
-    return Options(speed, within, patience)
+            positive_number(name, value)
+    return RunOptions(speed, within, patience)

@@ -5,7 +5,13 @@ from typing import Annotated
 
 import typer
 
-from inercal.cli.bench_options import CLOCK, PATIENCE, SPEED, TEMPERATURE, of_runs
+from inercal.cli.bench_options import (
+    CLOCK_HELP,
+    PATIENCE_HELP,
+    SPEED_HELP,
+    TEMPERATURE_HELP,
+    run_options,
+)
 
 
 def serve(
@@ -16,10 +22,10 @@ def serve(
     ] = None,
     table: Annotated[str, typer.Option(help="A table to choose, as `run` takes it.")] = "",
     imu: Annotated[str, typer.Option(help="An IMU to choose, as `run` takes it.")] = "",
-    clock: Annotated[str, typer.Option(help=CLOCK)] = "",
-    speed: Annotated[float | None, typer.Option(help=SPEED)] = None,
-    patience: Annotated[float, typer.Option(help=PATIENCE)] = 120.0,
-    temperature: Annotated[str, typer.Option(help=TEMPERATURE)] = "",
+    clock: Annotated[str, typer.Option(help=CLOCK_HELP)] = "",
+    speed: Annotated[float | None, typer.Option(help=SPEED_HELP)] = None,
+    patience: Annotated[float, typer.Option(help=PATIENCE_HELP)] = 120.0,
+    temperature: Annotated[str, typer.Option(help=TEMPERATURE_HELP)] = "",
     host: Annotated[
         str, typer.Option(help="Address to listen at; another than this machine's needs a token.")
     ] = "127.0.0.1",
@@ -33,13 +39,13 @@ def serve(
 
     A run survives the page and this server. A software stop is no safety function.
     """
-    from inercal.errors import InputError, brought_by
+    from inercal.errors import InputError, require_extra
 
-    runs_options = of_runs(speed, patience, temperature)
+    runs_options = run_options(speed, patience, temperature)
     if not 0 <= port < 65536:
         raise InputError(f"--port {port}; possible: 0 to 65535")
     packages = ("starlette", "uvicorn", "websockets", "tomlkit")
-    with brought_by("host", f"the live page needs {', '.join(packages)}", packages):
-        from inercal.host.web.server import Options
+    with require_extra("host", f"the live page needs {', '.join(packages)}", packages):
+        from inercal.host.web.server import ServerOptions
         from inercal.host.web.server import serve as served
-    served(Options(plans, runs, register, table, imu, clock, runs_options, host, port, token))
+    served(ServerOptions(plans, runs, register, table, imu, clock, runs_options, host, port, token))

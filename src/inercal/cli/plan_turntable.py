@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inercal.cli.plan_sheet import known_as_object, print_known
-from inercal.cli.show import as_json, number, working
+from inercal.cli.console import number_column, print_json, progress_status
+from inercal.cli.plan_output import print_uncertainties, uncertainty_as_object
 
 if TYPE_CHECKING:
-    from inercal.design.on_turntable import PathSheet
+    from inercal.design.turntable_path import PathSheet
 
 
 def plan_path(
@@ -19,18 +19,18 @@ def plan_path(
     Raises
     ------
     InputError
-        `out`, since there is no table to fill; what `worksheet` refuses.
+        `out`, since there is no table to fill; what `turntable_path_sheet` refuses.
     """
-    from inercal.design.on_turntable import worksheet
+    from inercal.design.turntable_path import turntable_path_sheet
     from inercal.errors import InputError
     from inercal.runfile import read
 
     if out is not None:
         raise InputError("--out: a path is printed; a turntable leaves a recording, no table")
-    with working("following the path"):
-        sheet = worksheet(read(run_file, keys))
+    with progress_status("following the path"):
+        sheet = turntable_path_sheet(read(run_file, keys))
     if json:
-        as_json(_as_object(sheet))
+        print_json(_as_object(sheet))
         return
     _print(sheet)
 
@@ -40,23 +40,23 @@ def _as_object(sheet: "PathSheet") -> dict[str, Any]:
         "steps": [
             {
                 "label": row.step.label,
-                "what": row.step.in_words(),
+                "what": row.step.describe(),
                 "move_seconds": row.move,
                 "seconds": row.seconds,
             }
             for row in sheet.rows
         ],
         "seconds": sheet.seconds,
-        "expected": [known_as_object(one) for one in sheet.expected],
+        "expected": [uncertainty_as_object(one) for one in sheet.expected],
         "undecided": list(sheet.undecided),
     }
 
 
 def _advice(sheet: "PathSheet") -> str:
     """Say what tells the coefficients that a path leaves open."""
-    from inercal.benches.turntable import turntable_of
+    from inercal.benches.turntable import require_turntable
 
-    bench = turntable_of(sheet.run)
+    bench = require_turntable(sheet.run)
     if len(bench.axes) < len("xyz"):
         return (
             f"A table of axes {bench.axes} does not tell all: name those to find in "
@@ -70,14 +70,20 @@ def _print(sheet: "PathSheet") -> None:
     from rich.table import Table
 
     console = Console()
-    heads = (number("row"), "label", "what the table does", number("move"), number("for"))
+    heads = (
+        number_column("row"),
+        "label",
+        "what the table does",
+        number_column("move"),
+        number_column("for"),
+    )
     table = Table(*heads, title=f"{len(sheet.rows)} steps, {sheet.seconds / 60:.3g} min in all")
     for row in sheet.rows:
-        what = row.step.in_words().replace("-", "−")
+        what = row.step.describe().replace("-", "−")
         move = f"{row.move:.1f} s" if row.move else ""
         table.add_row(str(row.number), row.step.label, what, move, f"{row.seconds:.1f} s")
     console.print(table)
-    print_known(sheet.run, (sheet.expected,), console)
+    print_uncertainties(sheet.run, (sheet.expected,), console)
     for words in sheet.undecided:
         text = f"left open, in units of g and rad/s: {words}"
         console.print(f"· {text}", highlight=False, markup=False)

@@ -4,13 +4,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inercal.cli.plan_sheet import files_of, known_as_object, print_known, print_sheet_written
-from inercal.cli.show import as_json, working
+from inercal.cli.console import print_json, progress_status
+from inercal.cli.plan_output import (
+    output_files,
+    print_sheet_files,
+    print_uncertainties,
+    uncertainty_as_object,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from inercal.benches.sheet import Sheet
+    from inercal.benches.operator_sheet import Sheet
     from inercal.design.worksheet import Worksheet
 
 
@@ -22,29 +27,29 @@ def plan_worksheet(
     Raises
     ------
     InputError
-        A file that exists, unless by `force`, or that is no .csv; what `worksheet` refuses.
+        A file that exists, unless by `force`, or that is no .csv; what `build_worksheet` refuses.
     NotObserved
         Coefficients that the plan leaves open.
     """
-    from inercal.design.worksheet import as_csv, sheet_of, worksheet
-    from inercal.io.atomic import write_text
+    from inercal.design.worksheet import build_worksheet, run_sheet, worksheet_csv
+    from inercal.io.atomic_files import write_text
     from inercal.report import write_worksheet
     from inercal.runfile import read
 
-    with working("working out what the plan gives"):
+    with progress_status("working out what the plan gives"):
         run = read(run_file, keys)
-        page = bool(sheet_of(run).boxes)
-        files = {} if out is None else files_of(out, page=page, force=force)
-        made = worksheet(run)
+        page = bool(run_sheet(run).boxes)
+        files = {} if out is None else output_files(out, page=page, force=force)
+        made = build_worksheet(run)
     if files:
-        write_text(files["sheet"], as_csv(made))
+        write_text(files["sheet"], worksheet_csv(made))
     if "page" in files:
         write_worksheet(made, files["page"], files["sheet"].name)
     if json:
-        as_json(_as_object(made) | {kind: str(path) for kind, path in files.items()})
+        print_json(_as_object(made) | {kind: str(path) for kind, path in files.items()})
         return
     _print(made)
-    print_sheet_written(files)
+    print_sheet_files(files)
 
 
 def _as_object(made: "Worksheet") -> dict[str, Any]:
@@ -53,10 +58,10 @@ def _as_object(made: "Worksheet") -> dict[str, Any]:
         "steps": [{"label": row.label, **row.facts, "seconds": row.seconds} for row in sheet.rows],
         "seconds": sheet.seconds,
         "notes": list(sheet.notes),
-        "expected": [known_as_object(one) for one in made.expected],
+        "expected": [uncertainty_as_object(one) for one in made.expected],
     }
     if sheet.sums:
-        content["together"] = [known_as_object(one) for one in made.together]
+        content["together"] = [uncertainty_as_object(one) for one in made.together]
     return content
 
 
@@ -65,7 +70,9 @@ def _print(made: "Worksheet") -> None:
 
     console = Console()
     _print_rows(made.sheet, console)
-    print_known(made.run, [part for part in (made.expected, made.together) if part], console)
+    print_uncertainties(
+        made.run, [part for part in (made.expected, made.together) if part], console
+    )
     for note in made.sheet.notes:
         console.print(f"· {note}", highlight=False, markup=False)
 
@@ -75,7 +82,7 @@ def _print_rows(sheet: "Sheet", console: "Console") -> None:
 
     table = Table(title=sheet.title)
     for heading in sheet.headings:
-        table.add_column(heading.text, justify="right" if heading.right else "left")
+        table.add_column(heading.text, justify="right" if heading.align_right else "left")
     for k, row in enumerate(sheet.rows):
         last = k + 1 == len(sheet.rows) or sheet.rows[k + 1].group != row.group
         table.add_row(*row.cells, end_section=last)

@@ -9,14 +9,22 @@ from rich.text import Text
 
 from inercal.calibration.verdict import COVERAGE
 from inercal.keys import CoefficientName
-from inercal.store import CalibrationEntry, History, RunEntry, SensorEntry
+from inercal.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
 from inercal.store.comparison import Comparison
-from inercal.store.history import Course
-from inercal.store.words import drift, en, graded, of_comparison, of_history, point, slope
-from inercal.units import digits
+from inercal.store.history import CoefficientTrend
+from inercal.store.history_text import (
+    comparison_lines,
+    drift_text,
+    format_en,
+    format_point,
+    format_slope,
+    grade_text,
+    history_lines,
+)
+from inercal.units import format_value_and_uncertainty
 
-_TIMES = {"stated": "as stated", "run": "begin of the run", "created": "when it was made"}
-_RIGHT = ("value", "±", "E_n", "difference", "newest", "drift", "calibrations")
+_TIME_SOURCES = {"stated": "as stated", "run": "begin of the run", "created": "when it was made"}
+_RIGHT_ALIGNED = ("value", "±", "E_n", "difference", "newest", "drift", "calibrations")
 
 
 def print_sensors(entries: Sequence[SensorEntry]) -> None:
@@ -33,7 +41,7 @@ def print_runs(entries: Sequence[RunEntry]) -> None:
     table = _table("run", "sensor", "bench", "begun", "state", "folder", "entered by")
     for one in entries:
         begun = one.begun.replace("T", " ")[:16]
-        bench = _bench(one.kind, one.bench)
+        bench = _bench_text(one.kind, one.bench)
         _row(table, str(one.id), one.sensor, bench, begun, one.state, one.folder, one.by)
     Console().print(table)
 
@@ -42,31 +50,33 @@ def print_sensor(
     sensor: SensorEntry, calibrations: Sequence[CalibrationEntry], runs: Sequence[RunEntry]
 ) -> None:
     """Print a sensor, its calibrations and its runs."""
-    _say(f"{sensor.name}: {', '.join(sensor.axes)}; entered by {sensor.by} on {_date(sensor.at)}")
+    _print_line(
+        f"{sensor.name}: {', '.join(sensor.axes)}; entered by {sensor.by} on {_date(sensor.at)}"
+    )
     table = _table(
         "number", "measured", "method", "estimator", "bench", "verdict", "run", "entered by"
     )
     for one in calibrations:
         run = "" if one.run is None else str(one.run)
-        bench = _bench(one.kind, one.bench)
+        bench = _bench_text(one.kind, one.bench)
         cells = (f"#{one.id}", _date(one.measured), one.method, one.estimator, bench)
-        _row(table, *cells, graded(one.grade), run, one.by)
+        _row(table, *cells, grade_text(one.grade), run, one.by)
     if calibrations:
         Console().print(table)
     if runs:
         print_runs(runs)
     if not (calibrations or runs):
-        _say("no calibration and no run of it yet")
+        _print_line("no calibration and no run of it yet")
 
 
 def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
     """Print one calibration: where it comes from, hashes, coefficients."""
     found = entry.calibration
     facts = {
-        "measured": f"{entry.measured} ({_TIMES[entry.measured_from]})",
+        "measured": f"{entry.measured} ({_TIME_SOURCES[entry.measured_from]})",
         "method": f"{entry.method}, {entry.estimator}",
-        "bench": _bench(entry.kind, entry.bench),
-        "verdict": graded(entry.grade),
+        "bench": _bench_text(entry.kind, entry.bench),
+        "verdict": grade_text(entry.grade),
         "frame": found.frame,
         **{name: text for name, text in found.conditions.items() if name != "bench"},
         **found.provenance,
@@ -76,59 +86,61 @@ def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
     if run is not None:
         facts["run"] = f"{run.id}, begun {run.begun}, {run.state}, {run.folder}"
         facts |= {f"{one.name} sha256": one.sha256 for one in run.files}
-    _say(f"calibration #{entry.id} of {entry.sensor}")
+    _print_line(f"calibration #{entry.id} of {entry.sensor}")
     for name, text in facts.items():
         if text:
-            _say(f"{name}: {text}")
+            _print_line(f"{name}: {text}")
     table = _table("coefficient", "meaning", "value", "± U (k = 2)", "unit")
     previous = ""
     rows = zip(found.sensor.coefficients, found.values, found.std, strict=True)
     for name, value, std in rows:
-        previous = _section(table, name, previous)
+        previous = _begin_section(table, name, previous)
         line = found.sensor.coefficient(name)
-        cells = digits(value / line.si, COVERAGE * std / line.si)
+        cells = format_value_and_uncertainty(value / line.si, COVERAGE * std / line.si)
         _row(table, name, line.meaning, *cells, line.unit)
     Console().print(table)
     for note in found.notes:
-        _say(f"· {note}")
+        _print_line(f"· {note}")
 
 
-def print_history(history: History, *, whole: bool) -> None:
-    """Print a history: every calibration of each coefficient where `whole`, else one row each."""
+def print_history(history: SensorHistory, *, detailed: bool) -> None:
+    """Print a history: a row of each coefficient, or of each calibration where `detailed`."""
     first, last = (_date(history.entries[k].measured) for k in (0, -1))
     count = len(history.entries)
     times = f"calibrations, {first} to {last}" if count > 1 else f"calibration, {first}"
-    _say(f"{history.sensor.name}: {count} {times}")
-    if whole:
-        for course in history.courses:
-            _print_course(history, course)
+    _print_line(f"{history.sensor.name}: {count} {times}")
+    if detailed:
+        for course in history.trends:
+            _print_trend(history, course)
     else:
-        _print_courses(history)
-    for line in of_history(history):
-        _say(line)
+        _print_trends(history)
+    for line in history_lines(history):
+        _print_line(line)
 
 
-def _print_courses(history: History) -> None:
+def _print_trends(history: SensorHistory) -> None:
     table = _table(
         "coefficient", "newest", "± U (k = 2)", "unit", "E_n", "drift a year", "± U", "verdict"
     )
     previous = ""
-    for one in history.courses:
-        previous = _section(table, one.name, previous)
-        last = en(float(one.normalised[-1]))
-        _row(table, one.name, *point(one, -1), one.unit, last, *slope(one), one.verdict)
+    for one in history.trends:
+        previous = _begin_section(table, one.name, previous)
+        last = format_en(float(one.normalised_errors[-1]))
+        _row(
+            table, one.name, *format_point(one, -1), one.unit, last, *format_slope(one), one.verdict
+        )
     Console().print(table)
 
 
-def _print_course(history: History, course: Course) -> None:
+def _print_trend(history: SensorHistory, course: CoefficientTrend) -> None:
     table = _table("number", "measured", f"value, {course.unit}", "± U (k = 2)", "E_n")
     table.title = f"{course.name}, {course.meaning}"
     for k, one in enumerate(course.points):
         entry = history.entries[one]
-        cells = (f"#{entry.id}", _date(entry.measured), *point(course, k))
-        _row(table, *cells, en(float(course.normalised[k])))
+        cells = (f"#{entry.id}", _date(entry.measured), *format_point(course, k))
+        _row(table, *cells, format_en(float(course.normalised_errors[k])))
     Console().print(table)
-    _say(f"{course.name}: {course.verdict}; {drift(course)}")
+    _print_line(f"{course.name}: {course.verdict}; {drift_text(course)}")
 
 
 def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
@@ -136,22 +148,26 @@ def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
     table = _table(
         "coefficient", "value 1", "± U", "value 2", "± U", "difference", "± U", "unit", "E_n"
     )
-    _say(f"1: {names[0]}; 2: {names[1]}; U with k = 2")
+    _print_line(f"1: {names[0]}; 2: {names[1]}; U with k = 2")
     previous = ""
     both, std = (compared.first, compared.second), compared.std
     for k, name in enumerate(compared.names):
-        previous = _section(table, name, previous)
+        previous = _begin_section(table, name, previous)
         line = compared.second.sensor.coefficient(name)
         numbers = [(one.value(name), float(u[k])) for one, u in zip(both, std, strict=True)]
         numbers.append((float(compared.difference[k]), float(np.hypot(std[0][k], std[1][k]))))
-        cells = [cell for x, u in numbers for cell in digits(x / line.si, COVERAGE * u / line.si)]
-        _row(table, name, *cells, line.unit, en(float(compared.normalised[k])))
+        cells = [
+            cell
+            for x, u in numbers
+            for cell in format_value_and_uncertainty(x / line.si, COVERAGE * u / line.si)
+        ]
+        _row(table, name, *cells, line.unit, format_en(float(compared.normalised_errors[k])))
     Console().print(table)
-    for line in of_comparison(compared):
-        _say(line)
+    for line in comparison_lines(compared):
+        _print_line(line)
 
 
-def _bench(kind: str, name: str) -> str:
+def _bench_text(kind: str, name: str) -> str:
     return f"{name} ({kind})" if kind and name else kind or name
 
 
@@ -162,7 +178,7 @@ def _date(time: str) -> str:
 def _table(*heads: str) -> Table:
     table = Table()
     for head in heads:
-        table.add_column(head, justify="right" if head.startswith(_RIGHT) else "left")
+        table.add_column(head, justify="right" if head.startswith(_RIGHT_ALIGNED) else "left")
     return table
 
 
@@ -171,7 +187,7 @@ def _row(table: Table, *cells: str) -> None:
     table.add_row(*(Text(cell, style="bold red" if cell.endswith(" *") else "") for cell in cells))
 
 
-def _section(table: Table, name: str, previous: str) -> str:
+def _begin_section(table: Table, name: str, previous: str) -> str:
     """Begin a section of the table where another axis begins; return the axis."""
     axis = CoefficientName(name).axis
     if previous and axis != previous:
@@ -179,5 +195,5 @@ def _section(table: Table, name: str, previous: str) -> str:
     return axis
 
 
-def _say(text: str) -> None:
+def _print_line(text: str) -> None:
     Console(highlight=False).print(Text(text))

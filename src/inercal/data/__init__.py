@@ -1,6 +1,6 @@
 """From [data] of a run file to recordings and tables: what all kinds of benches have in common."""
 
-from inercal.data.section import DataSection, Readback, RestsSection, size_of
+from inercal.data.data_section import DataSection, ReadbackColumn, RestsSection, unit_size
 from inercal.data.source import EstimatorInput, Source
 
-__all__ = ["DataSection", "EstimatorInput", "Readback", "RestsSection", "Source", "size_of"]
+__all__ = ["DataSection", "EstimatorInput", "ReadbackColumn", "RestsSection", "Source", "unit_size"]

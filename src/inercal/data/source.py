@@ -5,18 +5,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from inercal.data.section import DataSection
+from inercal.data.data_section import DataSection
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.sensors import Sensor
 
 if TYPE_CHECKING:
-    from inercal.segments import FoundRests  # the kernels load with the readers
+    from inercal.segments import RestDetection  # the kernels load with the readers
 
 D = TypeVar("D", bound=DataSection, covariant=True)
 
 
-class Chosen(Protocol):
+class ChosenMethod(Protocol):
     """What a reader of data sees of the method."""
 
     @property
@@ -25,7 +25,7 @@ class Chosen(Protocol):
         ...
 
     @property
-    def free(self) -> bool:
+    def unknown_attitudes(self) -> bool:
         """Whether it finds the attitudes itself: there is no plan that rows must fit."""
         ...
 
@@ -59,7 +59,7 @@ class Source(Protocol[D]):
         ...
 
     @property
-    def method(self) -> Chosen:
+    def method(self) -> ChosenMethod:
         """The method."""
         ...
 
@@ -74,7 +74,7 @@ class Source(Protocol[D]):
         ...
 
     @property
-    def planned(self) -> bool:
+    def has_plan_keys(self) -> bool:
         """Whether the run file says something of the plan."""
         ...
 
@@ -105,7 +105,7 @@ class EstimatorInput:
     findings : tuple of Finding
     conditions : dict of str to str
         Of the bench, in words with units.
-    rests : FoundRests or None
+    rests : RestDetection or None
         How rests were found, where they were found without a plan.
     bench : Bench or None
         Where the data tell more of it than the run file states.
@@ -120,6 +120,6 @@ class EstimatorInput:
     steps: tuple[Step, ...]
     findings: tuple[Finding, ...]
     conditions: dict[str, str] = field(default_factory=dict[str, str])
-    rests: "FoundRests | None" = None
+    rests: "RestDetection | None" = None
     bench: Any = None
     notes: tuple[str, ...] = ()

@@ -4,11 +4,15 @@ import csv
 from dataclasses import dataclass
 from io import StringIO
 
-from inercal.benches.sheet import Sheet
-from inercal.design.known import ExpectedUncertainty, alone, estimate_of_plan
+from inercal.benches.operator_sheet import Sheet
+from inercal.design.expected_uncertainty import (
+    ExpectedUncertainty,
+    estimate_of_plan,
+    estimated_uncertainties,
+)
 from inercal.errors import InputError
 from inercal.estimate import Estimate
-from inercal.methods.dual_orthogonal.together import together
+from inercal.methods.dual_orthogonal.coefficient_sums import well_determined_sums
 from inercal.runfile import Run
 from inercal.sensors import Sensor
 
@@ -33,7 +37,7 @@ class Worksheet:
     together: tuple[ExpectedUncertainty, ...]
 
 
-def sheet_of(run: Run) -> Sheet:
+def run_sheet(run: Run) -> Sheet:
     """Return what the operator of a run does.
 
     Raises
@@ -46,7 +50,7 @@ def sheet_of(run: Run) -> Sheet:
     return run.kind.sheet(run)
 
 
-def worksheet(run: Run) -> Worksheet:
+def build_worksheet(run: Run) -> Worksheet:
     """Return the worksheet of a run. Its data are not looked at.
 
     Raises
@@ -56,13 +60,13 @@ def worksheet(run: Run) -> Worksheet:
     NotObserved
         Coefficients that the plan leaves open.
     """
-    sheet = sheet_of(run)
+    sheet = run_sheet(run)
     estimate = estimate_of_plan(run, run.kind.words.rows)
-    sums = _together(estimate, run.sensor, run.bench.gravity.value) if sheet.sums else ()
-    return Worksheet(run, sheet, alone(estimate, run.sensor), sums)
+    sums = _sum_uncertainties(estimate, run.sensor, run.bench.gravity.value) if sheet.sums else ()
+    return Worksheet(run, sheet, estimated_uncertainties(estimate, run.sensor), sums)
 
 
-def as_csv(made: Worksheet) -> str:
+def worksheet_csv(made: Worksheet) -> str:
     """Return the table to be filled, CSV: what is set stands in it, what is read is empty.
 
     Filled, it is the [data] file of a run with kind = "means".
@@ -87,8 +91,10 @@ def as_csv(made: Worksheet) -> str:
     return text.getvalue()
 
 
-def _together(estimate: Estimate, sensor: Sensor, g: float) -> tuple[ExpectedUncertainty, ...]:
-    lines = [(one, sensor.coefficient(one.terms[0])) for one in together(estimate, g)]
+def _sum_uncertainties(
+    estimate: Estimate, sensor: Sensor, g: float
+) -> tuple[ExpectedUncertainty, ...]:
+    lines = [(one, sensor.coefficient(one.terms[0])) for one in well_determined_sums(estimate, g)]
     return tuple(
         ExpectedUncertainty(one.name, one.meaning, line.unit, line.si, one.sd)
         for one, line in lines

@@ -1,31 +1,31 @@
 """Estimation: a problem in, an estimate with covariance and its null space out. No sensor words."""
 
-from inercal.estimate.course import Course, Smoothed
-from inercal.estimate.factors import Gauge, Gaussian
+from inercal.estimate.filter_history import FilterHistory, SmoothedStates
 from inercal.estimate.least_squares import least_squares
-from inercal.estimate.linear import linear
-from inercal.estimate.loss import Cauchy, Huber
+from inercal.estimate.linear_least_squares import linear_least_squares
 from inercal.estimate.nullspace import NullDirection
+from inercal.estimate.priors_and_gauges import Gauge, Gaussian
 from inercal.estimate.problem import Problem
-from inercal.estimate.result import Estimate, Group
-from inercal.estimate.scores import Candidate, Score, Scored, Test, scored
+from inercal.estimate.result import Estimate, ResidualGroup
+from inercal.estimate.robust_loss import Cauchy, Huber
+from inercal.estimate.scores import Candidate, ModelTest, ScoreTest, ScoreTestSet, score_tests
 
 __all__ = [
     "Candidate",
     "Cauchy",
-    "Course",
     "Estimate",
+    "FilterHistory",
     "Gauge",
     "Gaussian",
-    "Group",
     "Huber",
+    "ModelTest",
     "NullDirection",
     "Problem",
-    "Score",
-    "Scored",
-    "Smoothed",
-    "Test",
+    "ResidualGroup",
+    "ScoreTest",
+    "ScoreTestSet",
+    "SmoothedStates",
     "least_squares",
-    "linear",
-    "scored",
+    "linear_least_squares",
+    "score_tests",
 ]

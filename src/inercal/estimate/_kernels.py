@@ -1,7 +1,8 @@
 """Compiled normal equations of many small problems at once.
 
 The trials lie side by side in the innermost axis ("lanes"), so that every operation of a textbook
-Cholesky factorisation becomes one vector operation over trials. `steps` holds the dense oracle.
+Cholesky factorisation becomes one vector operation over trials. `gauss_newton_steps` holds the
+dense oracle.
 
 The number of lanes is an argument: were it a constant, the compiler would unroll the inner loops
 instead of vectorising them.
@@ -20,7 +21,7 @@ LANES = 32
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _factor(
+def _cholesky_block(
     rows: Array,
     weight: Array,
     u: Array,
@@ -135,7 +136,7 @@ def solve(
     a, d = np.empty((k, k, lanes)), np.empty((k, lanes))
     b, g = np.empty((k, lanes)), np.empty((k, lanes))
     for first in range(0, trials, lanes):
-        _factor(rows, weight, u, prior, damping, first, a, b, d, good)
+        _cholesky_block(rows, weight, u, prior, damping, first, a, b, d, good)
         used = min(lanes, trials - first)
         for lane in range(used):
             for i in range(k):
@@ -175,7 +176,7 @@ def inverse(rows: Array, weight: Array, prior: Array, lanes: int) -> tuple[Array
     a, v, d = np.empty((k, k, lanes)), np.zeros((k, k, lanes)), np.empty((k, lanes))
     u, b, s = np.zeros((trials, rows.shape[1])), np.empty((k, lanes)), np.empty(lanes)
     for first in range(0, trials, lanes):
-        _factor(rows, weight, u, prior, damping, first, a, b, d, good)
+        _cholesky_block(rows, weight, u, prior, damping, first, a, b, d, good)
         # v[j, i] = (L⁻¹)ᵢⱼ: transposed, so that both sums below run along rows.
         for j in range(k):
             column = v[j]

@@ -1,6 +1,7 @@
 """Noise of sections as contrasts show it: its correlation, and each section's own scatter.
 
-The contrasts are those of `inercal.estimate.sections`; its equations say what each level shows.
+The contrasts are those of `inercal.estimate.section_statistics`; its equations say what each level
+shows.
 
 Sources: Percival and Walden, Wavelet Methods for Time Series Analysis, Cambridge 2000, chapter 8
 (Haar variance of a process); Smyth 2004, Statistical Applications in Genetics 3, article 3,
@@ -21,8 +22,8 @@ from scipy.special import chdtri, digamma, polygamma
 
 from inercal.arrays import Array
 
-COARSE = 2  # levels that show a change; the finer ones show the noise
-LEAST = 1e-6  # of the mean variance: sections that are exactly constant
+COARSE_LEVELS = 2  # levels that show a change; the finer ones show the noise
+SMALLEST_VARIANCE = 1e-6  # of the mean variance: sections that are exactly constant
 _LEVEL = 0.01  # of the likelihood ratio for a correlation
 _RATIOS = np.concatenate([[0.0], np.geomspace(0.1, 3e3, 28)])  # ρ
 _TIMES = 14  # of τ
@@ -36,58 +37,58 @@ class Contrasts(NamedTuple):
     samples: int
     levels: tuple[Array, ...]  # (2^(l − 1), m) each
     slope: Array  # (m,)
-    reach: float  # of `slope`, for a trend of one per second
+    slope_per_trend: float  # of `slope`, for a trend of one per second
 
 
 @dataclass(frozen=True, eq=False)
-class Correlation:
+class NoiseCorrelation:
     """A Gauss–Markov process within the noise: ρ times its white part in density, and τ, s."""
 
     ratio: float = 0.0
     seconds: float = 1.0
 
-    def of_contrasts(self, seconds: Array) -> Array:
+    def contrast_variance_ratio(self, seconds: Array) -> Array:
         """Return the variance of contrasts of blocks of h seconds over that of the white part."""
-        return _of_contrasts(np.array(self.ratio), np.array(self.seconds), seconds)
+        return _contrast_variance_ratio(np.array(self.ratio), np.array(self.seconds), seconds)
 
-    def of_means(self, seconds: Array) -> Array:
+    def mean_variance_ratio(self, seconds: Array) -> Array:
         """Return the variance of means over T seconds over that of the white part."""
         x = self.seconds / seconds
         return np.asarray(1 + self.ratio * (1 + x * np.expm1(-1 / x)))
 
-    def of_batches(self, seconds: Array, batches: int) -> Array:
+    def batch_variance_ratio(self, seconds: Array, batches: int) -> Array:
         """Return the scatter of a number of batch means in T seconds, over that of white noise."""
-        own, whole = self.of_means(seconds / batches), self.of_means(seconds)
+        own, whole = self.mean_variance_ratio(seconds / batches), self.mean_variance_ratio(seconds)
         return np.asarray((own - whole / batches) * batches / (batches - 1))
 
 
-def _of_contrasts(ratio: Array, tau: Array, h: Array) -> Array:
+def _contrast_variance_ratio(ratio: Array, tau: Array, h: Array) -> Array:
     x = tau / h
     a = -np.expm1(-1 / x)
     return np.asarray(1 + ratio * (1 - x * a - 0.5 * x * a**2), dtype=np.float64)
 
 
-WHITE = Correlation()
+WHITE = NoiseCorrelation()
 
 
-def blocks(seconds: float, levels: int) -> Array:
+def block_durations(seconds: float, levels: int) -> Array:
     """Return the length of the blocks of levels 1, 2, …, (levels,) s."""
     return np.array([seconds / 2**place for place in range(1, levels + 1)])
 
 
-def powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Array:
+def contrast_powers(one: Contrasts, size: Array, used: NDArray[np.intp]) -> Array:
     """Return the mean square of each level's contrasts over all channels, (levels,)."""
     return np.array([float(np.mean((level[:, used] / size[used]) ** 2)) for level in one.levels])
 
 
-def correlations(
+def fit_correlations(
     powers: Sequence[Array], sections: Sequence[Contrasts]
-) -> tuple[Correlation, tuple[Correlation, ...]]:
+) -> tuple[NoiseCorrelation, tuple[NoiseCorrelation, ...]]:
     """Return the correlation of all sections, and that of all but each."""
     longest = max(one.seconds for one in sections)
     shortest = min(one.seconds / 2 ** len(one.levels) for one in sections)
     times: Array = np.geomspace(shortest / 4, longest / 2, _TIMES, dtype=np.float64)
-    grid = [Correlation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
+    grid = [NoiseCorrelation(float(ratio), float(time)) for time in times for ratio in _RATIOS[1:]]
     channels = max(sections[0].levels[0].shape[1], 1)
     every = [WHITE, *grid]
     ratio, tau = (
@@ -96,9 +97,9 @@ def correlations(
     deviance = np.empty((len(sections), len(every)))
     for k, (power, one) in enumerate(zip(powers, sections, strict=True)):
         dof = channels * np.array([len(level) for level in one.levels], dtype=np.float64)
-        shape = _of_contrasts(ratio, tau, blocks(one.seconds, len(one.levels)))
+        shape = _contrast_variance_ratio(ratio, tau, block_durations(one.seconds, len(one.levels)))
         own = (power / shape) @ dof / dof.sum()
-        deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, LEAST))
+        deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, SMALLEST_VARIANCE))
     without = deviance.sum(axis=0) - deviance
     rise = without[:, 0] - without.min(axis=1)
     bound = float(chdtri(2, _LEVEL))
@@ -112,18 +113,18 @@ def correlations(
     return whole, others
 
 
-def fine(
-    one: Contrasts, size: Array, used: NDArray[np.intp], correlation: Correlation
+def fine_variance(
+    one: Contrasts, size: Array, used: NDArray[np.intp], correlation: NoiseCorrelation
 ) -> tuple[float, int]:
     """Return the variance of the fine levels over all sections' scale, and its freedom."""
     total, dof = 0.0, 0
     for place, level in enumerate(one.levels, 1):
-        if place <= COARSE:
+        if place <= COARSE_LEVELS:
             continue
-        shape = float(correlation.of_contrasts(np.array(one.seconds / 2**place)))
+        shape = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
         total += float(np.sum((level[:, used] / size[used]) ** 2)) / shape
         dof += level[:, used].size
-    return max(total / max(dof, 1), LEAST), dof
+    return max(total / max(dof, 1), SMALLEST_VARIANCE), dof
 
 
 def _log_variance(freedom: Array) -> Array:
@@ -137,7 +138,7 @@ def _log_bias(freedom: Array) -> Array:
     return np.array([float(cast("float", digamma(h))) for h in half.tolist()]) - np.log(half)
 
 
-def scales(found: Sequence[tuple[float, int]]) -> tuple[Array, Array]:
+def moderated_variances(found: Sequence[tuple[float, int]]) -> tuple[Array, Array]:
     """Return moderated variances, (r,), and the degrees of freedom behind each."""
     own = np.array([variance for variance, _ in found])
     dof = np.array([count for _, count in found], dtype=np.float64)

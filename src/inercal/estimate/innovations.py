@@ -20,18 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.scores import Test
+from inercal.estimate.scores import ModelTest
 
 _FEWEST = 8  # groups that a correlation is computed from
 _LEFT = 1e-6  # least share of a mean that a fit leaves
 
 
-def standardised(off: Array, s: Array) -> Array:
+def standardised_innovations(off: Array, s: Array) -> Array:
     """Return innovations (e, m) over their standard deviations; NaN where none was observed."""
     return np.divide(off, np.sqrt(s), out=np.full(off.shape, np.nan), where=s > 0)
 
 
-def grouped(standard: Array, group: NDArray[np.int64]) -> Array:
+def group_innovations(standard: Array, group: NDArray[np.int64]) -> Array:
     """Return z of each group, (g, m): the sum of its innovations over the root of their number.
 
     Parameters
@@ -48,34 +48,34 @@ def grouped(standard: Array, group: NDArray[np.int64]) -> Array:
     return total[number > 0] / np.sqrt(number[number > 0])[:, None]
 
 
-def means_and_whiteness(z: Array, means: str, whiteness: str) -> tuple[Test, ...]:
+def mean_and_whiteness_tests(z: Array, means: str, whiteness: str) -> tuple[ModelTest, ...]:
     """Return the tests of the groups' means, and of their correlation in the order of time.
 
     Parameters
     ----------
     z : (g, m) array
-        As of `grouped`.
+        As of `group_innovations`.
     means, whiteness : str
         What the tests are called.
     """
     g, m = z.shape
-    made = [Test(means, float(np.sum(z**2)), g * m)] if g else []
+    made = [ModelTest(means, float(np.sum(z**2)), g * m)] if g else []
     if g >= _FEWEST:
         beside = z[:-1:2][: g // 2].copy()
         after = z[2::2]
         beside[: len(after)] += after
         variance = float(np.sum(beside**2))
-        made.append(Test(whiteness, float(np.sum(z[1::2] * beside)) ** 2 / variance, 1))
+        made.append(ModelTest(whiteness, float(np.sum(z[1::2] * beside)) ** 2 / variance, 1))
     return tuple(made)
 
 
-def means_of_residuals(z: Array, slope: Array, covariance: Array, means: str) -> Test:
+def residual_mean_test(z: Array, slope: Array, covariance: Array, means: str) -> ModelTest:
     """Return the test of the means over groups of what a fit leaves.
 
     Parameters
     ----------
     z : (k,) array
-        Sums over groups as of `grouped`, in any order.
+        Sums over groups as of `group_innovations`, in any order.
     slope : (k, p) array
         The same sums of the whitened Jacobian.
     covariance : (p, p) array
@@ -87,4 +87,4 @@ def means_of_residuals(z: Array, slope: Array, covariance: Array, means: str) ->
     values, vectors = np.linalg.eigh(spread)
     kept = values > _LEFT
     t = vectors[:, kept].T @ z / np.sqrt(values[kept])
-    return Test(means, float(t @ t), int(kept.sum()))
+    return ModelTest(means, float(t @ t), int(kept.sum()))

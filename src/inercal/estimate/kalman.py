@@ -34,7 +34,7 @@ from numba import njit
 from inercal.arrays import Array
 
 
-class Steps(NamedTuple):
+class FilterSteps(NamedTuple):
     """What a filter of n states did at each of e epochs: a prediction, then m observations.
 
     A filter writes into row `epoch % len(s)`: of a way back that nobody asks for one row is kept.
@@ -50,7 +50,7 @@ class Steps(NamedTuple):
     rows: Array  # (e, r, n), theirs of P after the epoch
 
 
-def steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> Steps:
+def allocate_steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> FilterSteps:
     """Return room for the steps of a filter; of one epoch where nothing is wanted.
 
     Parameters
@@ -60,7 +60,7 @@ def steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> Steps:
     wanted : (r, n) array
     """
     e = epochs if wanted.size else 1
-    return Steps(
+    return FilterSteps(
         np.zeros((e, k, n)),
         np.ones((e, n)),
         np.zeros((e, m, n)),
@@ -148,7 +148,7 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def keep_rows(p: Array, steps: Steps, row: int) -> None:
+def store_covariance_rows(p: Array, steps: FilterSteps, row: int) -> None:
     """Write the rows of P of what is wanted to a row of the steps."""
     for r in range(len(steps.wanted)):
         kept = steps.rows[row, r]
@@ -161,14 +161,14 @@ def keep_rows(p: Array, steps: Steps, row: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def smoothed(steps: Steps, against: Array, p: Array) -> tuple[Array, Array]:
+def smoother_corrections(steps: FilterSteps, against: Array, p: Array) -> tuple[Array, Array]:
     """Return what all epochs add to the filter's estimates, (e, r), and the variances then, (e, r).
 
     Of what is wanted, after each epoch.
 
     Parameters
     ----------
-    steps : Steps
+    steps : FilterSteps
     against : (r, n) array
         Sums of the states after the last epoch: variances are those of the differences from these.
     p : (n, n) array
@@ -188,22 +188,22 @@ def smoothed(steps: Steps, against: Array, p: Array) -> tuple[Array, Array]:
                 variance[e, i] += against[i] @ (p @ against[i]) - 2 * (row @ back[i])
         for j in range(steps.s.shape[1] - 1, -1, -1):
             if steps.s[e, j] > 0:
-                _before_update(steps.h[e, j], steps.gain[e, j], steps.off[e, j], steps.s[e, j],
+                _reverse_update(steps.h[e, j], steps.gain[e, j], steps.off[e, j], steps.s[e, j],
                                by, large)  # fmt: skip
                 if apart:
                     for i in range(r):
                         along = steps.gain[e, j] @ back[i]
                         for m in range(n):
                             back[i, m] -= steps.h[e, j, m] * along
-        _before_predict(steps.a[e], steps.keep[e], by, large, moved, ahead)
+        _reverse_predict(steps.a[e], steps.keep[e], by, large, moved, ahead)
         if apart:
             for i in range(r):
-                _carry_back(steps.a[e], steps.keep[e], back[i], moved)
+                _apply_transposed_transition(steps.a[e], steps.keep[e], back[i], moved)
     return added, variance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _before_update(h: Array, gain: Array, off: float, s: float, by: Array, large: Array) -> None:
+def _reverse_update(h: Array, gain: Array, off: float, s: float, by: Array, large: Array) -> None:
     """Carry λ and Λ back over an update, in place."""
     n = h.size
     moved = large @ gain
@@ -216,12 +216,12 @@ def _before_update(h: Array, gain: Array, off: float, s: float, by: Array, large
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _before_predict(
+def _reverse_predict(
     a: Array, keep: Array, by: Array, large: Array, moved: Array, ahead: Array
 ) -> None:
     """Carry λ and Λ back over a prediction, in place; `moved` and `ahead` are overwritten."""
     k, n = a.shape
-    _carry_back(a, keep, by, moved)
+    _apply_transposed_transition(a, keep, by, moved)
     for i in range(n):
         for j in range(n):
             ahead[i, j] = large[i, j] * keep[j] if j >= k else 0.0
@@ -238,7 +238,7 @@ def _before_predict(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _carry_back(a: Array, keep: Array, by: Array, moved: Array) -> None:
+def _apply_transposed_transition(a: Array, keep: Array, by: Array, moved: Array) -> None:
     """Write Φᵀ λ in place of λ; `moved` is overwritten."""
     k, n = a.shape
     for i in range(n):

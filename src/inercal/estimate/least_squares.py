@@ -1,10 +1,10 @@
 """Batched nonlinear least squares: Levenberg–Marquardt, for many trials at once.
 
 Minimises  Σ ρ(uᵢ(x)) + Σ |L⁻¹(μ − x)|²  over x that satisfy the gauges, where u is the whitened
-residual and ρ = u² or a robust loss. Each step solves the equations of `steps` (Marquardt 1963,
-SIAM J. 11, 431–441); a robust loss enters by iterated weights. Each trial has its own damping,
-acceptance and end; the damping follows the gain of the last step (Nielsen 1999, IMM-REP-1999-05).
-The search starts undamped, since calibrations are nearly linear.
+residual and ρ = u² or a robust loss. Each step solves the equations of `gauss_newton_steps`
+(Marquardt 1963, SIAM J. 11, 431–441); a robust loss enters by iterated weights. Each trial has its
+own damping, acceptance and end; the damping follows the gain of the last step (Nielsen 1999,
+IMM-REP-1999-05). The search starts undamped, since calibrations are nearly linear.
 
 A trial has converged when the error its next step would still have is nothing beside its cost:
 with δ₀, δ the last two steps in standard deviations, δ²·min(1, δ²/δ₀²) < 10⁻¹⁵ cost + ε, ε what
@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate import nullspace, steps
-from inercal.estimate.loss import Loss
-from inercal.estimate.once import Once
+from inercal.estimate import gauss_newton_steps, nullspace
+from inercal.estimate.lazy_value import LazyValue
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
-from inercal.estimate.scores import UNSCORED, Candidate, Scored, scored
-from inercal.estimate.system import Point, System
+from inercal.estimate.robust_loss import Loss
+from inercal.estimate.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, score_tests
+from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 
 Bools = NDArray[np.bool_]
 
@@ -63,27 +63,29 @@ def least_squares(
         Wanted parameters that neither data nor priors nor gauges determine, at the start or at
         the solution.
     """
-    system = System(problem)
-    structure = nullspace.judge(system, system.first)
+    system = WhitenedProblem(problem)
+    structure = nullspace.observability(system, system.first)
     point, converged, iterations = _search(system, loss, max_iterations)
     if converged[0]:
         # An accident at the solution, such as a parameter of zero, may hide what the start shows.
-        at_solution = nullspace.judge(system, point)
+        at_solution = nullspace.observability(system, point)
         structure = min(structure, at_solution, key=lambda s: s.rank)
-    return finish(system, point, structure, converged, iterations, loss)
+    return estimate_at_solution(system, point, structure, converged, iterations, loss)
 
 
-def finish(
-    system: System,
-    point: Point,
-    structure: nullspace.Structure,
+def estimate_at_solution(
+    system: WhitenedProblem,
+    point: LinearisationPoint,
+    structure: nullspace.Observability,
     converged: Bools,
     iterations: NDArray[np.intp],
     loss: Loss | None = None,
 ) -> Estimate:
     """Return the estimate at a solution, without the axis of trials if the problem has none."""
     if loss is None:
-        covariance, exists = steps.covariance(point.rows, point.weight, system.prior_rows)
+        covariance, exists = gauss_newton_steps.covariance(
+            point.rows, point.weight, system.prior_rows
+        )
         pull = point.whitened
     else:
         covariance, exists = _robust_covariance(system, point, loss)
@@ -110,11 +112,13 @@ def finish(
         weakest=structure.weakest,
         converged=(converged & exists)[first],
         iterations=iterations[first],
-        scoring=Once(lambda: _scored(system, point)) if candidates else UNSCORED,
+        scoring=LazyValue(lambda: _score_tests_at_solution(system, point))
+        if candidates
+        else NO_SCORE_TESTS,
     )
 
 
-def _scored(system: System, point: Point) -> Scored:
+def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint) -> ScoreTestSet:
     """Return the score tests of the problem's candidates at the solution of its one trial."""
     assert system.problem.candidates is not None
     inverse, full = system.whitener(point.x)
@@ -129,12 +133,12 @@ def _scored(system: System, point: Point) -> Scored:
     residual = np.concatenate([point.whitened[0], point.prior[0]])
     # What comes one by one is not kept together: of hundreds of rows it would not fit.
     found = list(whitened()) if isinstance(left_out, Sequence) else whitened()
-    return scored(residual, jacobian, found, system.basis)
+    return score_tests(residual, jacobian, found, system.basis)
 
 
 def _search(
-    system: System, loss: Loss | None, max_iterations: int
-) -> tuple[Point, Bools, NDArray[np.intp]]:
+    system: WhitenedProblem, loss: Loss | None, max_iterations: int
+) -> tuple[LinearisationPoint, Bools, NDArray[np.intp]]:
     """Return the last point, which trials converged (trials,), and the steps tried (trials,)."""
     trials = system.trials
     point, whitener = system.first, system.first_whitener
@@ -147,7 +151,9 @@ def _search(
     for _ in range(max_iterations):
         move, predicted, ok = _step(system, point, loss, damping, active)
         settled = (
-            ok & (damping <= 1e-3) & _settled(system, point.x, move, predicted, previous, cost)
+            ok
+            & (damping <= 1e-3)
+            & _has_converged(system, point.x, move, predicted, previous, cost)
         )
         iterations += active
 
@@ -157,7 +163,7 @@ def _search(
         tried = system.point(x, residual, jacobian, whitener)
         fall = cost - _cost(tried, loss)
         # Where the promise is no more than the rounding of the cost, so is the fall: no failure.
-        slack = system.problem.rounding * cost + _floor(system)
+        slack = system.problem.rounding * cost + _rounding_cost(system)
         gain = np.where(predicted > 1e3 * slack, fall / np.maximum(predicted, slack), 1.0)
         # A point that is not finite falls by NaN, and so is refused.
         accepted = ~active | (ok & (fall >= -slack) & (gain > 1e-3))
@@ -184,7 +190,11 @@ def _search(
 
 
 def _step(
-    system: System, point: Point, loss: Loss | None, damping: Array, active: Bools
+    system: WhitenedProblem,
+    point: LinearisationPoint,
+    loss: Loss | None,
+    damping: Array,
+    active: Bools,
 ) -> tuple[Array, Array, Bools]:
     """Return moves of x (trials, p), predicted falls (trials,), which exist; of active ones."""
     some = slice(None) if active.all() else np.flatnonzero(active)
@@ -193,7 +203,9 @@ def _step(
     if loss is not None:
         root = np.sqrt(loss.weight(u))
         weight, u = root * weight, root * u
-    step = steps.solve(rows, weight, u, system.prior_rows, point.prior[some], damping[some])
+    step = gauss_newton_steps.solve(
+        rows, weight, u, system.prior_rows, point.prior[some], damping[some]
+    )
     move = np.zeros_like(point.x)
     predicted, ok = np.zeros(len(move)), np.zeros(len(move), dtype=bool)
     free = np.where(step.ok[:, None], step.step, 0.0)
@@ -202,31 +214,33 @@ def _step(
     return move, predicted, ok
 
 
-def _settled(
-    system: System, x: Array, move: Array, predicted: Array, previous: Array, cost: Array
+def _has_converged(
+    system: WhitenedProblem, x: Array, move: Array, predicted: Array, previous: Array, cost: Array
 ) -> Bools:
     """Return whether no error worth another step will be left after this one (trials,)."""
     rate = predicted / np.maximum(previous, predicted + np.finfo(float).tiny)
     size = 1e-12 * np.maximum(np.abs(x), system.problem.scale)
     tiny = np.all(np.abs(move) <= size, axis=-1)
-    return tiny | (predicted * np.where(previous > 0, rate, 1.0) <= 1e-15 * cost + _floor(system))
+    return tiny | (
+        predicted * np.where(previous > 0, rate, 1.0) <= 1e-15 * cost + _rounding_cost(system)
+    )
 
 
-def _floor(system: System) -> float:
+def _rounding_cost(system: WhitenedProblem) -> float:
     """Return the cost that rounding alone makes where the observations agree with the model."""
     return 1e-20 + system.m * system.problem.rounding**2
 
 
-def _cost(point: Point, loss: Loss | None) -> Array:
+def _cost(point: LinearisationPoint, loss: Loss | None) -> Array:
     """Return Σ ρ(u) + Σ v² (trials,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         u = point.whitened**2 if loss is None else loss.cost(point.whitened)
         return np.sum(u, axis=-1) + np.sum(point.prior**2, axis=-1)
 
 
-def _merge(chosen: Bools, new: Point, old: Point) -> Point:
+def _merge(chosen: Bools, new: LinearisationPoint, old: LinearisationPoint) -> LinearisationPoint:
     """Return the new point in the chosen trials, the old one in the others."""
-    return Point(
+    return LinearisationPoint(
         *(
             np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)
             for a, b in zip(new, old, strict=True)
@@ -234,7 +248,9 @@ def _merge(chosen: Bools, new: Point, old: Point) -> Point:
     )
 
 
-def _robust_covariance(system: System, point: Point, loss: Loss) -> tuple[Array, Bools]:
+def _robust_covariance(
+    system: WhitenedProblem, point: LinearisationPoint, loss: Loss
+) -> tuple[Array, Bools]:
     """Return the asymptotic covariance of an M-estimator (trials, k, k), and where it exists.
 
     K² H⁻¹ M H⁻¹ with N = AᵀA of the observations and P of the priors, H = mean(ψ′) N + P,
@@ -248,7 +264,9 @@ def _robust_covariance(system: System, point: Point, loss: Loss) -> tuple[Array,
     # More outliers than good observations: the curvature is gone, and with it the formula.
     usable = mean > 0.05
     mean = np.where(usable, mean, 1.0)
-    inverse, ok = steps.covariance(point.rows, np.sqrt(mean)[:, None] * weight, system.prior_rows)
+    inverse, ok = gauss_newton_steps.covariance(
+        point.rows, np.sqrt(mean)[:, None] * weight, system.prior_rows
+    )
     rows = weight[..., None] * point.rows
     normal = np.swapaxes(rows, -1, -2) @ rows
     meat = pull[:, None, None] * normal + system.prior_rows.T @ system.prior_rows

@@ -15,7 +15,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import NotObserved
 from inercal.estimate.problem import Problem
-from inercal.estimate.system import Point, System
+from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 
 # Relative to the best seen direction. Rounding leaves about 1e-14; a direction this much weaker
 # than the best is of no use on any bench.
@@ -39,7 +39,7 @@ class NullDirection:
     words: str
 
 
-class Structure(NamedTuple):
+class Observability(NamedTuple):
     """What is determined of the wanted parameters at one point."""
 
     rank: int
@@ -48,7 +48,7 @@ class Structure(NamedTuple):
     weakest: NullDirection | None
 
 
-def judge(system: System, point: Point) -> Structure:
+def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observability:
     """Return what the data determine at a point of the first trial.
 
     Priors on wanted parameters do not count as seeing, but they may cover what is not seen.
@@ -58,9 +58,9 @@ def judge(system: System, point: Point) -> Structure:
     NotObserved
         A direction that neither the data nor a prior nor a gauge determines.
     """
-    seen = _structure(system, point, system.nuisance_rows)
+    seen = _observability(system, point, system.nuisance_rows)
     if seen.null_directions:
-        free = _structure(system, point, system.prior_full).null_directions
+        free = _observability(system, point, system.prior_full).null_directions
         if free:
             words = tuple(direction.words for direction in free)
             raise NotObserved(
@@ -71,7 +71,9 @@ def judge(system: System, point: Point) -> Structure:
     return seen
 
 
-def _structure(system: System, point: Point, prior_rows: Array) -> Structure:
+def _observability(
+    system: WhitenedProblem, point: LinearisationPoint, prior_rows: Array
+) -> Observability:
     """Return the structure with these prior rows (b, p) and no others."""
     problem, data = system.problem, point.weight[0][:, None] * point.rows[0]
     wanted = [problem.names.index(name) for name in problem.wanted]
@@ -102,17 +104,19 @@ def _structure(system: System, point: Point, prior_rows: Array) -> Structure:
     singular = np.concatenate([s, np.zeros(left.shape[1] - len(s))])
 
     null = v[rank:] @ left.T
-    directions = _named(problem, point.x[0], null)
-    directions += [_direction(problem.names, w) for w in echelon(loose @ (moves @ beside).T)]
+    directions = _name_null_directions(problem, point.x[0], null)
+    directions += [
+        _direction(problem.names, w) for w in row_echelon_form(loose @ (moves @ beside).T)
+    ]
     weakest = None
     if rank:
         weights = v[rank - 1] @ left.T
         weights = weights / weights[np.argmax(np.abs(weights))]
         weakest = _direction(problem.wanted, np.where(np.abs(weights) > 0.05, weights, 0.0))
-    return Structure(rank, singular, tuple(directions), weakest)
+    return Observability(rank, singular, tuple(directions), weakest)
 
 
-def _named(problem: Problem, x: Array, null: Array) -> list[NullDirection]:
+def _name_null_directions(problem: Problem, x: Array, null: Array) -> list[NullDirection]:
     """Return the null directions, rows (q, wanted): the known ones first, then the others."""
     directions: list[NullDirection] = []
     wanted = [problem.names.index(name) for name in problem.wanted]
@@ -124,15 +128,15 @@ def _named(problem: Problem, x: Array, null: Array) -> list[NullDirection]:
         _, cosine, turn = np.linalg.svd(null @ span.T)
         common = turn[: len(cosine)][cosine > 1 - 1e-9] @ span
         if len(common):
-            found = [_direction(problem.wanted, w) for w in echelon(common)]
+            found = [_direction(problem.wanted, w) for w in row_echelon_form(common)]
             directions += [NullDirection(d.weights, f"{words}: {d.words}") for d in found]
             # Keep the part of the null space that is orthogonal to what has been named.
             null = np.linalg.svd(null - (null @ common.T) @ common, full_matrices=False)[2]
             null = null[: len(null) - len(common)]
-    return directions + [_direction(problem.wanted, w) for w in echelon(null)]
+    return directions + [_direction(problem.wanted, w) for w in row_echelon_form(null)]
 
 
-def echelon(rows: Array) -> Array:
+def row_echelon_form(rows: Array) -> Array:
     """Return the reduced row echelon form of independent rows, the largest weight of each one."""
     if not len(rows):
         return rows

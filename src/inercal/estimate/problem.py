@@ -12,7 +12,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.estimate.factors import Gauge, Gaussian
+from inercal.estimate.priors_and_gauges import Gauge, Gaussian
 from inercal.estimate.scores import Candidate
 
 Linearise = Callable[[Array], tuple[Array, Array]]
@@ -100,10 +100,10 @@ class Problem:
             object.__setattr__(self, "wanted", self.names)
 
     def _known(self, names: tuple[str, ...], what: str) -> None:
-        unknown = [name for name in names if name not in self.names]
-        if unknown:
+        not_found = [name for name in names if name not in self.names]
+        if not_found:
             raise InputError(
-                f"{what}: no parameter '{unknown[0]}'; this problem has {', '.join(self.names)}"
+                f"{what}: no parameter '{not_found[0]}'; this problem has {', '.join(self.names)}"
             )
 
     @property

@@ -17,17 +17,17 @@ from scipy.special import chdtrc, chdtri
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.estimate.course import Course
+from inercal.estimate.filter_history import FilterHistory
+from inercal.estimate.lazy_value import LazyValue
 from inercal.estimate.nullspace import NullDirection
-from inercal.estimate.once import Once
-from inercal.estimate.scores import UNSCORED, Scored, Test
-from inercal.estimate.spread import Spread
+from inercal.estimate.residual_scatter import ScatterModel
+from inercal.estimate.scores import NO_SCORE_TESTS, ModelTest, ScoreTestSet
 
 _LEVEL = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class ResidualGroup:
     """Observations of one kind, judged by themselves.
 
     Parameters
@@ -42,7 +42,7 @@ class Group:
         Standard deviations of the residuals as stated, `spread` included.
     chi2, dof : float and int
         By the noise as stated.
-    spread : Spread
+    spread : ScatterModel
         What χ² made of the noise, in the unit; for readings behind the residuals, in theirs.
     enlarged : bool
         Whether what follows from the group was enlarged by its Birge ratio.
@@ -55,7 +55,7 @@ class Group:
     sd: Array
     chi2: float
     dof: int
-    spread: Spread
+    spread: ScatterModel
     enlarged: bool = False
 
     @property
@@ -99,17 +99,17 @@ class Estimate:
         What the data leave free, and a prior therefore decides.
     weakest : NullDirection or None
         The direction that the data see least.
-    groups : tuple of Group
+    groups : tuple of ResidualGroup
         Kinds of observations where a method judges them apart; the covariance then holds their
         excess already, `chi2` is counted before it, and no Birge ratio is applied.
     notes : tuple of str
         What the method has to say of the result, in words.
-    courses : tuple of Course
+    courses : tuple of FilterHistory
         Of sequential estimators, how they came there (first trial).
-    tests : tuple of Test
+    tests : tuple of ModelTest
         Tests of the model beside that of `chi2`, or of its groups (first trial).
-    scoring : Once of Scored
-        Returns `scored`: most estimates of a simulation never need it.
+    scoring : LazyValue of ScoreTestSet
+        Returns the score tests: most estimates of a simulation never need it.
     sensitivities : mapping of str to (..., p) array
         ∂(estimates)/∂(stated value) of what `covariance` counts and does not tell by itself:
         quantities that are known beforehand and eliminated, or estimated in parts.
@@ -132,16 +132,16 @@ class Estimate:
     observations: tuple[str, ...] = ()
     null_directions: tuple[NullDirection, ...] = ()
     weakest: NullDirection | None = None
-    groups: tuple[Group, ...] = ()
+    groups: tuple[ResidualGroup, ...] = ()
     notes: tuple[str, ...] = ()
-    courses: tuple[Course, ...] = ()
-    tests: tuple[Test, ...] = ()
-    scoring: Once[Scored] = UNSCORED
+    courses: tuple[FilterHistory, ...] = ()
+    tests: tuple[ModelTest, ...] = ()
+    scoring: LazyValue[ScoreTestSet] = NO_SCORE_TESTS
     sensitivities: Mapping[str, Array] = field(default_factory=dict[str, Array])
     noise_dof: float = np.inf
 
     @classmethod
-    def of_formulas(
+    def from_closed_form(
         cls,
         names: tuple[str, ...],
         value: Array,
@@ -165,7 +165,7 @@ class Estimate:
         )
 
     @cached_property
-    def scored(self) -> Scored:
+    def score_tests(self) -> ScoreTestSet:
         """Score tests of what was not estimated; none where there are trials."""
         return replace(self.scoring(), noise_dof=self.noise_dof)
 
@@ -191,7 +191,7 @@ class Estimate:
         return np.where(self.consistent, 1.0, np.sqrt(self.chi2 / max(self.dof, 1)))
 
     @property
-    def doubt(self) -> Array:
+    def largest_birge_ratio(self) -> Array:
         """Birge ratio, (...), or that by which a group enlarged its share, if that is larger."""
         ratios = [(one.chi2 / one.dof) ** 0.5 for one in self.groups if one.enlarged]
         return np.maximum(self.birge, max(ratios, default=1.0))
@@ -243,9 +243,11 @@ class Estimate:
         InputError
             A name that was not estimated.
         """
-        unknown = [name for name in names if name not in self.names]
-        if unknown:
-            raise InputError(f"'{unknown[0]}' was not estimated; there are {', '.join(self.names)}")
+        not_found = [name for name in names if name not in self.names]
+        if not_found:
+            raise InputError(
+                f"'{not_found[0]}' was not estimated; there are {', '.join(self.names)}"
+            )
         index = [self.names.index(name) for name in names]
         return replace(
             self,

@@ -35,13 +35,13 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, chndtrix, fdtrc
 
 from inercal.arrays import Array
-from inercal.estimate.once import Once
+from inercal.estimate.lazy_value import LazyValue
 
 Kind = Literal["coefficient", "bench", "row", "time"]
 
-LEVEL = 0.01  # of all tests of one estimate together
-SHARE = 0.8  # of the level, for the scores; the rest is for χ² and the method's tests
-ALIKE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
+SIGNIFICANCE_LEVEL = 0.01  # of all tests of one estimate together
+SCORE_TEST_SHARE = 0.8  # of the level, for the scores; the rest is for χ² and the method's tests
+PARALLEL_COSINE = np.cos(np.pi / 6)  # 30°: closer candidates cannot be told apart
 _ROUNDING = 1e-12  # of a product of columns of length 1, over a hundred thousand rows
 _FEW_COLUMNS = 1000  # whose span is worked out
 _NUMBERS = 3_000_000  # in them, at most: they are kept together for it
@@ -49,10 +49,12 @@ _MANY = 5000  # rows, beyond which fewer dimensions stand for them
 _VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
 _MOST = 6  # directions, for the share of the level
-_SEEN = 1e-6  # least share of a candidate's column that the fit leaves to the residuals
+_MIN_RESIDUAL_SHARE = (
+    1e-6  # least share of a candidate's column that the fit leaves to the residuals
+)
 
 
-def tail(chi2: float, dof: int, noise_dof: float = np.inf) -> float:
+def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> float:
     """Return the probability of a χ² at least as large if the model holds; 1 without dof.
 
     Parameters
@@ -68,7 +70,7 @@ def tail(chi2: float, dof: int, noise_dof: float = np.inf) -> float:
     return float(chdtrc(dof, chi2) if known else fdtrc(dof, noise_dof, chi2 / dof))
 
 
-class Test(NamedTuple):
+class ModelTest(NamedTuple):
     """One test of the model: its statistic is χ² of `dof` degrees of freedom if the model holds."""
 
     name: str
@@ -115,7 +117,7 @@ class Candidate:
     moved: Array | None = None
     largest: Array | None = None
 
-    def of_nonzero(self) -> "Candidate":
+    def without_zero_components(self) -> "Candidate":
         """Return the candidate without the components that act on no observation."""
         acting = np.flatnonzero(np.any(self.rows != 0.0, axis=0))
         return replace(
@@ -129,7 +131,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class ExplainedResidual:
     """The part of a whitened residual that a candidate explains, (1 − Q Qᵀ) c for one column c.
 
     Q are the directions of the estimate. Column and QᵀC are kept, not their difference: a
@@ -137,26 +139,28 @@ class Explained:
 
     Parameters
     ----------
-    at : (n,) array of int
+    indices : (n,) array of int
         The rows in which the column is not zero.
     column : (n,) array
         The column there.
-    taken : (p,) array
+    projection : (p,) array
         Qᵀ c.
     """
 
-    at: NDArray[np.intp]
+    indices: NDArray[np.intp]
     column: Array
-    taken: Array
+    projection: Array
 
-    def product(self, other: "Explained") -> float:
+    def product(self, other: "ExplainedResidual") -> float:
         """Return the scalar product of what two candidates explain."""
-        _, one, two = np.intersect1d(self.at, other.at, assume_unique=True, return_indices=True)
-        return float(self.column[one] @ other.column[two] - self.taken @ other.taken)
+        _, one, two = np.intersect1d(
+            self.indices, other.indices, assume_unique=True, return_indices=True
+        )
+        return float(self.column[one] @ other.column[two] - self.projection @ other.projection)
 
 
 @dataclass(frozen=True, eq=False)
-class Score:
+class ScoreTest:
     """The score test of one candidate.
 
     Parameters
@@ -173,7 +177,7 @@ class Score:
     shift : (p,) array
         By how much `size` moved the estimate of each parameter, SI. Where the data show nothing of
         the candidate: by how much its largest plausible size would move it.
-    explained : Explained
+    explained : ExplainedResidual
         The part of the whitened residual that the candidate explains.
     """
 
@@ -186,26 +190,26 @@ class Score:
     chi2: float
     dof: int
     shift: Array
-    explained: Explained
+    explained: ExplainedResidual
 
     @property
     def p_value(self) -> float:
         """Probability of a fall of χ² at least as large where the candidate is zero."""
         return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
-    def cosine(self, other: "Score") -> float:
+    def cosine(self, other: "ScoreTest") -> float:
         """Return |cos| of the angle between what both explain; 0 where one explains nothing."""
         lengths = float(np.sqrt(self.chi2 * other.chi2))
         return abs(self.explained.product(other.explained)) / lengths if lengths > 0 else 0.0
 
 
 @dataclass(frozen=True)
-class Scored:
+class ScoreTestSet:
     """All candidates of one estimate.
 
     Parameters
     ----------
-    scores : tuple of Score
+    scores : tuple of ScoreTest
     span : int
         Dimension of the space that the candidates span.
     chi2, dof : float and int
@@ -214,57 +218,61 @@ class Scored:
         Degrees of freedom behind the noise.
     """
 
-    scores: tuple[Score, ...] = ()
+    scores: tuple[ScoreTest, ...] = ()
     span: int = 0
     chi2: float = 0.0
     dof: int = 0
     noise_dof: float = np.inf
 
-    def shifting(self, change: Callable[[Array], Array]) -> "Scored":
+    def with_shifts(self, change: Callable[[Array], Array]) -> "ScoreTestSet":
         """Return the same with shifts of other parameters, which a function makes of those here."""
         scores = tuple(replace(one, shift=change(one.shift)) for one in self.scores)
         return replace(self, scores=scores)
 
-    def adjusted(self, score: Score, p_value: float | None = None) -> float:
+    def adjusted(self, score: ScoreTest, p_value: float | None = None) -> float:
         """Return the p-value of a score that holds for all candidates together.
 
         Parameters
         ----------
-        score : Score
+        score : ScoreTest
         p_value : float, optional
-            Of the score alone by another distribution than `tail`.
+            Of the score alone by another distribution than `chi2_tail_probability`.
         """
         if not score.dof:
             return 1.0
-        if p_value is None and self._by_span:
-            return tail(score.chi2, self.span, self.noise_dof)
-        p = tail(score.chi2, score.dof, self.noise_dof) if p_value is None else p_value
-        return min(1.0, p * self._weights / _weight(score.dof))
+        if p_value is None and self._scheffe_is_sharper:
+            return chi2_tail_probability(score.chi2, self.span, self.noise_dof)
+        p = (
+            chi2_tail_probability(score.chi2, score.dof, self.noise_dof)
+            if p_value is None
+            else p_value
+        )
+        return min(1.0, p * self._weights / _level_weight(score.dof))
 
     @cached_property
     def _weights(self) -> float:
-        return sum(_weight(one.dof) for one in self.scores if one.dof)
+        return sum(_level_weight(one.dof) for one in self.scores if one.dof)
 
     @cached_property
-    def _by_span(self) -> bool:
+    def _scheffe_is_sharper(self) -> bool:
         """Whether the space of all candidates is the less strict for a single direction."""
-        level = SHARE * LEVEL
-        return bool(chdtri(self.span, level) < chdtri(1, level * _weight(1) / self._weights))
+        level = SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL
+        return bool(chdtri(self.span, level) < chdtri(1, level * _level_weight(1) / self._weights))
 
 
 @cache
-def _weight(dof: int) -> float:
+def _level_weight(dof: int) -> float:
     """Return the p-value that a χ² of η = 6 exceeds but with the probability to miss it."""
     dof = min(dof, _MOST)
     return float(chdtrc(dof, chndtrix(_MISSED, dof, _ETA**2)))
 
 
-UNSCORED = Once(Scored)
+NO_SCORE_TESTS = LazyValue(ScoreTestSet)
 
 
-def scored(
+def score_tests(
     residual: Array, jacobian: Array, candidates: Iterable[Candidate], to: Array | None = None
-) -> Scored:
+) -> ScoreTestSet:
     """Return the score tests of candidates.
 
     Parameters
@@ -281,12 +289,12 @@ def scored(
     """
     dof = len(residual) - jacobian.shape[1]
     if len(residual) > _MANY and isinstance(candidates, Sequence):
-        residual, jacobian, candidates = _rotated(residual, jacobian, candidates)
+        residual, jacobian, candidates = _rotate_rows(residual, jacobian, candidates)
     size_of = np.linalg.norm(jacobian, axis=0)
     size_of = np.where(size_of > 0, size_of, 1.0)
     q, triangle = np.linalg.qr(jacobian / size_of)
     back = np.linalg.pinv(triangle) / size_of[:, None]
-    made: list[Score] = []
+    made: list[ScoreTest] = []
     spanned: list[Array] = []
     columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // max(len(residual), 1))
     for one in candidates:
@@ -297,7 +305,7 @@ def scored(
         left = columns - q @ taken
         left -= q @ (q.T @ left)  # once more: what is left may be a millionth of the column
         u, s, v = np.linalg.svd(left, full_matrices=False)
-        least = _SEEN * np.max(length * unit, initial=0.0)
+        least = _MIN_RESIDUAL_SHARE * np.max(length * unit, initial=0.0)
         shown = s > (least if one.largest is None else max(least, _VISIBLE))
         k = int(shown.sum())
         u, s, v = u[:, :k], s[:k], v[:k]
@@ -316,7 +324,7 @@ def scored(
             spanned.append(u)
         at = np.flatnonzero(np.any(columns != 0.0, axis=1))
         made.append(
-            Score(
+            ScoreTest(
                 one.name,
                 one.kind,
                 one.components,
@@ -326,15 +334,15 @@ def scored(
                 float(t @ t),
                 k,
                 shift,
-                Explained(at, columns[at] @ size, taken @ size),
+                ExplainedResidual(at, columns[at] @ size, taken @ size),
             )
         )
     # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
     span = _rank(spanned) if columns_of <= few else min(columns_of, dof)
-    return Scored(tuple(made), span, float(residual @ residual), dof)
+    return ScoreTestSet(tuple(made), span, float(residual @ residual), dof)
 
 
-def _rotated(
+def _rotate_rows(
     residual: Array, jacobian: Array, candidates: Sequence[Candidate]
 ) -> tuple[Array, Array, list[Candidate]]:
     """Return the same in as many dimensions as there are columns, all products being kept."""
@@ -351,7 +359,7 @@ def _rotated(
     )
 
 
-def compressed(gram: Array, product: Array) -> tuple[Array, Array]:
+def rows_from_products(gram: Array, product: Array) -> tuple[Array, Array]:
     """Return a residual (d,) and c columns (d, c) whose products are as given.
 
     They are the coordinates of m whitened rows in an orthonormal basis of the d directions that

@@ -22,14 +22,14 @@ from inercal.errors import InputError
 from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
-from inercal.host.drivers.table import AxisLimits, RotaryTable
-from inercal.host.link import OPENING, open_link
+from inercal.host.drivers.rotary_table import AxisLimits, RotaryTable
+from inercal.host.link import CONNECT_TIMEOUT, open_link
 
 # What these bring with them takes longer to load than the guard, which opens a table, to start.
 if TYPE_CHECKING:
     from inercal.benches.turntable.bench import Turntable
-    from inercal.host.imu import ImuPort
-    from inercal.host.packets import Layout
+    from inercal.host.imu_port import ImuPort
+    from inercal.host.packets import PacketLayout
 
 _TABLES = (
     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://HOST:PORT?axes=1,2,3 or "
@@ -38,7 +38,7 @@ _TABLES = (
 _MOST_MOTORS = 32
 
 
-class Addresses(NamedTuple):
+class DeviceAddresses(NamedTuple):
     """Where the devices are; `clock` is that of a simulated bench, empty on iron."""
 
     table: str
@@ -70,34 +70,40 @@ def open_table(address: str, bench: Turntable | None, timeout: float = 1.0) -> R
     """
     kind, at = _scheme(address)
     if kind == "motor":
-        return _motor(address, at, bench, timeout)
-    given = _Given(address)
+        return _open_motor(address, at, bench, timeout)
+    given = _AddressParameters(address)
     if kind == "pmac":
-        motors = given.whole("motors", _MOST_MOTORS)
-        names = _names(address, "motors", motors, bench)
+        motors = given.axis_numbers("motors", _MOST_MOTORS)
+        names = _axis_names(address, "motors", motors, bench)
         counts = given.counts(len(motors))
-        where = given.tcp(1025)
+        where = given.tcp_address(1025)
         axes = [PmacAxis(*axis) for axis in zip(names, motors, counts, strict=True)]
         return Pmac(where, axes, timeout)
     if kind == "acutrol":
-        numbers = given.whole("axes", 9)
-        names = _names(address, "axes", numbers, bench)
-        where = given.tcp(None)
+        numbers = given.axis_numbers("axes", 9)
+        names = _axis_names(address, "axes", numbers, bench)
+        where = given.tcp_address(None)
         axes = [AcutrolAxis(*axis) for axis in zip(names, numbers, strict=True)]
         return Acutrol(where, axes, timeout)
     raise InputError(f"{address!r} is no address of a table; possible: {_TABLES}")
 
 
-def shared(address: str) -> bool:
+def allows_second_connection(address: str) -> bool:
     """Tell whether two programs may be connected to the table at once: not over a serial port."""
     kind, at = _scheme(address)
     return not (kind == "motor" and at.startswith("serial:"))
 
 
 def open_imu(
-    address: str, now: Callable[[], float], opening: float = OPENING, *, waits: bool = False
+    address: str,
+    now: Callable[[], float],
+    connect_timeout: float = CONNECT_TIMEOUT,
+    *,
+    synchronous: bool = False,
 ) -> ImuPort:
-    """Return the port to the IMU at `address`; `now`, `waits` of `ImuPort`, `opening` of its link.
+    """Return the port to the IMU at `address`.
+
+    `now` and `synchronous` are of `ImuPort`, `connect_timeout` of its link.
 
     Raises
     ------
@@ -106,13 +112,13 @@ def open_imu(
     LinkLost
         Nobody is there, or the port cannot be opened.
     """
-    from inercal.host.imu import ImuPort
+    from inercal.host.imu_port import ImuPort
 
     layout, link = layout_of_address(address), link_of_address(address)
-    return ImuPort(open_link(link, opening), layout, now, waits=waits)
+    return ImuPort(open_link(link, connect_timeout), layout, now, synchronous=synchronous)
 
 
-def layout_of_address(address: str) -> Layout:
+def layout_of_address(address: str) -> PacketLayout:
     """Return what the packets are that `preset` or `layout` of an IMU's address names.
 
     Raises
@@ -122,7 +128,7 @@ def layout_of_address(address: str) -> Layout:
     """
     from inercal.host.packets import PRESETS, read_layout
 
-    given = _Given(address).given
+    given = _AddressParameters(address).values
     if ("preset" in given) == ("layout" in given):
         raise InputError(
             f"{address!r}: say what the packets are by either preset=NAME or layout=FILE.toml; "
@@ -137,7 +143,7 @@ def layout_of_address(address: str) -> Layout:
 
 def link_of_address(address: str) -> str:
     """Return the address of the link alone, without what says what the packets are."""
-    whole = _Given(address).given
+    whole = _AddressParameters(address).values
     given = {k: v for k, v in whole.items() if k not in ("preset", "layout")}
     if given == whole:
         return address
@@ -145,17 +151,17 @@ def link_of_address(address: str) -> str:
     return address.partition("?")[0] + query
 
 
-class _Given:
+class _AddressParameters:
     """The parameters of an address, taken one by one."""
 
     def __init__(self, address: str):
         self.address = address
         pairs = parse_qsl(urlsplit(address).query, keep_blank_values=True)
-        self.given = dict(pairs)
-        if len(self.given) < len(pairs):
+        self.values = dict(pairs)
+        if len(self.values) < len(pairs):
             raise InputError(f"{address!r} gives a parameter twice")
 
-    def whole(self, key: str, most: int) -> list[int]:
+    def axis_numbers(self, key: str, most: int) -> list[int]:
         """Return the numbers of axes, 1 to `most`, each once."""
         text = self._take(key, f"{key}=1,2,3")
         parts = text.split(",")
@@ -182,11 +188,11 @@ class _Given:
             )
         return values if len(values) == axes else values * axes
 
-    def tcp(self, port: int | None) -> str:
+    def tcp_address(self, port: int | None) -> str:
         """Return the link's address, once all parameters are taken."""
-        if self.given:
+        if self.values:
             raise InputError(
-                f"unknown parameter {next(iter(self.given))!r} in {self.address!r}; "
+                f"unknown parameter {next(iter(self.values))!r} in {self.address!r}; "
                 f"possible: {_TABLES}"
             )
         parts = urlsplit(self.address)
@@ -200,9 +206,9 @@ class _Given:
         return f"tcp://{host}:{port}"
 
     def _take(self, key: str, example: str) -> str:
-        if key not in self.given:
+        if key not in self.values:
             raise InputError(f"{self.address!r} does not say {key}; give such as {example}")
-        return self.given.pop(key)
+        return self.values.pop(key)
 
 
 def _scheme(address: str) -> tuple[str, str]:
@@ -210,7 +216,7 @@ def _scheme(address: str) -> tuple[str, str]:
     return kind.lower(), at
 
 
-def _names(
+def _axis_names(
     address: str, key: str, numbers: Sequence[int], bench: Turntable | None
 ) -> tuple[str, ...]:
     if bench is None:
@@ -222,12 +228,12 @@ def _names(
     return bench.names
 
 
-def _motor(address: str, at: str, bench: Turntable | None, timeout: float) -> Motor:
+def _open_motor(address: str, at: str, bench: Turntable | None, timeout: float) -> Motor:
     if not at.startswith(("serial:", "tcp:")):
         raise InputError(f"{address!r} names no link; possible: {_TABLES} or motor:tcp://HOST:PORT")
-    (name,) = _names(address, "motor", (1,), bench)
+    (name,) = _axis_names(address, "motor", (1,), bench)
     limits = AxisLimits()
     if bench is not None:
-        of_axis = bench.limits_of_axes[0]
+        of_axis = bench.axis_motion_limits[0]
         limits = AxisLimits(of_axis.rate, of_axis.acceleration)
     return Motor(at, limits, name, timeout=timeout)

@@ -21,19 +21,19 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from inercal.errors import InputError
-from inercal.host.link import LinkLost, connected, host_and_port
+from inercal.host.link import LinkLost, connect_socket, host_and_port
 
-_ANSWER = 20  # s; of a bench whose machine is busy
-_STALE = 0.5  # s of the wall after which the last answer is asked for again
-_LATE = 0.1  # s of the wall that a paced bench makes up for
+_ANSWER_TIMEOUT = 20  # s; of a bench whose machine is busy
+_STALE_AFTER = 0.5  # s of the wall after which the last answer is asked for again
+_MAX_CATCH_UP = 0.1  # s of the wall that a paced bench makes up for
 
 
 class Tick(NamedTuple):
     """What time it is, s of the run, and what the IMU has sent by when."""
 
     time: float
-    sent: int | None  # bytes in all; None where nobody knows
-    sent_by: float
+    bytes_sent: int | None  # bytes in all; None where nobody knows
+    sent_time: float
 
 
 class WallClock:
@@ -94,21 +94,21 @@ class SimulatedClock:
         place = host_and_port(parts)
         if parts.scheme != "clock" or place is None:
             raise InputError(f"{address!r} is no clock; possible: clock://127.0.0.1:4000")
-        self._socket = connected(address, place, _ANSWER)
+        self._socket = connect_socket(address, place, _ANSWER_TIMEOUT)
         # The system's own time limit: with that of Python each call asks twice.
         self._socket.settimeout(None)
-        limit = pack("@ll", _ANSWER, 0)
+        limit = pack("@ll", _ANSWER_TIMEOUT, 0)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
-        self._came = b""
-        self._due = monotonic()
-        self._asked = False
-        self._time, self._heard = 0.0, monotonic()
+        self._received = b""
+        self._due_time = monotonic()
+        self._awaits_answer = False
+        self._time, self._answer_time = 0.0, monotonic()
         self._send(b"now\n")
         self._time = self._answer().time
 
     def now(self) -> float:
         """As `WallClock.now`; raises `LinkLost` where the bench is gone."""
-        if not self._asked and monotonic() - self._heard > _STALE:
+        if not self._awaits_answer and monotonic() - self._answer_time > _STALE_AFTER:
             # The bench may have gone on by itself meanwhile.
             self._send(b"now\n")
             self._time = self._answer().time
@@ -116,22 +116,22 @@ class SimulatedClock:
 
     def begin(self, until: float) -> None:
         """As `WallClock.begin`; raises `LinkLost` where the bench is gone."""
-        if self._asked:
+        if self._awaits_answer:
             raise RuntimeError("begin() a second time without end()")
         if self._speed is not None:
             # A pause is not made up for in haste, a late wake-up is.
-            start = max(self._due, monotonic() - _LATE)
-            self._due = start + max(until - self._time, 0.0) / self._speed
+            start = max(self._due_time, monotonic() - _MAX_CATCH_UP)
+            self._due_time = start + max(until - self._time, 0.0) / self._speed
         self._send(f"until {float(until)!r}\n".encode())
-        self._asked = True
+        self._awaits_answer = True
 
     def end(self) -> Tick:
         """As `WallClock.end`; raises `LinkLost` where the bench is gone."""
-        if not self._asked:
+        if not self._awaits_answer:
             raise RuntimeError("end() without begin()")
-        self._asked = False
+        self._awaits_answer = False
         tick = self._answer()
-        if self._speed is not None and (left := self._due - monotonic()) > 0:
+        if self._speed is not None and (left := self._due_time - monotonic()) > 0:
             sleep(left)
         self._time = tick.time
         return tick
@@ -147,21 +147,21 @@ class SimulatedClock:
             raise LinkLost(f"{self._address}: lost: {error.strerror or error}") from error
 
     def _answer(self) -> Tick:
-        while b"\n" not in self._came:
+        while b"\n" not in self._received:
             try:
                 data = self._socket.recv(4096)
             except BlockingIOError as error:
-                raise LinkLost(f"{self._address}: no answer within {_ANSWER} s") from error
+                raise LinkLost(f"{self._address}: no answer within {_ANSWER_TIMEOUT} s") from error
             except OSError as error:
                 raise LinkLost(f"{self._address}: lost: {error.strerror or error}") from error
             if not data:
                 raise LinkLost(f"{self._address}: closed by the other end")
-            self._came += data
-        line, _, self._came = self._came.partition(b"\n")
-        self._heard = monotonic()
+            self._received += data
+        line, _, self._received = self._received.partition(b"\n")
+        self._answer_time = monotonic()
         try:
-            now, sent, sent_by = line.split()
-            return Tick(float(now), int(sent), float(sent_by))
+            now, sent, sent_time = line.split()
+            return Tick(float(now), int(sent), float(sent_time))
         except ValueError as error:
             raise LinkLost(f"{self._address}: {line[:40]!r} is no time of a bench") from error
 

@@ -8,67 +8,67 @@ import numpy as np
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.host.addresses import layout_of_address, link_of_address, open_table
-from inercal.host.drivers.table import AxisLimits, ProtocolError, TableFault, TableState
-from inercal.host.link import LinkLost, open_link, pyserial_needed
-from inercal.host.packets import PRESETS, Counts, Decoder, Layout, read_layout
+from inercal.host.drivers.rotary_table import AxisLimits, ProtocolError, TableFault, TableState
+from inercal.host.link import LinkLost, open_link, require_pyserial
+from inercal.host.packets import PRESETS, Decoder, PacketCounts, PacketLayout, read_layout
 
-_LISTENS = 1.0  # s
-_MOST = 1 << 16  # bytes at a time
-_TAKEN = 0.5  # of the bytes: below it what fits is chance
+_LISTEN_TIME = 1.0  # s
+_MAX_BYTES = 1 << 16  # bytes at a time
+_MIN_DECODED_FRACTION = 0.5  # of the bytes: below it what fits is chance
 
 
 @dataclass(frozen=True)
-class Port:
+class SerialPort:
     """A serial port: its address, and what the system says is there."""
 
     address: str
-    what: str
+    description: str
 
 
 @dataclass(frozen=True)
-class Sender:
+class PacketDecoding:
     """A way in which what an IMU sends can be read.
 
     Parameters
     ----------
-    layout : Layout
-    counts : Counts
+    layout : PacketLayout
+    counts : PacketCounts
         While it was listened to; what is thrown has the packet that was under way at the start.
-    taken : float
+    decoded_fraction : float
         Part of the bytes that make packets.
     rate_hz : float
         Packets a second: by the device's own clock where it tells one, else by the host's.
     """
 
-    layout: Layout
-    counts: Counts
-    taken: float
+    layout: PacketLayout
+    counts: PacketCounts
+    decoded_fraction: float
     rate_hz: float
 
 
 @dataclass(frozen=True)
-class Imu:
+class ImuConnection:
     """What came from an IMU: bytes, s of listening, ways to read them, the best first."""
 
     address: str
     size: int
     seconds: float
-    senders: tuple[Sender, ...]
+    decodings: tuple[PacketDecoding, ...]
 
 
 @dataclass(frozen=True)
-class Table:
+class TableConnection:
     """How a table's controller is set, and where the table is."""
 
     address: str
     identity: str
     axes: tuple[str, ...]
     limits: tuple[AxisLimits, ...]
-    wraps: float
+    wrap_period: float
     state: TableState
 
 
-def ports() -> tuple[Port, ...]:
+def list_serial_ports() -> tuple[SerialPort, ...]:
     """Return the serial ports of this machine.
 
     Raises
@@ -76,14 +76,15 @@ def ports() -> tuple[Port, ...]:
     InputError
         pyserial is not installed.
     """
-    with pyserial_needed():
+    with require_pyserial():
         from serial.tools import list_ports
     return tuple(
-        Port(f"serial:{port.device}", port.description or "") for port in list_ports.comports()
+        SerialPort(f"serial:{port.device}", port.description or "")
+        for port in list_ports.comports()
     )
 
 
-def imu(address: str, seconds: float = _LISTENS) -> Imu:
+def probe_imu(address: str, seconds: float = _LISTEN_TIME) -> ImuConnection:
     """Listen to an IMU, and return which packets it sends.
 
     Parameters
@@ -108,14 +109,16 @@ def imu(address: str, seconds: float = _LISTENS) -> Imu:
         begun = monotonic()
         with suppress(LinkLost):
             while (left := begun + seconds - monotonic()) > 0:
-                came += opened.read(_MOST, left)
+                came += opened.read(_MAX_BYTES, left)
         took = monotonic() - begun
-    senders = [sender for layout in told if (sender := _sender(layout, bytes(came), took))]
-    senders.sort(key=lambda sender: (-sender.taken, -sender.layout.check_bits))
-    return Imu(address, len(came), took, tuple(senders))
+    senders = [sender for layout in told if (sender := _try_layout(layout, bytes(came), took))]
+    senders.sort(key=lambda sender: (-sender.decoded_fraction, -sender.layout.check_bits))
+    return ImuConnection(address, len(came), took, tuple(senders))
 
 
-def table(address: str, bench: Turntable | None = None, timeout: float = 1.0) -> Table:
+def probe_table(
+    address: str, bench: Turntable | None = None, timeout: float = 1.0
+) -> TableConnection:
     """Return what a table says of itself; moves nothing.
 
     Raises
@@ -127,19 +130,21 @@ def table(address: str, bench: Turntable | None = None, timeout: float = 1.0) ->
         identity = ""
         with suppress(ProtocolError, TableFault):
             identity = opened.identity()
-        return Table(address, identity, opened.axes, opened.limits, opened.wraps, opened.read())
+        return TableConnection(
+            address, identity, opened.axes, opened.limits, opened.wrap_period, opened.read()
+        )
 
 
-def _sender(layout: Layout, came: bytes, seconds: float) -> Sender | None:
+def _try_layout(layout: PacketLayout, came: bytes, seconds: float) -> PacketDecoding | None:
     """Return how a layout reads what came; None where it does not."""
     decoder = Decoder(layout, mid_stream=True)
     packets = decoder.feed(came)
     counts = decoder.counts
-    taken = 1 - (counts.thrown + decoder.pending) / max(len(came), 1)
-    if not len(packets) or taken < _TAKEN:
+    taken = 1 - (counts.discarded + decoder.pending) / max(len(came), 1)
+    if not len(packets) or taken < _MIN_DECODED_FRACTION:
         return None
     rate = (counts.packets + counts.lost) / seconds
     if packets.time is not None and len(packets) > 1:
         step = float(np.median(np.diff(packets.time)))
         rate = 1 / step if step > 0 else rate
-    return Sender(layout, counts, taken, rate)
+    return PacketDecoding(layout, counts, taken, rate)

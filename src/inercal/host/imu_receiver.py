@@ -5,15 +5,15 @@ from time import monotonic
 from typing import NamedTuple
 
 from inercal.host.clock import Tick
-from inercal.host.imu import ImuPort
-from inercal.host.link import OPENING, LinkLost
+from inercal.host.imu_port import ImuPort
+from inercal.host.link import CONNECT_TIMEOUT, LinkLost
 
-_SILENT = 0.5  # s
-_CALM = 1.0  # s of bytes from one that was silent, before it is trusted again
-_AGAIN = 0.5  # s of the wall's between two tries to open a port
+_SILENCE_LIMIT = 0.5  # s
+_RECOVERY_TIME = 1.0  # s of bytes from one that was silent, before it is trusted again
+_RETRY_INTERVAL = 0.5  # s of the wall's between two tries to open a port
 # s that such a try may take: the run stands still meanwhile, which the watchdog allows for 1.5 s.
 # To look up a name the system takes its own time.
-_REOPENING = 0.5
+_REOPEN_TIMEOUT = 0.5
 
 
 class ReceivedBytes(NamedTuple):
@@ -23,12 +23,12 @@ class ReceivedBytes(NamedTuple):
     ----------
     pieces : list of (float, bytes)
         With the run's time of each.
-    opened : bool
+    reopened : bool
         The port was opened anew: these bytes do not follow those before.
     """
 
     pieces: list[tuple[float, bytes]]
-    opened: bool = False
+    reopened: bool = False
 
 
 class ImuReceiver:
@@ -45,7 +45,7 @@ class ImuReceiver:
     ----------
     trouble : str or None
         What is wrong, in words; None while bytes come.
-    since : float
+    trouble_since : float
         The run's time since when that is so.
 
     Raises
@@ -56,37 +56,37 @@ class ImuReceiver:
 
     def __init__(self, opener: Callable[[float], ImuPort], tick: Tick):
         self._open = opener
-        self._port: ImuPort | None = opener(OPENING)
+        self._port: ImuPort | None = opener(CONNECT_TIMEOUT)
         # What a simulated bench had sent before; None: its bytes are taken as they come.
-        self._base = tick.sent
-        self._heard, self._calm = tick.time, tick.time
-        self._tried = 0.0
+        self._sent_before_opening = tick.bytes_sent
+        self._last_bytes_time, self._steady_since = tick.time, tick.time
+        self._last_attempt_time = 0.0
         self.trouble: str | None = None
-        self.since = tick.time
+        self.trouble_since = tick.time
 
     def take(self, tick: Tick) -> ReceivedBytes:
         """Return the bytes that came by the tick: of a bench that counts them, to the last one."""
-        opened = self._port is None and self._again(tick)
+        opened = self._port is None and self._try_to_reopen(tick)
         if self._port is None:
             return ReceivedBytes([])
         try:
-            if tick.sent is None or self._base is None:
+            if tick.bytes_sent is None or self._sent_before_opening is None:
                 pieces = self._port.take()
             else:
                 # Bytes of a simulated bench are of the time that the bench says, however they came.
-                came = self._port.take(upto=tick.sent - self._base)
+                came = self._port.take(upto=tick.bytes_sent - self._sent_before_opening)
                 data = b"".join(piece for _, piece in came)
-                pieces = [(tick.sent_by, data)] if data else []
+                pieces = [(tick.sent_time, data)] if data else []
         except LinkLost as error:
             self._port.close()
             self._port = None
-            self._say(f"the IMU is gone: {error}", tick.time)
+            self._set_trouble(f"the IMU is gone: {error}", tick.time)
             return ReceivedBytes([])
-        self._judge(tick.time, bool(pieces))
+        self._update_trouble(tick.time, bool(pieces))
         return ReceivedBytes(pieces, opened)
 
     @property
-    def bytes_come(self) -> bool:
+    def is_receiving(self) -> bool:
         """Bytes come, whatever is in them."""
         return self._port is not None and self.trouble is None
 
@@ -95,33 +95,33 @@ class ImuReceiver:
         if self._port is not None:
             self._port.close()
 
-    def _again(self, tick: Tick) -> bool:
+    def _try_to_reopen(self, tick: Tick) -> bool:
         """Try to open the port; True where that was possible."""
-        if monotonic() - self._tried < _AGAIN:
+        if monotonic() - self._last_attempt_time < _RETRY_INTERVAL:
             return False
         try:
-            self._port = self._open(_REOPENING)
+            self._port = self._open(_REOPEN_TIMEOUT)
         except LinkLost:
             return False
         finally:
             # From its end: a try may take as long as the time between two.
-            self._tried = monotonic()
-        self._base = None  # how much of what was sent came before, nobody knows
-        self._heard = self._calm = tick.time
+            self._last_attempt_time = monotonic()
+        self._sent_before_opening = None  # how much of what was sent came before, nobody knows
+        self._last_bytes_time = self._steady_since = tick.time
         return True
 
-    def _judge(self, now: float, some: bool) -> None:
+    def _update_trouble(self, now: float, some: bool) -> None:
         """Say whether bytes come as they should."""
-        if now - self._heard > _SILENT and not some:
-            self._say(f"the IMU has been silent for {_SILENT:g} s", now)
+        if now - self._last_bytes_time > _SILENCE_LIMIT and not some:
+            self._set_trouble(f"the IMU has been silent for {_SILENCE_LIMIT:g} s", now)
         if some:
-            if now - self._heard > _SILENT:
-                self._calm = now
-            self._heard = now
-            if self.trouble is not None and now - self._calm >= _CALM:
+            if now - self._last_bytes_time > _SILENCE_LIMIT:
+                self._steady_since = now
+            self._last_bytes_time = now
+            if self.trouble is not None and now - self._steady_since >= _RECOVERY_TIME:
                 self.trouble = None
 
-    def _say(self, words: str, now: float) -> None:
-        self._calm = now
+    def _set_trouble(self, words: str, now: float) -> None:
+        self._steady_since = now
         if self.trouble is None:
-            self.trouble, self.since = words, now
+            self.trouble, self.trouble_since = words, now

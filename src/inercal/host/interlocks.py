@@ -19,20 +19,26 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.rates import half_window, of_gyros, of_table
+from inercal.benches.turntable.reading.implied_rates import gyro_rates, half_window, table_rates
 from inercal.errors import InputError
-from inercal.host.drivers.table import AxisLimits, TableState
+from inercal.host.drivers.rotary_table import AxisLimits, TableState
 from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
-_SHARE = 0.5  # of the following error at which the servo gives up
-_BEYOND = 1.2  # times the bench's limit of rate
-_HANGS = 0.5  # s that the controller's clock may stand
-_WARM = 1.0  # s that a temperature must be outside: one false packet tells nothing
-_APART, _OF_RATE, _LASTING = radians(5), 0.05, 0.2  # rad/s, part of the rate, s
-_STANDS = radians(0.5)  # rad/s
-_EXPLAINED = 0.25  # of the square of what is between gyros and table may be left
+_FOLLOWING_ERROR_SHARE = 0.5  # of the following error at which the servo gives up
+_RATE_MARGIN = 1.2  # times the bench's limit of rate
+_CLOCK_TIMEOUT = 0.5  # s that the controller's clock may stand
+_TEMPERATURE_PERSISTENCE = (
+    1.0  # s that a temperature must be outside: one false packet tells nothing
+)
+_RATE_DIFFERENCE, _RATE_SHARE, _DIFFERENCE_PERSISTENCE = (
+    radians(5),
+    0.05,
+    0.2,
+)  # rad/s, part of the rate, s
+_STANDSTILL_RATE = radians(0.5)  # rad/s
+_UNEXPLAINED_SHARE = 0.25  # of the square of what is between gyros and table may be left
 
 
 class Interlocks:
@@ -45,13 +51,13 @@ class Interlocks:
     bench : Turntable
         Its axes and what they are held to.
     sensor : Sensor
-        Whose readings `against_gyros` is shown.
+        Whose readings `check_gyros` is shown.
     temperature : tuple of two floats, optional
         Of the IMU, K: lowest and highest.
 
     Attributes
     ----------
-    encoder_stands : bool
+    encoder_stuck : bool
         An axis was seen to turn whose encoder stands: a servo that is on drives it on and on.
     apart : float
         rad/s that the gyros turn otherwise than the readback, as last seen; 0 where they agree.
@@ -73,16 +79,16 @@ class Interlocks:
             raise InputError(f"limits of {len(limits)} axes; the bench has {len(bench.names)}")
         self._bench, self._temperature = bench, temperature
         self._axes = tuple(
-            (name, of.following_error * _SHARE, held.rate * _BEYOND)
-            for name, of, held in zip(bench.names, limits, bench.limits_of_axes, strict=True)
+            (name, of.following_error * _FOLLOWING_ERROR_SHARE, held.rate * _RATE_MARGIN)
+            for name, of, held in zip(bench.names, limits, bench.axis_motion_limits, strict=True)
         )
         self._gyros = np.array([axis.measures == "w" for axis in sensor.axes], np.bool_)
         self._inputs = np.array([axis.i for axis in sensor.axes if axis.measures == "w"])
-        self.encoder_stands, self.apart = False, 0.0
+        self.encoder_stuck, self.rate_difference = False, 0.0
         self._since: dict[str, float] = {}
         self._time = nan
-        self._tail: tuple[Array, Array, Array] | None = None
-        self._agreed = nan
+        self._previous_samples: tuple[Array, Array, Array] | None = None
+        self._agreement_time = nan
 
     def check(self, state: TableState, now: float, temperature: float | None = None) -> str | None:
         """Return what is wrong with the table or the IMU now.
@@ -99,29 +105,31 @@ class Interlocks:
         for (name, following, fastest), axis in zip(self._axes, state.axes, strict=True):
             # One reading alone is not believed: nothing checks its digits on the way.
             error, rate = abs(axis.following_error), abs(axis.rate)
-            if self._lasts(f"error {name}", error > following, now):
+            if self._persists(f"error {name}", error > following, now):
                 return (
-                    f"axis {name}: following error {degrees(error):.3g}°, more than {_SHARE:.0%} "
-                    "of that at which the servo gives up"
+                    f"axis {name}: following error {degrees(error):.3g}°, more than "
+                    f"{_FOLLOWING_ERROR_SHARE:.0%} of that at which the servo gives up"
                 )
-            if self._lasts(f"rate {name}", rate > fastest, now):
+            if self._persists(f"rate {name}", rate > fastest, now):
                 return (
                     f"axis {name}: it turns at {degrees(rate):.4g} °/s; its limit is "
-                    f"{degrees(fastest / _BEYOND):.4g} °/s"
+                    f"{degrees(fastest / _RATE_MARGIN):.4g} °/s"
                 )
         stands, self._time = state.time == self._time, state.time
-        if self._lasts("clock", stands, now, _HANGS):
+        if self._persists("clock", stands, now, _CLOCK_TIMEOUT):
             return f"the controller hangs: its clock has stood at {state.time:.3f} s"
         if self._temperature and temperature is not None and isfinite(temperature):
             low, high = self._temperature
-            if self._lasts("temperature", not low <= temperature <= high, now, _WARM):
+            if self._persists(
+                "temperature", not low <= temperature <= high, now, _TEMPERATURE_PERSISTENCE
+            ):
                 return (
                     f"the IMU is at {temperature - ZERO_CELSIUS:.1f} °C; possible: "
                     f"{low - ZERO_CELSIUS:.1f} to {high - ZERO_CELSIUS:.1f} °C"
                 )
         return None
 
-    def against_gyros(self, track: Track) -> str | None:
+    def check_gyros(self, track: Track) -> str | None:
         """Return where gyros and readback tell different rates.
 
         Parameters
@@ -132,31 +140,33 @@ class Interlocks:
         if not self._inputs.size or not track.time.size:
             return None
         time, reading, angles = track.time, track.reading[:, self._gyros], track.angles
-        if self._tail:
+        if self._previous_samples:
             now = time, reading, angles
-            time, reading, angles = map(np.concatenate, zip(self._tail, now, strict=True))
+            time, reading, angles = map(
+                np.concatenate, zip(self._previous_samples, now, strict=True)
+            )
         h = half_window(time) if time.size > 1 else 1
-        self._tail = time[-2 * h :], reading[-2 * h :], angles[-2 * h :]
+        self._previous_samples = time[-2 * h :], reading[-2 * h :], angles[-2 * h :]
         if time.size <= 2 * h:
-            self._tail = time, reading, angles
+            self._previous_samples = time, reading, angles
             return None
-        table, read = of_table(self._bench, time, angles), of_gyros(time, reading)
+        table, read = table_rates(self._bench, time, angles), gyro_rates(time, reading)
         left = read.rate - table.rate @ self._inputs.T
         size = np.linalg.norm(left, axis=-1)
-        most = _APART + _OF_RATE * np.linalg.norm(table.rate, axis=-1)
-        apart = (size > most) & table.whole
-        first = table.time[0] if np.isnan(self._agreed) else self._agreed
+        most = _RATE_DIFFERENCE + _RATE_SHARE * np.linalg.norm(table.rate, axis=-1)
+        apart = (size > most) & table.is_complete
+        first = table.time[0] if np.isnan(self._agreement_time) else self._agreement_time
         agreed = np.maximum.accumulate(np.where(apart, first, table.time))
-        self._agreed = float(agreed[-1])
-        lasts = apart & (table.time - agreed >= _LASTING)
-        self.apart = float(size[-1]) if lasts[-1] else 0.0
+        self._agreement_time = float(agreed[-1])
+        lasts = apart & (table.time - agreed >= _DIFFERENCE_PERSISTENCE)
+        self.rate_difference = float(size[-1]) if lasts[-1] else 0.0
         at = np.flatnonzero(lasts)
         if not at.size:
             return None
         turned = (angles[2 * h :] - angles[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
-        return self._words(angles[h:-h][at], turned[at], left[at])
+        return self._describe_difference(angles[h:-h][at], turned[at], left[at])
 
-    def _words(self, angles: Array, turned: Array, left: Array) -> str:
+    def _describe_difference(self, angles: Array, turned: Array, left: Array) -> str:
         """Name the axis that explains what is left between gyros and readback, (n, g)."""
         zero = np.zeros_like(angles)
         earth = motion(self._bench, angles, zero, zero, {}).w
@@ -169,7 +179,7 @@ class Interlocks:
             own: Array = np.sum(along * left, axis=-1) / np.maximum(
                 np.sum(along**2, axis=-1), 1e-12
             )
-            if np.sum((left - along * own[:, None]) ** 2) <= _EXPLAINED * total:
+            if np.sum((left - along * own[:, None]) ** 2) <= _UNEXPLAINED_SHARE * total:
                 found.append((name, float(np.mean(turned[:, i])), float(np.mean(own))))
         if not found:
             size = degrees(np.sqrt(total / len(left)))
@@ -179,15 +189,15 @@ class Interlocks:
             )
         names = " or ".join(name for name, _, _ in found)
         _, said, beyond = found[0]
-        stands = abs(said) < _STANDS
-        self.encoder_stands |= stands
+        stands = abs(said) < _STANDSTILL_RATE
+        self.encoder_stuck |= stands
         does = "stands" if stands else f"turns at {degrees(said):.3g} °/s"
         return (
             f"axis {names}: the encoder {does} while the gyros turn at "
             f"{degrees(said + beyond):.3g} °/s"
         )
 
-    def _lasts(self, what: str, wrong: bool, now: float, most: float = 0.0) -> bool:
+    def _persists(self, what: str, wrong: bool, now: float, most: float = 0.0) -> bool:
         """Tell whether something has been wrong for longer than `most` s."""
         if not wrong:
             self._since.pop(what, None)

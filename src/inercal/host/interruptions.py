@@ -10,8 +10,8 @@ from inercal.host.guard import Guard
 from inercal.host.imu_receiver import ImuReceiver
 from inercal.host.sequencer import Command, Sequencer
 
-_LOOKS = 0.05  # s of the wall's between two looks at the watchdog
-_Why = Literal["operator", "watchdog", "IMU"]
+_GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
+_PauseCause = Literal["operator", "watchdog", "IMU"]
 
 
 class Interruptions:
@@ -41,21 +41,21 @@ class Interruptions:
     ):
         self.trouble = ""
         self._sequencer, self._guard, self._stop, self._say = sequencer, guard, stop, say
-        self._pauses: dict[_Why, str] = {}
-        self._ends: set[str] = set()
-        self._asked: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
-        self._looked = 0.0
+        self._pauses: dict[_PauseCause, str] = {}
+        self._reported_ends: set[str] = set()
+        self._requests: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
+        self._guard_check_time = 0.0
 
     @property
-    def paused(self) -> str:
+    def pause_reason(self) -> str:
         """Why the run pauses; empty where it does not."""
         return "; ".join(self._pauses.values())
 
-    def ask(self, what: Literal["pause", "go on", "stop"]) -> None:
+    def request(self, what: Literal["pause", "go on", "stop"]) -> None:
         """Ask for something, from whichever thread; `look` does it."""
-        self._asked.put(what)
+        self._requests.put(what)
 
-    def look(self, time: float, imu: ImuReceiver, patience: float) -> None:
+    def update(self, time: float, imu: ImuReceiver, patience: float) -> None:
         """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends.
 
         Parameters
@@ -66,32 +66,32 @@ class Interruptions:
         patience : float
             s that it may be gone before the run ends.
         """
-        while not self._asked.empty():
-            match self._asked.get():
+        while not self._requests.empty():
+            match self._requests.get():
                 case "pause":
                     self._pause("operator", "paused by the operator")
                 case "go on":
                     self._pauses.pop("operator", None)
                 case "stop":
                     self.end("stopped by the operator")
-        if monotonic() - self._looked >= _LOOKS:
-            self.look_at_guard()
+        if monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
+            self.check_guard()
         if imu.trouble is None:
             self._pauses.pop("IMU", None)
-        elif time - imu.since > patience:
+        elif time - imu.trouble_since > patience:
             self.end(f"{imu.trouble}, and not back within {patience:g} s")
         else:
             self._pause("IMU", imu.trouble)
         if self._sequencer.phase == "paused" and not self._pauses:
             self._say("info", "goes on")
-            self._sequencer.go_on()
+            self._sequencer.resume()
 
-    def look_at_guard(self) -> None:
+    def check_guard(self) -> None:
         """Hear what the watchdog says, and that it is there."""
-        self._looked = monotonic()
-        if self._guard.interrupted:
+        self._guard_check_time = monotonic()
+        if self._guard.signal_received:
             self.end("stopped by the operator")
-        for line in self._guard.said():
+        for line in self._guard.read_lines():
             if line in ("at rest", "ready"):
                 self._pauses.pop("watchdog", None)
             elif line.startswith("killed"):
@@ -104,9 +104,9 @@ class Interruptions:
         if not self._guard.alive:
             self.end("the watchdog is gone")
 
-    def fail(self, error: InercalError) -> None:
+    def handle_table_error(self, error: InercalError) -> None:
         """End because the table does not obey, unless the watchdog is stopping it."""
-        self.look_at_guard()
+        self.check_guard()
         if "watchdog" not in self._pauses:
             self.end(str(error))
 
@@ -115,12 +115,12 @@ class Interruptions:
         self.trouble = self.trouble or words
         try:
             # Before anything is said: a journal may have to be waited for, or be what has failed.
-            if not self._sequencer.over:
+            if not self._sequencer.is_over:
                 self._stop(self._sequencer.abort)
         finally:
             # While the table comes to rest it is looked at again and again: once said is enough.
-            if words not in self._ends:
-                self._ends.add(words)
+            if words not in self._reported_ends:
+                self._reported_ends.add(words)
                 self._say("alarm", words)
 
     def add(self, words: str) -> None:
@@ -128,8 +128,8 @@ class Interruptions:
         self.trouble = f"{self.trouble}; {words}" if self.trouble else words
         self._say("alarm", words)
 
-    def _pause(self, why: _Why, words: str) -> None:
-        if why in self._pauses or self._sequencer.over:
+    def _pause(self, why: _PauseCause, words: str) -> None:
+        if why in self._pauses or self._sequencer.is_over:
             return
         self._pauses[why] = words
         self._stop(self._sequencer.pause)

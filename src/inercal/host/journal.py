@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import NamedTuple, Self
 
 from inercal.errors import InputError
-from inercal.host.closing import Closing
-from inercal.io.atomic import atomic_write
+from inercal.host.closeable import Closeable
+from inercal.io.atomic_files import atomic_write
 
 _VERSION = 1
 _SCHEMA = """
@@ -30,7 +30,7 @@ CREATE TABLE file (name TEXT PRIMARY KEY, size INTEGER NOT NULL, sha256 TEXT NOT
 """
 
 
-class Header(NamedTuple):
+class JournalHeader(NamedTuple):
     """What a journal is of.
 
     Parameters
@@ -64,7 +64,7 @@ class Header(NamedTuple):
         return self.table, self.imu, self.clock
 
 
-class Event(NamedTuple):
+class JournalEvent(NamedTuple):
     """Something that an operator should know.
 
     Parameters
@@ -83,7 +83,7 @@ class Event(NamedTuple):
     words: str
 
 
-class Journal(Closing):
+class Journal(Closeable):
     """A journal open for writing; every call is one transaction.
 
     What a call wrote is there after a kill of the host at any moment. After a loss of power the
@@ -100,10 +100,10 @@ class Journal(Closing):
         self.path = Path(path)
         if not self.path.exists():
             raise InputError(f"{path}: there is no journal of a run; begin one")
-        self._db = _opened(self.path)
+        self._db = _open_database(self.path)
 
     @classmethod
-    def begin(
+    def create(
         cls,
         path: str | os.PathLike[str],
         run_file: str,
@@ -134,7 +134,7 @@ class Journal(Closing):
             raise InputError(f"{path} is there already; resume that run or name another folder")
         row = (_now(), run_file, *addresses, poll, steps, "running")
         with (
-            _said(Path(path)),
+            _sqlite_errors_as_input_errors(Path(path)),
             atomic_write(path) as temporary,
             closing(sqlite3.connect(temporary)) as db,
         ):
@@ -143,59 +143,61 @@ class Journal(Closing):
             db.commit()
         return cls(path)
 
-    def header(self) -> Header:
+    def header(self) -> JournalHeader:
         """Return what the journal is of."""
-        with _said(self.path):
-            return Header(*self._db.execute("SELECT * FROM run").fetchone())
+        with _sqlite_errors_as_input_errors(self.path):
+            return JournalHeader(*self._db.execute("SELECT * FROM run").fetchone())
 
-    def move(self, addresses: tuple[str, str, str]) -> None:
+    def set_addresses(self, addresses: tuple[str, str, str]) -> None:
         """Keep where table, IMU and clock are from now on."""
-        self._do("UPDATE run SET table_address = ?, imu_address = ?, clock_address = ?", *addresses)
+        self._execute(
+            "UPDATE run SET table_address = ?, imu_address = ?, clock_address = ?", *addresses
+        )
 
-    def put_state(self, state: str) -> None:
-        """Say how far the run is: a `state` of `Header`."""
-        self._do("UPDATE run SET state = ?", state)
+    def set_state(self, state: str) -> None:
+        """Say how far the run is: a `state` of `JournalHeader`."""
+        self._execute("UPDATE run SET state = ?", state)
 
-    def section(self, step: int, label: str, what: str, time: float) -> None:
+    def record_section(self, step: int, label: str, what: str, time: float) -> None:
         """Keep that a section began, was done or is void, at a time of the table, s."""
-        self._do(
+        self._execute(
             "INSERT INTO section (step, label, what, time) VALUES (?, ?, ?, ?)",
             step, label, what, time,
         )  # fmt: skip
 
-    def done(self) -> int:
+    def completed_steps(self) -> int:
         """Return how many steps are done: the number of the one to go on with."""
-        with _said(self.path):
+        with _sqlite_errors_as_input_errors(self.path):
             found = self._db.execute("SELECT max(step) + 1 FROM section WHERE what = 'done'")
             return found.fetchone()[0] or 0
 
-    def event(self, level: str, words: str, time: float | None = None) -> None:
+    def record_event(self, level: str, words: str, time: float | None = None) -> None:
         """Keep something an operator should know: "info", "warning" or "alarm"; s of the run."""
-        self._do(
+        self._execute(
             "INSERT INTO event (at, time, level, words) VALUES (?, ?, ?, ?)",
             _now(), time, level, words,
         )  # fmt: skip
 
-    def events(self, after: int = 0) -> tuple[Event, ...]:
+    def events(self, after: int = 0) -> tuple[JournalEvent, ...]:
         """Return the events that follow so many, the first first."""
-        with _said(self.path):
+        with _sqlite_errors_as_input_errors(self.path):
             rows = self._db.execute(
                 "SELECT at, time, level, words FROM event WHERE id > ? ORDER BY id", (after,)
             )
-            return tuple(Event(*row) for row in rows)
+            return tuple(JournalEvent(*row) for row in rows)
 
-    def file(self, name: str, size: int, sha256: str) -> None:
+    def record_file(self, name: str, size: int, sha256: str) -> None:
         """Keep the size and the SHA-256 of a file that the run left."""
-        self._do("INSERT OR REPLACE INTO file VALUES (?, ?, ?)", name, size, sha256)
+        self._execute("INSERT OR REPLACE INTO file VALUES (?, ?, ?)", name, size, sha256)
 
     def files(self) -> dict[str, tuple[int, str]]:
         """Return size and SHA-256 of each file."""
-        with _said(self.path):
+        with _sqlite_errors_as_input_errors(self.path):
             rows = self._db.execute("SELECT name, size, sha256 FROM file ORDER BY name")
             return {name: (size, sha256) for name, size, sha256 in rows}
 
-    def _do(self, what: str, *values: object) -> None:
-        with _said(self.path), self._db:
+    def _execute(self, what: str, *values: object) -> None:
+        with _sqlite_errors_as_input_errors(self.path), self._db:
             self._db.execute(what, values)
 
     def close(self) -> None:
@@ -203,8 +205,8 @@ class Journal(Closing):
         self._db.close()
 
 
-def _opened(path: Path) -> sqlite3.Connection:
-    with _said(path):
+def _open_database(path: Path) -> sqlite3.Connection:
+    with _sqlite_errors_as_input_errors(path):
         db = sqlite3.connect(path)
         try:
             # A write-ahead log that is flushed now and then: the system has what a killed host
@@ -223,7 +225,7 @@ def _opened(path: Path) -> sqlite3.Connection:
 
 
 @contextmanager
-def _said(path: Path) -> Generator[None]:
+def _sqlite_errors_as_input_errors(path: Path) -> Generator[None]:
     """Turn what SQLite says into one line with the file's name."""
     try:
         yield

@@ -13,18 +13,18 @@ from time import monotonic
 from typing import Protocol, Self
 from urllib.parse import SplitResult, parse_qsl, urlsplit
 
-from inercal.errors import InercalError, InputError, brought_by
-from inercal.host.closing import Closing
+from inercal.errors import InercalError, InputError, require_extra
+from inercal.host.closeable import Closeable
 
 # What a terminal says that is gone, where a system has them: it is no OSError.
 if sys.platform == "win32":
-    _NO_TERMINAL: tuple[type[Exception], ...] = ()
+    _TERMINAL_ERRORS: tuple[type[Exception], ...] = ()
 else:
     from termios import error as _terminal_error
 
-    _NO_TERMINAL: tuple[type[Exception], ...] = (_terminal_error,)
+    _TERMINAL_ERRORS: tuple[type[Exception], ...] = (_terminal_error,)
 
-OPENING = 5.0  # s; a table on the laboratory's network answers within milliseconds
+CONNECT_TIMEOUT = 5.0  # s; a table on the laboratory's network answers within milliseconds
 _PARITIES = {"none": "N", "even": "E", "odd": "O"}
 
 
@@ -57,12 +57,12 @@ class Link(Protocol):
     def __exit__(self, *_: object) -> None: ...
 
 
-class TcpLink(Closing):
+class TcpLink(Closeable):
     """A connection over TCP, without Nagle's delay: requests are small and wait for replies."""
 
-    def __init__(self, host: str, port: int, opening: float = OPENING):
+    def __init__(self, host: str, port: int, connect_timeout: float = CONNECT_TIMEOUT):
         self.address = f"tcp://{host}:{port}"
-        self._socket = connected(self.address, (host, port), opening)
+        self._socket = connect_socket(self.address, (host, port), connect_timeout)
 
     def read(self, most: int, timeout: float) -> bytes:
         """As `Link.read`."""
@@ -80,7 +80,7 @@ class TcpLink(Closing):
     def write(self, data: bytes) -> None:
         """As `Link.write`."""
         try:
-            self._socket.settimeout(OPENING)
+            self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(data)
         except OSError as error:
             raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
@@ -90,16 +90,16 @@ class TcpLink(Closing):
         self._socket.close()
 
 
-class SerialLink(Closing):
+class SerialLink(Closeable):
     """A serial port by pyserial: `path` as the system names it, `baud` in bit/s."""
 
     def __init__(
         self, path: str, baud: int = 115200, bits: int = 8, parity: str = "none", stop: int = 1
     ):
-        with pyserial_needed():
+        with require_pyserial():
             import serial
         self.address = f"serial:{path}"
-        self._broken = (OSError, serial.SerialException, *_NO_TERMINAL)
+        self._broken = (OSError, serial.SerialException, *_TERMINAL_ERRORS)
         try:
             self._port = serial.Serial(path, baud, bits, _PARITIES[parity], stop, timeout=0)
         except (*self._broken, ValueError) as error:
@@ -130,7 +130,7 @@ class SerialLink(Closing):
         self._port.close()
 
 
-def open_link(address: str, opening: float = OPENING) -> Link:
+def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
     """Return the link to `address`.
 
     Parameters
@@ -151,19 +151,19 @@ def open_link(address: str, opening: float = OPENING) -> Link:
     parts = urlsplit(address)
     given = dict(parse_qsl(parts.query, keep_blank_values=True))
     if parts.scheme == "tcp":
-        _refuse(address, given, ())
+        _refuse_unknown_parameters(address, given, ())
         place = host_and_port(parts)
         if place is None or parts.path not in ("", "/"):
             raise InputError(f"{address!r} is no address of TCP; possible: tcp://192.168.0.5:1025")
         return TcpLink(*place, opening)
     if parts.scheme == "serial" and parts.path:
-        _refuse(address, given, ("baud", "bits", "parity", "stop"))
+        _refuse_unknown_parameters(address, given, ("baud", "bits", "parity", "stop"))
         parity = given.get("parity", "none")
         if parity not in _PARITIES:
             raise InputError(f"parity {parity!r} in {address!r}; possible: {', '.join(_PARITIES)}")
-        baud = _whole(address, given, "baud", 115200, range(50, 4_000_001))
-        bits = _whole(address, given, "bits", 8, range(5, 9))
-        stop = _whole(address, given, "stop", 1, range(1, 3))
+        baud = _integer_parameter(address, given, "baud", 115200, range(50, 4_000_001))
+        bits = _integer_parameter(address, given, "bits", 8, range(5, 9))
+        stop = _integer_parameter(address, given, "stop", 1, range(1, 3))
         return SerialLink(parts.path, baud, bits, parity, stop)
     raise InputError(
         f"{address!r} is no address; possible: tcp://HOST:PORT or serial:PATH?baud=115200"
@@ -189,7 +189,7 @@ def host_and_port(parts: SplitResult) -> tuple[str, int] | None:
     return (host, port) if host and port else None
 
 
-def connected(address: str, place: tuple[str, int], opening: float) -> socket.socket:
+def connect_socket(address: str, place: tuple[str, int], opening: float) -> socket.socket:
     """Return a connection without Nagle's delay; raises `LinkLost`, which names `address`."""
     try:
         made = socket.create_connection(place, opening)
@@ -201,19 +201,21 @@ def connected(address: str, place: tuple[str, int], opening: float) -> socket.so
     return made
 
 
-def pyserial_needed() -> AbstractContextManager[None]:
+def require_pyserial() -> AbstractContextManager[None]:
     """Refuse in the context by an `InputError` that pyserial is not installed."""
-    return brought_by("host", "serial ports need pyserial; install the extra", ("serial",))
+    return require_extra("host", "serial ports need pyserial; install the extra", ("serial",))
 
 
-def _refuse(address: str, given: dict[str, str], known: tuple[str, ...]) -> None:
+def _refuse_unknown_parameters(address: str, given: dict[str, str], known: tuple[str, ...]) -> None:
     for key in given:
         if key not in known:
             possible = f"possible: {', '.join(known)}" if known else "a link of TCP has none"
             raise InputError(f"unknown parameter {key!r} in {address!r}; {possible}")
 
 
-def _whole(address: str, given: dict[str, str], key: str, otherwise: int, within: range) -> int:
+def _integer_parameter(
+    address: str, given: dict[str, str], key: str, otherwise: int, within: range
+) -> int:
     text = given.get(key, str(otherwise))
     if not (text.isascii() and text.isdigit() and int(text) in within):
         raise InputError(
@@ -223,6 +225,6 @@ def _whole(address: str, given: dict[str, str], key: str, otherwise: int, within
 
 
 def _reason(error: Exception) -> str:
-    if isinstance(error, _NO_TERMINAL):
+    if isinstance(error, _TERMINAL_ERRORS):
         return str(error.args[-1])  # behind its number
     return (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__

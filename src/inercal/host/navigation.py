@@ -16,17 +16,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import earth, reference
+from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.epochs import GAP
+from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
 from inercal.methods.turntable.model import ARCSEC
-from inercal.methods.turntable.strapdown import copy, rotate, rotation_error
+from inercal.methods.turntable.strapdown import copy_matrix, rotate, rotation_error
 from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.sensors.inverse import inverse
 
 
-class Navigation(NamedTuple):
+class NavigationSolution(NamedTuple):
     """Where the readings say that the body is, at one sample.
 
     Parameters
@@ -40,9 +40,9 @@ class Navigation(NamedTuple):
         it.
     velocity : (3,) array
         m/s east, north, up since the last hold.
-    apart : (3,) array
+    rotation_error : (3,) array
         ″ about east, north and up by which the table's attitude is ahead.
-    holds : bool
+    is_hold : bool
     """
 
     time: float
@@ -52,7 +52,7 @@ class Navigation(NamedTuple):
     heading: float
     velocity: Array
     rotation_error: Array
-    holds: bool
+    is_hold: bool
 
 
 class Navigator:
@@ -67,12 +67,12 @@ class Navigator:
 
     def __init__(self, sensor: Sensor, bench: Turntable):
         self._sensor, self._bench = sensor, bench
-        self._earth, self._gravity = earth(bench), bench.gravity.value
+        self._earth, self._gravity = earth_rate_level_frame(bench), bench.gravity.value
         self._c, self._v = np.eye(3), np.zeros(3)
-        self._felt = np.zeros((2, 3))  # f and ω of the sample before
-        self._time, self._hold = -np.inf, -1
+        self._last_motion = np.zeros((2, 3))  # f and ω of the sample before
+        self._time, self._last_hold = -np.inf, -1
 
-    def feed(self, track: Track, values: Array) -> Navigation:
+    def feed(self, track: Track, values: Array) -> NavigationSolution:
         """Return where the body is at the last of the samples that follow.
 
         Parameters
@@ -85,20 +85,20 @@ class Navigator:
         felt = inverse(self._sensor, track.reading, values)
         f, w = np.ascontiguousarray(felt.f), np.ascontiguousarray(felt.w)
         before = np.concatenate([[self._time], track.time[:-1]])
-        held = np.concatenate([[self._hold], track.hold[:-1]])
-        gap = track.time - before > GAP
+        held = np.concatenate([[self._last_hold], track.hold[:-1]])
+        gap = track.time - before > MAX_GAP_SECONDS
         anew = np.flatnonzero(gap | ((track.hold >= 0) & (track.hold != held)))
-        aligned = reference(self._bench, track.angles[anew])
-        _follow(
+        aligned = reference_attitude(self._bench, track.angles[anew])
+        _integrate_samples(
             track.time, f, w, track.hold, anew, aligned, self._time,
-            self._felt, self._c, self._v, self._earth, self._gravity,
+            self._last_motion, self._c, self._v, self._earth, self._gravity,
         )  # fmt: skip
-        self._felt = np.stack([f[-1], w[-1]])
-        self._time, self._hold = float(track.time[-1]), int(track.hold[-1])
+        self._last_motion = np.stack([f[-1], w[-1]])
+        self._time, self._last_hold = float(track.time[-1]), int(track.hold[-1])
         off = np.empty(3)
-        rotation_error(reference(self._bench, track.angles[-1:])[0], self._c, off)
+        rotation_error(reference_attitude(self._bench, track.angles[-1:])[0], self._c, off)
         c = self._c.copy()
-        return Navigation(
+        return NavigationSolution(
             self._time,
             c,
             degrees(atan2(-c[2, 0], c[2, 2])),
@@ -106,12 +106,12 @@ class Navigator:
             degrees(atan2(c[0, 1], c[1, 1])) % 360.0,
             self._v.copy(),
             off / ARCSEC,
-            self._hold >= 0,
+            self._last_hold >= 0,
         )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(
+def _integrate_samples(
     time: Array,
     f: Array,
     w: Array,
@@ -130,7 +130,7 @@ def _follow(
     wanted = 0
     for i in range(time.size):
         if wanted < anew.size and anew[wanted] == i:
-            copy(aligned[wanted], c)
+            copy_matrix(aligned[wanted], c)
             v[:] = 0.0
             wanted += 1
         else:
@@ -142,7 +142,7 @@ def _follow(
                 around = c[0, k] * earth[0] + c[1, k] * earth[1] + c[2, k] * earth[2]
                 coning = w0[a] * w[i, b] - w0[b] * w[i, a]
                 turn[k] = (0.5 * (w0[k] + w[i, k]) - around) * dt + coning * dt * dt / 12
-            copy(c, half)
+            copy_matrix(c, half)
             rotate(half, 0.5 * turn)
             rotate(c, turn)
             for k in range(3):

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 
-class Options(NamedTuple):
+class RunOptions(NamedTuple):
     """What an operator may say of a run.
 
     Parameters
@@ -21,4 +21,4 @@ class Options(NamedTuple):
     patience: float = 120.0
 
 
-ORDINARY = Options()
+DEFAULT_OPTIONS = RunOptions()

@@ -13,41 +13,41 @@ from typing import Literal
 
 import numpy as np
 
-from inercal.benches.turntable import turntable_of
+from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError
-from inercal.host.assembly import Assembly, Block
-from inercal.host.closing import Closing
-from inercal.host.folder import Folder
+from inercal.host.assembly import SampleAssembler, SampleBlock
+from inercal.host.closeable import Closeable
 from inercal.host.journal import Journal
-from inercal.host.live import Live
-from inercal.host.log import EVENT, Frame, Log, frames
-from inercal.host.navigation import Navigation, Navigator
-from inercal.host.packets import Layout
-from inercal.host.sequencer import Section
+from inercal.host.live_estimator import LiveEstimator
+from inercal.host.navigation import NavigationSolution, Navigator
+from inercal.host.packets import PacketLayout
+from inercal.host.run_folder import RunFolder
+from inercal.host.run_log import EVENT, LogFrame, RunLog, read_frames
+from inercal.host.sequencer import SectionEvent
 
-_PIECE, _LONGEST = 0.5, 5.0  # s of the bench that are worked through at a time
+_PIECE_MIN, _PIECE_MAX = 0.5, 5.0  # s of the bench that are worked through at a time
 _PIECE_WALL = 0.1  # s of the wall's
-_KEPT = 8  # events, and blocks, that are at hand
+_RECENT_COUNT = 8  # events, and blocks, that are at hand
 _TRIAD = 3
-_SAID_AGAIN = 60.0  # s
+_LOSS_WARNING_INTERVAL = 60.0  # s
 
 
-class RunRecorder(Closing):
+class RunRecorder(Closeable):
     """The account of one run, begun or resumed; a context manager.
 
     Parameters
     ----------
-    folder : Folder
+    folder : RunFolder
     journal : Journal
-    layout : Layout
+    layout : PacketLayout
         Of the IMU's packets.
 
     Attributes
     ----------
-    assembly : Assembly
-    live : Live or None
+    assembly : SampleAssembler
+    live_estimator : LiveEstimator or None
         The estimate, where the run file's method has a sequential estimator.
-    navigation : Navigation or None
+    navigation : NavigationSolution or None
         Attitude and velocity by an IMU's corrected readings alone, once all of its coefficients
         are estimated.
     temperature : float
@@ -56,7 +56,7 @@ class RunRecorder(Closing):
         How many there were.
     said : deque of (str, str)
         Level and words of the last of them.
-    blocks : deque of Block
+    blocks : deque of SampleBlock
         The last samples; who shows them takes them out.
 
     Raises
@@ -65,41 +65,41 @@ class RunRecorder(Closing):
         A log that is damaged, packets that do not go with the run file.
     """
 
-    def __init__(self, folder: Folder, journal: Journal, layout: Layout):
-        run, bench = folder.run, turntable_of(folder.run)
-        self.assembly = Assembly(run, layout, journal.header().poll)
+    def __init__(self, folder: RunFolder, journal: Journal, layout: PacketLayout):
+        run, bench = folder.run, require_turntable(folder.run)
+        self.assembly = SampleAssembler(run, layout, journal.header().poll)
         # Packets hold no temperature of each sample: coefficients of it are found afterwards.
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
-        self.live = Live(run) if self._estimates else None
-        whole = all(len(run.sensor.only(kind).axes) == _TRIAD for kind in ("f", "w"))
-        self._whole = run.sensor, bench
-        self._navigator = Navigator(*self._whole) if whole else None
-        self.navigation: Navigation | None = None
+        self.live_estimator = LiveEstimator(run) if self._estimates else None
+        whole = all(len(run.sensor.select_axes(kind).axes) == _TRIAD for kind in ("f", "w"))
+        self._navigator_inputs = run.sensor, bench
+        self._navigator = Navigator(*self._navigator_inputs) if whole else None
+        self.navigation: NavigationSolution | None = None
         self.temperature = nan
         self.events = 0
-        self.said: deque[tuple[str, str]] = deque(maxlen=_KEPT)
-        self.blocks: deque[Block] = deque(maxlen=_KEPT)
+        self.recent_messages: deque[tuple[str, str]] = deque(maxlen=_RECENT_COUNT)
+        self.blocks: deque[SampleBlock] = deque(maxlen=_RECENT_COUNT)
         self._journal = journal
-        self._worked = 0.0, 0.0
-        self._losses, self._lost_at = (0, 0, 0), 0.0
+        self._last_processing = 0.0, 0.0
+        self._losses, self._last_loss_warning = (0, 0, 0), 0.0
         with ExitStack() as opened:
-            self._log = opened.enter_context(Log(folder.log))
+            self._log = opened.enter_context(RunLog(folder.log))
             self._replay(folder)
-            self._opened = opened.pop_all()
+            self._open_resources = opened.pop_all()
 
     @property
     def estimation(self) -> Literal["none", "waits", "on", "ended"]:
         """How live estimation stands: "none" where the run file's method has none."""
-        if self.live is None:
+        if self.live_estimator is None:
             return "ended" if self._estimates else "none"
-        return "on" if self.live.begun else "waits"
+        return "on" if self.live_estimator.has_estimate else "waits"
 
-    def keep(self, kind: int, time: float, payload: bytes) -> None:
+    def record_frame(self, kind: int, time: float, payload: bytes) -> None:
         """Keep what came from a device, at a time of the run."""
         self._log.append(kind, time, payload)
-        self.assembly.feed(Frame(kind, time, payload))
+        self.assembly.feed(LogFrame(kind, time, payload))
 
-    def attach(self, time: float, following: int, wraps: float) -> None:
+    def record_session(self, time: float, following: int, wraps: float) -> None:
         """Keep that what follows does not follow what was before.
 
         Parameters
@@ -114,27 +114,29 @@ class RunRecorder(Closing):
         known = {"wraps": wraps} if isfinite(wraps) else {}
         self._event(time, {"what": "session", "next": following, **known})
 
-    def section(self, time: float, one: Section, *, holds: bool) -> None:
+    def record_section(self, time: float, one: SectionEvent, *, holds: bool) -> None:
         """Keep that a section began or ended, first in the log: what the journal calls done is."""
-        content = {"number": one.number, "label": one.label, "state": one.what, "time": one.time}
+        content = {"number": one.number, "label": one.label, "state": one.state, "time": one.time}
         self._event(time, {"what": "section", **content, "hold": holds})
-        self._journal.section(one.number, one.label, one.what, one.time)
+        self._journal.record_section(one.number, one.label, one.state, one.time)
 
-    def say(self, time: float, level: Literal["info", "warning", "alarm"], words: str) -> None:
+    def record_message(
+        self, time: float, level: Literal["info", "warning", "alarm"], words: str
+    ) -> None:
         """Keep what an operator should know."""
         self.events += 1
-        self.said.append((level, words))
-        self._journal.event(level, words, time)
+        self.recent_messages.append((level, words))
+        self._journal.record_event(level, words, time)
 
-    def due(self, time: float) -> bool:
+    def is_processing_due(self, time: float) -> bool:
         """Tell whether `work` is to be done; when that is changes no bit of what is found.
 
         A piece has a price of its own: a bench that is sped up has larger ones.
         """
-        came, passed = time - self._worked[0], monotonic() - self._worked[1]
-        return came >= _PIECE and (passed >= _PIECE_WALL or came >= _LONGEST)
+        came, passed = time - self._last_processing[0], monotonic() - self._last_processing[1]
+        return came >= _PIECE_MIN and (passed >= _PIECE_WALL or came >= _PIECE_MAX)
 
-    def work(self, time: float) -> Block | None:
+    def process_pending(self, time: float) -> SampleBlock | None:
         """Put together what came, and estimate by it; return the samples that are new.
 
         Raises
@@ -142,76 +144,77 @@ class RunRecorder(Closing):
         InputError
             A device that set its clock anew.
         """
-        block = self._piece(time)
+        block = self._process_piece(time)
         if block is not None:
-            for words in self._of_losses(time):
-                self.say(time, "warning", words)
+            for words in self._loss_warnings(time):
+                self.record_message(time, "warning", words)
         return block
 
-    def _piece(self, time: float) -> Block | None:
-        self._worked = time, monotonic()
+    def _process_piece(self, time: float) -> SampleBlock | None:
+        self._last_processing = time, monotonic()
         block = self.assembly.take()
         if block is not None:
             self.blocks.append(block)
-            self._estimate(block, time)
+            self._update_estimate(block, time)
         return block
 
-    def _estimate(self, block: Block, time: float) -> None:
+    def _update_estimate(self, block: SampleBlock, time: float) -> None:
         self.temperature = float(block.temperature[-1])
-        if self.live is None:
+        if self.live_estimator is None:
             return
-        if block.begins and self._navigator is not None:
-            self._navigator = Navigator(*self._whole)
+        if block.starts_recording and self._navigator is not None:
+            self._navigator = Navigator(*self._navigator_inputs)
         try:
-            self.live.feed(block)
-            if self._navigator is not None and np.isfinite(self.live.values).all():
-                self.navigation = self._navigator.feed(block.track, self.live.values)
+            self.live_estimator.feed(block)
+            if self._navigator is not None and np.isfinite(self.live_estimator.values).all():
+                self.navigation = self._navigator.feed(block.track, self.live_estimator.values)
         except Exception as error:
             # The recording is what counts: it may be calibrated otherwise. A method may be another
             # package's, and whatever it raises must not end a run whose table moves.
-            self.live = None
+            self.live_estimator = None
             what = "" if isinstance(error, InercalError) else f"{type(error).__name__}: "
             words = f"live estimation ends: {what}{error}"
             # A run that goes on comes to an end that it came to before: then it was said.
             if all(event.words != words for event in self._journal.events()):
-                self.say(time, "warning", words)
+                self.record_message(time, "warning", words)
 
-    def _of_losses(self, time: float) -> list[str]:
+    def _loss_warnings(self, time: float) -> list[str]:
         """Return what is to be said of losses, now and then where there are more, once."""
         tally = self.assembly.tally
         counts, before = tally.bytes, self._losses
-        losses = counts.lost, counts.failed, tally.no_angle
-        if losses == before or time - self._lost_at < _SAID_AGAIN:
+        losses = counts.lost, counts.failed, tally.samples_without_angle
+        if losses == before or time - self._last_loss_warning < _LOSS_WARNING_INTERVAL:
             return []
-        self._losses, self._lost_at = losses, time
+        self._losses, self._last_loss_warning = losses, time
         made: list[str] = []
         if losses[:2] != before[:2]:
             made.append(
                 f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
                 f"{counts.failed} had a wrong check"
             )
-        if tally.no_angle != before[2]:
+        if tally.samples_without_angle != before[2]:
             made.append(
-                f"so far {tally.no_angle} samples of {tally.samples + tally.no_angle} are left "
-                "out: the table was read too seldom while it turned, or sought its zero"
+                f"so far {tally.samples_without_angle} samples of "
+                f"{tally.samples + tally.samples_without_angle} are left out: "
+                "the table was read too seldom while it turned, or sought its zero"
             )
         return made
 
     def _event(self, at: float, content: dict[str, object]) -> None:
-        self.keep(EVENT, at, json.dumps(content).encode())
+        self.record_frame(EVENT, at, json.dumps(content).encode())
 
-    def _replay(self, folder: Folder) -> None:
+    def _replay(self, folder: RunFolder) -> None:
         """Go through what the log holds of a run that was interrupted; what was said stays so."""
         done = last = 0.0
-        for frame in frames(folder.log):
+        for frame in read_frames(folder.log):
             self.assembly.feed(frame)
             last = frame.time
-            if last - done >= _LONGEST:
+            if last - done >= _PIECE_MAX:
                 done = last
-                self._piece(done)
-                self._of_losses(done)
-        self._piece(last)
+                self._process_piece(done)
+                self._loss_warnings(done)
+        self._process_piece(last)
 
     def close(self) -> None:
         """Close the log."""
-        self._opened.close()
+        self._open_resources.close()

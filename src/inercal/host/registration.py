@@ -8,16 +8,16 @@ from threading import Thread
 from typing import TYPE_CHECKING
 
 from inercal.errors import InercalError, InputError
-from inercal.host.folder import JOURNAL, LOG, Folder
-from inercal.host.journal import Header, Journal
-from inercal.host.log import digest
+from inercal.host.journal import Journal, JournalHeader
+from inercal.host.run_folder import JOURNAL, LOG, RunFolder
+from inercal.host.run_log import file_sha256
 from inercal.runfile import Run
 
 if TYPE_CHECKING:  # a bench runs without a register
-    from inercal.store import History, Register
+    from inercal.store import Register, SensorHistory
 
 
-def enter(register: "Register", folder: str | Path) -> int:
+def register_run(register: "Register", folder: str | Path) -> int:
     """Enter the run of a folder, its files and its calibration if there is one; return its id.
 
     As often as one likes: what is there already stays; state, folder and files are brought up to
@@ -39,9 +39,9 @@ def enter(register: "Register", folder: str | Path) -> int:
     folder = Path(folder)
     with Journal(folder / JOURNAL) as journal:
         header, files = journal.header(), journal.files()
-    made = Folder.of(folder, header.run_file)
+    made = RunFolder.open_existing(folder, header.run_file)
     facts = RunFacts(
-        _key(header, made.run),
+        _run_key(header, made.run),
         made.run.sensor,
         made.run.kind.name,
         made.run.bench_name,
@@ -50,19 +50,19 @@ def enter(register: "Register", folder: str | Path) -> int:
         header.table,
         header.imu,
         str(folder.resolve()),
-        _proved(made, header, files),
+        _verified_files(made, header, files),
     )
-    calibration = made.made("calibration.json")
+    calibration = made.output_path("calibration.json")
     return register.enter_run(facts, calibration if calibration.exists() else None)
 
 
-def _key(header: Header, run: Run) -> str:
+def _run_key(header: JournalHeader, run: Run) -> str:
     """Return what tells a run from all others, wherever its folder lies."""
     return sha256(f"{header.begun}\n{header.run_file}\n{run.sha256}".encode()).hexdigest()[:32]
 
 
-def _proved(
-    made: Folder, header: Header, files: dict[str, tuple[int, str]]
+def _verified_files(
+    made: RunFolder, header: JournalHeader, files: dict[str, tuple[int, str]]
 ) -> dict[str, tuple[int, str]]:
     """Return size and SHA-256 of the run's files, those of the raw data proved.
 
@@ -73,7 +73,7 @@ def _proved(
         path = made.path / name
         if header.state == "running" or not path.is_file():
             continue  # the log of a run that goes on grows
-        now = path.stat().st_size, digest(path)
+        now = path.stat().st_size, file_sha256(path)
         if found.setdefault(name, now) != now:
             raise InputError(
                 f"{path}: changed since the run left it (its SHA-256 differs from the journal's); "
@@ -101,12 +101,12 @@ class RegisterSync:
         self._register, self._folder = register, Path(folder)
         self.trouble = ""
 
-    def enter(self) -> None:
+    def update(self) -> None:
         """Enter the run as it is now."""
         if self._register is None:
             return
         try:
-            enter(self._register, self._folder)
+            register_run(self._register, self._folder)
             self.trouble = ""
         except InercalError as error:
             self.trouble = (
@@ -115,18 +115,18 @@ class RegisterSync:
             )
 
     @contextmanager
-    def meanwhile(self) -> Generator[None]:
+    def background_work(self) -> Generator[None]:
         """Enter the run beside what is done: a watchdog waits for no server."""
-        thread = Thread(target=self.enter, daemon=True)
+        thread = Thread(target=self.update, daemon=True)
         thread.start()
         try:
             yield
         finally:
             thread.join()
 
-    def history(self, sensor: str) -> "History | None":
+    def history(self, sensor: str) -> "SensorHistory | None":
         """Enter the run as it is now; return its sensor's history, None where there is none."""
-        self.enter()
+        self.update()
         if self._register is None or self.trouble:
             return None
         try:

@@ -10,14 +10,20 @@ from select import select
 from time import monotonic
 from typing import Literal
 
-from inercal.host.drivers.table import AT_REST, ProtocolError, RotaryTable, TableFault, TableState
+from inercal.host.drivers.rotary_table import (
+    REST_RATE,
+    ProtocolError,
+    RotaryTable,
+    TableFault,
+    TableState,
+)
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
-from inercal.host.sequencer import Command, Enable, Go, Home
+from inercal.host.sequencer import Command, EnableCommand, HomeCommand, MoveCommand
 
-_UNHEARD = 5  # readings in a row that may fail
-_LOOKS = 0.05  # s of the wall's between two looks at the watchdog
-_LEAVING = 12.0  # s of the wall's to come to rest in, seen by the watchdog
+_MAX_FAILED_READINGS = 5  # readings in a row that may fail
+_GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
+_REST_TIMEOUT = 12.0  # s of the wall's to come to rest in, seen by the watchdog
 
 
 class TableDriver:
@@ -36,7 +42,7 @@ class TableDriver:
     ----------
     state : TableState or None
         As last read.
-    rests : bool
+    at_rest : bool
         By the last reading no axis moves, and none was told to since; True before the first.
     """
 
@@ -48,10 +54,10 @@ class TableDriver:
         say: Callable[[Literal["warning", "alarm"], str], None],
     ):
         self.state: TableState | None = None
-        self.rests = True
+        self.at_rest = True
         self._table, self._guard, self._now, self._say = table, guard, now, say
-        self._told, self._unheard, self._trip = False, 0, inf
-        self._coasts = False
+        self._commanded, self._failed_readings, self._shortest_round_trip = False, 0, inf
+        self._servos_off = False
 
     def read(self) -> tuple[float, TableState] | None:
         """Return when the table was read, s of the run, and its state; None where that failed.
@@ -61,35 +67,35 @@ class TableDriver:
         LinkLost
             It has failed too often in a row.
         """
-        self.rests = False
+        self.at_rest = False
         asked = self._now()
         try:
             state = self._table.read()
         except (ProtocolError, LinkLost) as error:
             # One stall of a machine or a network is not the end: the driver connects anew.
-            self._unheard += 1
+            self._failed_readings += 1
             self._say("warning", str(error))
-            if self._unheard == _UNHEARD:
+            if self._failed_readings == _MAX_FAILED_READINGS:
                 raise LinkLost(
-                    f"the table is gone: {_UNHEARD} readings in a row failed: {error}"
+                    f"the table is gone: {_MAX_FAILED_READINGS} readings in a row failed: {error}"
                 ) from error
             return None
-        self._unheard = 0
+        self._failed_readings = 0
         # Clocks are tied by the least that comes later than the table says: of a state that comes
         # late no more is taken off than of the fastest.
         answered = self._now()
-        self._trip = min(self._trip, answered - asked)
-        time = answered - self._trip / 2
+        self._shortest_round_trip = min(self._shortest_round_trip, answered - asked)
+        time = answered - self._shortest_round_trip / 2
         if not isfinite(state.time):
             state = replace(state, time=time)  # a controller that tells none
         self.state = state
         # One that was told to go may not say so yet.
-        self.rests = not self._told and all(
-            abs(axis.rate) < AT_REST and not axis.moving for axis in state.axes
+        self.at_rest = not self._commanded and all(
+            abs(axis.rate) < REST_RATE and not axis.moving for axis in state.axes
         )
         return time, state
 
-    def tell(self, commands: Sequence[Command]) -> None:
+    def send(self, commands: Sequence[Command]) -> None:
         """Tell the table what to do before it is read next; nothing, maybe.
 
         Raises
@@ -97,15 +103,15 @@ class TableDriver:
         TableFault, ProtocolError, LinkLost
             It refuses, or was not reached.
         """
-        self._told = bool(commands)
-        self.rests = self.rests and not commands
+        self._commanded = bool(commands)
+        self.at_rest = self.at_rest and not commands
         for command in commands:
             match command:
-                case Enable():
+                case EnableCommand():
                     self._table.enable()
-                case Home():
+                case HomeCommand():
                     self._table.home()
-                case Go(axis, angle, rate, acceleration):
+                case MoveCommand(axis, angle, rate, acceleration):
                     self._table.move(self._table.axes[axis], angle, rate, acceleration)
                 case _:
                     self._table.stop()
@@ -114,18 +120,18 @@ class TableDriver:
         """Tell the table to stop; where it cannot be told, the watchdog goes on trying."""
         off = self.state is not None and not any(axis.enabled for axis in self.state.axes)
         # To stop closes the loops of motors: what somebody has switched off stays off.
-        if self._guard.killed or (off and self.rests):
+        if self._guard.axis_killed or (off and self.at_rest):
             return
         try:
-            self.tell(commands)
+            self.send(commands)
         except (TableFault, ProtocolError, LinkLost) as error:
             told = self._guard.stop()
             does = "is told to stop the table" if told else "is gone too: cut the table's power"
             self._say("alarm", f"{error}; the watchdog {does}")
 
-    def coast(self) -> None:
+    def switch_servos_off(self) -> None:
         """Switch all servos off, once: one whose encoder stands drives its axis on and on."""
-        if self._coasts:
+        if self._servos_off:
             return
         words = "the servos are switched off, what turns coasts"
         try:
@@ -135,21 +141,21 @@ class TableDriver:
         except (ProtocolError, LinkLost) as error:
             self._say("alarm", f"{error}; the servos are to be switched off")
             return  # and tried again
-        self._coasts = True
+        self._servos_off = True
         self._say("alarm", words)
 
-    def leave(self) -> str | None:
+    def release_to_guard(self) -> str | None:
         """Have the watchdog bring the table to rest; return in words what went wrong."""
-        self._guard.said()
+        self._guard.read_lines()
         self._guard.stop()
-        until = monotonic() + _LEAVING
+        until = monotonic() + _REST_TIMEOUT
         lines = list[str]()
         while "at rest" not in lines and self._guard.alive and monotonic() < until:
-            select([], [], [], _LOOKS)
-            lines += self._guard.said()
+            select([], [], [], _GUARD_INTERVAL)
+            lines += self._guard.read_lines()
         if "at rest" in lines:
             return next((f"watchdog: {line}" for line in lines if line.startswith("killed")), None)
-        self._guard.leave()
+        self._guard.release_to_guard()
         does = "goes on trying to stop it" if self._guard.alive else "is gone: cut its power"
         words = f"nobody has seen the table come to rest; the watchdog {does}"
         return "; ".join([words, *lines[-1:]])

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.simulation import travel
+from inercal.benches.turntable.simulation import path_profile
 from inercal.plan import Rotation, TableStep
 
 Angles = tuple[float, ...]
@@ -40,16 +40,16 @@ class Task:
     approach: float
 
 
-def tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[Task, ...]:
+def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[Task, ...]:
     """Return the steps made absolute, from all axes at zero.
 
     Raises
     ------
     InputError
-        As `inercal.benches.turntable.simulation.travel`.
+        As `inercal.benches.turntable.simulation.path_profile`.
     """
-    way = travel(bench, steps)
-    angles: list[list[float]] = way.at(way.ends)[0].tolist()
+    way = path_profile(bench, steps)
+    angles: list[list[float]] = way.evaluate(way.ends)[0].tolist()
     ends: list[float] = way.ends.tolist()
     made: list[Task] = []
     now: Angles = (0.0,) * len(bench.axes)

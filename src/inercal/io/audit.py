@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.io import runs
-from inercal.io.table import blocks
+from inercal.io import repeated_values
+from inercal.io.column_table import row_blocks
 from inercal.recording import Finding, Indices, Recording
 
-Nonfinite = Literal["refuse", "drop"]
-Where = Callable[[int], str]
+NonfinitePolicy = Literal["refuse", "drop"]
+SampleLocator = Callable[[int], str]
 """Names the place of a sample in the file."""
 
 _LOST = 0.01  # of the recording; less is a note
@@ -31,14 +31,14 @@ _LIVES = 0.5  # of its scatter in the whole recording: a channel changes in a pa
 _NEAR_S = 1.0  # saturated stretches closer than this are one finding
 
 
-class _Checked(NamedTuple):
+class _CheckResult(NamedTuple):
     findings: list[Finding]
     keep: Indices | None = None
 
 
 def audit(
     recording: Recording,
-    nonfinite: Nonfinite = "refuse",
+    nonfinite: NonfinitePolicy = "refuse",
     limits: Mapping[str, tuple[float, float]] | None = None,
     *,
     in_place: bool = False,
@@ -72,7 +72,7 @@ def audit(
     cleaned = audit_rows(recording, nonfinite, in_place=in_place)
     findings = list(cleaned.findings)
     if not any(finding.severity == "refused" for finding in findings):
-        if bursty := bursts(cleaned):
+        if bursty := burst_findings(cleaned):
             kept = [finding for finding in findings if finding.what not in ("gap", "jitter")]
             return replace(cleaned, findings=(*kept, *bursty))
         for k, channel in enumerate(cleaned.channels):
@@ -81,7 +81,7 @@ def audit(
 
 
 def audit_rows(
-    recording: Recording, nonfinite: Nonfinite = "refuse", *, in_place: bool = False
+    recording: Recording, nonfinite: NonfinitePolicy = "refuse", *, in_place: bool = False
 ) -> Recording:
     """Return the recording as `audit` does, whatever its channels read: they may well stand still.
 
@@ -94,37 +94,37 @@ def audit_rows(
         raise InputError("audit takes one run, data (n, m), without an axis of trials")
     cleaned, rows = recording, None
     findings = list(recording.findings)
-    for check in (_nonfinite_check(nonfinite), order, repeated):
-        found, keep = check(cleaned, _where(recording, rows))
+    for check in (_nonfinite_check(nonfinite), check_time_order, check_repeated_rows):
+        found, keep = check(cleaned, _sample_locator(recording, rows))
         findings += found
         if any(finding.severity == "refused" for finding in found):
             return replace(recording, findings=tuple(findings))
         if keep is not None:
-            cleaned = _moved_up(cleaned, keep) if in_place else cleaned.take(keep)
+            cleaned = _compact_in_place(cleaned, keep) if in_place else cleaned.take(keep)
             rows = keep if rows is None else rows[keep]
-    for sampled in (gaps, jitter):
+    for sampled in (gap_findings, jitter_findings):
         findings += sampled(cleaned)
     return replace(cleaned, findings=tuple(findings), original=rows)
 
 
-def _where(recording: Recording, rows: Indices | None) -> Where:
+def _sample_locator(recording: Recording, rows: Indices | None) -> SampleLocator:
     """Return what names the place of a sample, given the number in the file of each."""
     return lambda k: recording.where(k if rows is None else int(rows[k]))
 
 
-def _moved_up(recording: Recording, keep: Indices) -> Recording:
+def _compact_in_place(recording: Recording, keep: Indices) -> Recording:
     """Return the samples to keep as `take` does, in the place of those before if in their order."""
     if (keep[1:] < keep[:-1]).any():
         return recording.take(keep)
     arrays = [recording.time, recording.data, *recording.readback.values()]
     arrays += [values for values in (recording.labels, recording.temperature) if values is not None]
     for values in arrays:
-        for k in blocks(keep.size):
+        for k in row_blocks(keep.size):
             values[k] = values[keep[k]]
     return recording.take(slice(0, keep.size))
 
 
-def accept(recording: Recording) -> Recording:
+def require_accepted(recording: Recording) -> Recording:
     """Return an audited recording.
 
     Raises
@@ -139,11 +139,13 @@ def accept(recording: Recording) -> Recording:
     return recording
 
 
-def _nonfinite_check(nonfinite: Nonfinite) -> Callable[[Recording, Where], _Checked]:
-    return lambda recording, where: finite(recording, where, drop=nonfinite == "drop")
+def _nonfinite_check(
+    nonfinite: NonfinitePolicy,
+) -> Callable[[Recording, SampleLocator], _CheckResult]:
+    return lambda recording, where: check_finite(recording, where, drop=nonfinite == "drop")
 
 
-def finite(recording: Recording, where: Where, *, drop: bool) -> _Checked:
+def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> _CheckResult:
     """Refuse rows with NaN or infinity, or drop them."""
     columns: dict[str, Array] = {"time": recording.time}
     columns |= {name: recording.data[:, k] for k, name in enumerate(recording.channels)}
@@ -155,26 +157,28 @@ def finite(recording: Recording, where: Where, *, drop: bool) -> _Checked:
         rows |= ~np.isfinite(values)
     count = int(rows.sum())
     if count == 0:
-        return _Checked([])
+        return _CheckResult([])
     first = int(np.argmax(rows))
     name = next(name for name, values in columns.items() if not np.isfinite(values[first]))
-    text = f"{_rows(count)} without a finite number, the first {name} at {where(first)}"
+    text = f"{_row_count_text(count)} without a finite number, the first {name} at {where(first)}"
     if drop and count < rows.size:
-        return _Checked(
+        return _CheckResult(
             [Finding("warning", "nonfinite", f"{text}: dropped")], np.flatnonzero(~rows)
         )
     advice = 'remove them, or state nonfinite = "drop"' if not drop else "nothing is left"
-    return _Checked([Finding("refused", "nonfinite", f"{text}: {advice}", name, first, first + 1)])
+    return _CheckResult(
+        [Finding("refused", "nonfinite", f"{text}: {advice}", name, first, first + 1)]
+    )
 
 
-def order(recording: Recording, where: Where) -> _Checked:
+def check_time_order(recording: Recording, where: SampleLocator) -> _CheckResult:
     """Refuse time that goes back, but put sections stored by label in the order of time."""
     time = recording.time
     back = np.flatnonzero(time[1:] < time[:-1])
     if recording.time.size < 2:
-        return _Checked([Finding("refused", "order", "a single sample: nothing to average")])
+        return _CheckResult([Finding("refused", "order", "a single sample: nothing to average")])
     if not back.size:
-        return _Checked([])
+        return _CheckResult([])
     labels = recording.labels
     if labels is not None and (labels[back] != labels[back + 1]).all():
         start = np.concatenate([[0], np.flatnonzero(labels[1:] != labels[:-1]) + 1])
@@ -183,42 +187,47 @@ def order(recording: Recording, where: Where) -> _Checked:
         keep = np.argsort(np.repeat(place, length), kind="stable")
         if (np.diff(recording.time[keep]) >= 0).all():
             text = f"{start.size} labelled sections were not stored in the order of time: sorted"
-            return _Checked([Finding("note", "order", text)], keep)
+            return _CheckResult([Finding("note", "order", text)], keep)
     worst = int(back[0])
     others = f", and at {back.size - 1} more places" if back.size > 1 else ""
     text = (
         f"time goes back by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: "
         "was the clock reset, or are two files joined? Split the file there"
     )
-    return _Checked([Finding("refused", "order", text, None, worst, worst + 2)])
+    return _CheckResult([Finding("refused", "order", text, None, worst, worst + 2)])
 
 
-def repeated(recording: Recording, where: Where) -> _Checked:
+def check_repeated_rows(recording: Recording, where: SampleLocator) -> _CheckResult:
     """Drop rows that repeat the row before; refuse two different rows of one time."""
     same_time = np.flatnonzero(recording.time[1:] == recording.time[:-1])
     if not same_time.size:
-        return _Checked([])
-    same = np.concatenate([_as_before(recording, same_time[k]) for k in blocks(same_time.size)])
+        return _CheckResult([])
+    same = np.concatenate(
+        [_repeats_previous_row(recording, same_time[k]) for k in row_blocks(same_time.size)]
+    )
     if not same.all():
         first = int(same_time[np.argmin(same)])
         span = float(recording.time[-1] - recording.time[0])
         rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
         text = (
-            f"{_rows(int((~same).sum()))} with the time of the row before and other readings, the "
-            f"first at {where(first + 1)}: with stamps this coarse, state [data] rate{rate} "
-            "in place of the time column"
+            f"{_row_count_text(int((~same).sum()))} with the time of the row before and other "
+            f"readings, the first at {where(first + 1)}: with stamps this coarse, state [data] "
+            f"rate{rate} in place of the time column"
         )
-        return _Checked([Finding("refused", "repeated", text, None, first, first + 2)])
+        return _CheckResult([Finding("refused", "repeated", text, None, first, first + 2)])
     kept = np.ones(recording.time.size, np.bool_)
     kept[same_time + 1] = False
     if kept.sum() < 2:
         text = "every row repeats the first one: time and readings stand still"
-        return _Checked([Finding("refused", "repeated", text)])
-    text = f"{_rows(same_time.size)} repeated, the first at {where(int(same_time[0]) + 1)}: dropped"
-    return _Checked([Finding("note", "repeated", text)], np.flatnonzero(kept))
+        return _CheckResult([Finding("refused", "repeated", text)])
+    text = (
+        f"{_row_count_text(same_time.size)} repeated, the first at "
+        f"{where(int(same_time[0]) + 1)}: dropped"
+    )
+    return _CheckResult([Finding("note", "repeated", text)], np.flatnonzero(kept))
 
 
-def _as_before(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
+def _repeats_previous_row(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
     """Return whether the row after each of some samples repeats it."""
     before, after = recording.take(samples), recording.take(samples + 1)
     same = (before.data == after.data).all(axis=1)
@@ -231,7 +240,7 @@ def _as_before(recording: Recording, samples: Indices) -> NDArray[np.bool_]:
     return same
 
 
-def bursts(recording: Recording) -> list[Finding]:
+def burst_findings(recording: Recording) -> list[Finding]:
     """Refuse samples that were sent evenly and stamped in bursts, as they came over a link.
 
     Lost samples leave a recording behind its rate by more and more, in any stretch of it; of
@@ -269,7 +278,7 @@ def bursts(recording: Recording) -> list[Finding]:
     return [Finding("refused", "bursts", text)]
 
 
-def gaps(recording: Recording) -> list[Finding]:
+def gap_findings(recording: Recording) -> list[Finding]:
     """Note gaps; those inside a section that lose more than 1 % of the time are a warning."""
     found = recording.gaps
     if recording.labels is None:
@@ -293,11 +302,11 @@ def gaps(recording: Recording) -> list[Finding]:
     return findings
 
 
-def jitter(recording: Recording) -> list[Finding]:
+def jitter_findings(recording: Recording) -> list[Finding]:
     """Note how much the steps of time vary, gaps aside, where it exceeds their rounding."""
     time, gaps = recording.time, recording.gaps[:, 0]
     squares = 0.0
-    for k in blocks(time.size - 1):
+    for k in row_blocks(time.size - 1):
         off = np.diff(time[k.start : k.stop + 1]) - recording.median_step
         inside = gaps[np.searchsorted(gaps, k.start) : np.searchsorted(gaps, k.stop)]
         off[inside - k.start] = 0
@@ -318,33 +327,33 @@ def channel_findings(
     if (x == x[0]).all():
         text = f"{channel} reads {x[0]:.6g} throughout: is it connected, and is it this column?"
         return [Finding("refused", "stuck", text, channel, 0, x.size)]
-    if dead := _dead(recording, k, x):
+    if dead := _dead_channel_finding(recording, k, x):
         return [dead]
     why = ""
     if limits is None:
-        railed, cut = runs.at_rails(x), runs.piled(x)
+        railed, cut = repeated_values.rail_ranges(x), repeated_values.clipping_values(x)
         if cut:
-            railed = runs.at_values(x, railed, cut)
+            railed = repeated_values.ranges_with_values(x, railed, cut)
             values = " and ".join(f"{value:.6g}" for value in cut)
             why = (
                 f": readings pile up at {values} {recording.units[k]}, as where noise is cut off; "
                 "state full_scale"
             )
     else:
-        railed = runs.beyond(x, *limits)
+        railed = repeated_values.out_of_range(x, *limits)
     findings: list[Finding] = []
-    for start, stop in runs.joined(railed, _NEAR_S * recording.rate_hz):
-        text = f"{channel} is at the end of its range {_span(recording, start, stop)}{why}"
+    for start, stop in repeated_values.merge_ranges(railed, _NEAR_S * recording.rate_hz):
+        text = f"{channel} is at the end of its range {_span_text(recording, start, stop)}{why}"
         findings.append(Finding("warning", "saturation", text, channel, start, stop))
-    for start, stop in runs.stuck(x, railed).tolist():
-        text = f"{channel} holds {x[start]:.6g} {_span(recording, start, stop)}"
+    for start, stop in repeated_values.stuck_ranges(x, railed).tolist():
+        text = f"{channel} holds {x[start]:.6g} {_span_text(recording, start, stop)}"
         findings.append(Finding("warning", "stuck", text, channel, start, stop))
     return findings
 
 
-def _dead(recording: Recording, k: int, x: Array) -> Finding | None:
+def _dead_channel_finding(recording: Recording, k: int, x: Array) -> Finding | None:
     """Refuse a channel that holds one value for half of the time while its like all change."""
-    if (run := runs.longest(x)) is None:
+    if (run := repeated_values.longest_constant_run(x)) is None:
         return None
     start, stop = run
     unit, channel = recording.units[k], recording.channels[k]
@@ -357,16 +366,17 @@ def _dead(recording: Recording, k: int, x: Array) -> Finding | None:
             return None
     names = " and ".join(recording.channels[j] for j in like)
     text = (
-        f"{channel} holds {x[start]:.6g} {_span(recording, start, stop)} while {names} change: is "
-        "it connected? Record again, or use the part before and after in files of their own"
+        f"{channel} holds {x[start]:.6g} {_span_text(recording, start, stop)} while {names} "
+        "change: is it connected? Record again, or use the part before and after in files of their "
+        "own"
     )
     return Finding("refused", "stuck", text, channel, start, stop)
 
 
-def _rows(count: int) -> str:
+def _row_count_text(count: int) -> str:
     return f"{count} row" + ("s" if count != 1 else "")
 
 
-def _span(recording: Recording, start: int, stop: int) -> str:
+def _span_text(recording: Recording, start: int, stop: int) -> str:
     time = recording.time
     return f"in samples {start} to {stop - 1} ({time[start]:.6g} s to {time[stop - 1]:.6g} s)"

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from inercal.errors import InputError
+from inercal.io.column_table import ReadRequest, Table, shorten
 from inercal.io.readers import Reader
-from inercal.io.table import Table, Wanted, shortened
 from inercal.io.variables import (
     CELL,
     COMPLEX,
@@ -21,13 +21,13 @@ from inercal.io.variables import (
     SPARSE,
     STRUCTS,
     Variable,
-    table_of,
+    table_from_variables,
 )
 
 _MOST_PACKED = 1100  # times; deflate reaches 1032
 
 
-def read_hdf5(path: Path, wanted: Wanted) -> Table:
+def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from an HDF5 file or a MATLAB file of version 7.3, some samples at a time.
 
     Parameters
@@ -35,7 +35,7 @@ def read_hdf5(path: Path, wanted: Wanted) -> Table:
     path : Path
         Data sets (n,), (n, k) or (k, n), by themselves or in groups; text is labels. See
         `inercal.io.variables` for the names of columns. Links to other files are not followed.
-    wanted : Wanted
+    wanted : ReadRequest
 
     Raises
     ------
@@ -46,10 +46,10 @@ def read_hdf5(path: Path, wanted: Wanted) -> Table:
     try:
         with h5py.File(path, "r") as file:
             variables = list(_variables(h5py, file, "", set()))
-            return table_of(path, variables, wanted)
+            return table_from_variables(path, variables, wanted)
     except DAMAGED as error:
         raise InputError(
-            f"{path.name} is no HDF5 file or is damaged: {shortened(str(error), 120)}"
+            f"{path.name} is no HDF5 file or is damaged: {shorten(str(error), 120)}"
         ) from error
 
 
@@ -103,9 +103,9 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
             return Variable(name, refused=STRUCTS)
         first = data.file[data[(0,) * data.ndim]]
         refused = "" if _matlab_class(first) == "char" else CELL
-        return Variable(name, (data.size,), partial(_cells, data), text=True, refused=refused)
+        return Variable(name, (data.size,), partial(_cell_texts, data), text=True, refused=refused)
     if kind == "char":
-        return Variable(name, (data.shape[-1],), partial(_letters, data), text=True)
+        return Variable(name, (data.shape[-1],), partial(_character_rows, data), text=True)
     if h5py.check_string_dtype(data.dtype) is not None:
         return Variable(name, (data.size,), lambda: list(data.asstr()[()].flat), text=True)
     if data.dtype.names == ("real", "imag") or data.dtype.kind == "c":
@@ -113,16 +113,16 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
     if data.dtype.kind not in "fiub":
         return Variable(name, refused=f"of {data.dtype} is neither numbers nor text")
     plain = Variable(name, data.shape, lambda: data, transposed=kind != "")
-    return replace(plain, chunk=data.chunks[plain.along]) if data.chunks else plain
+    return replace(plain, chunk=data.chunks[plain.sample_axis]) if data.chunks else plain
 
 
-def _letters(data: Any) -> list[str]:
+def _character_rows(data: Any) -> list[str]:
     """Return the rows of a matrix of letters, which MATLAB stores in columns of UTF-16."""
     codes = np.atleast_2d(np.asarray(data[()], dtype="<u2")).T
     return [row.tobytes().decode("utf-16-le", "replace").rstrip() for row in codes]
 
 
-def _cells(data: Any) -> list[str]:
+def _cell_texts(data: Any) -> list[str]:
     """Return the texts that the cells refer to."""
     texts: list[str] = []
     for reference in data[()].flat:
@@ -130,7 +130,7 @@ def _cells(data: Any) -> list[str]:
         if "MATLAB_empty" in cell.attrs:
             texts.append("")
         elif _matlab_class(cell) == "char" and cell.shape[-1] == 1:
-            texts += _letters(cell)
+            texts += _character_rows(cell)
         else:
             raise InputError(f"{Path(data.file.filename).name}: {data.name[1:]!r} {CELL}")
     return texts

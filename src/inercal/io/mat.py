@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
+from inercal.io.column_table import ReadRequest, Table, shorten
 from inercal.io.readers import Reader
-from inercal.io.table import Table, Wanted, shortened
 from inercal.io.variables import (
     CELL,
     COMPLEX,
@@ -22,7 +22,7 @@ from inercal.io.variables import (
     SPARSE,
     STRUCTS,
     Variable,
-    table_of,
+    table_from_variables,
 )
 
 _NUMBERS = {"double", "single", "logical"} | {
@@ -30,7 +30,7 @@ _NUMBERS = {"double", "single", "logical"} | {
 }
 
 
-def read_mat(path: Path, wanted: Wanted) -> Table:
+def read_mat(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from a MATLAB file of version 4, 6 or 7.
 
     Parameters
@@ -38,7 +38,7 @@ def read_mat(path: Path, wanted: Wanted) -> Table:
     path : Path
         Vectors and matrices, by themselves or in structs; cells of text or rows of letters are
         labels. See `inercal.io.variables` for the names of columns.
-    wanted : Wanted
+    wanted : ReadRequest
 
     Raises
     ------
@@ -49,10 +49,10 @@ def read_mat(path: Path, wanted: Wanted) -> Table:
     try:
         with warnings.catch_warnings():  # of variables stored twice or not readable
             warnings.simplefilter("ignore")
-            return table_of(path, _variables(path, scipy_io), wanted)
+            return table_from_variables(path, _variables(path, scipy_io), wanted)
     except (*DAMAGED, scipy_io.matlab.MatReadError) as error:
         raise InputError(
-            f"{path.name} is no MATLAB file or is damaged: {shortened(str(error), 120)}"
+            f"{path.name} is no MATLAB file or is damaged: {shorten(str(error), 120)}"
         ) from error
 
 
@@ -85,7 +85,7 @@ def _variable(
         try:
             yield from _contents(name, load(name))
         except DAMAGED as error:
-            yield Variable(name, refused=f"cannot be read: {shortened(str(error), 120)}")
+            yield Variable(name, refused=f"cannot be read: {shorten(str(error), 120)}")
     else:
         reasons = {"sparse": SPARSE, "function": FUNCTION}
         yield Variable(name, refused=reasons.get(kind, OBJECT))

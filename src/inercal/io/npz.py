@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.io.readers import Reader
-from inercal.io.table import (
+from inercal.io.column_table import (
     Array,
     Column,
+    ReadRequest,
     Table,
-    Wanted,
-    as_labels,
-    refuse_unequal,
-    sha256_of,
-    shortened,
-    wanted_columns,
+    file_sha256,
+    label_array,
+    refuse_unequal_lengths,
+    select_columns,
+    shorten,
 )
+from inercal.io.readers import Reader
 
 # What the standard library and NumPy raise on archives whose bytes were changed.
 _DAMAGED = (
@@ -38,14 +38,14 @@ _DAMAGED = (
 )
 
 
-def read_npz(path: Path, wanted: Wanted) -> Table:
+def read_npz(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from a .npz file, one array at a time.
 
     Parameters
     ----------
     path : Path
         Arrays (n,) by name of the column; or "data" (n, k) with "columns" (k,) of str.
-    wanted : Wanted
+    wanted : ReadRequest
 
     Raises
     ------
@@ -63,13 +63,13 @@ def read_npz(path: Path, wanted: Wanted) -> Table:
                 names, columns, block = _columns(archive, wanted, path.name)
         except _DAMAGED as error:
             raise InputError(
-                f"{path.name} is no .npz archive or is damaged: {shortened(str(error), 120)}"
+                f"{path.name} is no .npz archive or is damaged: {shorten(str(error), 120)}"
             ) from error
-    return Table(names, columns, path.name, sha256_of(path), 0, header=True, block=block)
+    return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
 
 
 def _columns(
-    archive: Any, wanted: Wanted, source: str
+    archive: Any, wanted: ReadRequest, source: str
 ) -> tuple[tuple[str, ...], dict[str, Column], Array]:
     """Return the names of all columns, those wanted, and their block."""
     names, arrays = _arrays(archive, wanted, source)
@@ -81,27 +81,27 @@ def _columns(
         column = _column(array, name, name in wanted.text, source)
         lengths[name] = n = column.size
         if len(lengths) == 1:
-            blank, block = wanted.blank(n, wanted.together)
+            blank, block = wanted.empty_columns(n, wanted.block_columns)
         if column.dtype.kind == "U":
-            columns[name] = as_labels(column.tolist(), name, source)
+            columns[name] = label_array(column.tolist(), name, source)
         elif name not in blank:
             columns[name] = np.ascontiguousarray(column, dtype=np.float64)
         elif n == len(block):
             blank[name][:] = column
             columns[name] = blank[name]
-    refuse_unequal(lengths, source)
+    refuse_unequal_lengths(lengths, source)
     if not any(lengths.values()):
         raise InputError(f"{source} has no rows")
     return names, columns, block
 
 
 def _arrays(
-    archive: Any, wanted: Wanted, source: str
+    archive: Any, wanted: ReadRequest, source: str
 ) -> tuple[tuple[str, ...], Iterator[tuple[str, NDArray[Any]]]]:
     """Return the names of all columns, and the arrays of those wanted, read one by one."""
     if not {"data", "columns"} <= set(archive.files):
         names = tuple(archive.files)
-        chosen = wanted_columns(names, wanted.names, source)
+        chosen = select_columns(names, wanted.names, source)
         return names, ((name, _array(archive, name, source)) for name in chosen)
     data, titles = _array(archive, "data", source), _array(archive, "columns", source)
     if data.ndim != 2 or titles.shape != data.shape[1:]:
@@ -109,7 +109,7 @@ def _arrays(
             f"{source}: 'data' {data.shape} needs (n, k) and 'columns' {titles.shape} (k,)"
         )
     names = tuple(str(title) for title in titles)
-    chosen = wanted_columns(names, wanted.names, source)
+    chosen = select_columns(names, wanted.names, source)
     return names, ((name, data[:, names.index(name)]) for name in chosen)
 
 

@@ -8,30 +8,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.io.readers import Reader
-from inercal.io.table import (
-    BLOCK,
+from inercal.io.column_table import (
+    BLOCK_ROWS,
     Array,
     Column,
+    ReadRequest,
     Table,
-    Wanted,
-    as_labels,
-    sha256_of,
-    shortened,
-    wanted_columns,
+    file_sha256,
+    label_array,
+    select_columns,
+    shorten,
 )
+from inercal.io.readers import Reader
 
 _BUFFER = 1 << 20  # bytes of each column read at a time
 
 
-def read_parquet(path: Path, wanted: Wanted) -> Table:
+def read_parquet(path: Path, wanted: ReadRequest) -> Table:
     """Read a table from a Parquet file, some rows at a time; missing numbers become NaN.
 
     Parameters
     ----------
     path : Path
         A Parquet file of numbers and text.
-    wanted : Wanted
+    wanted : ReadRequest
 
     Raises
     ------
@@ -44,15 +44,15 @@ def read_parquet(path: Path, wanted: Wanted) -> Table:
             path, page_checksum_verification=True, pre_buffer=False, buffer_size=_BUFFER
         ) as file:
             names = tuple(str(name) for name in file.schema_arrow.names)
-            chosen = wanted_columns(names, wanted.names, path.name)
+            chosen = select_columns(names, wanted.names, path.name)
             columns, block = _columns(pyarrow, file, chosen, wanted, path.name)
     except (pyarrow.ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
-        raise InputError(f"{path.name} is damaged: {shortened(str(error), 120)}") from error
-    return Table(names, columns, path.name, sha256_of(path), 0, header=True, block=block)
+        raise InputError(f"{path.name} is damaged: {shorten(str(error), 120)}") from error
+    return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
 
 
 def _columns(
-    pyarrow: Any, file: Any, chosen: list[str], wanted: Wanted, source: str
+    pyarrow: Any, file: Any, chosen: list[str], wanted: ReadRequest, source: str
 ) -> tuple[dict[str, Column], Array]:
     """Return the chosen columns by name, and their block."""
     n = int(file.metadata.num_rows)
@@ -63,15 +63,15 @@ def _columns(
         for name in chosen
         if _is_text(pyarrow, file.schema_arrow.field(name).type, name, name in wanted.text, source)
     }
-    numbers, block = wanted.blank(n, [name for name in chosen if name not in words])
+    numbers, block = wanted.empty_columns(n, [name for name in chosen if name not in words])
     start = 0
-    for batch in file.iter_batches(batch_size=BLOCK, columns=chosen, use_threads=False):
+    for batch in file.iter_batches(batch_size=BLOCK_ROWS, columns=chosen, use_threads=False):
         stop = start + batch.num_rows
         for name in chosen:
             values = batch.column(name)
             if name in words:
                 texts = ["" if value is None else str(value) for value in values.to_pylist()]
-                words[name].append(as_labels(texts, name, source))
+                words[name].append(label_array(texts, name, source))
             else:
                 numbers[name][start:stop] = _numbers(pyarrow, values)
         start = stop

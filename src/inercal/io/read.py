@@ -9,13 +9,13 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.io.audit import Nonfinite, accept, audit, audit_rows
-from inercal.io.counter import from_counter
-from inercal.io.readers import HEAD, Reader, reader_for, refuse_others
-from inercal.io.stamps import from_iso, looks_iso, require_unit
-from inercal.io.table import Table, Wanted, open_error
+from inercal.io.audit import NonfinitePolicy, audit, audit_rows, require_accepted
+from inercal.io.column_table import ReadRequest, Table, open_error
+from inercal.io.packet_counter import times_from_counter
+from inercal.io.readers import HEAD_BYTES, Reader, refuse_unknown_options, select_reader
+from inercal.io.time_stamps import is_iso_time, require_unit, times_from_iso
 from inercal.recording import Recording
-from inercal.units import factor, to_si
+from inercal.units import si_factor, to_si
 
 _GZIP = b"\x1f\x8b"
 _ROUNDING = 1e-6  # of half a step: stamps of few digits
@@ -72,7 +72,7 @@ class Columns:
     temperature: str | None = None
     temperature_unit: str = "°C"
     readback: tuple[tuple[str, str, str], ...] = ()
-    nonfinite: Nonfinite = "refuse"
+    nonfinite: NonfinitePolicy = "refuse"
     second: tuple[tuple[str, str, str], ...] = ()
     modulus: int | None = None
     time_keys: tuple[str, str | None] = ("time_unit", "rate")
@@ -81,7 +81,7 @@ class Columns:
 
     def __post_init__(self) -> None:
         for _, _, unit in (*self.channels, *self.second):
-            factor(unit)
+            si_factor(unit)
         counted = self.time is None or self.time_unit == "sample"
         if counted and self.rate_hz is None:
             reason = "there is no time column" if self.time is None else "time counts samples"
@@ -135,11 +135,11 @@ def read_table(
         One line: what is wrong, where, and what is possible.
     """
     path, options = Path(path), options or {}
-    _refuse_others(options, path)
-    return _read(path, Wanted(wanted, text), options)
+    _refuse_unknown_options(options, path)
+    return _read(path, ReadRequest(wanted, text), options)
 
 
-def reader_of(path: Path) -> Reader:
+def detect_reader(path: Path) -> Reader:
     """Return the reader of a file, told by its content and then by its suffix.
 
     Raises
@@ -153,28 +153,28 @@ def reader_of(path: Path) -> Reader:
         if path.exists() and not path.is_file():
             raise InputError(f"{path} is no regular file; it is read more than once")
         with path.open("rb") as file:
-            head = file.read(HEAD)
+            head = file.read(HEAD_BYTES)
     except OSError as error:
         raise open_error(path, error) from error
     if head.startswith(_GZIP):
         raise InputError(f"{path.name} is compressed with gzip: unpack it first")
-    return reader_for(path, head)
+    return select_reader(path, head)
 
 
-def _read(path: Path, wanted: Wanted, options: Mapping[str, object]) -> Table:
+def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Table:
     """Return the table of a file by the options that its reader knows of those given."""
-    reader = reader_of(path)
+    reader = detect_reader(path)
     try:
-        return reader.read(path, wanted, **reader.filled(options))
+        return reader.read(path, wanted, **reader.option_values(options))
     except OSError as error:
         raise open_error(path, error) from error
 
 
-def _refuse_others(options: Mapping[str, object], *paths: Path) -> None:
+def _refuse_unknown_options(options: Mapping[str, object], *paths: Path) -> None:
     """Refuse options that no reader of these files knows."""
     if options:
         names = " and ".join(path.name for path in paths)
-        refuse_others(options, names, [reader_of(path) for path in paths])
+        refuse_unknown_options(options, names, [detect_reader(path) for path in paths])
 
 
 def read_recording(
@@ -202,7 +202,7 @@ def read_recording(
         A file cannot be read, two were not sampled together, or the audit refuses the recording.
     """
     recording = _recording(Path(path), columns, None if second is None else Path(second))
-    return accept(audit(recording, columns.nonfinite, limits, in_place=True))
+    return require_accepted(audit(recording, columns.nonfinite, limits, in_place=True))
 
 
 def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
@@ -216,7 +216,7 @@ def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
         The file cannot be read, or the audit refuses it.
     """
     recording = _recording(Path(path), columns, None)
-    return accept(audit_rows(recording, columns.nonfinite, in_place=True))
+    return require_accepted(audit_rows(recording, columns.nonfinite, in_place=True))
 
 
 def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
@@ -225,10 +225,10 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
         raise InputError(f"{path}: a second file and the columns in it go together")
     label = () if columns.label is None else (columns.label,)
     together = tuple(column for _, column, _ in columns.channels)
-    _refuse_others(columns.options, path, *([] if second is None else [second]))
-    wanted = Wanted(columns.names, label, together, spare=len(columns.second))
+    _refuse_unknown_options(columns.options, path, *([] if second is None else [second]))
+    wanted = ReadRequest(columns.names, label, together, spare_columns=len(columns.second))
     table = _read(path, wanted, columns.options)
-    data = _block(table, together)
+    data = _number_block(table, together)
     labels = None if columns.label is None else table.columns[columns.label].astype(np.str_)
     temperature = None
     if columns.temperature is not None:
@@ -239,7 +239,7 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
     channels = columns.channels + columns.second
     source, first_row = table.source, table.first_line
     if second is not None:
-        other = _second(second, columns, data[:, len(together) :], (source, time))
+        other = _read_second_file(second, columns, data[:, len(together) :], (source, time))
         source = f"{source} and {other.source}"
         first_row = first_row if other.first_line == first_row else 0
     return Recording(
@@ -260,7 +260,7 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
     )
 
 
-def _block(table: Table, together: tuple[str, ...]) -> Array:
+def _number_block(table: Table, together: tuple[str, ...]) -> Array:
     """Return the columns asked for together, once it is known that all are numbers."""
     for column in together:
         table.numbers(column)
@@ -269,12 +269,14 @@ def _block(table: Table, together: tuple[str, ...]) -> Array:
     return table.block
 
 
-def _second(path: Path, columns: Columns, place: Array, first: tuple[str, Array]) -> Table:
+def _read_second_file(
+    path: Path, columns: Columns, place: Array, first: tuple[str, Array]
+) -> Table:
     """Read the columns of the second file into their place, (n, k), and return its table."""
     together = tuple(column for _, column, _ in columns.second)
     names = together if columns.time is None else (columns.time, *together)
-    table = _read(path, Wanted(names, (), together), columns.options)
-    block = _block(table, together)
+    table = _read(path, ReadRequest(names, (), together), columns.options)
+    block = _number_block(table, together)
     name, time = first
     if len(block) != len(place):
         raise InputError(
@@ -282,12 +284,12 @@ def _second(path: Path, columns: Columns, place: Array, first: tuple[str, Array]
             "two files of one recording have the same rows"
         )
     if columns.time is not None:
-        _refuse_apart(table, _time(table, columns, len(block))[0], name, time)
+        _refuse_unequal_times(table, _time(table, columns, len(block))[0], name, time)
     place[:] = block
     return table
 
 
-def _refuse_apart(table: Table, time: Array, name: str, expected: Array) -> None:
+def _refuse_unequal_times(table: Table, time: Array, name: str, expected: Array) -> None:
     """Raise InputError where a time differs by more than half a step from that in the first file.
 
     A time that is missing in the first file is left to the audit.
@@ -317,20 +319,20 @@ def _time(table: Table, columns: Columns, n: int) -> tuple[Array, int | None]:
                 f"{columns.time_keys[0]} out"
             )
         cells: list[str] = table.columns[name].tolist()
-        return from_iso(cells, name, table.source, table.first_line, columns.origin)
+        return times_from_iso(cells, name, table.source, table.first_line, columns.origin)
     counter = np.arange(n, dtype=np.float64) if name is None else table.numbers(name)
     if columns.rate_hz is not None and columns.modulus is not None:
         try:
-            return from_counter(counter, columns.modulus, columns.rate_hz), None
+            return times_from_counter(counter, columns.modulus, columns.rate_hz), None
         except InputError as error:
             raise InputError(f"{table.source}: {error}") from None
     if name is None or columns.rate_hz is not None:
         return counter / (columns.rate_hz or 1.0), None
     require_unit(counter, name, columns.time_unit, table.source, columns.time_keys)
-    return counter * factor(columns.time_unit or "s", like="s"), None
+    return counter * si_factor(columns.time_unit or "s", like="s"), None
 
 
 def _holds_dates(table: Table, name: str) -> bool:
     """Return whether a column is text whose first cell is a date with a time."""
     column = table.columns[name]
-    return column.dtype.kind == "U" and column.size > 0 and looks_iso(str(column[0]))
+    return column.dtype.kind == "U" and column.size > 0 and is_iso_time(str(column[0]))

@@ -17,10 +17,10 @@ from types import UnionType
 from typing import get_args
 
 from inercal.errors import InputError
-from inercal.io.table import Table
+from inercal.io.column_table import Table
 from inercal.registry import Registry
 
-HEAD = 128
+HEAD_BYTES = 128
 """Bytes by which a file is told."""
 _WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}
 
@@ -46,20 +46,20 @@ class Option:
     default: object
     meaning: str
 
-    def fits(self, value: object) -> bool:
+    def accepts(self, value: object) -> bool:
         """Return whether a value is of the type; a whole number is a number too."""
-        kinds = _kinds(self.type)
+        kinds = _member_types(self.type)
         if isinstance(value, bool):
             return bool in kinds
         return isinstance(value, kinds) or (float in kinds and isinstance(value, int))
 
     @property
-    def takes(self) -> str:
+    def accepted_types(self) -> str:
         """What may be given, in words."""
-        return " or ".join(_WORDS[kind] for kind in _kinds(self.type))
+        return " or ".join(_WORDS[kind] for kind in _member_types(self.type))
 
 
-def _kinds(kind: type | UnionType) -> tuple[type, ...]:
+def _member_types(kind: type | UnionType) -> tuple[type, ...]:
     return get_args(kind) if isinstance(kind, UnionType) else (kind,)
 
 
@@ -101,7 +101,7 @@ class Reader:
         """Names of its options."""
         return tuple(option.name for option in self.options)
 
-    def filled(self, given: Mapping[str, object]) -> dict[str, object]:
+    def option_values(self, given: Mapping[str, object]) -> dict[str, object]:
         """Return its options with what is given of them.
 
         Raises
@@ -110,10 +110,10 @@ class Reader:
             A value of another type.
         """
         for option in self.options:
-            if option.name in given and not option.fits(value := given[option.name]):
+            if option.name in given and not option.accepts(value := given[option.name]):
                 raise InputError(
-                    f"[data] {option.name}: {value!r}; reader {self.name} takes {option.takes}: "
-                    f"{option.meaning}"
+                    f"[data] {option.name}: {value!r}; reader {self.name} takes "
+                    f"{option.accepted_types}: {option.meaning}"
                 )
         return {option.name: given.get(option.name, option.default) for option in self.options}
 
@@ -125,9 +125,9 @@ READERS: Registry[Reader] = Registry(
 )
 
 
-def reader_for(path: Path, head: bytes) -> Reader:
+def select_reader(path: Path, head: bytes) -> Reader:
     """Return the reader of a file that begins with `head`, at least 128 bytes where it has them."""
-    head = head[:HEAD]
+    head = head[:HEAD_BYTES]
     for one in READERS.values():
         if one.has_content(head):
             return one
@@ -137,7 +137,7 @@ def reader_for(path: Path, head: bytes) -> Reader:
     return READERS["text"]
 
 
-def owners(key: str) -> list[str]:
+def readers_with_option(key: str) -> list[str]:
     """Return the names of the readers that know an option."""
     return [one.name for one in READERS.values() if key in one.keys]
 
@@ -147,7 +147,9 @@ def known_options() -> Iterator[str]:
     yield from dict.fromkeys(key for one in READERS.values() for key in one.keys)
 
 
-def refuse_others(options: Mapping[str, object], source: str, readers: Collection[Reader]) -> None:
+def refuse_unknown_options(
+    options: Mapping[str, object], source: str, readers: Collection[Reader]
+) -> None:
     """Refuse options that none of the readers knows.
 
     Raises
@@ -159,6 +161,6 @@ def refuse_others(options: Mapping[str, object], source: str, readers: Collectio
     for key in options:
         if key not in known:
             here = " and ".join(dict.fromkeys(one.name for one in readers))
-            theirs = " and ".join(owners(key))
+            theirs = " and ".join(readers_with_option(key))
             of = f"an option of reader {theirs}" if theirs else "an option of no reader"
             raise InputError(f"[data] {key} is {of}; {source} is read by {here}: leave it out")

@@ -14,31 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.io.layout import Layout, columns, sniff
-from inercal.io.readers import Reader
-from inercal.io.scan import scan
-from inercal.io.table import (
-    BLOCK,
+from inercal.io.column_table import (
+    BLOCK_ROWS,
     Array,
     Column,
+    ReadRequest,
     Table,
-    Wanted,
-    as_labels,
-    shortened,
-    wanted_columns,
+    label_array,
+    select_columns,
+    shorten,
 )
+from inercal.io.readers import Reader
+from inercal.io.text_layout import TextLayout, column_count_text, sniff
+from inercal.io.text_scan import scan
 
 _LAST_LINE = "the file may be truncated: remove the line or record again"
 
 
-def read_text(path: Path, wanted: Wanted) -> Table:
+def read_text(path: Path, wanted: ReadRequest) -> Table:
     """Read a table of text.
 
     Parameters
     ----------
     path : Path
         UTF-8 text, any line ends, comments after # or %, with or without a header.
-    wanted : Wanted
+    wanted : ReadRequest
 
     Raises
     ------
@@ -49,26 +49,28 @@ def read_text(path: Path, wanted: Wanted) -> Table:
     """
     found = scan(path)
     layout = sniff(path)
-    names = wanted_columns(layout.names, wanted.names, path.name)
+    names = select_columns(layout.names, wanted.names, path.name)
     words = {k for k, name in enumerate(layout.names) if name in names} & (
-        layout.words | {k for k, name in enumerate(layout.names) if name in wanted.text}
+        layout.text_columns | {k for k, name in enumerate(layout.names) if name in wanted.text}
     )
     numbers = {k for k, name in enumerate(layout.names) if name in names} - words
-    blank, block = wanted.blank(found.most_lines, [layout.names[k] for k in sorted(numbers)])
+    blank, block = wanted.empty_columns(
+        found.line_bound, [layout.names[k] for k in sorted(numbers)]
+    )
     places = {str(k): blank[layout.names[k]] for k in numbers}
     try:
         labels, n = _load(path, layout, places, words, fill=set())
-    except _WrongRow as error:
+    except _RowError as error:
         # The parser's count of rows is only a hint: where to look first.
         for skip in (error.row - 2, 0):
-            if _only_empty_cells(path, layout, numbers, skip, found.lines):
+            if _check_cells(path, layout, numbers, skip, found.lines):
                 break
         else:
-            raise InputError(f"{path.name}: {shortened(str(error), 120)}") from error
+            raise InputError(f"{path.name}: {shorten(str(error), 120)}") from error
         try:
             labels, n = _load(path, layout, places, words, fill=numbers)
-        except _WrongRow as again:
-            raise InputError(f"{path.name}: {shortened(str(again), 120)}") from again
+        except _RowError as again:
+            raise InputError(f"{path.name}: {shorten(str(again), 120)}") from again
     read: dict[str, Column] = {}
     for name in names:
         k = layout.names.index(name)
@@ -83,7 +85,7 @@ def read_text(path: Path, wanted: Wanted) -> Table:
     )
 
 
-class _WrongRow(ValueError):
+class _RowError(ValueError):
     """What NumPy says of a row that it cannot read, and about where it is."""
 
     def __init__(self, message: str, row: int):
@@ -92,7 +94,7 @@ class _WrongRow(ValueError):
 
 
 def _load(
-    path: Path, layout: Layout, places: Mapping[str, Array], words: set[int], fill: set[int]
+    path: Path, layout: TextLayout, places: Mapping[str, Array], words: set[int], fill: set[int]
 ) -> tuple[dict[int, NDArray[np.str_]], int]:
     """Read numbers into their places; return the columns of words, and how many rows there are."""
     parts: dict[int, list[NDArray[np.str_]]] = {k: [] for k in words}
@@ -102,20 +104,22 @@ def _load(
             place[n : n + rows.size] = rows[k]
         for k, part in parts.items():
             cells = [cell.strip() for cell in rows[str(k)].tolist()]
-            part.append(as_labels(cells, layout.names[k], path.name))
+            part.append(label_array(cells, layout.names[k], path.name))
         n += rows.size
     return {k: np.concatenate(part) for k, part in parts.items()}, n
 
 
 def _chunks(
-    path: Path, layout: Layout, numbers: Collection[str], words: set[int], fill: set[int]
+    path: Path, layout: TextLayout, numbers: Collection[str], words: set[int], fill: set[int]
 ) -> Iterator[NDArray[np.void]]:
     """Return structured arrays of some rows; columns that nobody wants are single letters."""
-    kinds = {k: "f8" if str(k) in numbers else "O" if k in words else "U1" for k in _range(layout)}
+    kinds = {
+        k: "f8" if str(k) in numbers else "O" if k in words else "U1" for k in _column_range(layout)
+    }
     n = 0
     with path.open(encoding="utf-8-sig") as file:
         lines = _lines(file, layout, fill)
-        while n % BLOCK == 0:
+        while n % BLOCK_ROWS == 0:
             try:
                 with warnings.catch_warnings():  # of blank lines, and of a last chunk without rows
                     warnings.simplefilter("ignore", UserWarning)
@@ -125,23 +129,23 @@ def _chunks(
                         delimiter=layout.delimiter,
                         comments=layout.comment,
                         quotechar='"' if layout.quoted or words else None,
-                        max_rows=BLOCK,
+                        max_rows=BLOCK_ROWS,
                         ndmin=1,
                     )
             except ValueError as error:
                 near = re.search(r"at row (\d+)", str(error))
-                raise _WrongRow(str(error), n + (int(near[1]) if near else 0)) from error
+                raise _RowError(str(error), n + (int(near[1]) if near else 0)) from error
             if rows.size == 0:
                 return
             yield rows
             n += rows.size
 
 
-def _range(layout: Layout) -> range:
+def _column_range(layout: TextLayout) -> range:
     return range(len(layout.names))
 
 
-def _lines(file: Iterator[str], layout: Layout, fill: set[int]) -> Iterator[str]:
+def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[str]:
     """Return the lines of data as the parser needs them: decimal points, nothing empty."""
     lines = islice(file, layout.first_line - 1, None)
     if layout.decimal_comma:
@@ -157,20 +161,20 @@ def _lines(file: Iterator[str], layout: Layout, fill: set[int]) -> Iterator[str]
         quoted = '"' in content
         cells = layout.cells(line) if quoted else content.split(separator)
         return separator.join(
-            "nan" if k in fill and not cell.strip() else _quote(cell) if quoted else cell
+            "nan" if k in fill and not cell.strip() else _quoted_cell(cell) if quoted else cell
             for k, cell in enumerate(cells)
         )
 
     return map(filled, lines)
 
 
-def _quote(cell: str) -> str:
+def _quoted_cell(cell: str) -> str:
     """Return the cell in quotation marks, those inside it doubled."""
     return '"' + cell.replace('"', '""') + '"'
 
 
-def _only_empty_cells(
-    path: Path, layout: Layout, numbers: set[int], skip: int, last_line: int
+def _check_cells(
+    path: Path, layout: TextLayout, numbers: set[int], skip: int, last_line: int
 ) -> bool:
     """Raise for the first line that is wrong; return whether there are empty cells to fill.
 
@@ -189,21 +193,22 @@ def _only_empty_cells(
             cells = layout.cells(line)
             if len(cells) != expected:
                 raise InputError(
-                    f"{path.name} line {number}: {columns(len(cells))} where {layout.named_by} "
-                    f"has {expected}; {_advice(layout, number, last_line, len(cells))}"
+                    f"{path.name} line {number}: {column_count_text(len(cells))} where "
+                    f"{layout.name_source} has {expected}; "
+                    f"{_advice(layout, number, last_line, len(cells))}"
                 )
             for k in numbers:
                 if not cells[k]:
                     empty = True
                 elif not layout.is_number(cells[k]):
                     raise InputError(
-                        f"{path.name} line {number}, column {shortened(layout.names[k])!r}: "
-                        f"{shortened(cells[k])!r} is not a number"
+                        f"{path.name} line {number}, column {shorten(layout.names[k])!r}: "
+                        f"{shorten(cells[k])!r} is not a number"
                     )
     return empty
 
 
-def _refuse_swallowed_lines(path: Path, layout: Layout, rows: int) -> None:
+def _refuse_swallowed_lines(path: Path, layout: TextLayout, rows: int) -> None:
     """Raise InputError where an open quotation mark has made one row of several lines."""
     with path.open(encoding="utf-8-sig") as file:
         lines = sum(bool(layout.content(k)) for k in islice(file, layout.first_line - 1, None))
@@ -213,7 +218,7 @@ def _refuse_swallowed_lines(path: Path, layout: Layout, rows: int) -> None:
         )
 
 
-def _advice(layout: Layout, line: int, last_line: int, found: int) -> str:
+def _advice(layout: TextLayout, line: int, last_line: int, found: int) -> str:
     if line == last_line and found < len(layout.names):
         return _LAST_LINE
     return "repair or remove the line"

@@ -17,18 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
-from inercal.io.table import (
-    BLOCK,
+from inercal.io.column_table import (
+    BLOCK_ROWS,
     MOST_COLUMNS,
     Array,
     Column,
+    ReadRequest,
     Table,
-    Wanted,
-    as_labels,
-    blocks,
-    refuse_unequal,
-    sha256_of,
-    wanted_columns,
+    file_sha256,
+    label_array,
+    refuse_unequal_lengths,
+    row_blocks,
+    select_columns,
 )
 
 # Why a variable is no column.
@@ -86,7 +86,7 @@ class Variable:
     refused: str = ""
 
     @property
-    def why_not(self) -> str:
+    def refusal_reason(self) -> str:
         """Why it is no column; empty where it is one or several."""
         if self.refused:
             return self.refused
@@ -94,16 +94,20 @@ class Variable:
             return "is empty"
         if not 1 <= len(self.shape) <= 2:
             return "is a single number" if not self.shape else f"has {len(self.shape)} axes, not 2"
-        return f"{self.shape} is no table" if min(self.sides) > MOST_COLUMNS else ""
+        return (
+            f"{self.shape} is no table" if min(self.sample_and_column_counts) > MOST_COLUMNS else ""
+        )
 
     @property
-    def sides(self) -> tuple[int, int]:
+    def sample_and_column_counts(self) -> tuple[int, int]:
         """Number of samples, and of columns."""
-        return self.shape[self.along], int(np.prod(self.shape)) // self.shape[self.along]
+        return self.shape[self.sample_axis], int(np.prod(self.shape)) // self.shape[
+            self.sample_axis
+        ]
 
     @property
-    def along(self) -> int:
-        """The axis of samples; 0 also where `why_not` says that there is none."""
+    def sample_axis(self) -> int:
+        """The axis of samples; 0 also where `refusal_reason` says that there is none."""
         if len(self.shape) != 2:
             return 0
         first, last = self.shape
@@ -112,11 +116,11 @@ class Variable:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of its columns."""
-        count = self.sides[1]
+        count = self.sample_and_column_counts[1]
         return (self.name,) if count == 1 else tuple(f"{self.name}({k + 1})" for k in range(count))
 
 
-def table_of(path: Path, variables: Sequence[Variable], wanted: Wanted) -> Table:
+def table_from_variables(path: Path, variables: Sequence[Variable], wanted: ReadRequest) -> Table:
     """Return the table that a file's variables make.
 
     Raises
@@ -125,30 +129,34 @@ def table_of(path: Path, variables: Sequence[Variable], wanted: Wanted) -> Table
         No column, none of the name wanted or not of numbers, or columns of unequal length.
     """
     source = path.name
-    refused = {v.name: v.why_not for v in variables if v.why_not}
+    refused = {v.name: v.refusal_reason for v in variables if v.refusal_reason}
     columns: list[tuple[str, Variable, int]] = []
     for v in variables:
         if v.name not in refused:
             columns += [(name, v, k) for k, name in enumerate(v.columns)]
     for name in wanted.names or ():
-        _refuse_what_is_no_column(name, [name for name, _, _ in columns], refused, source)
+        _refuse_unusable_variable(name, [name for name, _, _ in columns], refused, source)
     if not columns:
         first = next((f": {name!r} {why}" for name, why in refused.items()), "")
         raise InputError(f"{source} has no columns of numbers{first}")
     counted: Counter[int] = Counter()
     for _, v, _ in columns:
-        counted[v.sides[0]] += v.sides[0]
+        counted[v.sample_and_column_counts[0]] += v.sample_and_column_counts[0]
     length = max(counted, key=lambda n: (counted[n], n))
     asked = set(wanted.names or ())
-    names = [name for name, v, _ in columns if v.sides[0] == length or name in asked]
-    chosen = wanted_columns(names, wanted.names, source)
+    names = [
+        name for name, v, _ in columns if v.sample_and_column_counts[0] == length or name in asked
+    ]
+    chosen = select_columns(names, wanted.names, source)
     found = {name: (v, k) for name, v, k in columns if name in chosen}
-    refuse_unequal({name: found[name][0].sides[0] for name in chosen}, source)
+    refuse_unequal_lengths(
+        {name: found[name][0].sample_and_column_counts[0] for name in chosen}, source
+    )
     read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
-    return Table(tuple(names), read, source, sha256_of(path), 0, header=True, block=block)
+    return Table(tuple(names), read, source, file_sha256(path), 0, header=True, block=block)
 
 
-def _refuse_what_is_no_column(
+def _refuse_unusable_variable(
     name: str, names: Sequence[str], refused: dict[str, str], source: str
 ) -> None:
     """Raise InputError with the reason where a wanted column stands in a variable without any."""
@@ -160,43 +168,43 @@ def _refuse_what_is_no_column(
 
 
 def _read(
-    variables: Sequence[Variable], chosen: Sequence[str], wanted: Wanted, source: str
+    variables: Sequence[Variable], chosen: Sequence[str], wanted: ReadRequest, source: str
 ) -> tuple[dict[str, Column], Array]:
     """Return the chosen columns by name, and their block, reading some samples at a time."""
-    n = variables[0].sides[0]
+    n = variables[0].sample_and_column_counts[0]
     text = {v.name for v in variables if v.text}
     numbers = [name for name, v in zip(chosen, variables, strict=True) if not v.text]
-    blank, block = wanted.blank(n, numbers)
+    blank, block = wanted.empty_columns(n, numbers)
     read: dict[str, Column] = {}
     for variable in {v.name: v for v in variables}.values():
         stored = variable.open()
         if variable.name in text:
-            read[variable.name] = as_labels(stored, variable.name, source)
+            read[variable.name] = label_array(stored, variable.name, source)
             continue
         kind = stored.dtype
         if kind.kind not in "fiub":
             why = COMPLEX if kind.kind == "c" else f"of {kind} holds no numbers"
             raise InputError(f"{source}: {variable.name!r} {why}")
         places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
-        for rows in blocks(n, _rows_at_a_time(variable)):
+        for rows in row_blocks(n, _rows_per_read(variable)):
             part: NDArray[Any] = np.asarray(
-                stored[rows] if variable.along == 0 else stored[:, rows]
+                stored[rows] if variable.sample_axis == 0 else stored[:, rows]
             )
-            part = part.reshape(len(part), -1) if variable.along == 0 else part.T
+            part = part.reshape(len(part), -1) if variable.sample_axis == 0 else part.T
             for k, name in places:
                 blank[name][rows] = part[:, k]
         for _, name in places:
-            read[name] = _numbered(blank[name]) if name in wanted.text else blank[name]
+            read[name] = _integer_labels(blank[name]) if name in wanted.text else blank[name]
     return {name: read[name] for name in chosen}, block
 
 
-def _rows_at_a_time(variable: Variable) -> int:
+def _rows_per_read(variable: Variable) -> int:
     """Return whole chunks: no part of a file is unpacked twice."""
-    rows = max(1, 8 * BLOCK // variable.sides[1])
+    rows = max(1, 8 * BLOCK_ROWS // variable.sample_and_column_counts[1])
     return -(-rows // variable.chunk) * variable.chunk
 
 
-def _numbered(values: Array) -> Column:
+def _integer_labels(values: Array) -> Column:
     """Return numbers as labels where all are whole: MATLAB writes 1, 2, 3 as floating point."""
     whole = np.isfinite(values).all() and (values == np.round(values)).all()
     return values.astype(np.int64).astype(np.str_) if whole else values

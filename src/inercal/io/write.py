@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.io.atomic import atomic_write
+from inercal.io.atomic_files import atomic_write
+from inercal.io.column_table import Column
 from inercal.io.parquet import write_parquet
 from inercal.io.read import Columns
-from inercal.io.table import Column
 from inercal.recording import Recording
 
 _CHUNK = 10_000  # rows of CSV made at a time

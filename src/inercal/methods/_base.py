@@ -160,11 +160,11 @@ class Remarks(NamedTuple):
     conditions: Mapping[str, str] = MappingProxyType({})
 
 
-def _nothing(fit: Fit[Any, Any]) -> Remarks:
+def _no_remarks(fit: Fit[Any, Any]) -> Remarks:
     return Remarks()
 
 
-def _mount(bench: object) -> Frame:
+def _mount_frame(bench: object) -> Frame:
     return "mount"
 
 
@@ -177,7 +177,7 @@ class Method(Generic[Bench, Step]):
     name : str
     bench : type
         The kind of bench that it takes.
-    finds : mapping of "f" or "w" to tuple of str
+    default_coefficients : mapping of "f" or "w" to tuple of str
         The groups of coefficients that it finds by default, of accelerometers and of gyros. A
         kind of axis that is not here is left out.
     also : mapping of "f" or "w" to tuple of str
@@ -189,9 +189,9 @@ class Method(Generic[Bench, Step]):
     estimators : mapping
         By name; the first is the default.
     source : str
-    free : bool
+    unknown_attitudes : bool
         Whether attitudes are free: rests are found and named by themselves, not from the plan.
-    framed : tuple of str
+    norm_only_estimators : tuple of str
         Estimators of norms, which see no rotation of the triad: its frame may be stated.
     frame : callable
         From the bench to the frame that misalignments refer to where the run file states none.
@@ -203,16 +203,16 @@ class Method(Generic[Bench, Step]):
 
     name: str
     bench: type[Bench]
-    finds: Mapping[Kind, tuple[str, ...]]
+    default_coefficients: Mapping[Kind, tuple[str, ...]]
     needs: tuple[Kind, ...]
     plan: Callable[..., tuple[Step, ...]]
     estimators: Mapping[str, Estimator[Bench, Step]]
     source: str
     also: Mapping[Kind, tuple[str, ...]] = field(default_factory=dict[Kind, tuple[str, ...]])
-    free: bool = False
-    framed: tuple[str, ...] = ()
-    frame: Callable[[Bench], Frame] = _mount
-    remarks: Callable[[Fit[Bench, Step]], Remarks] = _nothing
+    unknown_attitudes: bool = False
+    norm_only_estimators: tuple[str, ...] = ()
+    frame: Callable[[Bench], Frame] = _mount_frame
+    remarks: Callable[[Fit[Bench, Step]], Remarks] = _no_remarks
     sequential: SequentialEstimator[Bench, Step] | None = None
 
     def prepare(
@@ -237,28 +237,35 @@ class Method(Generic[Bench, Step]):
         if not set(self.needs) <= kinds:
             need = " and ".join(_WORDS[kind] for kind in self.needs)
             raise InputError(f"method {self.name} needs {need}; sensor {sensor.name} lacks them")
-        part = replace(sensor, axes=tuple(a for a in sensor.axes if a.measures in self.finds))
-        own, possible = self._choice(part, {}), self._choice(part, self.also)
+        part = replace(
+            sensor, axes=tuple(a for a in sensor.axes if a.measures in self.default_coefficients)
+        )
+        own, possible = (
+            self._selected_coefficients(part, {}),
+            self._selected_coefficients(part, self.also),
+        )
         chosen = part.with_coefficients(*coefficients).coefficients if coefficients else own
         more = part.with_coefficients(*also).coefficients
         beyond = [name for name in (*chosen, *more) if name not in possible]
         if beyond:
             seen = "; ".join(
                 f"of {_WORDS[kind]} {', '.join((*words, *self.also.get(kind, ())))}"
-                for kind, words in self.finds.items()
+                for kind, words in self.default_coefficients.items()
             )
             raise InputError(f"method {self.name} cannot see {', '.join(beyond)}: it sees {seen}")
         return replace(part, coefficients=tuple(n for n in possible if n in (*chosen, *more)))
 
     def possible(self, sensor: Sensor) -> tuple[str, ...]:
         """Return the full names of the coefficients of a sensor's axes that it can estimate."""
-        return self._choice(sensor, self.also)
+        return self._selected_coefficients(sensor, self.also)
 
-    def _choice(self, part: Sensor, also: Mapping[Kind, tuple[str, ...]]) -> tuple[str, ...]:
+    def _selected_coefficients(
+        self, part: Sensor, also: Mapping[Kind, tuple[str, ...]]
+    ) -> tuple[str, ...]:
         """Return the coefficients the method finds, by default or with what it can find also."""
         names: tuple[str, ...] = ()
-        for kind, words in self.finds.items():
-            axes = part.only(kind)
+        for kind, words in self.default_coefficients.items():
+            axes = part.select_axes(kind)
             if axes.axes:
                 names += axes.with_coefficients(*words, *also.get(kind, ())).coefficients
         return names

@@ -23,58 +23,59 @@ from inercal.estimate import Candidate, Problem
 from inercal.keys import CoefficientName, ErrorName, ObservationName
 from inercal.parameters import Parameter
 from inercal.sensors import G0, SI_UNITS, Sensor
-from inercal.sensors.tables import LARGEST, TABLES, Coefficient
+from inercal.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
 
 # Parameters of these scopes act on many rows; those of one position are seen as its row.
-_SHARED = ("run", "speed", "mounting", "pass")
+_SHARED_SCOPES = ("run", "speed", "mounting", "pass")
 # SI per SI unit: whole turns leave this little of what they take out.
-_ROUNDED = 1e-12
+_ROUNDING_LIMIT = 1e-12
 # rad: north is taken for south, east for north; harmonics of a readback are small in any encoder.
-_MISTAKEN = {"azimuth": np.pi, "latitude": np.pi / 2}
-_HARMONIC = 0.01
-_NATURAL = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
-_SI = {"f": "m/s²", "w": "rad/s"}
-_BIAS = {"f": "k0", "w": "bias"}
+_LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2}
+_LARGEST_HARMONIC = 0.01
+_NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
+_READING_UNITS = {"f": "m/s²", "w": "rad/s"}
+_BIAS_TERMS = {"f": "k0", "w": "bias"}
 
 
-def extended(sensor: Sensor, *, warmed: bool = False) -> Sensor:
+def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
     """Return the sensor with all coefficients of its axes' tables, those chosen first.
 
-    Those of temperature only where it is known and varies, `warmed`.
+    Those of temperature only where it is known and varies, `temperature_varies`.
     """
     whole = tuple(
         f"{axis.name}.{line.name}"
         for axis in sensor.axes
         for line in TABLES[axis.measures]
-        if warmed or not line.basis.uses("dT")
+        if temperature_varies or not line.basis.uses("dT")
     )
     more = tuple(name for name in whole if name not in sensor.coefficients)
     return replace(sensor, coefficients=(*sensor.coefficients, *more))
 
 
-def freed(declared: Mapping[str, Parameter]) -> dict[str, Parameter]:
+def parameters_with_deviations(declared: Mapping[str, Parameter]) -> dict[str, Parameter]:
     """Return the bench's parameters with a deviation each, so that a problem has their columns."""
     return {n: q if q.sd > 0 else replace(q, sd=1.0) for n, q in declared.items()}
 
 
-def of_means(
+def candidate_function(
     problem: Callable[[], Problem],
     names: Sequence[str],
     sensor: Sensor,
     declared: Mapping[str, Parameter],
     time: Array | None = None,
     families: Mapping[str, Sequence[str]] | None = None,
-    told: Sequence[str] = (),
-    common: Sequence[str] = (),
-    level: NDArray[np.bool_] | None = None,
+    prior_names: Sequence[str] = (),
+    common_errors: Sequence[str] = (),
+    zero_input: NDArray[np.bool_] | None = None,
 ) -> Callable[[Array], Sequence[Candidate]]:
     """Return what `Problem.candidates` takes, for a problem of mean readings or of norms.
 
     Parameters
     ----------
     problem : callable
-        Returns the extended problem, of `extended(sensor)`, warmed or not, and `freed(declared)`;
-        observations are labelled "ax[row]" by channel and row, or "row" alone.
+        Returns the extended problem, of `extended_sensor(sensor)`, warmed or not, and
+        `parameters_with_deviations(declared)`; observations are labelled "ax[row]" by channel and
+        row, or "row" alone.
     names : sequence of str
         The parameters of the problem that is solved.
     sensor : Sensor
@@ -86,11 +87,11 @@ def of_means(
     families : mapping of str to sequence of str, optional
         Names of parameters that are tested together, by their full names: coefficients in place of
         those of one short name, parameters of the bench in place of each alone.
-    told : sequence of str, optional
+    prior_names : sequence of str, optional
         Coefficients that are estimated with a prior, which may be wrong.
-    common : sequence of str, optional
-        As of `of_common`.
-    level : (m,) array of bool, optional
+    common_errors : sequence of str, optional
+        As of `common_error_candidates`.
+    zero_input : (m,) array of bool, optional
         Observations of axes that feel nothing nominally: terms with a sign are left out there. The
         sign would be that of the tilt as it was estimated, which the tilts follow by themselves.
     """
@@ -102,25 +103,31 @@ def of_means(
         there = np.array([at.get(n, s) for n, s in zip(larger.names, start, strict=True)])
         _, jacobian = larger.linearise(there)
         column = dict(zip(larger.names, jacobian.reshape(-1, len(larger.names)).T, strict=True))
-        if level is not None:
-            column |= {n: np.where(level, 0.0, column[n]) for n in _signed(sensor) if n in column}
+        if zero_input is not None:
+            column |= {
+                n: np.where(zero_input, 0.0, column[n])
+                for n in _sign_dependent_coefficients(sensor)
+                if n in column
+            }
         return [
-            *of_columns(larger.observations, sensor, names, declared, column, families),
-            *of_priors(sensor, told, column),
-            *of_common(declared, column, common),
-            *(() if time is None else of_drift(larger.observations, sensor, time, column)),
+            *candidates_from_columns(
+                larger.observations, sensor, names, declared, column, families
+            ),
+            *prior_candidates(sensor, prior_names, column),
+            *common_error_candidates(declared, column, common_errors),
+            *(() if time is None else drift_candidates(larger.observations, sensor, time, column)),
         ]
 
     return candidates
 
 
-def _signed(sensor: Sensor) -> list[str]:
+def _sign_dependent_coefficients(sensor: Sensor) -> list[str]:
     """Return the coefficients of a sensor's axes, chosen or not, that have a sign in them."""
-    whole = extended(sensor, warmed=True)
+    whole = extended_sensor(sensor, temperature_varies=True)
     return [n for n in whole.coefficients if whole.coefficient(n).basis.uses("si", "swi")]
 
 
-def of_columns(
+def candidates_from_columns(
     observations: Sequence[str],
     sensor: Sensor,
     names: Sequence[str],
@@ -128,30 +135,30 @@ def of_columns(
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]] | None = None,
 ) -> list[Candidate]:
-    """Return the candidates of m observations by their columns (m,), as of `of_means`."""
+    """Return the candidates of m observations by their columns (m,), as of `candidate_function`."""
     families = families or {}
     return [
-        *_of_sensor(sensor, names, column, families),
-        *of_bench(declared, column, families),
-        *of_rows(observations, sensor),
+        *_coefficient_candidates(sensor, names, column, families),
+        *bench_candidates(declared, column, families),
+        *row_candidates(observations, sensor),
     ]
 
 
-def _of_sensor(
+def _coefficient_candidates(
     sensor: Sensor,
     names: Sequence[str],
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]],
 ) -> list[Candidate]:
     """Return the coefficients that are not estimated: those of a kind together, and each alone."""
-    larger = extended(sensor, warmed=True)
+    larger = extended_sensor(sensor, temperature_varies=True)
     kinds: dict[tuple[str, str], list[str]] = {}
     for full in larger.coefficients:
         axis = CoefficientName(full).axis
-        if full in names or full not in column or not _acts(column[full]):
+        if full in names or full not in column or not _affects_observations(column[full]):
             continue
         measures = next(a.measures for a in sensor.axes if a.name == axis)
-        for kind in _families_of(full, families) or [family(larger.coefficient(full))]:
+        for kind in _family_names(full, families) or [family_name(larger.coefficient(full))]:
             kinds.setdefault((measures, kind), []).append(full)
     together = [(kind, tuple(members)) for (_, kind), members in kinds.items() if len(members) > 1]
     alone = [(full, (full,)) for full in dict.fromkeys(chain(*kinds.values()))]
@@ -168,17 +175,17 @@ def _of_sensor(
     ]
 
 
-def family(line: Coefficient) -> str:
+def family_name(line: ErrorTerm) -> str:
     """Return the name under which a coefficient of all axes is tested: as [method] takes it."""
     return line.group if line.group == "g" else line.name
 
 
-def _families_of(full: str, families: Mapping[str, Sequence[str]]) -> list[str]:
+def _family_names(full: str, families: Mapping[str, Sequence[str]]) -> list[str]:
     """Return the names of the families that a parameter is a member of."""
     return [name for name, members in families.items() if full in members]
 
 
-def of_bench(
+def bench_candidates(
     declared: Mapping[str, Parameter],
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]] | None = None,
@@ -190,8 +197,12 @@ def of_bench(
     """
     kinds: dict[str, list[str]] = {}
     for name, parameter in declared.items():
-        if parameter.scope in _SHARED and name in column and _acts(column[name]):
-            for kind in _families_of(name, families or {}) or [_of_vector(name)]:
+        if (
+            parameter.scope in _SHARED_SCOPES
+            and name in column
+            and _affects_observations(column[name])
+        ):
+            for kind in _family_names(name, families or {}) or [_vector_name(name)]:
                 kinds.setdefault(kind, []).append(name)
     return [
         Candidate(
@@ -200,13 +211,13 @@ def of_bench(
             tuple(members),
             tuple(declared[name].unit for name in members),
             np.stack([column[name] for name in members], axis=-1),
-            largest=np.array([_largest(declared[name]) for name in members]),
+            largest=np.array([_largest_departure(declared[name]) for name in members]),
         )
         for kind, members in kinds.items()
     ]
 
 
-def of_common(
+def common_error_candidates(
     declared: Mapping[str, Parameter], column: Mapping[str, Array], names: Sequence[str]
 ) -> list[Candidate]:
     """Return errors that are stated for each row by itself, as one that is alike in all rows.
@@ -216,7 +227,7 @@ def of_common(
     Parameters
     ----------
     declared, column
-        As of `of_means`.
+        As of `candidate_function`.
     names : sequence of str
         Of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
     """
@@ -238,13 +249,15 @@ def of_common(
                 tuple(sums),
                 tuple(one.unit for one in first),
                 np.stack(columns, axis=-1),
-                largest=np.array([_largest(one) for one in first]),
+                largest=np.array([_largest_departure(one) for one in first]),
             )
         )
     return made
 
 
-def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) -> list[Candidate]:
+def prior_candidates(
+    sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]
+) -> list[Candidate]:
     """Return the priors of coefficients, which may be wrong: those of a kind, and each alone.
 
     The column of a coefficient without the row of its prior lets the data alone tell it.
@@ -269,38 +282,38 @@ def of_priors(sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]) 
 
 def unit_scale(parameter: Parameter) -> float:
     """Return the natural size of a bench's parameter, SI, which makes columns comparable."""
-    return _NATURAL.get(parameter.unit, 1.0)
+    return _NATURAL_SIZES.get(parameter.unit, 1.0)
 
 
-def _largest(parameter: Parameter) -> float:
+def _largest_departure(parameter: Parameter) -> float:
     """Return the largest plausible departure of a bench's parameter from what was stated, SI."""
     size = max(abs(parameter.value), unit_scale(parameter))
-    return max(largest_angle(parameter.name, LARGEST * size), 10 * parameter.sd)
+    return max(largest_angle(parameter.name, LARGEST_RELATIVE_SIZE * size), 10 * parameter.sd)
 
 
-def largest_angle(name: str, otherwise: float = LARGEST) -> float:
+def largest_angle(name: str, otherwise: float = LARGEST_RELATIVE_SIZE) -> float:
     """Return the largest plausible departure of an angle of the bench by its name, rad."""
     if re.match(r"(sin|cos)\d", name):
-        return _HARMONIC
-    return _MISTAKEN.get(name, otherwise)
+        return _LARGEST_HARMONIC
+    return _LARGEST_ANGLES.get(name, otherwise)
 
 
-def _acts(column: Array) -> bool:
+def _affects_observations(column: Array) -> bool:
     """Return whether a parameter acts on the observations by more than rounding."""
-    return bool(np.max(np.abs(column), initial=0.0) > _ROUNDED)
+    return bool(np.max(np.abs(column), initial=0.0) > _ROUNDING_LIMIT)
 
 
-def _of_vector(full: str) -> str:
+def _vector_name(full: str) -> str:
     """Return "pose[XY30]" of "pose_x[XY30]", and any other name as it is."""
     return ErrorName(full).vector
 
 
-def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
+def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
     """Return each row by itself: its readings may be anything."""
-    channels = {axis.name: _SI[axis.measures] for axis in sensor.axes}
+    channels = {axis.name: _READING_UNITS[axis.measures] for axis in sensor.axes}
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
-        rows.setdefault(_row(label, channels), []).append(k)
+        rows.setdefault(_row_label(label, channels), []).append(k)
     made: list[Candidate] = []
     for row, places in rows.items():
         columns = np.zeros((len(observations), len(places)))
@@ -311,7 +324,7 @@ def of_rows(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
     return made
 
 
-def of_drift(
+def drift_candidates(
     observations: Sequence[str], sensor: Sensor, time: Array, column: Mapping[str, Array]
 ) -> list[Candidate]:
     """Return a drift of the biases over the run, linear in time, from its first row to its last.
@@ -321,7 +334,7 @@ def of_drift(
     """
     span = float(np.ptp(time))
     channels = {axis.name: axis.measures for axis in sensor.axes}
-    rows = [_row(label, channels) for label in observations]
+    rows = [_row_label(label, channels) for label in observations]
     labels = list(dict.fromkeys(rows))
     if not span > 0 or len(labels) != len(time) or len(time) < 3:
         return []
@@ -329,11 +342,11 @@ def of_drift(
     ramp = np.array([of_row[row] for row in rows])
     columns: dict[str, Array] = {}
     for channel, measures in channels.items():
-        bias = column.get(f"{channel}.{_BIAS[measures]}")
-        if bias is not None and _acts(bias * ramp):
+        bias = column.get(f"{channel}.{_BIAS_TERMS[measures]}")
+        if bias is not None and _affects_observations(bias * ramp):
             columns[channel] = bias * ramp
     made: list[Candidate] = []
-    for kind, unit in _SI.items():
+    for kind, unit in _READING_UNITS.items():
         own = [channel for channel in columns if channels[channel] == kind]
         if len(own) > 1:
             word = "accelerometers" if kind == "f" else "gyros"
@@ -353,7 +366,7 @@ def of_drift(
     return made
 
 
-def _row(label: str, channels: Mapping[str, str]) -> str:
+def _row_label(label: str, channels: Mapping[str, str]) -> str:
     """Return the row of an observation labelled "ax[row]", or its whole label."""
     one = ObservationName(label)
     return one.row if one.row and one.channel in channels else label

@@ -40,7 +40,7 @@ class Curvature(NamedTuple):
     covariance: Array
 
 
-def of_tilts(
+def tilt_curvature(
     estimate: Estimate, sensor: Sensor, bench: Hand, done: Sequence[HandStep], durations: Array
 ) -> Curvature | None:
     """Return the second-order effect at a first-order estimate; None where no tilt is loose.
@@ -67,7 +67,7 @@ def of_tilts(
         return None
     rows = np.array(loose)
     c, lead = estimate.value[..., :p], estimate.value.shape[:-1]
-    declared = bench.acting(done, rates=True)
+    declared = bench.acting_parameters(done, rates=True)
     q = {name: np.array(parameter.value) for name, parameter in declared.items()}
     q |= {name: estimate.value[..., k] for k, name in enumerate(estimate.names)}
     index = np.array([[estimate.names.index(name) for name in names[n]] for n in loose])

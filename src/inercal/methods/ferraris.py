@@ -5,20 +5,20 @@ Source: F. Ferraris, U. Grimaldi, M. Parvis, Sensors and Materials 7(5), 1995, 3
 
 from inercal.benches import Hand
 from inercal.methods._base import Method
-from inercal.methods.classical import classical
-from inercal.methods.means import ml
-from inercal.plan import ferraris
+from inercal.methods.ferraris_formulas import classical
+from inercal.methods.hand_likelihood import ml
+from inercal.plan import ferraris_plan
 
 METHOD = Method(
     name="ferraris",
     bench=Hand,
-    finds={
+    default_coefficients={
         "f": ("bias", "scale", "misalignment"),
         "w": ("bias", "scale", "misalignment", "g"),
     },
     also={"f": ("temperature",), "w": ("temperature",)},
     needs=("f", "w"),
-    plan=ferraris,
+    plan=ferraris_plan,
     estimators={"ml": ml, "classical": classical},
     source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",
 )

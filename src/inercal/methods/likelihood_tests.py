@@ -18,11 +18,11 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Problem, Test, least_squares
+from inercal.estimate import Estimate, ModelTest, Problem, least_squares
 
-READINGS = "readings against the bench as stated"
-FORMULA = "estimator against maximum likelihood"
-_SLACK = 0.01  # ε
+READINGS_TEST = "readings against the bench as stated"
+FORMULA_TEST = "estimator against maximum likelihood"
+_REGULARISATION = 0.01  # ε
 
 
 def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None) -> Estimate:
@@ -47,22 +47,24 @@ def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None
         return estimate
     if not (best.converged and reference.converged):
         return estimate
-    tests = [Test(READINGS, float(best.chi2), best.dof)] if best.dof else []
+    tests = [ModelTest(READINGS_TEST, float(best.chi2), best.dof)] if best.dof else []
     at = [best.names.index(name) for name in estimate.names]
-    formula = _difference(estimate, reference.select(estimate.names))
+    formula = _hausman_test(estimate, reference.select(estimate.names))
     return replace(
         estimate,
         tests=(*estimate.tests, *tests, formula),
-        scoring=best.scoring.then(lambda scored: scored.shifting(lambda shift: shift[at])),
+        scoring=best.scoring.then(
+            lambda score_tests: score_tests.with_shifts(lambda shift: shift[at])
+        ),
     )
 
 
-def _difference(estimate: Estimate, best: Estimate) -> Test:
+def _hausman_test(estimate: Estimate, best: Estimate) -> ModelTest:
     """Return the test of an estimate's difference from that of maximum likelihood."""
     sd = np.sqrt(np.diagonal(estimate.covariance))
     between = (estimate.covariance - best.covariance) / np.outer(sd, sd)
     size, axes = np.linalg.eigh(between)
     away = axes.T @ ((estimate.value - best.value) / sd)
     own = np.einsum("ik,ij,jk->k", axes, estimate.covariance / np.outer(sd, sd), axes)
-    statistic = float(np.sum(away**2 / (np.maximum(size, 0.0) + _SLACK * own)))
-    return Test(FORMULA, statistic, len(sd))
+    statistic = float(np.sum(away**2 / (np.maximum(size, 0.0) + _REGULARISATION * own)))
+    return ModelTest(FORMULA_TEST, statistic, len(sd))

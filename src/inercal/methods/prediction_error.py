@@ -16,13 +16,13 @@ from inercal.methods._base import Fit, Remarks
 from inercal.motion import Motion
 from inercal.plan import Spin
 from inercal.sensors import G0, Sensor
-from inercal.units import digits
+from inercal.units import format_value_and_uncertainty
 
-_POSES = 300
-_MG = 1e-3 * G0
+_POSE_COUNT = 300
+_MILLI_G = 1e-3 * G0
 
 
-def poses(fastest: float, radius: float, g: float) -> Array:
+def pose_forces(fastest: float, radius: float, g: float) -> Array:
     """Return what is felt in attitudes all round at rates from rest on, (300, 3) m/s².
 
     Parameters
@@ -35,15 +35,15 @@ def poses(fastest: float, radius: float, g: float) -> Array:
         m/s².
     """
     rng = np.random.default_rng(0)  # always the same poses
-    up, across = rng.standard_normal((2, _POSES, 3))
+    up, across = rng.standard_normal((2, _POSE_COUNT, 3))
     up /= np.linalg.norm(up, axis=-1, keepdims=True)
     across -= np.sum(across * up, axis=-1, keepdims=True) * up
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
-    rate = np.linspace(0.0, fastest, _POSES)[:, None]
+    rate = np.linspace(0.0, fastest, _POSE_COUNT)[:, None]
     return g * up + radius * rate**2 * across
 
 
-def expected(sensor: Sensor, estimate: Estimate, f: Array) -> float:
+def expected_error(sensor: Sensor, estimate: Estimate, f: Array) -> float:
     """Return the root mean square of the corrected vector's error over poses f, (n, 3), m/s²."""
     p = len(sensor.coefficients)
     _, made, slope = sensor.linearise(Motion(f), estimate.value[:p])
@@ -54,15 +54,17 @@ def expected(sensor: Sensor, estimate: Estimate, f: Array) -> float:
     )
 
 
-def note(sensor: Sensor, estimate: Estimate, fastest: float, radius: float, g: float) -> str:
+def prediction_note(
+    sensor: Sensor, estimate: Estimate, fastest: float, radius: float, g: float
+) -> str:
     """Say the error to expect on fresh poses beside the residuals in the sample, in mg."""
-    error = expected(sensor, estimate, poses(fastest, radius, g)) / _MG
-    inside = float(np.sqrt(np.mean(estimate.residual**2))) / _MG
+    error = expected_error(sensor, estimate, pose_forces(fastest, radius, g)) / _MILLI_G
+    inside = float(np.sqrt(np.mean(estimate.residual**2))) / _MILLI_G
     frame = "" if sensor.frame == "mount" else f", in the {sensor.frame} frame,"
     return (
         f"on fresh poses, in any attitude at up to {fastest * 30 / pi:.3g} r/min, the corrected "
-        f"vector{frame} is off by {digits(0.0, error)[1]} mg (rms, k = 1); each residual in the "
-        f"sample is {digits(0.0, inside)[1]} mg rms"
+        f"vector{frame} is off by {format_value_and_uncertainty(0.0, error)[1]} mg (rms, k = 1); "
+        f"each residual in the sample is {format_value_and_uncertainty(0.0, inside)[1]} mg rms"
     )
 
 
@@ -72,4 +74,4 @@ def remarks(fit: Fit[RateTable, Spin]) -> Remarks:
         return Remarks()
     fastest = max(abs(step.rate) for step in fit.steps)
     radius, g = fit.bench.radius.value, fit.bench.gravity.value
-    return Remarks(notes=(note(fit.sensor, fit.estimate, fastest, radius, g),))
+    return Remarks(notes=(prediction_note(fit.sensor, fit.estimate, fastest, radius, g),))

@@ -26,19 +26,19 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.rate_table.bench import RateTable, by_parameter, sensed_motion
-from inercal.estimate import Candidate, Gaussian, Problem, Scored, scored
-from inercal.estimate.once import Once
-from inercal.estimate.scores import UNSCORED
-from inercal.methods import vectors
-from inercal.methods.observed import OBSERVED
+from inercal.benches.rate_table.bench import RateTable, force_sensitivities, sensed_motion
+from inercal.estimate import Candidate, Gaussian, Problem, ScoreTestSet, score_tests
+from inercal.estimate.lazy_value import LazyValue
+from inercal.estimate.scores import NO_SCORE_TESTS
+from inercal.methods import mean_problem
+from inercal.methods.observability import OBSERVABILITY_LIMIT
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
-from inercal.sensors.affine import Affine, to_coefficients
+from inercal.sensors.affine import AffineModel, to_coefficients
 
-_STEPS = 3  # of Gauss and Newton: norms are nearly linear in θ
-_FLOOR = 1e-14  # of the largest variance: below, a variance is rounding
+_ITERATIONS = 3  # of Gauss and Newton: norms are nearly linear in θ
+_VARIANCE_FLOOR = 1e-14  # of the largest variance: below, a variance is rounding
 
 
 class Consistency(NamedTuple):
@@ -46,7 +46,7 @@ class Consistency(NamedTuple):
 
     chi2: Array
     dof: int
-    scoring: Once[Scored]
+    scoring: LazyValue[ScoreTestSet]
 
 
 def joint_problem(
@@ -58,18 +58,18 @@ def joint_problem(
 ) -> Problem:
     """Return the problem of all readings, with the bench's errors as nuisances."""
     # Rows of a table without times are taken in the order in which they were measured.
-    return vectors.problem(
+    return mean_problem.problem(
         observations,
         sensor,
-        bench.acting(steps),
+        bench.acting_parameters(steps),
         lambda q: bench.mean_motion(steps, q),
         priors,
-        timed=True,
-        common=("lean",),
+        with_drift_candidate=True,
+        common_errors=("lean",),
     )
 
 
-def of_rows(
+def row_covariance(
     observations: Observations, bench: RateTable, steps: Sequence[Spin], matrix: Array
 ) -> Array:
     """Return the covariance of M a + p − f over all rows, by noise and bench, (..., 3 r, 3 r) g².
@@ -85,11 +85,11 @@ def of_rows(
     noise = observations.full_covariance
     noise = noise.reshape(*noise.shape[:-2], r, 3, r, 3)
     turned = np.einsum("...ij,...ajbk,...lk->...aibl", matrix, noise, matrix, optimize=True)
-    made = by_parameter(bench, steps).reshape(-1, size)
+    made = force_sensitivities(bench, steps).reshape(-1, size)
     return (turned.reshape(*turned.shape[:-4], size, size) + made.T @ made) / G0**2
 
 
-def by_stated(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str, Array]:
+def bench_sensitivities(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str, Array]:
     """Return how θ moves with what is stated of the whole run's errors of a bench, (..., 12).
 
     Parameters
@@ -102,19 +102,19 @@ def by_stated(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str,
     made = sensed_motion(bench, steps, {}).df
     return {
         name: -gain @ made[name].ravel() / G0
-        for name, q in bench.acting(steps).items()
+        for name, q in bench.acting_parameters(steps).items()
         if q.scope == "run" and q.sd > 0
     }
 
 
-def linearised(
-    model: Affine, level: Array, f: Array, groups: Array, square: Array
+def linearised_rows(
+    model: AffineModel, level: Array, f: Array, groups: Array, square: Array
 ) -> tuple[Array, Array]:
     """Return the residuals, (..., 3 r + s) g, and the slopes of what the model says by θ.
 
     Parameters
     ----------
-    model : Affine
+    model : AffineModel
     level, f : (..., r, 3) and (r, 3) arrays
         Readings of untilted states, and what the bench states, g.
     groups, square : (..., s, 3) and (s,) arrays
@@ -142,7 +142,7 @@ def consistency(
     sensor: Sensor,
     bench: RateTable,
     steps: Sequence[Spin],
-    model: Affine,
+    model: AffineModel,
     gain: Array,
     level: Sequence[int],
     groups: Sequence[int] = (),
@@ -153,7 +153,7 @@ def consistency(
     ----------
     observations, sensor, bench, steps
         Of r rows.
-    model : Affine
+    model : AffineModel
         The estimator's solution, of (...) trials.
     gain : (..., 12, 3 r) array
         ∂θ/∂ of errors of M a + p − f of all rows, axes within: how the estimator shifts.
@@ -166,29 +166,31 @@ def consistency(
     at_level, at_groups = ([used.index(k) for k in rows] for rows in (level, groups))
     f = sensed_motion(bench, here, {}).f / G0
     a, square = some.mean / G0, (f[at_groups] ** 2).sum(-1)
-    nearest = model if level else _turned(model, a, f)
+    nearest = model if level else _rotated_to_nearest(model, a, f)
 
-    def residuals(model: Affine, readings: Array) -> tuple[Array, Array]:
+    def residuals(model: AffineModel, readings: Array) -> tuple[Array, Array]:
         of_level, of_groups = readings[..., at_level, :], readings[..., at_groups, :]
-        return linearised(model, of_level, f[at_level], of_groups, square)
+        return linearised_rows(model, of_level, f[at_level], of_groups, square)
 
     def at(theta: Array) -> tuple[Array, Array]:
         # Slopes at the noise of the readings would have a share of it, and so of the residuals.
-        here = Affine.of(theta)
+        here = AffineModel.of(theta)
         return residuals(here, a)[0], residuals(here, here.inverse.correct(f))[1]
 
-    map_to = compared(nearest, a, at_level, at_groups)
-    spread = map_to @ of_rows(some, bench, here, nearest.matrix) @ np.swapaxes(map_to, -1, -2)
+    map_to = comparison_map(nearest, a, at_level, at_groups)
+    spread = (
+        map_to @ row_covariance(some, bench, here, nearest.matrix) @ np.swapaxes(map_to, -1, -2)
+    )
     whitener = _whitener(spread)
     theta = np.array(nearest.theta)
-    theta, u, residual = _fitted(theta, at, whitener)
+    theta, u, residual = _generalised_least_squares(theta, at, whitener)
     chi2 = np.asarray((residual**2).sum(-1))
     dof = residual.shape[-1] - u.shape[-1]
     if observations.mean.ndim > 2:
-        return Consistency(chi2, dof, UNSCORED)
+        return Consistency(chi2, dof, NO_SCORE_TESTS)
 
-    def work() -> Scored:
-        fitted = Affine.of(theta)
+    def work() -> ScoreTestSet:
+        fitted = AffineModel.of(theta)
         value, _ = to_coefficients(sensor, fitted)
         _, slope = to_coefficients(sensor, model)
         asked = joint_problem(some, sensor, bench, here)
@@ -196,46 +198,46 @@ def consistency(
         assert asked.candidates is not None
         # As the slopes: where the rows are by the fit, without their noise.
         expected = fitted.inverse.correct(f)
-        from_readings = whitener @ compared(fitted, expected, at_level, at_groups)
+        from_readings = whitener @ comparison_map(fitted, expected, at_level, at_groups)
         own = [3 * k + axis for k in used for axis in range(3)]
         whitened: list[Candidate] = []
         for one in asked.candidates(start):
             columns = one.rows.reshape(len(used), 3, -1)
             # The estimator weighs the rows otherwise than this fit: its gain says how it shifts.
-            shift = slope @ gain[:, own] @ _moved(model.matrix, columns)
-            rows = -from_readings @ _moved(fitted.matrix, columns)
+            shift = slope @ gain[:, own] @ _added_rows(model.matrix, columns)
+            rows = -from_readings @ _added_rows(fitted.matrix, columns)
             whitened.append(replace(one, rows=rows, moved=shift))
         # All of a shift is in `moved`, by the estimator's gain: none in the coordinates of U.
         none = np.zeros((len(value), u.shape[1]))
-        return scored(residual, u, whitened, none)
+        return score_tests(residual, u, whitened, none)
 
-    return Consistency(chi2, dof, Once(work))
+    return Consistency(chi2, dof, LazyValue(work))
 
 
-def _moved(matrix: Array, rows: Array) -> Array:
+def _added_rows(matrix: Array, rows: Array) -> Array:
     """Return what (r, 3, k) m/s² of readings adds to M a + p, (3 r, k) g."""
     return np.einsum("ij,rjk->rik", matrix, rows).reshape(-1, rows.shape[-1]) / G0
 
 
-def _fitted(
+def _generalised_least_squares(
     theta: Array, at: Callable[[Array], tuple[Array, Array]], whitener: Array
 ) -> tuple[Array, Array, Array]:
     """Return θ of generalised least squares, the basis U of its columns, whitened residuals."""
     residual, slope = at(theta)
     s = np.linalg.svd(whitener @ slope, compute_uv=False)
-    count = int((s.reshape(-1, s.shape[-1])[0] > 1 / OBSERVED).sum())
-    for _ in range(_STEPS):
-        u, s, vt = _directions(whitener @ slope, count)
+    count = int((s.reshape(-1, s.shape[-1])[0] > 1 / OBSERVABILITY_LIMIT).sum())
+    for _ in range(_ITERATIONS):
+        u, s, vt = _largest_singular_vectors(whitener @ slope, count)
         pull = np.swapaxes(u, -1, -2) @ (whitener @ residual[..., None])
         theta = theta + (np.swapaxes(vt, -1, -2) @ (pull / s[..., None]))[..., 0]
         residual, slope = at(theta)
-    u, _, _ = _directions(whitener @ slope, count)
+    u, _, _ = _largest_singular_vectors(whitener @ slope, count)
     left = whitener @ residual[..., None]
     left = left - u @ (np.swapaxes(u, -1, -2) @ left)
     return theta, u, left[..., 0]
 
 
-def _directions(slope: Array, count: int) -> tuple[Array, Array, Array]:
+def _largest_singular_vectors(slope: Array, count: int) -> tuple[Array, Array, Array]:
     """Return the largest singular values and their vectors."""
     u, s, vt = np.linalg.svd(slope, full_matrices=False)
     return (
@@ -245,7 +247,9 @@ def _directions(slope: Array, count: int) -> tuple[Array, Array, Array]:
     )
 
 
-def compared(model: Affine, a: Array, level: Sequence[int], groups: Sequence[int]) -> Array:
+def comparison_map(
+    model: AffineModel, a: Array, level: Sequence[int], groups: Sequence[int]
+) -> Array:
     """Return the map from M a + p of all rows, axes within, to the rows as compared."""
     size = 3 * len(level)
     columns = (3 * np.asarray(level, dtype=np.intp)[:, None] + np.arange(3)).ravel()
@@ -261,12 +265,12 @@ def compared(model: Affine, a: Array, level: Sequence[int], groups: Sequence[int
 def _whitener(spread: Array) -> Array:
     """Return the symmetric W with W S W = I, (..., m, m): each row stays nearly itself."""
     variance, directions = np.linalg.eigh(spread)
-    variance = np.maximum(variance, _FLOOR * variance[..., -1:])
+    variance = np.maximum(variance, _VARIANCE_FLOOR * variance[..., -1:])
     return (directions / np.sqrt(variance)[..., None, :]) @ np.swapaxes(directions, -1, -2)
 
 
-def _turned(model: Affine, a: Array, f: Array) -> Affine:
+def _rotated_to_nearest(model: AffineModel, a: Array, f: Array) -> AffineModel:
     """Return the model of the same norms whose vectors lie nearest to f."""
     u, _, vt = np.linalg.svd(f.T @ model.correct(a))
     turn = np.asarray(u @ vt)
-    return Affine(turn @ model.matrix, (turn @ model.offset[..., None])[..., 0])
+    return AffineModel(turn @ model.matrix, (turn @ model.offset[..., None])[..., 0])

@@ -21,30 +21,37 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
-from inercal.benches.rate_table.fixture import PLANES, planar_plan, tilted
+from inercal.benches.rate_table.fixture import PLANES, is_tilted, planar_plan
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
-from inercal.methods import prediction_error, vectors
+from inercal.methods import mean_problem, prediction_error
 from inercal.methods._base import Method
-from inercal.methods.observed import require_observed
-from inercal.methods.ship_consistency import Consistency, by_stated, consistency, of_rows
+from inercal.methods.observability import require_observed
+from inercal.methods.ship_consistency import (
+    Consistency,
+    bench_sensitivities,
+    consistency,
+    row_covariance,
+)
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
-from inercal.sensors.affine import Affine, require_twelve, to_coefficients
+from inercal.sensors.affine import AffineModel, require_affine_triad, to_coefficients
 
 _ROUNDING = 1e-13
-_SEEN = 1e-3  # of the largest singular value of what was felt: below, an axis is not excited
+_EXCITATION_LIMIT = (
+    1e-3  # of the largest singular value of what was felt: below, an axis is not excited
+)
 
 
-class Level(NamedTuple):
+class LevelStates(NamedTuple):
     """What the level states tell: the model, and how it moves with the errors of their rows."""
 
-    model: Affine  # of (...) trials
+    model: AffineModel  # of (...) trials
     gain: Array  # (..., 12, 3 r), θ by what is added to f of each row, axes within
 
 
-def level(a: Array, f: Array) -> Level:
+def fit_level_states(a: Array, f: Array) -> LevelStates:
     """Return the model of least squares.
 
     Parameters
@@ -57,17 +64,17 @@ def level(a: Array, f: Array) -> Level:
     rows = np.concatenate([a, np.ones((*a.shape[:-1], 1))], axis=-1)
     back = np.asarray(np.linalg.pinv(rows), dtype=float)
     solved = np.swapaxes(back @ f, -1, -2)  # (..., 3, 4)
-    model = Affine(solved[..., :3], solved[..., 3])
+    model = AffineModel(solved[..., :3], solved[..., 3])
     r, lead = len(f), a.shape[:-2]
     gain = np.zeros((*lead, 12, r, 3))
     for axis in range(3):
         # Errors of readings shift what M a says of f: the solution moves against them.
         gain[..., 3 * axis : 3 * axis + 3, :, axis] = -back[..., :3, :]
         gain[..., 9 + axis, :, axis] = -back[..., 3, :]
-    return Level(model, gain.reshape(*lead, 12, 3 * r))
+    return LevelStates(model, gain.reshape(*lead, 12, 3 * r))
 
 
-def require_excited(bench: RateTable, steps: Sequence[Spin]) -> None:
+def require_excitation(bench: RateTable, steps: Sequence[Spin]) -> None:
     """Refuse states that leave an axis unexcited, or excited with another one or with the bias.
 
     Raises
@@ -79,7 +86,7 @@ def require_excited(bench: RateTable, steps: Sequence[Spin]) -> None:
     if steps:
         rows[: len(steps)] = np.insert(sensed_motion(bench, steps, {}).f / G0, 3, 1.0, axis=1)
     _, size, directions = np.linalg.svd(rows)
-    free = directions[size <= _SEEN * size[0]]
+    free = directions[size <= _EXCITATION_LIMIT * size[0]]
     if not len(free):
         return
     # A direction that is not told apart from bias: the axes that take part in it.
@@ -97,9 +104,9 @@ def require_excited(bench: RateTable, steps: Sequence[Spin]) -> None:
     )
 
 
-def estimate_of(
+def affine_estimate(
     sensor: Sensor,
-    model: Affine,
+    model: AffineModel,
     covariance: Array,
     residual: Array,
     variance: Array,
@@ -121,7 +128,7 @@ def estimate_of(
     Parameters
     ----------
     sensor : Sensor
-    model : Affine
+    model : AffineModel
         Of (...) trials.
     covariance : (..., 12, 12) array
         Of θ, g.
@@ -131,7 +138,7 @@ def estimate_of(
     agreement : Consistency
         Of the rows that were used.
     moved : mapping of str to (..., 12) array
-        How θ moves with what is stated of the bench (`by_stated`).
+        How θ moves with what is stated of the bench (`bench_sensitivities`).
     notes, rank, null_directions, converged, iterations
         Of the estimate.
     """
@@ -193,16 +200,16 @@ def planar(
     """
     if priors:
         raise InputError("estimator planar takes no priors; joint of ship_multi_angle does")
-    require_twelve(sensor)
-    vectors.require_rows(observations, sensor, steps)
-    rows = [k for k, step in enumerate(steps) if not tilted(step)]
-    found = of_level(observations, sensor, bench, steps, rows)
+    require_affine_triad(sensor)
+    mean_problem.require_matching_rows(observations, sensor, steps)
+    rows = [k for k, step in enumerate(steps) if not is_tilted(step)]
+    found = planar_estimate(observations, sensor, bench, steps, rows)
     left = len(steps) - len(rows)
     said = (f"{left} tilted states are left out: planar does not use them",) if left else ()
     return replace(found, notes=(*said, *found.notes))
 
 
-def of_level(
+def planar_estimate(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
@@ -211,16 +218,16 @@ def of_level(
 ) -> Estimate:
     """Return the estimate of `planar` from these rows."""
     here = [steps[k] for k in rows]
-    require_excited(bench, here)
+    require_excitation(bench, here)
     f = sensed_motion(bench, here, {}).f / G0
     a = observations.mean[..., rows, :] / G0
-    model, gain = level(a, f)
+    model, gain = fit_level_states(a, f)
     at = np.array([3 * k + axis for k in rows for axis in range(3)])
-    spread = of_rows(observations, bench, steps, model.matrix)[..., at, :][..., at]
+    spread = row_covariance(observations, bench, steps, model.matrix)[..., at, :][..., at]
     whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
     whole[..., at] = gain
     agreement = consistency(observations, sensor, bench, steps, model, whole, rows)
-    estimate = estimate_of(
+    estimate = affine_estimate(
         sensor,
         model,
         gain @ spread @ np.swapaxes(gain, -1, -2),
@@ -228,7 +235,7 @@ def of_level(
         np.diagonal(spread, axis1=-2, axis2=-1),
         tuple(f"f{axis}[{step.label}]" for step in here for axis in "xyz"),
         agreement,
-        by_stated(bench, steps, whole),
+        bench_sensitivities(bench, steps, whole),
         notes=(
             "the mountings' nominal axes are the frame; what pose, seat, speed and lean do to the "
             "coefficients is in their uncertainties",
@@ -241,7 +248,7 @@ def of_level(
 METHOD = Method(
     name="ship_planar",
     bench=RateTable,
-    finds={"f": ("k0", "k1", "delta_o", "delta_p")},
+    default_coefficients={"f": ("k0", "k1", "delta_o", "delta_p")},
     needs=("f",),
     plan=planar_plan,
     estimators={"planar": planar},

@@ -6,14 +6,14 @@ et al. 1995.
 
 from inercal.benches import Hand
 from inercal.methods._base import Method
-from inercal.methods.classical import classical
-from inercal.methods.means import ml
+from inercal.methods.ferraris_formulas import classical
+from inercal.methods.hand_likelihood import ml
 from inercal.plan import six_positions
 
 METHOD = Method(
     name="six_position",
     bench=Hand,
-    finds={"f": ("bias", "scale", "misalignment")},
+    default_coefficients={"f": ("bias", "scale", "misalignment")},
     also={"f": ("temperature",)},
     needs=("f",),
     plan=six_positions,

@@ -10,15 +10,15 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.recording import VARIES, Observations, Track
+from inercal.recording import TEMPERATURE_VARIATION, Observations, Track
 from inercal.sensors import Sensor
 
 
-def offset(observations: Observations, sensor: Sensor) -> Array:
+def row_offsets(observations: Observations, sensor: Sensor) -> Array:
     """Return ΔT of each row, (..., r) K; () of 0 for a sensor that does not depend on it.
 
-    Rows that differ by less than `VARIES` are at one temperature, their mean: what such differences
-    tell of a coefficient is the noise of the temperature's sensor.
+    Rows that differ by less than `TEMPERATURE_VARIATION` are at one temperature, their mean: what
+    such differences tell of a coefficient is the noise of the temperature's sensor.
 
     Raises
     ------
@@ -28,11 +28,11 @@ def offset(observations: Observations, sensor: Sensor) -> Array:
     if not sensor.uses("dT"):
         return np.zeros(())
     if observations.temperature is None:
-        raise _missing(sensor)
-    return _steady(observations.temperature_offset(sensor.reference_temperature))
+        raise _missing_temperature_error(sensor)
+    return _steady_values(observations.temperature_offset(sensor.reference_temperature))
 
 
-def along(track: Track, sensor: Sensor) -> Array:
+def sample_offsets(track: Track, sensor: Sensor) -> Array:
     """Return ΔT of each sample, (..., n) K; of no samples, (0,), where a sensor depends on none.
 
     Raises
@@ -44,11 +44,11 @@ def along(track: Track, sensor: Sensor) -> Array:
         return np.zeros(0)
     made = track.temperature_offset(sensor.reference_temperature)
     if made is None:
-        raise _missing(sensor)
+        raise _missing_temperature_error(sensor)
     return made
 
 
-def at(track: Track, sensor: Sensor, time: Array) -> Array | None:
+def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
     """Return ΔT of one trial at some times, (e,) K; None where it was not recorded or is constant.
 
     Parameters
@@ -59,31 +59,33 @@ def at(track: Track, sensor: Sensor, time: Array) -> Array | None:
         s.
     """
     made = track.temperature_offset(sensor.reference_temperature)
-    return np.interp(time, track.time, made) if made is not None and track.warmed else None
+    return (
+        np.interp(time, track.time, made) if made is not None and track.temperature_varies else None
+    )
 
 
-def steady(track: Track) -> Track:
+def with_steady_temperature(track: Track) -> Track:
     """Return a whole track with a temperature that is constant where it hardly varies.
 
-    As of `offset`: not piece by piece, which would tell other temperatures of each.
+    As of `row_offsets`: not piece by piece, which would tell other temperatures of each.
     """
     if track.temperature is None:
         return track
-    return replace(track, temperature=_steady(track.temperature))
+    return replace(track, temperature=_steady_values(track.temperature))
 
 
-def _steady(warmth: Array) -> Array:
+def _steady_values(warmth: Array) -> Array:
     """Return temperatures, (..., r), that are the mean where they hardly vary."""
     mean = np.broadcast_to(warmth.mean(axis=-1, keepdims=True), warmth.shape)
-    return np.where(np.ptp(warmth, axis=-1, keepdims=True) > VARIES, warmth, mean)
+    return np.where(np.ptp(warmth, axis=-1, keepdims=True) > TEMPERATURE_VARIATION, warmth, mean)
 
 
-def coefficients(sensor: Sensor) -> list[str]:
+def temperature_coefficients(sensor: Sensor) -> list[str]:
     """Return the full names of a sensor's coefficients of temperature."""
     return [n for n in sensor.coefficients if sensor.coefficient(n).basis.uses("dT")]
 
 
-def refuse(sensor: Sensor, estimator: str, instead: str) -> None:
+def refuse_temperature_terms(sensor: Sensor, estimator: str, instead: str) -> None:
     """Refuse coefficients of temperature for an estimator that has no place for them.
 
     Parameters
@@ -96,29 +98,29 @@ def refuse(sensor: Sensor, estimator: str, instead: str) -> None:
     ------
     InputError
     """
-    if names := coefficients(sensor):
+    if names := temperature_coefficients(sensor):
         raise InputError(
             f"estimator {estimator} finds no coefficients of temperature, {', '.join(names)}; "
             f"take {instead}, or leave them out"
         )
 
 
-def require_planless(sensor: Sensor) -> None:
+def refuse_temperature_terms_in_plan(sensor: Sensor) -> None:
     """Refuse coefficients of temperature where a plan stands for the data: it has no temperatures.
 
     Raises
     ------
     InputError
     """
-    if names := coefficients(sensor):
+    if names := temperature_coefficients(sensor):
         raise InputError(
             f"[method] {', '.join(names)}: a plan states no temperatures; leave them out, and add "
             "them for the recording"
         )
 
 
-def _missing(sensor: Sensor) -> InputError:
+def _missing_temperature_error(sensor: Sensor) -> InputError:
     return InputError(
-        f"[data] temperature is missing: {', '.join(coefficients(sensor))} need the column of the "
-        "sensor's temperature; name it, or leave them out"
+        f"[data] temperature is missing: {', '.join(temperature_coefficients(sensor))} need the "
+        "column of the sensor's temperature; name it, or leave them out"
     )

@@ -50,27 +50,29 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
-from inercal.benches.dividing_head.passes import even as even_angles
+from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
+from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate import least_squares as solve
 from inercal.keys import CoefficientName
-from inercal.methods import by_angle, vectors
+from inercal.methods import dividing_head_problem, mean_problem
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
-from inercal.methods.dual_orthogonal import together
+from inercal.methods.dual_orthogonal import coefficient_sums
 from inercal.methods.likelihood_tests import with_tests
-from inercal.methods.observed import require_observed
+from inercal.methods.observability import require_observed
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
-from inercal.uncertainty.propagation import linearised
+from inercal.uncertainty.propagation import value_and_jacobian
 
-_NEAR = 0.01  # rad; what `fourier` moves readings by to even angles, at most
-_MOVES = 6  # each leaves `_NEAR` of what the one before left, at most
-_ROUNDED = 1e-12  # of g
+_MAX_ANGLE_CORRECTION = 0.01  # rad; what `fourier` moves readings by to even angles, at most
+_CORRECTION_ITERATIONS = (
+    6  # each leaves `_MAX_ANGLE_CORRECTION` of what the one before left, at most
+)
+_ROUNDING_LIMIT = 1e-12  # of g
 
 
 def least_squares(
@@ -105,13 +107,15 @@ def least_squares(
     NotObserved
         Coefficients that these positions leave open, by name, and the harmonics that fold.
     """
-    angle = _angles(observations, sensor, steps)
+    angle = _checked_angles(observations, sensor, steps)
     try:
-        estimate = solve(by_angle.problem(observations, sensor, bench, steps, priors))
+        estimate = solve(dividing_head_problem.problem(observations, sensor, bench, steps, priors))
         require_observed(estimate, sensor, missing=())
     except NotObserved as error:
-        raise harmonics.refusal(sensor, error.directions, angle, "give a prior") from None
-    told = (*harmonics.notes(angle), *together.notes(estimate, bench, priors))
+        raise harmonics.not_observed_error(
+            sensor, error.directions, angle, "give a prior"
+        ) from None
+    told = (*harmonics.folding_notes(angle), *coefficient_sums.notes(estimate, bench, priors))
     return replace(estimate, notes=(*told, *estimate.notes))
 
 
@@ -142,7 +146,7 @@ def fourier(
         raise InputError("estimator fourier takes no priors; use least_squares")
     if observations.mean.ndim != 2:
         raise InputError("estimator fourier works on one recording at a time")
-    angle = _angles(observations, sensor, steps)
+    angle = _checked_angles(observations, sensor, steps)
     terms = [CoefficientName(name).term for name in sensor.coefficients]
     others = [term for term in terms if term not in harmonics.TERMS]
     if others:
@@ -155,54 +159,56 @@ def fourier(
             'estimator fourier finds the reference form: state form = "reference", or take '
             "least_squares"
         )
-    harmonics.require_even(angle)
-    matrix = harmonics.basis(angle, harmonics.columns(terms))
-    harmonics.require_apart(sensor, terms, matrix, angle)
+    harmonics.require_even_spacing(angle)
+    matrix = harmonics.harmonic_basis(angle, harmonics.harmonic_names(terms))
+    harmonics.require_distinct_harmonics(sensor, terms, matrix, angle)
     sums = matrix / np.sum(matrix**2, axis=0)
 
     def formulas(x: Array) -> Array:
         # Gravity is one of the arguments, so that its uncertainty is propagated with the others.
         found: list[Array] = []
         for row in x.reshape(-1, x.shape[-1]):
-            to_term, add = harmonics.by_term(terms, float(row[-1]))
+            to_term, add = harmonics.amplitude_map(terms, float(row[-1]))
             found.append(to_term @ (row[:-1] @ sums) + add)
         return np.stack(found).reshape(*x.shape[:-1], len(terms))
 
     y, f = observations.mean[:, 0], sensed_motion(bench, steps, {}).f
-    even = _even(bench, steps, f)
+    even = _force_at_even_angles(bench, steps, f)
     x = np.append(y, bench.gravity.value)
     value = formulas(x)
-    if np.abs(f - even).max() > _ROUNDED * G0:
-        for _ in range(_MOVES):
+    if np.abs(f - even).max() > _ROUNDING_LIMIT * G0:
+        for _ in range(_CORRECTION_ITERATIONS):
             there, here = (sensor.forward(Motion(at), value)[:, 0] for at in (f, even))
             x[:-1] = y - (there - here)
             value = formulas(x)
     spread = np.zeros((len(x), len(x)))
-    noise = by_angle.drifting(observations, bench, steps).full_covariance
-    spread[:-1, :-1] = noise + by_bench(sensor, bench, steps, value, gravity=False)
+    noise = dividing_head_problem.with_drift_covariance(observations, bench, steps).full_covariance
+    spread[:-1, :-1] = noise + bench_covariance(sensor, bench, steps, value, gravity=False)
     spread[-1, -1] = bench.gravity.sd**2
-    value, gain = linearised(formulas, x, spread)
+    value, gain = value_and_jacobian(formulas, x, spread)
     covariance = gain @ spread @ gain.T
-    columns = readings_by_bench(sensor, bench, steps, value)
+    columns = reading_sensitivities(sensor, bench, steps, value)
     moved = {name: -gain[:, :-1] @ column for name, column in columns.items()}
     variance = np.linalg.eigvalsh(covariance / np.outer(sensor.unit_scale, sensor.unit_scale))
     singular = 1 / np.sqrt(variance)
-    estimate = Estimate.of_formulas(sensor.coefficients, value, covariance, singular)
-    estimate = with_tests(estimate, by_angle.problem(observations, sensor, bench, steps))
+    estimate = Estimate.from_closed_form(sensor.coefficients, value, covariance, singular)
+    estimate = with_tests(
+        estimate, dividing_head_problem.problem(observations, sensor, bench, steps)
+    )
     return replace(
         estimate,
-        notes=harmonics.notes(angle),
+        notes=harmonics.folding_notes(angle),
         sensitivities=moved | {"g": gain[:, -1]},
     )
 
 
-def _angle(steps: Sequence[Index]) -> Array:
+def _nominal_angles(steps: Sequence[Index]) -> Array:
     """Return the angle of each step, (r,) rad: on an even grid where they stand on one."""
     grid = even_angles(steps)
     return np.array([step.angle for step in steps]) if grid is None else grid
 
 
-def _even(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
+def _force_at_even_angles(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
     """Return what is felt at the even angles where f, (r, 3) m/s², is with what is known beyond.
 
     Raises
@@ -212,12 +218,12 @@ def _even(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
     """
     plain = [
         replace(step, angle=float(a), level=0.0, reading=0.0)
-        for a, step in zip(_angle(steps), steps, strict=True)
+        for a, step in zip(_nominal_angles(steps), steps, strict=True)
     ]
     even = sensed_motion(DividingHead(bench.gravity), plain, {}).f
     away = np.linalg.norm(f - even, axis=-1) / bench.gravity.value
     worst = int(np.argmax(away))
-    if away[worst] > _NEAR:
+    if away[worst] > _MAX_ANGLE_CORRECTION:
         raise InputError(
             f"position {steps[worst].label} is known to stand {np.degrees(away[worst]):.3g}° from "
             "its even angle, too far for estimator fourier; use least_squares"
@@ -225,7 +231,7 @@ def _even(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
     return even
 
 
-def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) -> Array:
+def _checked_angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) -> Array:
     """Return the nominal angle of each row, (r,) rad, of observations that can be used."""
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
         raise InputError(
@@ -239,23 +245,26 @@ def _angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) 
         )
     if not sensor.coefficients:
         raise InputError(f"sensor {sensor.name} has no coefficients to find; choose some")
-    vectors.require_rows(observations, sensor, steps)
+    mean_problem.require_matching_rows(observations, sensor, steps)
     if not (observations.covariance > 0).all():
         raise InputError("a reading is stated without noise; give all of them their variance")
-    angle = _angle(steps)
-    n = len(harmonics.distinct(angle)[0]) if len(angle) else 0
-    if n < by_angle.FEWEST:
-        raise InputError(f"{n} different positions; a tumble test needs {by_angle.FEWEST} or more")
+    angle = _nominal_angles(steps)
+    n = len(harmonics.distinct_angles(angle)[0]) if len(angle) else 0
+    if n < dividing_head_problem.MIN_POSITIONS:
+        raise InputError(
+            f"{n} different positions; a tumble test needs {dividing_head_problem.MIN_POSITIONS} "
+            "or more"
+        )
     return angle
 
 
 METHOD = Method(
     name="tumble",
     bench=DividingHead,
-    finds={"f": harmonics.TERMS},
+    default_coefficients={"f": harmonics.TERMS},
     also={"f": ("temperature",)},
     needs=("f",),
-    plan=by_angle.plan,
+    plan=dividing_head_problem.plan,
     estimators={"least_squares": least_squares, "fourier": fourier},
     source="IEEE Std 1293, static multipoint (tumble) test",
 )

@@ -18,31 +18,31 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError, NotObserved
-from inercal.methods.observed import in_natural_words
+from inercal.methods.observability import direction_in_words
 from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
 
 TERMS = ("k0", "k1", "delta_o", "k2", "kip", "k3")
-_COLUMNS = {"k0": "A0", "k1": "S1", "delta_o": "C1", "k2": "C2", "kip": "S2", "k3": "S3"}
-_HIGHEST = 3
-_SAME = 1e-9  # rad; nominal angles, so that nothing but rounding separates equal ones
+_HARMONIC_OF_TERM = {"k0": "A0", "k1": "S1", "delta_o": "C1", "k2": "C2", "kip": "S2", "k3": "S3"}
+_HIGHEST_HARMONIC = 3
+_ANGLE_TOLERANCE = 1e-9  # rad; nominal angles, so that nothing but rounding separates equal ones
 
 
-def columns(terms: Sequence[str]) -> tuple[str, ...]:
+def harmonic_names(terms: Sequence[str]) -> tuple[str, ...]:
     """Return the harmonics that these terms need, one each: "A0", "S1", "C1", "S2", "C2", "S3"."""
-    return tuple(_COLUMNS[term] for term in terms)
+    return tuple(_HARMONIC_OF_TERM[term] for term in terms)
 
 
-def basis(angle: Array, names: Sequence[str]) -> Array:
+def harmonic_basis(angle: Array, names: Sequence[str]) -> Array:
     """Return the columns of these harmonics at r angles, rad: (r, q)."""
     one = {"A": np.ones_like, "S": np.sin, "C": np.cos}
     return np.stack([one[name[0]](int(name[1]) * angle) for name in names], axis=-1)
 
 
-def by_term(terms: Sequence[str], g: float) -> tuple[Array, Array]:
+def amplitude_map(terms: Sequence[str], g: float) -> tuple[Array, Array]:
     """Return the map from amplitudes to coefficients, (p, p), and what to add, (p,).
 
-    Amplitudes in m/s², in the order of `columns`; coefficients in SI.
+    Amplitudes in m/s², in the order of `harmonic_names`; coefficients in SI.
     A term that is not among them is taken as zero.
     """
     k2 = -2 / g**2
@@ -55,19 +55,19 @@ def by_term(terms: Sequence[str], g: float) -> tuple[Array, Array]:
         "kip": {"S2": 2 / g**2},
         "k3": {"S3": k3},
     }
-    found = columns(terms)
+    found = harmonic_names(terms)
     matrix = np.array([[rows[term].get(name, 0.0) for name in found] for term in terms])
     return matrix, np.array([-1.0 if term == "k1" else 0.0 for term in terms])
 
 
-def mixed(matrix: Array) -> NDArray[np.bool_]:
+def confounded_columns(matrix: Array) -> NDArray[np.bool_]:
     """Return which columns of a basis, (r, q), vanish or are not orthogonal to the others, (q,)."""
     gram = matrix.T @ matrix / len(matrix)
-    off = np.abs(gram - np.diag(np.diagonal(gram))) > _SAME
-    return off.any(axis=0) | (np.diagonal(gram) < _SAME)
+    off = np.abs(gram - np.diag(np.diagonal(gram))) > _ANGLE_TOLERANCE
+    return off.any(axis=0) | (np.diagonal(gram) < _ANGLE_TOLERANCE)
 
 
-def distinct(angle: Array) -> tuple[Array, NDArray[np.int64]]:
+def distinct_angles(angle: Array) -> tuple[Array, NDArray[np.int64]]:
     """Return the distinct angles within one turn, rad and rising, and how often each was visited.
 
     Parameters
@@ -76,18 +76,18 @@ def distinct(angle: Array) -> tuple[Array, NDArray[np.int64]]:
         rad, in any turn.
     """
     # An angle of a rounding below a whole turn is angle 0.
-    within = np.sort(np.mod(angle + _SAME / 2, 2 * pi) - _SAME / 2)
-    first = np.flatnonzero(np.diff(within, prepend=-np.inf) > _SAME)
+    within = np.sort(np.mod(angle + _ANGLE_TOLERANCE / 2, 2 * pi) - _ANGLE_TOLERANCE / 2)
+    first = np.flatnonzero(np.diff(within, prepend=-np.inf) > _ANGLE_TOLERANCE)
     return within[first], np.diff(first, append=len(within))
 
 
 def unevenness(angle: Array) -> str:
     """Return in words where angles, (r,) rad, are not evenly spaced or visited; empty if even."""
-    at, visits = distinct(angle)
+    at, visits = distinct_angles(angle)
     gaps = np.diff(at, append=at[0] + 2 * pi)
     worst = int(np.argmax(gaps))
     even = 2 * pi / len(at)
-    if gaps[worst] - even > len(at) * _SAME:
+    if gaps[worst] - even > len(at) * _ANGLE_TOLERANCE:
         return (
             f"after {degrees(at[worst]):.6g}° the next is {degrees(gaps[worst]):.6g}° away, where "
             f"{len(at)} positions would be {degrees(even):.6g}° apart"
@@ -101,7 +101,7 @@ def unevenness(angle: Array) -> str:
     return ""
 
 
-def require_even(angle: Array) -> None:
+def require_even_spacing(angle: Array) -> None:
     """Refuse positions that are not evenly spaced round the circle and equally often visited.
 
     Raises
@@ -117,60 +117,62 @@ def require_even(angle: Array) -> None:
         )
 
 
-def folds(angle: Array) -> tuple[str, ...]:
+def folded_harmonics(angle: Array) -> tuple[str, ...]:
     """Return which harmonic up to the third folds onto which lower one, in words.
 
     Empty where none does, and where positions are not evenly spaced: there nothing folds exactly.
 
     Examples
     --------
-    >>> folds(np.arange(4) * pi / 2)
+    >>> folded_harmonics(np.arange(4) * pi / 2)
     ('harmonic 2 folds onto itself: its sine is not seen', 'harmonic 3 folds onto harmonic 1')
     """
-    at, _ = distinct(angle)
+    at, _ = distinct_angles(angle)
     n = len(at)
     if unevenness(at):
         return ()
     found: list[str] = []
-    for h in range(ceil(n / 2), _HIGHEST + 1):
+    for h in range(ceil(n / 2), _HIGHEST_HARMONIC + 1):
         if 2 * h > n:
             found.append(f"harmonic {h} folds onto harmonic {n - h}")
             continue
         sine, cosine = abs(np.sin(h * at[0])), abs(np.cos(h * at[0]))
         lost = "its sine and cosine are not told apart"
-        if min(sine, cosine) < h * _SAME:
+        if min(sine, cosine) < h * _ANGLE_TOLERANCE:
             lost = f"its {'sine' if sine < cosine else 'cosine'} is not seen"
         found.append(f"harmonic {h} folds onto itself: {lost}")
     return tuple(found)
 
 
-def require_apart(sensor: Sensor, terms: Sequence[str], matrix: Array, angle: Array) -> None:
+def require_distinct_harmonics(
+    sensor: Sensor, terms: Sequence[str], matrix: Array, angle: Array
+) -> None:
     """Refuse terms whose harmonics, columns of `matrix`, fold onto one another.
 
     Raises
     ------
     NotObserved
-        As of `refusal`.
+        As of `not_observed_error`.
     """
-    lost = mixed(matrix)
+    lost = confounded_columns(matrix)
     if not lost.any():
         return
-    to_term, _ = by_term(terms, G0)
+    to_term, _ = amplitude_map(terms, G0)
     touched = (to_term[:, lost] != 0).any(axis=1)
     names = [name for name, hit in zip(sensor.coefficients, touched, strict=True) if hit]
     f = G0 * np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], axis=-1)
     design = sensor.design(Motion(f), np.zeros(len(terms)))[:, 0] * sensor.unit_scale
     _, size, right = np.linalg.svd(design)
     free = right[int(np.sum(size > 1e-9 * size[0])) :]
-    directions = [in_natural_words(row, sensor.coefficients) for row in free]
-    raise refusal(sensor, directions, angle, "use least_squares with a prior", names)
+    directions = [direction_in_words(row, sensor.coefficients) for row in free]
+    raise not_observed_error(sensor, directions, angle, "use least_squares with a prior", names)
 
 
-def refusal(
+def not_observed_error(
     sensor: Sensor,
     directions: Sequence[str],
     angle: Array,
-    way_out: str,
+    remedy: str,
     names: Sequence[str] = (),
 ) -> NotObserved:
     """Return the refusal: the coefficients, the free directions, and the harmonics that fold.
@@ -182,7 +184,7 @@ def refusal(
         Combinations of coefficients in natural units, in words.
     angle : (r,) array
         rad.
-    way_out : str
+    remedy : str
         What helps beside fewer coefficients and more positions.
     names : sequence of str
         Coefficients to name beside those of the directions.
@@ -191,21 +193,21 @@ def refusal(
     touched = {word for words in plain for word in words.replace("−", " ").split()} | set(names)
     named = [name for name in sensor.coefficients if name in touched]
     free = f" (free directions, in units of g and rad: {'; '.join(plain)})" if plain else ""
-    folded = folds(angle)
-    n = len(distinct(angle)[0])
+    folded = folded_harmonics(angle)
+    n = len(distinct_angles(angle)[0])
     why = f": of {n} positions {'; '.join(folded)}; take 7 positions or more" if folded else ""
     return NotObserved(
-        f"not observed: {', '.join(named)}{free}{why}; choose fewer coefficients or {way_out}",
+        f"not observed: {', '.join(named)}{free}{why}; choose fewer coefficients or {remedy}",
         plain,
     )
 
 
-def notes(angle: Array) -> tuple[str, ...]:
+def folding_notes(angle: Array) -> tuple[str, ...]:
     """Say what a coefficient that was not chosen would do, where harmonics fold."""
-    folded = folds(angle)
+    folded = folded_harmonics(angle)
     if not folded:
         return ()
-    n = len(distinct(angle)[0])
+    n = len(distinct_angles(angle)[0])
     return (
         f"of {n} positions {'; '.join(folded)}: a coefficient that was left out may be in others",
     )

@@ -12,15 +12,21 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.estimate.steps import FEW
+from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.sensors import Sensor, inverse
 
-_ALONG = ("k0", "k1", "k2", "k3", "koq")  # terms along an axis itself, as the kernel counts them
+_AXIAL_TERMS = (
+    "k0",
+    "k1",
+    "k2",
+    "k3",
+    "koq",
+)  # terms along an axis itself, as the kernel counts them
 
 
-def vector(
+def vector_residuals(
     sensor: Sensor, y: Array, c: Array, motion: Motion, df: Array, dw: Array | None
 ) -> tuple[Array, Array]:
     """Return the residuals, (..., r·m), and ∂h/∂(c, q), (..., r·m, p + q).
@@ -52,26 +58,26 @@ def vector(
     return residual.reshape(flat), jacobian.reshape(*jacobian.shape[:-3], -1, p + q)
 
 
-class Norm(NamedTuple):
-    """What `norm` returns; shapes for r rows, m axes and p coefficients."""
+class NormResiduals(NamedTuple):
+    """What `norm_residuals` returns; shapes for r rows, m axes and p coefficients."""
 
     residual: Array  # (..., r), m/s²
     jacobian: Array  # (..., r, p + 1), of ‖f̂‖ − g to the coefficients and g
-    felt: Array  # (..., r, 3), f̂
+    specific_force: Array  # (..., r, 3), f̂
     up: Array  # (..., r, 3), f̂ / ‖f̂‖
     by_coefficient: Array  # (..., r, 3, p), ∂f̂/∂c
     by_reading: Array  # (..., r or 1, 3, m), ∂f̂/∂y
     by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero where no ω was given
 
 
-def norm(
+def norm_residuals(
     sensor: Sensor,
     y: Array,
     c: Array,
     g: Array,
     w: Array | None = None,
     dT: Array | float = 0.0,
-) -> Norm:
+) -> NormResiduals:
     """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
 
     By h(f̂; c) = y the derivative of f̂ is −S⁻¹ ∂h/∂c to the coefficients and S⁻¹ to the reading,
@@ -110,11 +116,11 @@ def norm(
     if w is not None:
         by_rate = -(up[..., None, :] @ back @ slope[..., 3:])[..., 0, :]
     residual = np.where(seen, g - length, np.nan)
-    return Norm(residual, jacobian, felt, up, by_coefficient, back, by_rate)
+    return NormResiduals(residual, jacobian, felt, up, by_coefficient, back, by_rate)
 
 
-class NoisyNorm(NamedTuple):
-    """What `noisy_norm` returns; shapes for r rows and p coefficients."""
+class NoisyNormResiduals(NamedTuple):
+    """What `noisy_norm_residuals` returns; shapes for r rows and p coefficients."""
 
     residual: Array  # (..., r), m/s²
     jacobian: Array  # (..., r, p), of ‖f̂‖ to the coefficients
@@ -122,7 +128,7 @@ class NoisyNorm(NamedTuple):
     by_rate: Array  # (..., r, 3), of ‖f̂‖ to ω; zero without lever arms
 
 
-def noisy_norm(
+def noisy_norm_residuals(
     sensor: Sensor,
     y: Array,
     covariance: Array,
@@ -130,47 +136,49 @@ def noisy_norm(
     made: Array,
     w: Array | None = None,
     dT: Array | float = 0.0,
-) -> NoisyNorm:
-    """Return the residuals of `norm` and their variance by the readings' noise seen along f̂.
+) -> NoisyNormResiduals:
+    """Return the residuals of `norm_residuals` and their variance by the noise along f̂.
 
     Parameters
     ----------
     sensor, y, c
-        As of `norm`.
+        As of `norm_residuals`.
     covariance : (..., r, m, m) array
         Of the readings in each row.
     made : (..., r) array
         Norm of specific force in each row, m/s².
     w : (..., r, 3) array, optional
     dT : (..., r) array or float
-        As of `norm`.
+        As of `norm_residuals`.
     """
     r, p = y.shape[-2], c.shape[-1]
     lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
-    if len(lead) == 1 and lead[0] > FEW and _apart(sensor):
+    if len(lead) == 1 and lead[0] > QR_MAX_TRIALS and _is_separable_triad(sensor):
         from inercal.observe import _kernels
 
         names = [CoefficientName(name).parts for name in sensor.coefficients]
         # NumPy's memory comes in large pages: the solver reads it faster than compiled code's own.
         jacobian = np.empty((*lead, r, p))
-        residual, variance = _kernels.norm(
+        residual, variance = _kernels.noisy_norm_kernel(
             np.ascontiguousarray(y).reshape(-1, r, 3),
             np.ascontiguousarray(covariance).reshape(-1, r, 3, 3),
             np.ascontiguousarray(np.atleast_2d(c)),
             np.array([sensor.channels.index(axis) for axis, _ in names], dtype=np.int64),
-            np.array([_ALONG.index(term) for _, term in names], dtype=np.int64),
+            np.array([_AXIAL_TERMS.index(term) for _, term in names], dtype=np.int64),
             np.ascontiguousarray(np.atleast_2d(made)),
             jacobian,
         )
-        return NoisyNorm(residual, jacobian, variance, np.broadcast_to(0.0, (*lead, r, 3)))
-    seen = norm(sensor, y, c, made, w, dT)
+        return NoisyNormResiduals(residual, jacobian, variance, np.broadcast_to(0.0, (*lead, r, 3)))
+    seen = norm_residuals(sensor, y, c, made, w, dT)
     to_reading = (seen.up[..., None, :] @ seen.by_reading)[..., 0, :]
     variance = np.einsum("...i,...ij,...j->...", to_reading, covariance, to_reading)
-    return NoisyNorm(seen.residual, seen.jacobian[..., :-1], variance, seen.by_rate)
+    return NoisyNormResiduals(seen.residual, seen.jacobian[..., :-1], variance, seen.by_rate)
 
 
-def _apart(sensor: Sensor) -> bool:
+def _is_separable_triad(sensor: Sensor) -> bool:
     """Return whether the axes are an orthogonal triad, each with terms along itself alone."""
     i = np.array([axis.i for axis in sensor.axes])
     orthogonal = len(i) == 3 and bool(np.all(np.abs(i @ i.T - np.eye(3)) < 2.0**-50))
-    return orthogonal and all(CoefficientName(name).term in _ALONG for name in sensor.coefficients)
+    return orthogonal and all(
+        CoefficientName(name).term in _AXIAL_TERMS for name in sensor.coefficients
+    )

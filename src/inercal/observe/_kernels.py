@@ -24,7 +24,7 @@ _MAX_STEPS, _EPS, _TINY = 40, 2.0**-52, 2.0**-1022
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _invert(y: Array, k: Array, size: Array, f: Array, step: Array, slope: Array) -> None:
+def _invert_axis(y: Array, k: Array, size: Array, f: Array, step: Array, slope: Array) -> None:
     """Improve what one axis felt, f (r,), of a `size`; write the last steps, and the slopes."""
     k0, k1, k2, k3, koq = k[0], 1.0 + k[1], k[2], k[3], k[4]
     for _ in range(_MAX_STEPS):
@@ -44,7 +44,7 @@ def _invert(y: Array, k: Array, size: Array, f: Array, step: Array, slope: Array
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def norm(
+def noisy_norm_kernel(
     y: Array,
     covariance: Array,
     c: Array,
@@ -95,7 +95,7 @@ def norm(
                 f[a, n] = (seen[n, a] - k[a, 0]) / (1.0 + k[a, 1])
                 size[n] = max(size[n], abs(f[a, n]))
         for a in range(3):
-            _invert(read[a], k[a], size, f[a], step[a], slope[a])
+            _invert_axis(read[a], k[a], size, f[a], step[a], slope[a])
         for n in range(r):
             exists = slope[0, n] * slope[1, n] * slope[2, n] * at_zero > 0.0
             for a in range(3):

@@ -17,29 +17,29 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches import Bench
-from inercal.benches.kind import Kind
+from inercal.benches.kind_definition import Kind
 from inercal.calibration import Calibration, Frame
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
-from inercal.data import EstimatorInput, load
-from inercal.data.load import columns, gyro_file, readback_columns
+from inercal.data import EstimatorInput, recording_loader
+from inercal.data.recording_loader import gyro_file, readback_columns, reader_columns
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
-from inercal.io.table import sha256_of
+from inercal.io.column_table import file_sha256
 from inercal.methods import Fit
-from inercal.methods.ship_multi_angle.evolution import Generation, History
-from inercal.methods.temperature import coefficients
+from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory
+from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
-from inercal.pipeline import assumed
-from inercal.pipeline.ranges import validity
-from inercal.pipeline.shared import shared_errors
-from inercal.pipeline.simulation import named_as_in, read_out, simulate, simulate_files
-from inercal.pipeline.stated_noise import against_recording
+from inercal.pipeline import assumed_constants
+from inercal.pipeline.error_sharing import shared_errors
+from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
+from inercal.pipeline.stated_noise import check_stated_noise
+from inercal.pipeline.validity_ranges import validity
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
-from inercal.segments import FoundRests
+from inercal.segments import RestDetection
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
@@ -68,9 +68,9 @@ class Outcome:
         The audit's, and what the checks against the plan noticed.
     verdict : Verdict
         The grade, its reasons, and lines in plain words; iterating gives the lines.
-    rests : FoundRests or None
+    rests : RestDetection or None
         How rests were found, where they were found without a plan.
-    search : History or None
+    search : SearchHistory or None
         How a search went, of an estimator that searches.
     """
 
@@ -84,8 +84,8 @@ class Outcome:
     marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
     verdict: Verdict
-    rests: FoundRests | None = None
-    search: History | None = None
+    rests: RestDetection | None = None
+    search: SearchHistory | None = None
 
     @property
     def expected(self) -> Mapping[str, Parameter]:
@@ -132,9 +132,13 @@ def calibrate(
     expected = bench.nuisances(gathered.steps, sensor)
     observations, findings = gathered.observations, (*run.findings, *gathered.findings)
     if gathered.recording is not None:
-        findings += against_recording(observations, sensor, gathered.steps, by_hand=run.method.free)
+        findings += check_stated_noise(
+            observations, sensor, gathered.steps, by_hand=run.method.unknown_attitudes
+        )
     # Filters weigh single samples by the stated noise, in which rounding is not.
-    sampled = sensor if observations.track is None else _rounded(sensor, gathered.recording)
+    sampled = (
+        sensor if observations.track is None else _add_rounding_noise(sensor, gathered.recording)
+    )
     generations: list[Generation] = []
 
     def after(generation: Generation) -> None:
@@ -145,10 +149,12 @@ def calibrate(
     try:
         estimate = run.solver(after)(observations, sampled, bench, gathered.plan, run.priors)
     except NotObserved as error:
-        told = f"{_at_one_temperature(gathered, sensor, error)}{_found(gathered)}"
+        told = (
+            f"{_describe_constant_temperature(gathered, sensor, error)}{_describe_rests(gathered)}"
+        )
         raise NotObserved(f"{run.path}: {error}{told}", error.directions) from None
     except InputError as error:
-        raise InputError(f"{run.path}: {error}{_found(gathered)}") from None
+        raise InputError(f"{run.path}: {error}{_describe_rests(gathered)}") from None
     fit = Fit(
         run.estimator,
         sensor,
@@ -173,16 +179,16 @@ def calibrate(
             "leave no root; use another estimator"
         )
     p = len(sensor.coefficients)
-    constants = assumed.assumed(bench, expected)
+    constants = assumed_constants.find_assumed_constants(bench, expected)
 
     def on(other: Bench) -> Estimate:
         return run.solver()(observations, sampled, other, gathered.plan, run.priors)
 
     try:
-        assumed.require_stated(constants, estimate, p, bench, on)
+        assumed_constants.require_small_assumed_share(constants, estimate, p, bench, on)
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
-    conditions = gathered.conditions | _temperature(gathered) | _search(run)
+    conditions = gathered.conditions | _temperature_conditions(gathered) | _search_conditions(run)
     conditions |= remarks.conditions
     if run.bench_name:
         conditions["bench"] = run.bench_name
@@ -193,13 +199,13 @@ def calibrate(
             *gathered.notes,
             *observations.notes,
             *estimate.notes,
-            *assumed.notes(constants),
+            *assumed_constants.constant_notes(constants),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
         # Filters weigh samples by the stated noise.
         noise_dof=observations.dof if observations.track is None else inf,
     )
-    row_word = "rest" if run.method.free else run.kind.words.row
+    row_word = "rest" if run.method.unknown_attitudes else run.kind.words.row
     possible = run.method.possible(sensor)
     judged = verdict(estimate, sensor, findings, expected, possible, row_word)
     calibration = Calibration(
@@ -211,7 +217,7 @@ def calibrate(
         conditions,
         _provenance(run, gathered.recording),
         judged.lines,
-        _frame(run),
+        _misalignment_frame(run),
         verdict=judged,
         shared=shared_errors(run, estimate, expected, p),
         validity=validity(sensor, gathered),
@@ -228,11 +234,11 @@ def calibrate(
         findings,
         judged,
         gathered.rests,
-        run.search and History(run.search.goal, tuple(generations)),
+        run.search and SearchHistory(run.search.goal, tuple(generations)),
     )
 
 
-def _found(gathered: EstimatorInput) -> str:
+def _describe_rests(gathered: EstimatorInput) -> str:
     """Return what was found of the rests, for a refusal that they may be the cause of."""
     said = [finding.message for finding in gathered.findings if finding.what == "missing"]
     if gathered.rests is not None:
@@ -240,14 +246,14 @@ def _found(gathered: EstimatorInput) -> str:
     return "".join(f"; {text}" for text in said)
 
 
-def _rounded(sensor: Sensor, recording: Recording | None) -> Sensor:
+def _add_rounding_noise(sensor: Sensor, recording: Recording | None) -> Sensor:
     """Return the sensor with the rounding of its samples in their white noise."""
     assert recording is not None
     axes = (replace(a, noise=a.noise.rounded(recording.rate_hz)) for a in sensor.axes)
     return replace(sensor, axes=tuple(axes))
 
 
-def _search(run: Run) -> dict[str, str]:
+def _search_conditions(run: Run) -> dict[str, str]:
     if run.search is None:
         return {}
     bounds = run.search.bounds
@@ -259,7 +265,7 @@ def _search(run: Run) -> dict[str, str]:
     }
 
 
-def _frame(run: Run) -> Frame:
+def _misalignment_frame(run: Run) -> Frame:
     """Return what the misalignments refer to."""
     return "symmetric" if run.sensor.frame == "symmetric" else run.method.frame(run.bench)
 
@@ -272,7 +278,7 @@ def load_recording(run: Run) -> Recording:
     InputError
         It cannot be read, or the audit refuses it.
     """
-    return run.kind.audit(load.load_recording(run), run.sensor, run.bench)
+    return run.kind.audit(recording_loader.load_recording(run), run.sensor, run.bench)
 
 
 def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
@@ -323,14 +329,18 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
         channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"[: count[kind]]),
         units=tuple(unit for kind, unit, _ in present for _ in "xyz"[: count[kind]]),
         readback={named[name]: values for name, values in recording.readback.items()},
-        label_name=columns(run).label or recording.label_name,
+        label_name=reader_columns(run).label or recording.label_name,
     )
 
 
-def _at_one_temperature(gathered: EstimatorInput, sensor: Sensor, error: NotObserved) -> str:
+def _describe_constant_temperature(
+    gathered: EstimatorInput, sensor: Sensor, error: NotObserved
+) -> str:
     """Return what coefficients of temperature lack, where a refusal names one."""
     t = gathered.observations.temperature
-    if t is None or not set(coefficients(sensor)) & set(" ".join(error.directions).split()):
+    if t is None or not set(temperature_coefficients(sensor)) & set(
+        " ".join(error.directions).split()
+    ):
         return ""
     low, high = float(t.min()) - ZERO_CELSIUS, float(t.max()) - ZERO_CELSIUS
     return (
@@ -339,7 +349,7 @@ def _at_one_temperature(gathered: EstimatorInput, sensor: Sensor, error: NotObse
     )
 
 
-def _temperature(gathered: EstimatorInput) -> dict[str, str]:
+def _temperature_conditions(gathered: EstimatorInput) -> dict[str, str]:
     recording = gathered.recording
     t = gathered.observations.temperature if recording is None else recording.temperature
     if t is None:
@@ -347,7 +357,7 @@ def _temperature(gathered: EstimatorInput) -> dict[str, str]:
     return {"temperature": f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"}
 
 
-def _digest(run: Run, recording: Recording | None) -> str:
+def _run_digest(run: Run, recording: Recording | None) -> str:
     if recording is not None:
         return recording.sha256
     return sha256(run.file(run.data.file).read_bytes()).hexdigest()
@@ -357,13 +367,13 @@ def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
     second: dict[str, str] = {}
     if (gyros := gyro_file(run)) is not None:
         second["gyro recording"] = str(run.data.gyro_file)
-        second["gyro recording sha256"] = sha256_of(gyros)
-    for what, name in run.data.others().items():
+        second["gyro recording sha256"] = file_sha256(gyros)
+    for what, name in run.data.further_files().items():
         second[what] = name
-        second[f"{what} sha256"] = sha256_of(run.file(name))
+        second[f"{what} sha256"] = file_sha256(run.file(name))
     return {
         "recording": run.data.file,
-        "recording sha256": _digest(run, recording),
+        "recording sha256": _run_digest(run, recording),
         **second,
         "run file": run.path.name,
         "run file sha256": run.sha256,
@@ -375,9 +385,9 @@ def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
 __all__ = [
     "Outcome",
     "apply",
+    "apply_data_columns",
     "calibrate",
     "load_recording",
-    "named_as_in",
     "read_out",
     "simulate",
     "simulate_files",

@@ -15,13 +15,13 @@ import numpy as np
 from inercal.plan import Rotation, Spin, Step, Turn
 from inercal.recording import Finding, Observations
 from inercal.sensors import Sensor
-from inercal.units import digits, factor
+from inercal.units import format_value_and_uncertainty, si_factor
 
 _APART = 2.0  # times: what 20 batches find of white noise is within 20 %
 _UNITS = {"f": ("accelerometer", "m/s²", "µg/√Hz"), "w": ("gyro", "rad/s", "°/√h")}
 
 
-def against_recording(
+def check_stated_noise(
     observations: Observations, sensor: Sensor, steps: Sequence[Step], *, by_hand: bool
 ) -> tuple[Finding, ...]:
     """Return a warning for each kind of axes whose noise is not as stated.
@@ -36,7 +36,7 @@ def against_recording(
     by_hand : bool
     """
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
-    resting = np.array([not by_hand and _rests(step) for step in steps])
+    resting = np.array([not by_hand and _is_at_rest(step) for step in steps])
     lasting = observations.duration[:, None]
     found: list[Finding] = []
     for kind, (words, like, unit) in _UNITS.items():
@@ -55,23 +55,23 @@ def against_recording(
         k = int(np.argmax(np.abs(np.log(off))))
         if off[k] == 1.0:
             continue
-        size = factor(unit, f"({like})/√Hz")
+        size = si_factor(unit, f"({like})/√Hz")
         mean = float(np.sqrt(np.median(density[:, k])))
         found.append(
             Finding(
                 "warning",
                 "noise",
                 f"{sensor.axes[own[k]].name}: the noise of the recording is "
-                f"{digits(0.0, mean / size)[1]} {unit}, but [sensor.{words}] white states "
-                f"{digits(0.0, noises[k].white / size)[1]} {unit}: check it, the unit and the "
-                "scale",
+                f"{format_value_and_uncertainty(0.0, mean / size)[1]} {unit}, but [sensor.{words}] "
+                f"white states {format_value_and_uncertainty(0.0, noises[k].white / size)[1]} "
+                f"{unit}: check it, the unit and the scale",
                 sensor.axes[own[k]].name,
             )
         )
     return tuple(found)
 
 
-def _rests(step: Step) -> bool:
+def _is_at_rest(step: Step) -> bool:
     """Return whether a step is at rest."""
     if isinstance(step, Spin):
         return step.rate == 0

@@ -13,7 +13,7 @@ from inercal.calibration import Calibration
 from inercal.errors import InputError
 
 
-def in_frame_of(calibration: Calibration, truth: Mapping[str, float]) -> Mapping[str, float]:
+def true_coefficients(calibration: Calibration, truth: Mapping[str, float]) -> Mapping[str, float]:
     """Return the true coefficients, SI, of the calibration by full name.
 
     Where terms beyond bias, scale factor and misalignment are among them, which do not turn, the

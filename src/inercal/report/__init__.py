@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING
 
 from inercal.budget import Budget
 from inercal.design.worksheet import Worksheet
-from inercal.errors import brought_by
-from inercal.io.atomic import write_text
+from inercal.errors import require_extra
+from inercal.io.atomic_files import write_text
 from inercal.pipeline import Outcome
-from inercal.pipeline.refused import Seen
+from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.sensors import Sensor
 
 if TYPE_CHECKING:  # reports do without a register
-    from inercal.store import History
+    from inercal.store import SensorHistory
 
 
 def write_report(
     outcome: Outcome,
     path: str | Path,
     truth: Mapping[str, float] | None = None,
-    history: "History | None" = None,
+    history: "SensorHistory | None" = None,
 ) -> Path:
     """Write the report; the file appears whole or not at all. Return its path.
 
@@ -34,7 +34,7 @@ def write_report(
     path : path
     truth : mapping of str to float, optional
         Of a simulation: coefficients in SI by full name; those missing are zero.
-    history : History, optional
+    history : SensorHistory, optional
         Of the sensor's calibrations, which becomes a section.
 
     Raises
@@ -43,16 +43,16 @@ def write_report(
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.page import page
+        from inercal.report.calibration_page import page
     return write_text(path, page(outcome, truth, history))
 
 
-def write_refusal(seen: Seen, sensor: Sensor, message: str, path: str | Path) -> Path:
+def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: str | Path) -> Path:
     """Write the page of a recording that was refused, whole or not at all. Return its path.
 
     Parameters
     ----------
-    seen : Seen
+    seen : InspectedRecording
     sensor : Sensor
     message : str
         Why it was refused.
@@ -64,16 +64,16 @@ def write_refusal(seen: Seen, sensor: Sensor, message: str, path: str | Path) ->
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.refusal import page
+        from inercal.report.refusal_page import page
     return write_text(path, page(seen, sensor, message))
 
 
-def write_history(history: "History", path: str | Path) -> Path:
+def write_history(history: "SensorHistory", path: str | Path) -> Path:
     """Write the page of a sensor's history; it appears whole or not at all. Return its path.
 
     Parameters
     ----------
-    history : History
+    history : SensorHistory
     path : path
 
     Raises
@@ -84,7 +84,7 @@ def write_history(history: "History", path: str | Path) -> Path:
     return write_text(path, history_page(history))
 
 
-def history_page(history: "History") -> str:
+def history_page(history: "SensorHistory") -> str:
     """Return the page of a sensor's history, HTML.
 
     Raises
@@ -93,7 +93,7 @@ def history_page(history: "History") -> str:
         matplotlib or jinja2 is missing.
     """
     with _extras():
-        from inercal.report.over_time import page
+        from inercal.report.sensor_history_page import page
     return page(history)
 
 
@@ -113,7 +113,7 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.budget import page
+        from inercal.report.budget_page import page
     return write_text(path, page(budget, under))
 
 
@@ -133,13 +133,13 @@ def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
         jinja2 is missing, or the file cannot be written.
     """
     with _extras():
-        from inercal.report.worksheet import page
+        from inercal.report.worksheet_page import page
     return write_text(path, page(sheet, table))
 
 
 def _extras() -> AbstractContextManager[None]:
     packages = ("matplotlib", "jinja2", "markupsafe")
-    return brought_by("report", "reports need matplotlib and jinja2", packages)
+    return require_extra("report", "reports need matplotlib and jinja2", packages)
 
 
 __all__ = [

@@ -8,45 +8,45 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from inercal.budget.rows import Row
+from inercal.budget.contribution_table import BudgetRow
 from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, MINUS, MUTED, PAPER
 
 _COLOURS = {"line": MINUS, "others": FAINT, "total": MUTED}
 _WIDTH, _COLUMNS = 9.0, 2
-_BAR, _TITLE = 0.17, 0.34  # inches
-_LEAST = 1e-4  # of the variance: a hundredth of the length
-_NAMES, _NUMBERS = 1.5, 0.55  # inches, left and right of the bars
+_BAR_HEIGHT, _TITLE_HEIGHT = 0.17, 0.34  # inches
+_MIN_SHARE = 1e-4  # of the variance: a hundredth of the length
+_NAME_WIDTH, _NUMBER_WIDTH = 1.5, 0.55  # inches, left and right of the bars
 
 
 @drawing.style
-def bars(panels: Sequence[tuple[str, Sequence[Row]]]) -> Markup:
+def contribution_bars(panels: Sequence[tuple[str, Sequence[BudgetRow]]]) -> Markup:
     """Return one panel a coefficient: its title, and bars in the order of its rows.
 
     Bars are by Monte Carlo; a dot is the contribution to first order.
     """
-    drawn = [(title, [row for row in rows if _seen(row)]) for title, rows in panels]
+    drawn = [(title, [row for row in rows if _is_visible(row)]) for title, rows in panels]
     lines = [drawn[k : k + _COLUMNS] for k in range(0, len(drawn), _COLUMNS)]
-    heights = [_BAR * max(len(rows) for _, rows in line) for line in lines]
-    total = sum(heights) + _TITLE * len(lines)
+    heights = [_BAR_HEIGHT * max(len(rows) for _, rows in line) for line in lines]
+    total = sum(heights) + _TITLE_HEIGHT * len(lines)
     figure = Figure(figsize=(_WIDTH, total))
     each, foot = _WIDTH / _COLUMNS, total
     for line, height in zip(lines, heights, strict=True):
-        foot -= _TITLE + height
+        foot -= _TITLE_HEIGHT + height
         for column, (title, rows) in enumerate(line):
-            own = _BAR * len(rows)
-            left, width = column * each + _NAMES, each - _NAMES - _NUMBERS
+            own = _BAR_HEIGHT * len(rows)
+            left, width = column * each + _NAME_WIDTH, each - _NAME_WIDTH - _NUMBER_WIDTH
             box = (left / _WIDTH, (foot + height - own) / total, width / _WIDTH, own / total)
-            _panel(figure.add_axes(box), title, rows)
+            _draw_panel(figure.add_axes(box), title, rows)
     return drawing.svg(figure, "contributions", "Contributions to each coefficient, largest first")
 
 
-def _seen(row: Row) -> bool:
+def _is_visible(row: BudgetRow) -> bool:
     """Whether a row is worth a bar: what is small together may be nothing at all."""
-    return row.kind != "others" or row.share > _LEAST
+    return row.kind != "others" or row.share > _MIN_SHARE
 
 
-def _panel(axes: Axes, title: str, rows: Sequence[Row]) -> None:
+def _draw_panel(axes: Axes, title: str, rows: Sequence[BudgetRow]) -> None:
     places = range(len(rows))
     largest = max(max(row.size, row.linear) for row in rows) or 1.0
     sizes = [row.size / largest for row in rows]

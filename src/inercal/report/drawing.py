@@ -22,12 +22,12 @@ INK, MUTED, FAINT, BAND = "#010a01", "#010a02", "#010a03", "#010a04"
 X, Y, Z = "#010a05", "#010a06", "#010a07"
 WARN, PLUS, MINUS, PAPER = "#010a08", "#010a09", "#010a0a", "#010a0b"
 AXES = (X, Y, Z)
-NAMES = 20
+MAX_NAMES = 20
 """Names along an axis, at most: more cannot be read."""
 SHAPES = ("o", "s", "^")  # for those who do not see the colours, and for black and white prints
 _WIDTH = 9.0  # inches, of a page's figure
 _LEFT, _RIGHT, _ABOVE = 0.75, 0.05, 0.25  # inches, of the room around each of its axes
-LETTER = 0.062  # inches, of a digit at 7 points
+LETTER_WIDTH = 0.062  # inches, of a digit at 7 points
 _VARIABLES = {
     INK: "ink", MUTED: "muted", FAINT: "faint", BAND: "band", X: "x", Y: "y", Z: "z",
     WARN: "warn", PLUS: "plus", MINUS: "minus", PAPER: "paper",
@@ -87,7 +87,7 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     head, _, body = body.partition(">")
     box = re.search(r'viewBox="[^"]*"', head)
     assert box
-    body = re.sub(r' d="[^"]*"', _rounded, body)
+    body = re.sub(r' d="[^"]*"', _round_coordinates, body)
     for old, new in (
         ('id="', f'id="{name}-'),
         ("url(#", f"url(#{name}-"),
@@ -100,7 +100,7 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     return Markup(f'<svg {box[0]} role="img" aria-label="{label}">') + Markup(body)
 
 
-def _rounded(path: re.Match[str]) -> str:
+def _round_coordinates(path: re.Match[str]) -> str:
     """Return a path's coordinates without what is below 1/100 point."""
     return re.sub(r"(\.\d\d)\d+", r"\1", path[0])
 
@@ -129,19 +129,23 @@ def panels(
         foot -= _ABOVE + height
         size = ((each - _LEFT - _RIGHT) / _WIDTH, height / total)
         corners = [((_LEFT + k * each) / _WIDTH, foot / total) for k in range(columns)]
-        rows.append([figure.add_axes((*corner, *size)) for corner in corners])
+        rows.append([figure.add_axes((*row_heading, *size)) for row_heading in corners])
         foot -= under
     return figure, rows
 
 
-def room_for(labels: Sequence[str]) -> float:
+def label_room(labels: Sequence[str]) -> float:
     """Return the room that these names of positions, or none, need under their axes, inches."""
     if not labels:
         return 0.05
-    return 0.15 + LETTER * 8 / 7 * max(map(len, labels)) if _upright(labels) else 0.25
+    return (
+        0.15 + LETTER_WIDTH * 8 / 7 * max(map(len, labels))
+        if _needs_upright_labels(labels)
+        else 0.25
+    )
 
 
-def _upright(labels: Sequence[str]) -> bool:
+def _needs_upright_labels(labels: Sequence[str]) -> bool:
     longest = max(map(len, labels), default=0)
     return len(labels) > 10 or longest > 7 or len(labels) * (longest + 1) > 60
 
@@ -169,8 +173,8 @@ def name_positions(
     if not named:
         return
     under, top, centre = axes.get_xaxis_text1_transform(4)
-    angle = 90 if _upright(labels) else 0
-    every = -(-len(labels) // NAMES)
+    angle = 90 if _needs_upright_labels(labels) else 0
+    every = -(-len(labels) // MAX_NAMES)
     # Texts: a tick of matplotlib costs several times as much.
     chosen: list[int] = []
     for k in (*worst, *range(0, len(labels), every)):
@@ -180,6 +184,6 @@ def name_positions(
         axes.text(k, 0, labels[k], transform=under, rotation=angle, va=top, ha=centre)
 
 
-def key(axes: Axes) -> None:
+def add_legend(axes: Axes) -> None:
     """Put the legend in one line into the room above the axes, at its right end."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=99, borderpad=0)

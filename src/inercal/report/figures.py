@@ -20,48 +20,48 @@ from inercal.pipeline import Outcome
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg
 
-KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
-BEYOND = 2.0
+SENSOR_KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
+BAND_LIMIT = 2.0
 """Standard deviations that are shaded."""
-_NAMED = re.compile(r"([^\[\]]+)\[([^\[\]]+)\]")  # of an observation: the axis, the row
+_OBSERVATION_NAME = re.compile(r"([^\[\]]+)\[([^\[\]]+)\]")  # of an observation: the axis, the row
 _GROUP_UNITS = {
     "m/s²": ("mm/s²", 1e-3),
     "m/s": ("mm/s", 1e-3),
     "rad/s": ("°/h", np.pi / 648_000),
     "rad": ("mrad", 1e-3),
 }
-_FINE = ("″", np.pi / 648_000)  # of angles below 1 mrad
+_FINE_ANGLE = ("″", np.pi / 648_000)  # of angles below 1 mrad
 _COMPONENTS = {1: ("norm",), 2: ("across 1", "across 2"), 3: ("x", "y", "z")}
-_LEVEL = ("east", "north", "up")
+_LEVEL_AXES = ("east", "north", "up")
 _MARKERS = (*SHAPES, "D", "v", "<", ">")
-_FEW = 14  # so many coefficients leave room for numbers in their cells
+_MAX_NUMBERED = 14  # so many coefficients leave room for numbers in their cells
 
 
 @drawing.style
 def residuals(outcome: Outcome) -> Markup:
     """Return whitened residuals (above) and residuals in units (below), by position and turn."""
     if outcome.estimate.groups:
-        return _residuals_by_group(outcome)
-    seen = _seen(outcome)
+        return _group_residual_figure(outcome)
+    seen = _residual_table(outcome)
     kinds = list(dict.fromkeys(kind for kind in seen.kinds))
-    rooms = [drawing.room_for(()), drawing.room_for(seen.rows)]
+    rooms = [drawing.label_room(()), drawing.label_room(seen.rows)]
     figure, (first, second) = drawing.panels(1.65, rooms, len(kinds))
     for upper, lower, kind in zip(first, second, kinds, strict=True):
         members = [k for k, own in enumerate(seen.kinds) if own == kind]
         names = [seen.parts[k] for k in members]
-        title, unit, si = KINDS[kind]
-        dots(upper, seen.whitened[:, members], names, band=True)
-        dots(lower, seen.plain[:, members] / si, names, band=False)
+        title, unit, si = SENSOR_KINDS[kind]
+        draw_dots(upper, seen.whitened[:, members], names, band=True)
+        draw_dots(lower, seen.plain[:, members] / si, names, band=False)
         drawing.name_positions(upper, seen.rows, named=False)
-        drawing.name_positions(lower, seen.rows, worst=beyond(seen.whitened[:, members]))
+        drawing.name_positions(lower, seen.rows, worst=rows_beyond_band(seen.whitened[:, members]))
         upper.set_title(title)
         upper.set_ylabel("standard deviations")
         lower.set_ylabel(unit)
-        drawing.key(upper)
+        drawing.add_legend(upper)
     return svg(figure, "residuals", "Residuals of each mean reading, by position and turn")
 
 
-class _Seen(NamedTuple):
+class _ResidualTable(NamedTuple):
     """Residuals as a table, (rows, parts), NaN where a row has not that part."""
 
     rows: Sequence[str]
@@ -71,11 +71,11 @@ class _Seen(NamedTuple):
     plain: Array
 
 
-def _seen(outcome: Outcome) -> _Seen:
+def _residual_table(outcome: Outcome) -> _ResidualTable:
     """Return the residuals by the names of their observations, "ax[z_p]", or by their shape."""
     estimate, sensor = outcome.estimate, outcome.calibration.sensor
     measures = {axis.name: axis.measures for axis in sensor.axes}
-    named = [_NAMED.fullmatch(name) for name in estimate.observations]
+    named = [_OBSERVATION_NAME.fullmatch(name) for name in estimate.observations]
     found = [(one[1], one[2]) for one in named if one is not None]
     if len(found) == estimate.whitened.size:
         parts, rows = (list(dict.fromkeys(pair[k] for pair in found)) for k in (0, 1))
@@ -87,14 +87,14 @@ def _seen(outcome: Outcome) -> _Seen:
         whitened, plain = (x.reshape(len(rows), -1) for x in (estimate.whitened, estimate.residual))
         alone = whitened.shape[1] == 1 < len(sensor.axes)
         parts = ["norm"] if alone else [axis.name for axis in sensor.axes]
-    return _Seen(rows, parts, [measures.get(part, "f") for part in parts], whitened, plain)
+    return _ResidualTable(rows, parts, [measures.get(part, "f") for part in parts], whitened, plain)
 
 
-def _residuals_by_group(outcome: Outcome) -> Markup:
+def _group_residual_figure(outcome: Outcome) -> Markup:
     groups = outcome.estimate.groups
     named = [group.labels != below.labels for group, below in pairwise(groups)] + [True]
     rooms = [
-        drawing.room_for(group.labels if has else ())
+        drawing.label_room(group.labels if has else ())
         for group, has in zip(groups, named, strict=True)
     ]
     figure, rows = drawing.panels(1.65, rooms, 2)
@@ -102,17 +102,17 @@ def _residuals_by_group(outcome: Outcome) -> Markup:
     for (left, right), group, has in zip(rows, groups, named, strict=True):
         unit, si = _GROUP_UNITS[group.unit]
         if group.unit == "rad" and np.abs(group.residual).max(initial=0.0) < si:
-            unit, si = _FINE
-        parts = _LEVEL if courses else _COMPONENTS[group.residual.shape[1]]
-        dots(left, group.residual / group.sd, parts, band=True)
-        dots(right, group.residual / si, parts, band=False)
+            unit, si = _FINE_ANGLE
+        parts = _LEVEL_AXES if courses else _COMPONENTS[group.residual.shape[1]]
+        draw_dots(left, group.residual / group.sd, parts, band=True)
+        draw_dots(right, group.residual / si, parts, band=False)
         for axes, words in ((left, "standard deviations"), (right, unit)):
-            worst = beyond(group.residual / group.sd)
+            worst = rows_beyond_band(group.residual / group.sd)
             drawing.name_positions(axes, group.labels, named=has, worst=worst)
             axes.set_ylabel(words)
         left.set_title(group.name)
         if len(parts) > 1:
-            drawing.key(right)  # on the left the title may be long
+            drawing.add_legend(right)  # on the left the title may be long
     return svg(figure, "residuals", "Residuals of each kind of observation, by step")
 
 
@@ -130,8 +130,8 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
     for row, found in enumerate(pulls.values()):
         for name, pull in found:
             table[row, names.index(name)] = pull
-    figure, ((axes,),) = drawing.panels(1.8, [drawing.room_for(list(pulls))])
-    _band(axes, table)
+    figure, ((axes,),) = drawing.panels(1.8, [drawing.label_room(list(pulls))])
+    _draw_band(axes, table)
     place = np.full(table.shape, np.nan)
     for row, found in enumerate(pulls.values()):
         across = np.linspace(-0.3, 0.3, len(found)) if len(found) > 1 else np.zeros(1)
@@ -142,22 +142,22 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
         colour = {"1": X, "2": Y}.get(name[-1], Z)
         axes.plot(place[:, k], table[:, k], shape, ms=4.5, mfc=colour, mec=PAPER, mew=0.4,
                   ls="none", label=name)  # fmt: skip
-    drawing.name_positions(axes, list(pulls), worst=beyond(table))
+    drawing.name_positions(axes, list(pulls), worst=rows_beyond_band(table))
     axes.set_ylabel("standard deviations")
-    drawing.key(axes)
+    drawing.add_legend(axes)
     return svg(figure, "departures", "What the fit found about the bench, against what was stated")
 
 
-def beyond(values: Array) -> list[int]:
+def rows_beyond_band(values: Array) -> list[int]:
     """Return the rows of (rows, parts) that lie beyond the band, the farthest first."""
     size = np.nanmax(np.abs(values), axis=1, initial=0.0)
-    return [k for k in np.argsort(-size, kind="stable").tolist() if size[k] > BEYOND]
+    return [k for k in np.argsort(-size, kind="stable").tolist() if size[k] > BAND_LIMIT]
 
 
-def dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:
+def draw_dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None:
     """Draw (rows, parts) by row, a colour and a shape for each part; with or without the band."""
     if band:
-        _band(axes, values)
+        _draw_band(axes, values)
     else:
         axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
         axes.margins(y=0.15)
@@ -167,10 +167,10 @@ def dots(axes: Axes, values: Array, names: Sequence[str], *, band: bool) -> None
                   mfc=AXES[k % 3], mec=PAPER, mew=0.4, ls="none", label=name)  # fmt: skip
 
 
-def _band(axes: Axes, values: Array) -> None:
+def _draw_band(axes: Axes, values: Array) -> None:
     """Draw the ±2 band and leave room for it and for the values."""
-    reach = 1.25 * max(BEYOND * 1.25, float(np.nanmax(np.abs(values), initial=0.0)))
-    axes.axhspan(-BEYOND, BEYOND, color=BAND, lw=0, zorder=0)
+    reach = 1.25 * max(BAND_LIMIT * 1.25, float(np.nanmax(np.abs(values), initial=0.0)))
+    axes.axhspan(-BAND_LIMIT, BAND_LIMIT, color=BAND, lw=0, zorder=0)
     axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
     axes.set_ylim(-reach, reach)
 
@@ -182,17 +182,17 @@ def correlations(estimate: Estimate) -> Markup:
     p = len(names)
     matrix = estimate.select(names).correlation
     size = max(4.6, 0.215 * p)
-    room = 0.15 + drawing.LETTER * max(map(len, names))
-    figure = Figure(figsize=(size + room, size + room))
-    share = size / (size + room)
+    allocate_steps = 0.15 + drawing.LETTER_WIDTH * max(map(len, names))
+    figure = Figure(figsize=(size + allocate_steps, size + allocate_steps))
+    share = size / (size + allocate_steps)
     axes = figure.add_axes((1 - share, 1 - share, share, share))
     axes.set(xlim=(-0.6, p - 0.4), ylim=(p - 0.4, -0.6))
     axes.axis("off")
     below = [(column, row) for row in range(p) for column in range(row)]
     strengths = [float(matrix[row, column]) for column, row in below]
-    _squares(axes, below, strengths)
+    _draw_squares(axes, below, strengths)
     for (column, row), r in zip(below, strengths, strict=True):
-        if p <= _FEW and abs(r) >= 0.05:
+        if p <= _MAX_NUMBERED and abs(r) >= 0.05:
             axes.text(column, row, f"{r:.2f}".replace("-", "−").replace("0.", "."),
                       ha="center", va="center", fontsize=6,
                       color=PAPER if abs(r) > 0.6 else INK)  # fmt: skip
@@ -204,14 +204,14 @@ def correlations(estimate: Estimate) -> Markup:
     for k in range(1, p):
         if owners[k] != owners[k - 1]:
             axes.plot([-0.5, k - 0.5, k - 0.5], [k - 0.5, k - 0.5, p - 0.5], color=FAINT, lw=0.6)
-    _key(axes)
+    _draw_colour_scale(axes)
     return svg(figure, "correlations", "Correlation coefficients of the coefficients")
 
 
-def _key(axes: Axes) -> None:
+def _draw_colour_scale(axes: Axes) -> None:
     """Draw the scale of the shades into the empty upper triangle."""
     key = axes.inset_axes((0.62, 0.9, 0.36, 0.035))
-    _squares(key, [(k, 0) for k in range(9)], np.linspace(-1, 1, 9).tolist())
+    _draw_squares(key, [(k, 0) for k in range(9)], np.linspace(-1, 1, 9).tolist())
     key.set(xlim=(-0.5, 8.5), ylim=(-0.5, 0.5))
     key.axis("off")
     for k, text in zip((0, 2, 4, 6, 8), ("−1", "−½", "0", "+½", "+1"), strict=True):
@@ -219,7 +219,7 @@ def _key(axes: Axes) -> None:
     key.text(-0.5, 0.8, "correlation")
 
 
-def _squares(axes: Axes, cells: Sequence[tuple[int, int]], strengths: Sequence[float]) -> None:
+def _draw_squares(axes: Axes, cells: Sequence[tuple[int, int]], strengths: Sequence[float]) -> None:
     """Fill cells by their correlations; where there is none, the page shows, light or dark."""
     square = 0.46 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     shades = [(PLUS if r > 0 else MINUS, min(abs(r), 1.0)) for r in strengths]

@@ -6,16 +6,16 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from inercal.benches.report import Plot, Series
+from inercal.benches.report_data import Plot, Series
 from inercal.calibration.verdict import COVERAGE
 from inercal.report import drawing
 from inercal.report.drawing import AXES, FAINT, MUTED, PAPER, SHAPES, svg
 
-_BESIDE = 12.0  # of the ticks' unit, at both ends
+_X_MARGIN = 12.0  # of the ticks' unit, at both ends
 
 
 @drawing.style
-def drawn(plot: Plot) -> Markup | None:
+def draw_plot(plot: Plot) -> Markup | None:
     """Return a plot as SVG; None of one without panels."""
     if not plot.panels:
         return None
@@ -25,20 +25,20 @@ def drawn(plot: Plot) -> Markup | None:
     for k, (axes, panel) in enumerate(zip(row, plot.panels, strict=True)):
         axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
         for j, series in enumerate(panel.series):
-            _points(axes, series, k if several else j)
+            _draw_series(axes, series, k if several else j)
         if several:
             axes.set_ylim(-reach, reach)
         if panel.ticks:
-            axes.set_xlim(panel.ticks[0] - _BESIDE, panel.ticks[-1] + _BESIDE)
+            axes.set_xlim(panel.ticks[0] - _X_MARGIN, panel.ticks[-1] + _X_MARGIN)
             axes.set_xticks(panel.ticks)
         axes.set_title(panel.title)
         axes.set_xlabel(panel.x)
-        drawing.key(axes)
+        drawing.add_legend(axes)
     row[0].set_ylabel(plot.y)
     return svg(figure, plot.name, plot.title)
 
 
-def _points(axes: Axes, series: Series, k: int) -> None:
+def _draw_series(axes: Axes, series: Series, k: int) -> None:
     if series.hollow:
         axes.plot(series.x, series.y, "o", ms=4.5, mfc="none", mec=MUTED, mew=0.8, ls="none",
                   label=series.name)  # fmt: skip

@@ -12,33 +12,33 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from inercal.arrays import Array
-from inercal.benches.report import Direction
-from inercal.plan import Hold, Rotation, Turn, direction
+from inercal.benches.report_data import MeasuredDirection
+from inercal.plan import Hold, Rotation, Turn, describe_direction
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
 FACES = tuple(tuple(sign * row) for row in np.eye(3) for sign in (1.0, -1.0))
-_ON_FACE = cos(25 * pi / 180)  # a hold within 25° covers the face
-_FACE = cos(10 * pi / 180)  # a nominal attitude further from every face was not one
-_NAMED = 14  # attitudes; the names of more would cover one another
-_RING = 17 * pi / 180  # angular radius of the arrow that stands for a turn
+_COVERED_COSINE = cos(25 * pi / 180)  # a hold within 25° covers the face
+_NOMINAL_COSINE = cos(10 * pi / 180)  # a nominal attitude further from every face was not one
+_MAX_NAMED = 14  # attitudes; the names of more would cover one another
+_RING_RADIUS = 17 * pi / 180  # angular radius of the arrow that stands for a turn
 _VIEW = np.array([1.0, 0.78, 0.66]) / np.linalg.norm([1.0, 0.78, 0.66])
 
 
-def missing_faces(found: Sequence[Direction]) -> list[str]:
+def missing_faces(found: Sequence[MeasuredDirection]) -> list[str]:
     """Return the faces that no hold had up: "−z"; none where attitudes were free."""
     holds = [(a, a.step) for a in found if isinstance(a.step, Hold)]
-    if not holds or any(max(map(abs, step.up)) < _FACE for _, step in holds):
+    if not holds or any(max(map(abs, step.up)) < _NOMINAL_COSINE for _, step in holds):
         return []
     return [
-        direction((float(x), float(y), float(z)))
+        describe_direction((float(x), float(y), float(z)))
         for x, y, z in FACES
-        if not any(a.towards @ np.array([x, y, z]) > _ON_FACE for a, _ in holds)
+        if not any(a.unit_vector @ np.array([x, y, z]) > _COVERED_COSINE for a, _ in holds)
     ]
 
 
 @drawing.style
-def sphere(found: Sequence[Direction], side: int) -> Markup:
+def sphere(found: Sequence[MeasuredDirection], side: int) -> Markup:
     """Return the sphere of body directions, seen from +x +y +z (side 1) or opposite (−1)."""
     figure = Figure(figsize=(4.2, 4.4))
     axes = figure.add_axes((0, 0, 1, 4.2 / 4.4))
@@ -46,13 +46,13 @@ def sphere(found: Sequence[Direction], side: int) -> Markup:
     right = np.cross([0.0, 0.0, 1.0], view)
     right /= np.linalg.norm(right)
     screen = np.stack([right, np.cross(view, right), view])
-    _globe(axes, screen)
+    _draw_globe(axes, screen)
     missing = missing_faces(found)
     for face in FACES:
         x, y, depth = screen @ np.array(face)
         if depth < 0:
             continue
-        name = direction((face[0], face[1], face[2]))
+        name = describe_direction((face[0], face[1], face[2]))
         if name in missing:
             axes.plot(x, y, "o", ms=9, mfc="none", mec=WARN, mew=1.2)
             axes.annotate(f"{name}: no position", (x, y), (0, -13), textcoords="offset points",
@@ -61,16 +61,16 @@ def sphere(found: Sequence[Direction], side: int) -> Markup:
             axes.annotate(name, (x, y), (0, -12), textcoords="offset points", ha="center",
                           color=MUTED)  # fmt: skip
     for attitude in found:
-        x, y, depth = screen @ attitude.towards
+        x, y, depth = screen @ attitude.unit_vector
         if depth < 0:
             continue
         if not isinstance(attitude.step, Turn | Rotation):
             axes.plot(x, y, "o", ms=6, mfc=Z, mec=PAPER, mew=0.6)
-            if len(found) <= _NAMED:
+            if len(found) <= _MAX_NAMED:
                 axes.annotate(attitude.step.label, (x, y), (0, 7), textcoords="offset points",
                               ha="center", color=INK)  # fmt: skip
         else:
-            _turn(axes, attitude, attitude.step.angle, screen)
+            _draw_turn(axes, attitude, attitude.step.angle, screen)
     axes.set(xlim=(-1.12, 1.12), ylim=(-1.12, 1.12))
     axes.axis("off")
     seen = "+x +y +z" if side > 0 else "−x −y −z"
@@ -78,7 +78,7 @@ def sphere(found: Sequence[Direction], side: int) -> Markup:
     return svg(figure, f"sphere{'p' if side > 0 else 'm'}", f"Attitudes covered, seen from {seen}")
 
 
-def _globe(axes: Axes, screen: Array) -> None:
+def _draw_globe(axes: Axes, screen: Array) -> None:
     axes.add_patch(Circle((0, 0), 1.0, fc=BAND, ec=MUTED, lw=0.8))
     along = np.linspace(0, 2 * pi, 181)
     for k in range(3):
@@ -88,14 +88,14 @@ def _globe(axes: Axes, screen: Array) -> None:
         axes.plot(np.where(depth >= 0, x, np.nan), y, color=FAINT, lw=0.8)
 
 
-def _turn(axes: Axes, attitude: Direction, angle: float, screen: Array) -> None:
+def _draw_turn(axes: Axes, attitude: MeasuredDirection, angle: float, screen: Array) -> None:
     """Draw an arrow around the axis, the way that the sensor was turned."""
-    n = attitude.towards
+    n = attitude.unit_vector
     first = np.cross(screen[0], n)
     first /= np.linalg.norm(first)
     second = np.cross(n, first)
     start = np.sign(angle) * np.linspace(-0.78 * pi, 0.78 * pi, 61)
-    ring = cos(_RING) * n[:, None] + sin(_RING) * (
+    ring = cos(_RING_RADIUS) * n[:, None] + sin(_RING_RADIUS) * (
         np.outer(first, np.cos(start)) + np.outer(second, np.sin(start))
     )
     x, y, _ = screen @ ring

@@ -5,10 +5,10 @@ from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-_HERE = "inercal.report"
+_PACKAGE = "inercal.report"
 
 
-def render(template: str, package: str = _HERE, **values: Any) -> str:
+def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
     """Return a template filled in, HTML; values are escaped but for those that are `Markup`.
 
     Parameters
@@ -25,7 +25,7 @@ def render(template: str, package: str = _HERE, **values: Any) -> str:
 @cache
 def _environment(package: str) -> Environment:
     return Environment(
-        loader=ChoiceLoader([PackageLoader(package, "."), PackageLoader(_HERE, ".")]),
+        loader=ChoiceLoader([PackageLoader(package, "."), PackageLoader(_PACKAGE, ".")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -17,20 +17,20 @@ from inercal.pipeline import Outcome
 from inercal.recording import Mark, Recording
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, WARN, svg
-from inercal.report.figures import KINDS
-from inercal.segments import FoundRests, scatter
+from inercal.report.figures import SENSOR_KINDS
+from inercal.segments import RestDetection, scatter
 from inercal.sensors import Sensor
 
-POINTS = 2400  # of each channel, at most
+MAX_POINTS = 2400  # of each channel, at most
 
 
 def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
     """Return times from the first sample, s, and readings, (k,): broken by NaN at gaps.
 
-    Of more than `POINTS` samples the extremes of each of POINTS/2 stretches are kept.
+    Of more than `MAX_POINTS` samples the extremes of each of POINTS/2 stretches are kept.
     """
     y = np.ascontiguousarray(recording.data[:, column])
-    stretch = -(-y.size // (POINTS // 2))
+    stretch = -(-y.size // (MAX_POINTS // 2))
     if stretch <= 2:
         kept = np.arange(y.size)
     else:
@@ -47,7 +47,7 @@ def envelope(recording: Recording, column: int) -> tuple[Array, Array]:
     return np.insert(time, broken, time[broken]), np.insert(y[kept], broken, np.nan)
 
 
-def stack(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]]:
+def stacked_axes(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]]:
     """Return a figure and its axes, one above the other over the same time."""
     figure, rows = drawing.panels(height, [*[0.0] * (count - 1), 0.45])
     for (axes,) in rows:
@@ -58,41 +58,41 @@ def stack(height: float, count: int, seconds: float) -> tuple[Figure, list[Axes]
 
 
 @drawing.style
-def traces(outcome: Outcome, recording: Recording) -> Markup:
+def section_figure(outcome: Outcome, recording: Recording) -> Markup:
     """Return the signals by kind of axis, sections shaded, the audit's ranges marked."""
-    figure, rows = _signals(recording, outcome.calibration.sensor, _used(outcome))
+    figure, rows = _draw_signals(recording, outcome.calibration.sensor, _used_marks(outcome))
     for axes, names in rows:
-        _mark(axes, outcome, recording, names)
-    _name(rows[0][0], outcome, recording)
+        _mark_findings(axes, outcome, recording, names)
+    _name_sections(rows[0][0], outcome, recording)
     return svg(figure, "traces", "Recorded signals with the marked sections")
 
 
 @drawing.style
-def signals(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Markup:
+def signal_figure(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Markup:
     """Return the signals by kind of axis with some sections shaded."""
-    figure, _ = _signals(recording, sensor, marks)
+    figure, _ = _draw_signals(recording, sensor, marks)
     return svg(figure, "signals", "Recorded signals with the rests that were found")
 
 
-def _signals(
+def _draw_signals(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark]
 ) -> tuple[Figure, list[tuple[Axes, list[str]]]]:
     """Return a figure of the signals, sections shaded, and its axes with their channels."""
-    kinds = [kind for kind in KINDS if any(axis.measures == kind for axis in sensor.axes)]
-    figure, rows = stack(1.6, len(kinds), recording.duration)
+    kinds = [kind for kind in SENSOR_KINDS if any(axis.measures == kind for axis in sensor.axes)]
+    figure, rows = stacked_axes(1.6, len(kinds), recording.duration)
     channels = [[axis.name for axis in sensor.axes if axis.measures == kind] for kind in kinds]
     for axes, kind, names in zip(rows, kinds, channels, strict=True):
         for k, name in enumerate(names):
             time, y = envelope(recording, recording.channels.index(name))
             axes.plot(time, y, color=AXES[k % 3], lw=0.7, label=name)
-        title = KINDS[kind][0].lower()
+        title = SENSOR_KINDS[kind][0].lower()
         axes.set_ylabel(f"{title}, {recording.units[recording.channels.index(names[0])]}")
-        drawing.key(axes)
-        _shade(axes, marks, recording)
+        drawing.add_legend(axes)
+        _shade_sections(axes, marks, recording)
     return figure, list(zip(rows, channels, strict=True))
 
 
-def ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
+def time_spans(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[float, float]]:
     """Return start and length in s of half-open ranges of samples."""
     last = recording.time.size - 1
     return [
@@ -104,17 +104,17 @@ def ranges(spans: list[tuple[int, int]], recording: Recording) -> list[tuple[flo
     ]
 
 
-def _used(outcome: Outcome) -> list[Mark]:
+def _used_marks(outcome: Outcome) -> list[Mark]:
     return [mark for mark in outcome.marks if mark.label in outcome.observations.labels]
 
 
-def _shade(axes: Axes, marks: Sequence[Mark], recording: Recording) -> None:
+def _shade_sections(axes: Axes, marks: Sequence[Mark], recording: Recording) -> None:
     spans = [(mark.start, mark.stop) for mark in marks]
-    axes.broken_barh(ranges(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
+    axes.broken_barh(time_spans(spans, recording), (0, 1), fc=BAND, ec=FAINT, lw=0.5, zorder=0,
                      transform=axes.get_xaxis_transform())  # fmt: skip
 
 
-def _mark(axes: Axes, outcome: Outcome, recording: Recording, names: list[str]) -> None:
+def _mark_findings(axes: Axes, outcome: Outcome, recording: Recording, names: list[str]) -> None:
     """Mark what the audit found in these channels or in all."""
     spans = [
         (f.start, min(f.stop, recording.time.size))
@@ -122,34 +122,36 @@ def _mark(axes: Axes, outcome: Outcome, recording: Recording, names: list[str]) 
         if f.start is not None and f.stop is not None and f.channel in (None, *names)
     ]
     if spans:
-        axes.broken_barh(ranges(spans, recording), (0, 1), fc=(WARN, 0.25), ec=WARN, lw=0.8,
+        axes.broken_barh(time_spans(spans, recording), (0, 1), fc=(WARN, 0.25), ec=WARN, lw=0.8,
                          zorder=3, transform=axes.get_xaxis_transform())  # fmt: skip
 
 
-def _name(axes: Axes, outcome: Outcome, recording: Recording) -> None:
+def _name_sections(axes: Axes, outcome: Outcome, recording: Recording) -> None:
     """Write the sections' names above the axes, upright where they would meet."""
-    marks = _used(outcome)
+    marks = _used_marks(outcome)
     if not marks:
         return
-    marks = marks[:: -(-len(marks) // drawing.NAMES)]  # the names of more would cover one another
-    spans = ranges([(mark.start, mark.stop) for mark in marks], recording)
+    marks = marks[
+        :: -(-len(marks) // drawing.MAX_NAMES)
+    ]  # the names of more would cover one another
+    spans = time_spans([(mark.start, mark.stop) for mark in marks], recording)
     where = [start + length / 2 for start, length in spans]
     inches = 8.2 * np.diff(sorted(where)) / max(recording.duration, 1e-9)
     longest = max(len(mark.label) for mark in marks)
-    upright = bool((inches < drawing.LETTER * (longest + 2)).any())
+    upright = bool((inches < drawing.LETTER_WIDTH * (longest + 2)).any())
     for mark, x in zip(marks, where, strict=True):
         axes.text(x, 0.97, mark.label, transform=axes.get_xaxis_transform(), ha="center", va="top",
                   rotation=90 if upright else 0, fontsize=7, color=MUTED)  # fmt: skip
     low, high = axes.get_ylim()
-    room = 0.12 if not upright else 0.06 + 0.045 * longest
-    axes.set_ylim(low, high + room * (high - low))
+    allocate_steps = 0.12 if not upright else 0.06 + 0.045 * longest
+    axes.set_ylim(low, high + allocate_steps * (high - low))
 
 
 @drawing.style
-def scatters(recording: Recording, sensor: Sensor, rests: FoundRests) -> Markup:
+def scatter_figure(recording: Recording, sensor: Sensor, rests: RestDetection) -> Markup:
     """Return what rests were found by: the scatter over time, with the thresholds that it met."""
-    figure, rows = stack(1.3, len(rests.levels), recording.duration)
-    stretch = -(-recording.time.size // POINTS)
+    figure, rows = stacked_axes(1.3, len(rests.levels), recording.duration)
+    stretch = -(-recording.time.size // MAX_POINTS)
     starts = np.arange(0, recording.time.size, stretch)
     time = recording.time[starts] - recording.time[0]
     for axes, level in zip(rows, rests.levels, strict=True):
@@ -160,6 +162,6 @@ def scatters(recording: Recording, sensor: Sensor, rests: FoundRests) -> Markup:
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
         axes.minorticks_off()
-        axes.set_ylabel(f"{KINDS[level.kind][0].lower()}, {level.unit}")
-        _shade(axes, rests.marks, recording)
+        axes.set_ylabel(f"{SENSOR_KINDS[level.kind][0].lower()}, {level.unit}")
+        _shade_sections(axes, rests.marks, recording)
     return svg(figure, "scatters", "Scatter over half a second, with the thresholds of rest")

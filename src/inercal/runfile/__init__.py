@@ -17,31 +17,31 @@ import numpy as np
 from pydantic import ValidationError
 
 from inercal.benches import Bench
-from inercal.benches.kind import Kind
-from inercal.benches.kinds import KINDS, named
+from inercal.benches.kind_definition import Kind
+from inercal.benches.kinds import KINDS, kind_name_for_class
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.keys import CoefficientName
 from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.methods.ship_multi_angle import global_
-from inercal.methods.ship_multi_angle.evolution import Generation, Options
+from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
-from inercal.runfile.build import build_sensor, coefficient_value
-from inercal.runfile.checks import (
-    require_frame,
-    require_once,
-    require_used,
-)
-from inercal.runfile.gravity import against_place
+from inercal.runfile.format_options import reader_options
+from inercal.runfile.gravity import check_stated_gravity
 from inercal.runfile.priors import prior_from, static_prior
-from inercal.runfile.reading import reader_options
-from inercal.runfile.schema import MethodSection, RunSchema, schema_of
-from inercal.runfile.search import searching
-from inercal.runfile.validation_errors import unknown_kind, worded
+from inercal.runfile.schema import MethodSection, RunSchema, schema_for_kind
+from inercal.runfile.search import search_options
+from inercal.runfile.section_checks import (
+    require_distinct_priors,
+    require_frame,
+    require_used_keys,
+)
+from inercal.runfile.sensor_builder import build_sensor, coefficient_value
+from inercal.runfile.validation_errors import describe_error, describe_unknown_kind
+from inercal.section_settings import si_value
 from inercal.sensors import Sensor
-from inercal.settings import si_value
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
 _PLAN = (
@@ -55,7 +55,7 @@ _PLAN = (
     ("turns", "", "turns"),
     ("path", "", "path"),
 )
-_BY_DEFAULT = "hand"  # [bench] kind
+_DEFAULT_KIND = "hand"  # [bench] kind
 _SENSE = ", or negative for a turn clockwise seen from above"
 
 
@@ -86,9 +86,9 @@ class Run:
     rate_hz : float or None
     time_offset : bool
         Whether the gyros' delay is asked for.
-    planned : bool
+    has_plan_keys : bool
         Whether [method] says something of the plan.
-    search : Options or None
+    search : SearchOptions or None
         What the search is told, of an estimator that searches.
     bench_name : str
         What the laboratory calls its bench; empty where it says nothing.
@@ -111,8 +111,8 @@ class Run:
     priors: tuple[Gaussian, ...]
     rate_hz: float | None
     time_offset: bool = False
-    planned: bool = False
-    search: Options | None = None
+    has_plan_keys: bool = False
+    search: SearchOptions | None = None
     bench_name: str = ""
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
@@ -186,45 +186,46 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         raise InputError(f"{path}: not a TOML run file: nested too deeply") from None
     if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
-    whole, chosen = dict(content), _BY_DEFAULT
+    whole, chosen = dict(content), _DEFAULT_KIND
     if isinstance(content.get("bench"), dict):
         whole["bench"] = {"kind": chosen} | content["bench"]
         chosen = whole["bench"]["kind"]
     if not isinstance(chosen, str) or chosen not in KINDS:
-        raise InputError(f"{path}: {unknown_kind(chosen)}")
-    model = schema_of(chosen)
+        raise InputError(f"{path}: {describe_unknown_kind(chosen)}")
+    model = schema_for_kind(chosen)
     options: dict[str, Any] = {}
     try:
         if isinstance(content.get("data"), dict):
             whole["data"], options = reader_options(content["data"], KINDS[chosen].data)
         schema = model.model_validate(whole)
     except ValidationError as error:
-        raise InputError(f"{path}: {worded(error, content, model)}") from None
+        raise InputError(f"{path}: {describe_error(error, content, model)}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     try:
-        run = _build(path, sha256(raw).hexdigest(), schema, KINDS[chosen])
+        run = _build_run(path, sha256(raw).hexdigest(), schema, KINDS[chosen])
         return replace(run, reader_options=options) if options else run
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def _build(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> Run:
+def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> Run:
     chosen = method(schema.method.name)
     bench = kind.build(schema.bench, path.parent)
     whole = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)
     part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
     if not isinstance(bench, chosen.bench):
         raise InputError(
-            f"[bench] kind: method {chosen.name} takes {named(chosen.bench)!r}, not {kind.name!r}"
+            f"[bench] kind: method {chosen.name} takes {kind_name_for_class(chosen.bench)!r}, not "
+            f"{kind.name!r}"
         )
     schema.data.readback(bench)  # its units are looked at before anything is read
     stated = {
         key: given for key, _, _ in _PLAN if (given := getattr(schema.method, key)) is not None
     }
-    plan = kind.plan(stated, bench, path.parent, _plan(chosen, schema.method))
-    turns = () if chosen.free or Turn not in kind.steps else chosen.plan()
-    require_used(schema, chosen, turns)
+    plan = kind.plan(stated, bench, path.parent, _build_plan(chosen, schema.method))
+    turns = () if chosen.unknown_attitudes or Turn not in kind.steps else chosen.plan()
+    require_used_keys(schema, chosen, turns)
     chosen.estimator(schema.method.estimator)
     estimator = schema.method.estimator or next(iter(chosen.estimators))
     require_frame(schema.sensor.frame, chosen, estimator)
@@ -238,7 +239,7 @@ def _build(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> 
         priors.append(static_prior(path.parent / schema.method.prior_file, part))
     for file, names in schema.method.prior_from.items():
         priors.append(prior_from(path.parent / file, names, part))
-    require_once(priors)
+    require_distinct_priors(priors)
     truth = {
         name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
         for name, text in schema.sensor.truth.items()
@@ -249,7 +250,7 @@ def _build(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> 
         si_value(f"1 {schema.data.time_unit}", "s", "[data] time_unit")
     if schema.data.temperature is not None:
         si_value(f"1 {schema.data.temperature_unit}", "K", "[data] temperature_unit")
-    if schema.method.time_offset and not (chosen.free and part.only("w").axes):
+    if schema.method.time_offset and not (chosen.unknown_attitudes and part.select_axes("w").axes):
         raise InputError("[method] time_offset: it takes multi_position and a sensor with gyros")
     rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
     if rate is not None and rate <= 0:
@@ -268,14 +269,14 @@ def _build(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> 
         priors=tuple(priors),
         rate_hz=rate,
         time_offset=schema.method.time_offset,
-        planned=bool(stated),
-        search=searching(schema.method, chosen, estimator),
+        has_plan_keys=bool(stated),
+        search=search_options(schema.method, chosen, estimator),
         bench_name=schema.bench.name,
-        findings=against_place(schema.bench),
+        findings=check_stated_gravity(schema.bench),
     )
 
 
-def _plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tuple[Step, ...]]:
+def _build_plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tuple[Step, ...]]:
     """Return the method's plan with what the section says of it."""
     possible = signature(chosen.plan).parameters
     options: dict[str, Any] = {}
@@ -286,14 +287,14 @@ def _plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tupl
         if option not in possible:
             keys = ", ".join(key for key, _, option in _PLAN if option in possible)
             raise InputError(f"[method] {key}: the plan of {chosen.name} has none; it has {keys}")
-        options[option] = _option(given, like, f"[method] {key}")
+        options[option] = _plan_option(given, like, f"[method] {key}")
     return partial(chosen.plan, **options)
 
 
-def _option(given: str | bool | int | tuple[str, ...], like: str, key: str) -> Any:
+def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str) -> Any:
     """Return what the plan takes: a word, yes or no, a number, or quantities in SI."""
     if isinstance(given, tuple):
-        return tuple(_option(each, like, key) for each in given)
+        return tuple(_plan_option(each, like, key) for each in given)
     if isinstance(given, bool) or (isinstance(given, str) and not like):
         return given
     value = given if isinstance(given, int) else si_value(given, like, key)

@@ -4,7 +4,7 @@ from math import degrees, sin
 
 from inercal.earth import normal_gravity
 from inercal.recording import Finding
-from inercal.settings import BenchSection, measured, si_value
+from inercal.section_settings import BenchSection, measured_constant, si_value
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
 _HIGHEST = 3000.0  # m: a laboratory whose height is not stated
@@ -12,7 +12,7 @@ _BY_LATITUDE = 0.0517  # m/s² a radian at 45°, times the sine of twice the lat
 _COVERAGE = 3.0
 
 
-def against_place(section: BenchSection) -> tuple[Finding, ...]:
+def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
     """Return how a stated gravity agrees with that of latitude and height; nothing without both.
 
     A warning where it is farther from normal gravity than an anomaly of 100 mGal and three
@@ -25,8 +25,8 @@ def against_place(section: BenchSection) -> tuple[Finding, ...]:
     """
     if section.gravity is None or section.latitude is None:
         return ()
-    stated = measured(section.gravity, "m/s²", "[bench] gravity")
-    place = measured(section.latitude, "°", "[bench] latitude")
+    stated = measured_constant(section.gravity, "m/s²", "[bench] gravity")
+    place = measured_constant(section.latitude, "°", "[bench] latitude")
     height = None if section.height is None else si_value(section.height, "m", "[bench] height")
     normal = normal_gravity(place.value, height or 0.0).value
     lowest = normal if height is not None else normal_gravity(place.value, _HIGHEST).value

@@ -41,7 +41,7 @@ def static_prior(path: Path, sensor: Sensor) -> Gaussian:
         raise InputError(f"{key}: {path.name} knows no k0 and k1 of {', '.join(sensor.channels)}")
     theirs = {axis.name: axis for axis in known.sensor.axes}
     for axis in sensor.axes:
-        _require_alike(key, path, axis, theirs.get(axis.name, axis))
+        _require_same_readout(key, path, axis, theirs.get(axis.name, axis))
     index = [known.sensor.coefficients.index(name) for name in names]
     return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])
 
@@ -91,24 +91,24 @@ def prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian
             next(axis for axis in one.axes if axis.name == CoefficientName(name).axis)
             for name, one in ((ours, sensor), (theirs, known.sensor))
         )
-        _require_alike(key, path, mine, other)
+        _require_same_readout(key, path, mine, other)
         index.append(known.sensor.coefficients.index(theirs))
     if len(set(index)) < len(index):
         raise InputError(f"{key}: one coefficient of {path.name} stands for two")
     return Gaussian(tuple(taken), known.values[index], known.covariance[np.ix_(index, index)])
 
 
-def _require_alike(key: str, path: Path, axis: Axis, other: Axis) -> None:
+def _require_same_readout(key: str, path: Path, axis: Axis, other: Axis) -> None:
     """Refuse an axis whose coefficients refer to another nominal readout."""
     mine, theirs = axis.readout, other.readout
     if not (isclose(theirs.scale, mine.scale) and isclose(theirs.offset, mine.offset)):
         raise InputError(
             f"{key}: {path.name} has another nominal scale or offset of {axis.name}: "
-            f"{_in_words(other)}, not {_in_words(axis)}; coefficients refer to it"
+            f"{_describe_readout(other)}, not {_describe_readout(axis)}; coefficients refer to it"
         )
 
 
-def _in_words(axis: Axis) -> str:
+def _describe_readout(axis: Axis) -> str:
     size, per = (G0, "g") if axis.measures == "f" else (pi / 180, "(°/s)")
     readout = axis.readout
     return f"{readout.scale * size:.6g} {readout.unit}/{per} and {readout.offset:g}"

@@ -9,8 +9,8 @@ from typing import Literal
 from pydantic import Field, create_model
 
 from inercal.benches.kinds import KINDS
-from inercal.data.section import DataSection
-from inercal.settings import DESCRIPTION, BenchSection, Section, Use
+from inercal.data.data_section import DataSection
+from inercal.section_settings import DESCRIPTION, BenchSection, BenchUsage, Section
 
 
 class ReadoutSection(Section):
@@ -31,7 +31,7 @@ class ReadoutSection(Section):
         None, description="step of the reading", examples=["0.5 mg", "0.02 °/s"]
     )
 
-    def idle(self, use: Use) -> dict[str, str]:
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that change no result of such a use, with the reason and what to do."""
         if not use.means:
             return {}
@@ -124,7 +124,7 @@ class RunSchema(Section):
 
 
 @cache
-def schema_of(kind: str) -> type[RunSchema]:
+def schema_for_kind(kind: str) -> type[RunSchema]:
     """Return what a run file may contain whose [bench] is of this kind.
 
     Parameters

@@ -4,15 +4,17 @@ from typing import Any
 
 from inercal.errors import InputError
 from inercal.methods import Method, ship_multi_angle
-from inercal.methods.ship_multi_angle.evolution import Bounds, Options
+from inercal.methods.ship_multi_angle.global_search import Bounds, SearchOptions
 from inercal.runfile.schema import MethodSection, SearchSection
+from inercal.section_settings import si_value
 from inercal.sensors import G0
-from inercal.settings import si_value
 
 _KEY = "[method.search]"
 
 
-def searching(section: MethodSection, chosen: Method[Any, Any], estimator: str) -> Options | None:
+def search_options(
+    section: MethodSection, chosen: Method[Any, Any], estimator: str
+) -> SearchOptions | None:
     """Return what the search is told, or None for an estimator that does not search.
 
     Raises
@@ -28,18 +30,18 @@ def searching(section: MethodSection, chosen: Method[Any, Any], estimator: str) 
             )
         return None
     told = section.search or SearchSection.model_validate({})
-    goal = _positive(told, "goal", "1")
+    goal = _positive_value(told, "goal", "1")
     if goal >= 1:
         raise InputError(f"{_KEY} goal: {told.goal!r} must be less than 100 %")
     bounds = Bounds(
-        _positive(told, "scale_error", "1"),
-        _positive(told, "cross_axis", "1"),
-        _positive(told, "bias", "m/s²") / G0,
+        _positive_value(told, "scale_error", "1"),
+        _positive_value(told, "cross_axis", "1"),
+        _positive_value(told, "bias", "m/s²") / G0,
     )
-    return Options(bounds, told.seed, _positive(told, "time_limit", "s"), goal)
+    return SearchOptions(bounds, told.seed, _positive_value(told, "time_limit", "s"), goal)
 
 
-def _positive(section: SearchSection, name: str, like: str) -> float:
+def _positive_value(section: SearchSection, name: str, like: str) -> float:
     text = getattr(section, name)
     value = si_value(text, like, f"{_KEY} {name}")
     if not value > 0:

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from inercal.benches.kinds import KINDS
-from inercal.data.section import DataSection
+from inercal.data.data_section import DataSection
 from inercal.io.readers import known_options
 from inercal.runfile.schema import RunSchema
 
@@ -36,7 +36,7 @@ _SCALAR: Mapping[type, str] = {
 }
 
 
-class _Place(NamedTuple):
+class _SchemaLocation(NamedTuple):
     """Where a complaint is: the names on the way, the type that is taken and an example of it."""
 
     names: tuple[str, ...]
@@ -45,12 +45,14 @@ class _Place(NamedTuple):
     meaning: str = ""
 
 
-def unknown_kind(chosen: object) -> str:
+def describe_unknown_kind(chosen: object) -> str:
     """Return what is wrong with a [bench] kind that there is not."""
-    return f"[bench] kind: {_shown(chosen)}; it is {_either(KINDS)}"
+    return f"[bench] kind: {_format_value(chosen)}; it is {_join_alternatives(KINDS)}"
 
 
-def worded(error: ValidationError, content: Mapping[str, Any], schema: type[RunSchema]) -> str:
+def describe_error(
+    error: ValidationError, content: Mapping[str, Any], schema: type[RunSchema]
+) -> str:
     """Return the first complaint as one line, with a name beside it that is misspelt.
 
     Parameters
@@ -63,44 +65,50 @@ def worded(error: ValidationError, content: Mapping[str, Any], schema: type[RunS
         That refused it.
     """
     # A column that the kind of bench needs comes last: it may be there for another kind.
-    complaint, *others = sorted(error.errors(include_url=False), key=_of_kind)
+    complaint, *others = sorted(error.errors(include_url=False), key=_is_missing_column)
     kind, loc, value = complaint["type"], complaint["loc"], complaint["input"]
     if kind == "extra_forbidden":
-        return _unknown(loc, value, content, schema)
+        return _describe_unknown_key(loc, value, content, schema)
     if loc[-1] == "[key]":
-        options = get_args(get_args(_place(loc[:-2], schema).takes)[0])
-        names = _dotted(map(str, loc[:-1]))
+        options = get_args(get_args(_locate(loc[:-2], schema).takes)[0])
+        names = _dotted_key(map(str, loc[:-1]))
         return f"unknown key {names}; possible here: {', '.join(options)}"
-    place = _place(loc, schema)
+    place = _locate(loc, schema)
     if kind == "value_error":
-        return f"[{_dotted(place.names)}]: {complaint['msg'].removeprefix('Value error, ')}"
+        return f"[{_dotted_key(place.names)}]: {complaint['msg'].removeprefix('Value error, ')}"
     if isinstance(loc[-1], int) and kind == "missing":  # of a list of fixed length
-        place, kind = _place(loc[:-1], schema), "too_short"
+        place, kind = _locate(loc[:-1], schema), "too_short"
     if kind == "missing":
         column = f": name the {place.meaning}" * place.meaning.startswith("column ")
-        line = f"{_key(place.names)} is missing{column}{_such_as(place)}"
+        line = f"{_format_key(place.names)} is missing{column}{_example_clause(place)}"
         if _is_section(place.takes):
-            line = f"[{_dotted(place.names)}] is missing"
+            line = f"[{_dotted_key(place.names)}] is missing"
         for other in others:  # it may be there, misspelt
             if other["type"] == "extra_forbidden" and other["loc"][:-1] == loc[:-1]:
-                return f"{line}; {_unknown(other['loc'], other['input'], content, schema)}"
+                return (
+                    f"{line}; "
+                    f"{_describe_unknown_key(other['loc'], other['input'], content, schema)}"
+                )
         return line
-    return f"{_key(place.names)}: {_wrong(kind, value, complaint.get('ctx', {}), place)}"
+    return (
+        f"{_format_key(place.names)}: "
+        f"{_describe_wrong_value(kind, value, complaint.get('ctx', {}), place)}"
+    )
 
 
-def _unknown(
+def _describe_unknown_key(
     loc: tuple[int | str, ...],
     value: object,
     content: Mapping[str, Any],
     schema: type[RunSchema],
 ) -> str:
-    place = _place(loc[:-1], schema)
-    (model,) = _kinds(place.takes)
+    place = _locate(loc[:-1], schema)
+    (model,) = _annotation_types(place.takes)
     key = str(loc[-1])
     names = (*place.names, key)
     if len(names) == 1 and names[0] in _RESERVED:
         return f"section [{names[0]}] is reserved for {_RESERVED[names[0]]}: leave it out"
-    dotted = _dotted(names)
+    dotted = _dotted_key(names)
     line = f"unknown section [{dotted}]" if isinstance(value, dict) else f"unknown key {dotted}"
     possible = tuple(model.model_fields)
     if place.names == ("data",):
@@ -108,15 +116,15 @@ def _unknown(
     if near := get_close_matches(names[-1], possible, n=1):
         line += f"; did you mean {near[0]}?"
     line += f"; possible here: {', '.join(possible)}"
-    if owners := _owners(names):
+    if owners := _kinds_with_key(names):
         hand = "; kind is missing, so hand is taken" * ("kind" not in content.get("bench", {}))
         if place.names == ("data",):
-            return f"[data] {key} goes with [bench] kind = {_either(owners)}{hand}"
-        line += f"{hand}; {key} goes with kind = {_either(owners)}"
+            return f"[data] {key} goes with [bench] kind = {_join_alternatives(owners)}{hand}"
+        line += f"{hand}; {key} goes with kind = {_join_alternatives(owners)}"
     return line
 
 
-def _owners(names: tuple[str, ...]) -> list[str]:
+def _kinds_with_key(names: tuple[str, ...]) -> list[str]:
     """Return the kinds of bench to which a key of [bench] or [data] belongs, quoted."""
     if len(names) != 2 or names[0] not in ("bench", "data"):
         return []
@@ -126,47 +134,49 @@ def _owners(names: tuple[str, ...]) -> list[str]:
     return [f'"{name}"' for name, section in sections.items() if names[1] in section.model_fields]
 
 
-def _of_kind(complaint: ErrorDetails) -> bool:
+def _is_missing_column(complaint: ErrorDetails) -> bool:
     """Return whether a complaint is of a column that is missing for this kind of bench."""
     loc = complaint["loc"]
     needed = len(loc) == 2 and loc[0] == "data" and loc[1] not in DataSection.model_fields
     return complaint["type"] == "missing" and needed
 
 
-def _wrong(kind: str, value: Any, context: Mapping[str, Any], place: _Place) -> str:
+def _describe_wrong_value(
+    kind: str, value: Any, context: Mapping[str, Any], place: _SchemaLocation
+) -> str:
     """Return what is wrong with the value of a key."""
-    taken = _kinds(place.takes)
+    taken = _annotation_types(place.takes)
     if kind in ("too_short", "too_long"):
         return f"{len(value)} in the list; it takes {len(get_args(taken[0]))}"
     if kind == "greater_than_equal":
-        return f"{_shown(value)}; it must be {context['ge']} or more"
+        return f"{_format_value(value)}; it must be {context['ge']} or more"
     if get_origin(taken[0]) is Literal:
-        return f"{_shown(value)}; it is {_either(get_args(taken[0]))}"
+        return f"{_format_value(value)}; it is {_join_alternatives(get_args(taken[0]))}"
     if taken == (bool,):
-        return f"{_shown(value)}; it is true or false"
+        return f"{_format_value(value)}; it is true or false"
     if taken in ((int,), (float,)):
-        return f"{_shown(value)} is no {'whole ' * (taken == (int,))}number"
-    return f"{_sort(value)}; give {_wanted(taken, place)}"
+        return f"{_format_value(value)} is no {'whole ' * (taken == (int,))}number"
+    return f"{_describe_type(value)}; give {_describe_expected_type(taken, place)}"
 
 
-def _wanted(taken: tuple[Any, ...], place: _Place) -> str:
+def _describe_expected_type(taken: tuple[Any, ...], place: _SchemaLocation) -> str:
     """Return what may stand in the place of a value of another type."""
     if _is_section(taken[0]):
-        return f"a section, [{_dotted(place.names)}]"
+        return f"a section, [{_dotted_key(place.names)}]"
     if int in taken:
         return "a column, by its name or its number"
-    such_as = _such_as(place)
+    such_as = _example_clause(place)
     if get_origin(taken[0]) is tuple:
         return f"a list{such_as}"
     quantity = isinstance(place.example, str) and _QUANTITY.fullmatch(place.example)
     return f"text with its unit{such_as}" if quantity else f"text in quotes{such_as}"
 
 
-def _such_as(place: _Place) -> str:
-    return "" if place.example is None else f", such as {_toml(place.example)}"
+def _example_clause(place: _SchemaLocation) -> str:
+    return "" if place.example is None else f", such as {_format_toml(place.example)}"
 
 
-def _place(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _Place:
+def _locate(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _SchemaLocation:
     """Follow a complaint's location through the schema."""
     names: list[str] = []
     takes: Any = schema
@@ -174,10 +184,10 @@ def _place(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _Place:
     meaning = ""
     parts = list(loc)
     for part in parts:
-        kind = _kinds(takes)[0]
+        kind = _annotation_types(takes)[0]
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             field = kind.model_fields[str(part)]
-            takes, example = field.annotation, _example(field)
+            takes, example = field.annotation, _field_example(field)
             meaning = field.description or ""
         elif get_origin(kind) is dict:
             takes = get_args(kind)[1]
@@ -189,16 +199,16 @@ def _place(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _Place:
         else:  # which type of several was tried
             break
         names.append(str(part))
-    return _Place(tuple(names), takes, example, meaning)
+    return _SchemaLocation(tuple(names), takes, example, meaning)
 
 
-def _example(field: FieldInfo) -> Any:
+def _field_example(field: FieldInfo) -> Any:
     if field.examples or field.is_required():
         return field.examples[0] if field.examples else None
     return field.get_default() or None
 
 
-def _kinds(annotation: Any) -> tuple[Any, ...]:
+def _annotation_types(annotation: Any) -> tuple[Any, ...]:
     """Return the types that an annotation allows, None apart."""
     if get_origin(annotation) in (Union, UnionType):
         return tuple(kind for kind in get_args(annotation) if kind is not NoneType)
@@ -206,36 +216,36 @@ def _kinds(annotation: Any) -> tuple[Any, ...]:
 
 
 def _is_section(annotation: Any) -> bool:
-    kind = _kinds(annotation)[0]
+    kind = _annotation_types(annotation)[0]
     return get_origin(kind) is dict or (isinstance(kind, type) and issubclass(kind, BaseModel))
 
 
-def _dotted(names: Iterable[str]) -> str:
-    return ".".join(name if _BARE.fullmatch(name) else _quoted(name) for name in names)
+def _dotted_key(names: Iterable[str]) -> str:
+    return ".".join(name if _BARE.fullmatch(name) else _quote_name(name) for name in names)
 
 
-def _quoted(name: str) -> str:
+def _quote_name(name: str) -> str:
     return dumps(name, ensure_ascii=False)
 
 
-def _key(names: tuple[str, ...]) -> str:
+def _format_key(names: tuple[str, ...]) -> str:
     *section, name = names
-    name = name if name.isprintable() else _quoted(name)
-    return f"[{_dotted(section)}] {name}" if section else name
+    name = name if name.isprintable() else _quote_name(name)
+    return f"[{_dotted_key(section)}] {name}" if section else name
 
 
-def _either(options: Iterable[str]) -> str:
+def _join_alternatives(options: Iterable[str]) -> str:
     *others, last = options
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def _toml(value: Any) -> str:
+def _format_toml(value: Any) -> str:
     if type(value) in (list, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
+        return f"[{', '.join(map(_format_toml, value))}]"
     return f'"{value}"'
 
 
-def _shown(value: object) -> str:
+def _format_value(value: object) -> str:
     """Return a value as it stands in the file, or what it is."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -245,12 +255,12 @@ def _shown(value: object) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
-def _sort(value: object) -> str:
+def _describe_type(value: object) -> str:
     """Return what a value is."""
     if type(value) in _NO_SCALAR:
-        return f"it is {_shown(value)}"
+        return f"it is {_format_value(value)}"
     sort = _SCALAR.get(type(value), "a date or time")
-    return f"{_shown(value)} is {sort}"
+    return f"{_format_value(value)} is {sort}"
 
 
-__all__ = ["unknown_kind", "worded"]
+__all__ = ["describe_error", "describe_unknown_kind"]

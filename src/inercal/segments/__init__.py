@@ -1,31 +1,35 @@
 """From a recording to observations: marks, their checks, and means over sections."""
 
-from inercal.segments.against_plan import check_against_plan, check_turn_ends
-from inercal.segments.attitudes import as_found, held, unflawed
-from inercal.segments.average import observe
-from inercal.segments.detect import find_marks, find_sections, search_sections
+from inercal.segments.attitudes import (
+    holds_from_marks,
+    holds_from_observations,
+    marks_without_flaws,
+)
 from inercal.segments.dwells import average_dwells, find_dwells
-from inercal.segments.halves import jumps, within_rests
-from inercal.segments.levels import scatter
-from inercal.segments.marks import check_marks, marks_from_labels
-from inercal.segments.rests import FoundRests, find_rests, judged_levels
-from inercal.segments.stationary_states import find_stands, left_out
+from inercal.segments.motion_thresholds import scatter
+from inercal.segments.plan_check import check_against_plan, check_turn_ends
+from inercal.segments.rest_changes import bias_jump_test, changes_within_rests
+from inercal.segments.rest_detection import RestDetection, find_rests, find_thresholds
+from inercal.segments.section_detection import find_marks, find_sections, search_sections
+from inercal.segments.section_marks import check_marks, marks_from_labels
+from inercal.segments.section_means import observe
+from inercal.segments.stationary_states import find_stationary_states, omitted_state_findings
 from inercal.segments.stillness import require_still
-from inercal.segments.table_steps import (
-    Turned,
+from inercal.segments.transitions import passages_between_rests
+from inercal.segments.turntable_segments import (
+    AxisTurn,
     find_holds,
     find_turns,
-    long_enough,
-    numbered_holds,
+    holds_from_numbers,
+    select_long_holds,
 )
-from inercal.segments.transitions import between_rests
 
 __all__ = [
-    "FoundRests",
-    "Turned",
-    "as_found",
+    "AxisTurn",
+    "RestDetection",
     "average_dwells",
-    "between_rests",
+    "bias_jump_test",
+    "changes_within_rests",
     "check_against_plan",
     "check_marks",
     "check_turn_ends",
@@ -34,19 +38,19 @@ __all__ = [
     "find_marks",
     "find_rests",
     "find_sections",
-    "find_stands",
+    "find_stationary_states",
+    "find_thresholds",
     "find_turns",
-    "held",
-    "judged_levels",
-    "jumps",
-    "left_out",
-    "long_enough",
+    "holds_from_marks",
+    "holds_from_numbers",
+    "holds_from_observations",
     "marks_from_labels",
-    "numbered_holds",
+    "marks_without_flaws",
     "observe",
+    "omitted_state_findings",
+    "passages_between_rests",
     "require_still",
     "scatter",
     "search_sections",
-    "unflawed",
-    "within_rests",
+    "select_long_holds",
 ]

@@ -24,7 +24,7 @@ _SAME = 4.0  # a variance within this ratio of an earlier one has stayed
 
 
 @njit(cache=True, nogil=True)
-def _slide(
+def _window_variances(
     data: Array, columns: Indices, weight: Array, first: int, count: int, window: int, out: Array
 ) -> None:
     """Write the summed variances of the windows that begin at samples `first` + 0 … count − 1."""
@@ -48,7 +48,7 @@ def _slide(
 
 
 @njit(cache=True, nogil=True)
-def variances(
+def window_variances(
     data: Array, columns: Indices, weight: Array, segments: Indices, window: int
 ) -> Array:
     """Return the variance of each sample's window, (n,); of a short segment as a whole.
@@ -71,7 +71,7 @@ def variances(
         half, count = fits // 2, stop - start - fits + 1
         for first in range(0, count, block.size):
             size = min(block.size, count - first)
-            _slide(data, columns, weight, start + first, size, fits, block)
+            _window_variances(data, columns, weight, start + first, size, fits, block)
             # One by one, here and below: an array put into a slice is twice as long to compile.
             for k in range(size):
                 out[start + first + half + k] = block[k]
@@ -81,12 +81,13 @@ def variances(
 
 
 @njit(cache=True, nogil=True)
-def extent(
+def variance_extent(
     data: Array, columns: Indices, weight: Array, segments: Indices, window: int
 ) -> tuple[float, Array, Indices]:
     """Return the largest variance, and each column's smallest step and number of steps.
 
-    Parameters are those of `variances`; steps are between neighbouring samples, and not zero.
+    Parameters are those of `window_variances`; steps are between neighbouring samples, and not
+    zero.
     """
     top = 0.0
     step, changes = np.full(columns.size, np.inf), np.zeros(columns.size, np.int64)
@@ -94,7 +95,7 @@ def extent(
     for start, stop in segments:
         for first in range(start, stop - window + 1, block.size):
             size = min(block.size, stop - window + 1 - first)
-            _slide(data, columns, weight, first, size, window, block)
+            _window_variances(data, columns, weight, first, size, window, block)
             for k in range(size):
                 top = max(top, block[k])
         for c in range(columns.size):
@@ -107,7 +108,7 @@ def extent(
 
 
 @njit(cache=True, nogil=True)
-def histogram(
+def variance_histogram(
     data: Array,
     columns: Indices,
     weight: Array,
@@ -125,7 +126,7 @@ def histogram(
     Parameters
     ----------
     data, columns, weight, segments, window
-        Of `variances`.
+        Of `window_variances`.
     lowest, top : float
         Edges of the first and the last bin; smaller variances count as `lowest`.
     stay : int
@@ -139,7 +140,7 @@ def histogram(
         anchor, stayed = 0.0, 0
         for first in range(start, stop - window + 1, block.size):
             size = min(block.size, stop - window + 1 - first)
-            _slide(data, columns, weight, first, size, window, block)
+            _window_variances(data, columns, weight, first, size, window, block)
             for k in range(size):
                 v = max(block[k], lowest)
                 if v > _SAME * anchor or v * _SAME < anchor:
@@ -153,7 +154,7 @@ def histogram(
 
 
 @njit(cache=True, nogil=True)
-def runs(
+def rest_runs(
     data: Array,
     columns: Indices,
     weight: Array,
@@ -168,7 +169,7 @@ def runs(
     Parameters
     ----------
     data, columns, weight, segments, window
-        Of `variances`; the columns of one kind after those of the other.
+        Of `window_variances`; the columns of one kind after those of the other.
     ends : (kinds,) array of int
         Where each kind's columns end in `columns`.
     limit : (kinds,) array
@@ -189,7 +190,7 @@ def runs(
             c = 0
             for kind in range(ends.size):
                 these = slice(c, ends[kind])
-                _slide(data, columns[these], weight[these], first, size, window, block)
+                _window_variances(data, columns[these], weight[these], first, size, window, block)
                 for k in range(size):
                     quiet[k] &= block[k] < limit[kind]
                 c = ends[kind]

@@ -15,7 +15,7 @@ from inercal.sensors import Sensor, inverse
 FLAWS = ("saturation", "stuck")
 
 
-def unflawed(
+def marks_without_flaws(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark]
 ) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
     """Return the marks in the order of time without those on saturated or stuck samples.
@@ -34,7 +34,7 @@ def unflawed(
     kept: list[Mark] = []
     findings: list[Finding] = []
     ordered = sorted(marks, key=lambda mark: mark.start)
-    spoilt = flaws(recording, sensor, [(mark.start, mark.stop) for mark in ordered])
+    spoilt = range_flaws(recording, sensor, [(mark.start, mark.stop) for mark in ordered])
     for mark, flaw in zip(ordered, spoilt, strict=True):
         if flaw is None:
             kept.append(mark)
@@ -46,7 +46,7 @@ def unflawed(
     return tuple(kept), tuple(findings)
 
 
-def flaws(
+def range_flaws(
     recording: Recording, sensor: Sensor, ranges: Sequence[tuple[int, int]]
 ) -> list[Finding | None]:
     """Return for each range of samples (half open) a finding of saturated or stuck ones in it.
@@ -71,7 +71,7 @@ def flaws(
     return spoilt
 
 
-def held(observations: Observations, sensor: Sensor) -> tuple[Hold, ...]:
+def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple[Hold, ...]:
     """Return each row as the hold that it was, its attitude by the nominal readings.
 
     Parameters
@@ -81,7 +81,7 @@ def held(observations: Observations, sensor: Sensor) -> tuple[Hold, ...]:
     sensor : Sensor
         An accelerometer triad at least.
     """
-    force = sensor.only("f")
+    force = sensor.select_axes("f")
     bare = Sensor(force.name, force.axes)
     felt = inverse(bare, observations.mean[:, : len(force.axes)], np.zeros(0)).f
     ups = felt / np.linalg.norm(felt, axis=-1, keepdims=True)
@@ -93,7 +93,7 @@ def held(observations: Observations, sensor: Sensor) -> tuple[Hold, ...]:
     )
 
 
-def as_found(marks: Sequence[Mark]) -> tuple[Hold, ...]:
+def holds_from_marks(marks: Sequence[Mark]) -> tuple[Hold, ...]:
     """Return a hold for each mark, its attitude not known yet."""
     return tuple(replace(_UNKNOWN, label=mark.label) for mark in marks)
 

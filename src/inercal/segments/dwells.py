@@ -26,18 +26,18 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.plan import Attitude, Spin, on_arm
+from inercal.plan import Attitude, Spin, arm_attitude
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.segments.attitudes import FLAWS
-from inercal.segments.average import coarse_steps
 from inercal.segments.drift import drift_covariance
+from inercal.segments.section_means import coarse_steps
 from inercal.sensors import Sensor
 
 ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
 _STEADY = 2e-3  # of the rate
 _WINDOW = 0.5  # s
-TURNING = 0.02  # of the fastest rate; slower is at rest
-SETTLE = 1.0  # s after the rate is reached
+TURNING_SHARE = 0.02  # of the fastest rate; slower is at rest
+SETTLING_TIME = 1.0  # s after the rate is reached
 LEAST_TURNS = 3
 _ALIKE = 0.01  # relative difference of rates that count as one
 _SAME = 5e-4  # rad between the angles read back of one attitude
@@ -54,7 +54,7 @@ class Dwell:
 
 
 def find_dwells(
-    recording: Recording, turner: str = "arm"
+    recording: Recording, turning_device: str = "arm"
 ) -> tuple[tuple[Dwell, ...], tuple[Finding, ...]]:
     """Return the dwells of an arm run, and what was left out of them.
 
@@ -63,7 +63,7 @@ def find_dwells(
     recording : Recording
         With readback "arm_rate", rad/s; labels, where there are any, name positions, and readback
         "psi" and "theta", rad, the attitudes of a two-axis head.
-    turner : str
+    turning_device : str
         What turns, for messages.
 
     Raises
@@ -85,7 +85,7 @@ def find_dwells(
             if dwell is None:
                 continue
             inside = smooth[dwell.mark.start : dwell.mark.stop]
-            flaw = flaw_of(recording, dwell.mark)
+            flaw = flaw_text(recording, dwell.mark)
             if np.ptp(inside) > _STEADY * abs(dwell.rate):
                 flaw = f"the rate creeps by {1e6 * np.ptp(inside) / abs(dwell.rate):.0f} ppm"
             if flaw is None:
@@ -98,9 +98,9 @@ def find_dwells(
         reasons = f" ({left_out[0].message})" if left_out else ""
         fastest = float(np.abs(smooth).max()) * 30 / pi
         raise InputError(
-            f"{recording.source or 'recording'}: no dwell: the {turner}'s rate, up to "
-            f"{fastest:.4g} rpm, is nowhere steady for {LEAST_TURNS} turns and {SETTLE:g} s before"
-            f"{reasons}"
+            f"{recording.source or 'recording'}: no dwell: the {turning_device}'s rate, up to "
+            f"{fastest:.4g} rpm, is nowhere steady for {LEAST_TURNS} turns and {SETTLING_TIME:g} s "
+            f"before{reasons}"
         )
     return tuple(dwells), tuple(left_out)
 
@@ -109,16 +109,16 @@ def _whole_turns(
     recording: Recording, start: int, stop: int, before: Sequence[Dwell]
 ) -> Dwell | None:
     """Return what lies within steady samples in whole turns, once the arm has settled."""
-    start += round(SETTLE * recording.rate_hz)
+    start += round(SETTLING_TIME * recording.rate_hz)
     if stop - start < 2:
         return None
     rate = recording.readback[ARM_RATE][start:stop]
-    angle = np.abs(swept(rate, recording.time[start:stop]))
+    angle = np.abs(swept_angle(rate, recording.time[start:stop]))
     # The last sample ends its turn one step later.
     turns = int((angle[-1] + angle[1]) / (2 * pi))
     if turns < LEAST_TURNS:
         return None
-    stop = start + _reached(angle, [turns])[0]
+    stop = start + _turn_boundaries(angle, [turns])[0]
     rate = rate[: stop - start]
     mean = float(np.copysign(np.sqrt(np.mean(rate**2)), rate.mean()))
     name = "" if recording.labels is None else str(recording.labels[start]).strip()
@@ -130,11 +130,11 @@ def _whole_turns(
     attitude = None
     if PSI in recording.readback:
         psi, theta = (float(recording.readback[angle][start:stop].mean()) for angle in (PSI, THETA))
-        attitude = _known(on_arm(psi, theta), before)
+        attitude = _earlier_attitude(arm_attitude(psi, theta), before)
     return Dwell(Mark(label, start, stop), mean, turns, attitude)
 
 
-def _known(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
+def _earlier_attitude(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
     """Return the attitude as an earlier dwell had it: read back anew it differs in last digits.
 
     Dwells in one attitude share the errors of its angles.
@@ -153,10 +153,10 @@ def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
     smooth: Array = uniform_filter1d(recording.readback[ARM_RATE], width)
     spread: Array = maximum_filter1d(smooth, width) - minimum_filter1d(smooth, width)
     size = np.abs(smooth)
-    return smooth, (spread <= _STEADY * size) & (size > TURNING * size.max())
+    return smooth, (spread <= _STEADY * size) & (size > TURNING_SHARE * size.max())
 
 
-def flaw_of(recording: Recording, mark: Mark) -> str | None:
+def flaw_text(recording: Recording, mark: Mark) -> str | None:
     """Return what the audit says of the samples of a mark, if they saturate or are stuck."""
     for finding in recording.findings:
         if finding.what not in FLAWS or finding.start is None or finding.stop is None:
@@ -193,20 +193,20 @@ def average_dwells(
     """
     k = 2 * harmonics + 1
     columns = [recording.channels.index(name) for name in sensor.channels]
-    angle = swept(recording.readback[ARM_RATE], recording.time)
+    angle = swept_angle(recording.readback[ARM_RATE], recording.time)
     means: list[Array] = []
     scatters: list[Array] = []
     deviations: list[Array] = []
     for dwell in dwells:
         inside = slice(dwell.mark.start, dwell.mark.stop)
         y = sensor.to_si(recording.data[inside, columns])
-        by_turn = _by_turn(y, sense * angle[inside], dwell.turns, harmonics)
+        by_turn = _turn_readings(y, sense * angle[inside], dwell.turns, harmonics)
         means.append(by_turn.mean(axis=0))
         off = (by_turn - means[-1]).reshape(-1, y.shape[-1])
         scatters.append(off.T @ off)
         deviations.append(y.std(axis=0))
     seconds = np.array([recording.span(d.mark.start, d.mark.stop) for d in dwells])
-    covariance, dof = _pooled(recording, dwells, seconds, scatters, k)
+    covariance, dof = _pooled_covariance(recording, dwells, seconds, scatters, k)
     coarse = coarse_steps(recording.data, columns, sensor, np.stack(deviations))
     samples = np.array([d.mark.stop - d.mark.start for d in dwells])
     starts = np.array([recording.time[d.mark.start] for d in dwells])
@@ -245,22 +245,22 @@ def average_dwells(
     return seen, steps
 
 
-def _reached(angle: Array, turns: Sequence[int]) -> list[int]:
+def _turn_boundaries(angle: Array, turns: Sequence[int]) -> list[int]:
     """Return the samples at which an angle, (n,) rad from 0, has gone through whole turns."""
     whole = 2 * pi * np.array(turns) - 0.5 * angle[1]
     return [int(np.count_nonzero(angle < turn)) for turn in whole.tolist()]
 
 
-def swept(rate: Array, time: Array) -> Array:
+def swept_angle(rate: Array, time: Array) -> Array:
     """Return the angle that a rate, (n,) rad/s, has swept since the first sample, rad."""
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _by_turn(y: Array, azimuth: Array, turns: int, harmonics: int) -> Array:
+def _turn_readings(y: Array, azimuth: Array, turns: int, harmonics: int) -> Array:
     """Return the readings of each turn, (turns, 2h + 1, m): its mean, or its harmonics' curve."""
     along = np.abs(azimuth - azimuth[0])
-    edges = [0, *_reached(along, range(1, turns)), len(y)]
+    edges = [0, *_turn_boundaries(along, range(1, turns)), len(y)]
     if harmonics == 0:
         return np.add.reduceat(y, edges[:-1])[:, None] / np.diff(edges)[:, None, None]
     # An error of 1e-6 in the rate read back turns the phase, and with it tens of g, from turn to
@@ -272,23 +272,26 @@ def _by_turn(y: Array, azimuth: Array, turns: int, harmonics: int) -> Array:
     off = middle - middle.mean()
     slope = float(off @ phase / (off @ off))
     azimuth = azimuth + slope * (azimuth - middle.mean())
-    at = _waves(2 * pi * np.arange(2 * harmonics + 1) / (2 * harmonics + 1), harmonics)
+    at = _harmonic_basis(2 * pi * np.arange(2 * harmonics + 1) / (2 * harmonics + 1), harmonics)
     return at @ _harmonics(y, azimuth, edges, harmonics)
 
 
 def _harmonics(y: Array, azimuth: Array, edges: Sequence[int], highest: int) -> Array:
     """Return mean, cosines and sines of each turn, (turns, 2h + 1, m)."""
-    fits = [np.linalg.lstsq(_waves(azimuth[a:b], highest), y[a:b])[0] for a, b in pairwise(edges)]
+    fits = [
+        np.linalg.lstsq(_harmonic_basis(azimuth[a:b], highest), y[a:b])[0]
+        for a, b in pairwise(edges)
+    ]
     return np.stack(fits).astype(np.float64, copy=False)
 
 
-def _waves(azimuth: Array, harmonics: int) -> Array:
+def _harmonic_basis(azimuth: Array, harmonics: int) -> Array:
     """Return 1, cos α, sin α, cos 2α, … in columns."""
     angles = azimuth[:, None] * np.arange(1, harmonics + 1)
     return np.concatenate([np.ones((len(azimuth), 1)), np.cos(angles), np.sin(angles)], axis=1)
 
 
-def _pooled(
+def _pooled_covariance(
     recording: Recording,
     dwells: Sequence[Dwell],
     seconds: Array,

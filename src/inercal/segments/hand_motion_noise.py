@@ -35,7 +35,7 @@ _ROUNDS = 5  # of weighting; the third changes a per cent
 _LEAST = 0.05  # of the mean density: fewer rests than axes along gravity leave some unseen
 
 
-def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) -> Array:
+def density_without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) -> Array:
     """Return the noise density with the accelerometers' replaced by what is seen along gravity.
 
     Parameters
@@ -47,10 +47,10 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
     sections : iterable of (n, m) arrays
         Rests, SI.
     """
-    a = len(sensor.only("f").axes)
+    a = len(sensor.select_axes("f").axes)
     found: list[tuple[float, float, float]] = []
     parts: list[Array] = []
-    for part, series in _along(sensor, sections):
+    for part, series in _gravity_projections(sensor, sections):
         found.append(_densities(series))
         parts.append(part**2)
     by_axis = np.array(parts)
@@ -63,19 +63,19 @@ def without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) ->
         counted: Array = np.where(halves * weight > _CHANGED, calm, seen)
         own, _residual = nnls(by_axis * weight[:, None], counted * weight)
         own = np.maximum(own, _LEAST * float(seen.mean()))
-    own = _alike(own, by_axis / (by_axis @ own)[:, None])
+    own = _shrink_densities(own, by_axis / (by_axis @ own)[:, None])
     replaced = density.copy()
     replaced[:a, :], replaced[:, :a] = 0.0, 0.0
     replaced[:a, :a] = np.diag(own)
     return replaced
 
 
-def freedom(rests: int) -> int:
+def noise_degrees_of_freedom(rests: int) -> int:
     """Return the degrees of freedom behind the accelerometers' noise, as of axes that are alike."""
     return (_WINDOWS - 1) * rests
 
 
-def _alike(own: Array, weighted: Array) -> Array:
+def _shrink_densities(own: Array, weighted: Array) -> Array:
     """Return densities (a,) drawn to one another as far as chance alone sets them apart.
 
     Attitudes that mix the axes tell their sum well and their differences less: with the rows (r, a)
@@ -95,7 +95,7 @@ def _alike(own: Array, weighted: Array) -> Array:
     return np.asarray(own.mean() * drawn / drawn.mean(), dtype=np.float64)
 
 
-def along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
+def readings_along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
     """Return the accelerometers' readings along the mean specific force of each section, (n,) each.
 
     Parameters
@@ -105,12 +105,14 @@ def along_gravity(sensor: Sensor, sections: Iterable[Array]) -> list[Array]:
     sections : iterable of (n, m) arrays
         Rests, SI.
     """
-    return [series for _, series in _along(sensor, sections)]
+    return [series for _, series in _gravity_projections(sensor, sections)]
 
 
-def _along(sensor: Sensor, sections: Iterable[Array]) -> Iterator[tuple[Array, Array]]:
+def _gravity_projections(
+    sensor: Sensor, sections: Iterable[Array]
+) -> Iterator[tuple[Array, Array]]:
     """Yield the share of each axis in the mean force of a section, (a,), and readings along it."""
-    force = sensor.only("f")
+    force = sensor.select_axes("f")
     a = len(force.axes)
     back = inverse(Sensor(force.name, force.axes), np.eye(a), np.zeros(0)).f
     for section in sections:

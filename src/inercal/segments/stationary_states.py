@@ -14,17 +14,17 @@ from inercal.recording import Finding, Mark, Recording
 from inercal.segments.dwells import (
     ARM_RATE,
     LEAST_TURNS,
-    SETTLE,
-    TURNING,
-    flaw_of,
+    SETTLING_TIME,
+    TURNING_SHARE,
+    flaw_text,
     steady_rate,
-    swept,
+    swept_angle,
 )
 
 _LEAST_REST = 3.0  # s
 
 
-def find_stands(recording: Recording) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
+def find_stationary_states(recording: Recording) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
     """Return where a table stands still under one label, "XY at rest", and what was left out.
 
     Parameters
@@ -32,17 +32,17 @@ def find_stands(recording: Recording) -> tuple[tuple[Mark, ...], tuple[Finding, 
     recording : Recording
         With readback "arm_rate", rad/s, and labels.
     """
-    still = _still(recording)
+    still = _is_stationary(recording)
     found: list[Mark] = []
     left_out: list[Finding] = []
-    for name, start, stop in _labelled(recording):
+    for name, start, stop in _labelled_sections(recording):
         for first, last in _runs(still, start, stop):
-            mark = Mark(f"{name} at rest", *_settled(recording, first, last))
+            mark = Mark(f"{name} at rest", *_trim_settling(recording, first, last))
             if mark.stop - mark.start < round(_LEAST_REST * recording.rate_hz):
                 continue
             again = sum(other.label.startswith(mark.label) for other in found)
             mark = replace(mark, label=f"{mark.label} ({again + 1})") if again else mark
-            if (flaw := flaw_of(recording, mark)) is None:
+            if (flaw := flaw_text(recording, mark)) is None:
                 found.append(mark)
                 continue
             text = f"{mark.label} is left out: {flaw}"
@@ -50,7 +50,7 @@ def find_stands(recording: Recording) -> tuple[tuple[Mark, ...], tuple[Finding, 
     return tuple(found), tuple(left_out)
 
 
-def left_out(
+def omitted_state_findings(
     recording: Recording, marks: Sequence[Mark], findings: Sequence[Finding]
 ) -> tuple[Finding, ...]:
     """Return what a recording holds of states that are none, each with its reason.
@@ -69,32 +69,32 @@ def left_out(
     """
     used = [(mark.start, mark.stop) for mark in marks]
     used += [(f.start, f.stop) for f in findings if f.start is not None and f.stop is not None]
-    sections = list(_labelled(recording))
+    sections = list(_labelled_sections(recording))
     known = {name for name, start, stop in sections if any(start <= k < stop for k, _ in used)}
     smooth, steady = steady_rate(recording)
-    still = _still(recording)
-    lost: list[_Lost] = []
+    still = _is_stationary(recording)
+    lost: list[_OmittedState] = []
     for name, start, stop in sections:
         here = [(first, last) for first, last in used if start <= first < stop]
         short = [
             one
             for run in _runs(steady, start, stop)
             if not any(first < run[1] and last > run[0] for first, last in here)
-            and (one := _short_dwell(recording, f"{name} at {_rpm(smooth, *run)} rpm", *run))
+            and (one := _short_dwell(recording, f"{name} at {_rpm_text(smooth, *run)} rpm", *run))
         ]
         rests = _runs(still, start, stop)
         if not any(still[first] for first, _ in here):
             short += _short_rest(recording, name, rests, bool(short) or name in known)
         if not short and name not in known:
-            short = [_Lost(name, "nowhere steady or at rest")]
+            short = [_OmittedState(name, "nowhere steady or at rest")]
         lost += short
     kinds = dict.fromkeys(one.kind for one in lost)
-    said = [_said([one for one in lost if one.kind == kind]) for kind in kinds]
-    said += _cut_off(recording)
+    said = [_omission_text([one for one in lost if one.kind == kind]) for kind in kinds]
+    said += _lost_motion_texts(recording)
     return tuple(Finding("warning", "states", text) for text in said)
 
 
-class _Lost(NamedTuple):
+class _OmittedState(NamedTuple):
     """A state that is none: why, and how much there is of what is needed."""
 
     label: str
@@ -104,7 +104,7 @@ class _Lost(NamedTuple):
     needed: str = ""
 
 
-def _said(lost: Sequence[_Lost]) -> str:
+def _omission_text(lost: Sequence[_OmittedState]) -> str:
     names = ", ".join(one.label for one in lost)
     count = f"{len(lost)} state{'s' * (len(lost) > 1)} left out: {names}"
     _, kind, _, unit, needed = lost[0]
@@ -119,49 +119,51 @@ def _said(lost: Sequence[_Lost]) -> str:
     return f"{count} ({size} {unit}{kind}; {needed} are needed)"
 
 
-def _short_dwell(recording: Recording, label: str, start: int, stop: int) -> _Lost | None:
+def _short_dwell(recording: Recording, label: str, start: int, stop: int) -> _OmittedState | None:
     """Return a steady rate that makes no state; None of a moment."""
-    if recording.span(start, stop) < SETTLE:
+    if recording.span(start, stop) < SETTLING_TIME:
         return None
     cuts = [int(after) for after in recording.gaps[:, 1] if start < after < stop]
     rate = recording.readback[ARM_RATE]
     turns = 0.0
     for first, last in pairwise([start, *cuts, stop]):
-        first += round(SETTLE * recording.rate_hz)
+        first += round(SETTLING_TIME * recording.rate_hz)
         if last - first > 1:
-            angle = swept(rate[first:last], recording.time[first:last])
+            angle = swept_angle(rate[first:last], recording.time[first:last])
             turns = max(turns, abs(float(angle[-1])) / (2 * pi))
-    return _Lost(label, _beside(recording, start, stop), turns, "turns", f"{LEAST_TURNS}")
+    return _OmittedState(
+        label, _interruption_text(recording, start, stop), turns, "turns", f"{LEAST_TURNS}"
+    )
 
 
 def _short_rest(
     recording: Recording, name: str, runs: Sequence[tuple[int, int]], others: bool
-) -> list[_Lost]:
+) -> list[_OmittedState]:
     """Return the longest of the rests under a label, where it was to be a state.
 
     Between other states a table stands still for a moment without being meant to.
     """
     longest = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
-    if (longest[1] - longest[0]) / recording.rate_hz < (_LEAST_REST if others else SETTLE):
+    if (longest[1] - longest[0]) / recording.rate_hz < (_LEAST_REST if others else SETTLING_TIME):
         return []
-    first, last = _settled(recording, *longest)
+    first, last = _trim_settling(recording, *longest)
     seconds = max((last - first) / recording.rate_hz, 0.0)
-    kind = f" settled{_beside(recording, *longest)}"
-    return [_Lost(f"{name} at rest", kind, seconds, "s", f"{_LEAST_REST:g}")]
+    kind = f" settled{_interruption_text(recording, *longest)}"
+    return [_OmittedState(f"{name} at rest", kind, seconds, "s", f"{_LEAST_REST:g}")]
 
 
-def _beside(recording: Recording, start: int, stop: int) -> str:
+def _interruption_text(recording: Recording, start: int, stop: int) -> str:
     """Say what cut a state short, if it was not its own end."""
     if any(start <= after <= stop for after in recording.gaps[:, 1].tolist()):
         return " beside a gap"
     return " to the recording's end" if stop == recording.time.size else ""
 
 
-def _cut_off(recording: Recording) -> list[str]:
+def _lost_motion_texts(recording: Recording) -> list[str]:
     """Say where a table that turned is lost from sight: what came then is unknown."""
     labels, rate = recording.labels, recording.readback[ARM_RATE]
     assert labels is not None
-    turning = ~_still(recording)
+    turning = ~_is_stationary(recording)
     said: list[str] = []
     for before, after in recording.gaps.tolist():
         same = labels[before] == labels[after] and np.isclose(rate[before], rate[after], rtol=0.01)
@@ -177,17 +179,17 @@ def _cut_off(recording: Recording) -> list[str]:
     return said
 
 
-def _still(recording: Recording) -> NDArray[np.bool_]:
+def _is_stationary(recording: Recording) -> NDArray[np.bool_]:
     rate = np.abs(recording.readback[ARM_RATE])
-    return rate <= TURNING * rate.max()
+    return rate <= TURNING_SHARE * rate.max()
 
 
-def _settled(recording: Recording, start: int, stop: int) -> tuple[int, int]:
-    settle = round(SETTLE * recording.rate_hz)
-    return start + settle, stop - settle
+def _trim_settling(recording: Recording, start: int, stop: int) -> tuple[int, int]:
+    synchronise_imu = round(SETTLING_TIME * recording.rate_hz)
+    return start + synchronise_imu, stop - synchronise_imu
 
 
-def _labelled(recording: Recording) -> Iterator[tuple[str, int, int]]:
+def _labelled_sections(recording: Recording) -> Iterator[tuple[str, int, int]]:
     """Yield the sections of one label each: its name, the first sample, the one after the last."""
     labels = recording.labels
     if labels is None:
@@ -204,5 +206,5 @@ def _runs(held: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int
     return [(first, last) for first, last in (edges.reshape(-1, 2) + start).tolist()]
 
 
-def _rpm(smooth: Array, start: int, stop: int) -> str:
+def _rpm_text(smooth: Array, start: int, stop: int) -> str:
     return f"{abs(float(smooth[start:stop].mean())) * 30 / pi:.4g}"

@@ -17,15 +17,15 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.io.table import blocks
+from inercal.io.column_table import row_blocks
 from inercal.recording import Finding, Mark, Recording
 from inercal.sensors import G0, Sensor
 
 _BLOCKS = 10
 _USUAL = 20.0  # a step of so many scatters half-way adds ten times the variance of noise squared
-_OWN = 10.0
+_OWN_SCATTER_FACTOR = 10.0
 _LARGE = 100.0  # usual scatters; no noise of one position is so much larger than all others'
-_COMMON, _ENOUGH = 3.0, 4  # times the usual range, where so many sections show what is usual
+_COMMON, _MIN_SECTIONS = 3.0, 4  # times the usual range, where so many sections show what is usual
 _QUANTA = 2.5
 # Changes below these are no move, however quiet the sensor: 0.1 mrad of tilt, 2 °/h.
 _FLOOR = {"f": 1e-4 * G0, "w": 1e-5}
@@ -61,9 +61,9 @@ def require_still(
     InputError
         A section moves; or an accepted label is that of no section, or of one that is still.
     """
-    if unknown := [label for label in accepted if label not in {mark.label for mark in marks}]:
+    if not_found := [label for label in accepted if label not in {mark.label for mark in marks}]:
         raise InputError(
-            f"{recording.source}: [data] accept_moving names {unknown[0]!r}, which is no rest; "
+            f"{recording.source}: [data] accept_moving names {not_found[0]!r}, which is no rest; "
             f"rests are {', '.join(mark.label for mark in marks)}"
         )
     marks = [mark for mark in marks if mark.stop - mark.start >= 2 * _BLOCKS]
@@ -82,9 +82,9 @@ def require_still(
         max(_FLOOR[axis.measures], _QUANTA * _step(recording, column) / abs(axis.readout.scale))
         for axis, column in zip(sensor.axes, columns, strict=True)
     ]
-    limit = np.maximum(np.maximum(_USUAL * usual, fixed), _OWN * of_means)
-    limit = np.maximum(limit, np.minimum(_OWN * own, _LARGE * usual))
-    if len(marks) >= _ENOUGH:
+    limit = np.maximum(np.maximum(_USUAL * usual, fixed), _OWN_SCATTER_FACTOR * of_means)
+    limit = np.maximum(limit, np.minimum(_OWN_SCATTER_FACTOR * own, _LARGE * usual))
+    if len(marks) >= _MIN_SECTIONS:
         limit = np.maximum(limit, _COMMON * np.median(reach, axis=0))
     findings: list[Finding] = []
     refused: list[tuple[float, str]] = []
@@ -135,7 +135,7 @@ def _blocks(
 def _step(recording: Recording, column: int) -> float:
     """Return the smallest change between samples of a channel, output units; 0 without any."""
     least = np.inf
-    for k in blocks(recording.time.size - 1):
+    for k in row_blocks(recording.time.size - 1):
         steps = np.abs(np.diff(recording.data[..., k.start : k.stop + 1, column], axis=-1))
         least = min(least, float(np.min(steps, initial=np.inf, where=steps > 0)))
     return least if np.isfinite(least) else 0.0

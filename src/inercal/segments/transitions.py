@@ -12,15 +12,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.recording import Mark, Passages, Recording
-from inercal.segments.attitudes import flaws
+from inercal.segments.attitudes import range_flaws
 from inercal.sensors import Sensor
 
 # s of a rest that are weighed: a hand's sway takes some 3 s, and the noise of a weighed rest costs
 # little, since it is also in the rest's mean rate.
-WOBBLE = 5.0
+WEIGHTED_DURATION = 5.0
 
 
-def between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Passages:
+def passages_between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Passages:
     """Return the passages between marks that follow one another in time.
 
     Those with a gap, or with saturated or stuck gyros, are left out.
@@ -36,7 +36,7 @@ def between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -
     """
     columns = [recording.channels.index(name) for name in sensor.channels]
     in_place = columns == list(range(len(recording.channels)))
-    weighed = max(round(WOBBLE * recording.rate_hz), 1)
+    weighed = max(round(WEIGHTED_DURATION * recording.rate_hz), 1)
     length = np.array([min(mark.stop - mark.start, weighed) for mark in marks])
     begin, end = np.array([(mark.start, mark.stop) for mark in marks]).T
     start, left = end[:-1] - length[:-1], end[:-1] - 1
@@ -45,7 +45,7 @@ def between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -
     last_gap = np.searchsorted(recording.gaps[:, 0], np.stack([start, stop]))
     whole_way = last_gap[0] == last_gap[1]
     ways = list(zip(start.tolist(), (stop + 1).tolist(), strict=True))
-    clean = [flaw is None for flaw in flaws(recording, sensor.only("w"), ways)]
+    clean = [flaw is None for flaw in range_flaws(recording, sensor.select_axes("w"), ways)]
     kept = np.flatnonzero(whole_way & np.array(clean, dtype=np.bool_))
     return Passages(
         time=recording.time,

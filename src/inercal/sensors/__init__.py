@@ -1,12 +1,20 @@
 """Sensors: coefficient tables, exact forward model, inverse and noise."""
 
 from inercal.sensors.axis import Axis, Readout
+from inercal.sensors.axis_model import Form
 from inercal.sensors.catalogue import cluster, imu, pair, single, triad
+from inercal.sensors.coefficient_tables import (
+    ACCELEROMETER,
+    G0,
+    GROUPS,
+    GYRO,
+    SI_UNITS,
+    TABLES,
+    ErrorTerm,
+)
 from inercal.sensors.inverse import inverse
 from inercal.sensors.noise import Noise
-from inercal.sensors.response import Form
 from inercal.sensors.sensor import Sensor
-from inercal.sensors.tables import ACCELEROMETER, G0, GROUPS, GYRO, SI_UNITS, TABLES, Coefficient
 
 __all__ = [
     "ACCELEROMETER",
@@ -16,7 +24,7 @@ __all__ = [
     "SI_UNITS",
     "TABLES",
     "Axis",
-    "Coefficient",
+    "ErrorTerm",
     "Form",
     "Noise",
     "Readout",

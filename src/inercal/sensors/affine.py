@@ -21,19 +21,19 @@ from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
 
-NAMES = ("Sx", "Exy", "Exz", "Eyx", "Sy", "Eyz", "Ezx", "Ezy", "Sz", "Axp", "Ayp", "Azp")
-IDEAL: Array = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
+AFFINE_NAMES = ("Sx", "Exy", "Exz", "Eyx", "Sy", "Eyz", "Ezx", "Ezy", "Sz", "Axp", "Ayp", "Azp")
+IDENTITY_PARAMETERS: Array = np.concatenate([np.eye(3).ravel(), np.zeros(3)])
 _TERMS = ("k0", "k1", "delta_o", "delta_p")
 
 
-class Affine(NamedTuple):
+class AffineModel(NamedTuple):
     """M (..., 3, 3) and p (..., 3) in g."""
 
     matrix: Array
     offset: Array
 
     @classmethod
-    def of(cls, theta: Array) -> "Affine":
+    def of(cls, theta: Array) -> "AffineModel":
         """Return M and p of θ (..., 12)."""
         return cls(theta[..., :9].reshape(*theta.shape[:-1], 3, 3), theta[..., 9:])
 
@@ -48,10 +48,10 @@ class Affine(NamedTuple):
         return a @ np.swapaxes(self.matrix, -1, -2) + self.offset[..., None, :]
 
     @property
-    def inverse(self) -> "Affine":
+    def inverse(self) -> "AffineModel":
         """The other way: H and b of M and p, or M and p of H and b."""
         back = np.asarray(np.linalg.inv(self.matrix), dtype=float)
-        return Affine(back, -(back @ self.offset[..., None])[..., 0])
+        return AffineModel(back, -(back @ self.offset[..., None])[..., 0])
 
     @property
     def slope(self) -> Array:
@@ -65,7 +65,7 @@ class Affine(NamedTuple):
         return np.concatenate([above, np.concatenate([to_offset, -back], axis=-1)], axis=-2)
 
 
-def require_twelve(sensor: Sensor) -> None:
+def require_affine_triad(sensor: Sensor) -> None:
     """Refuse a sensor whose error model is not f = M a + p.
 
     Raises
@@ -83,7 +83,7 @@ def require_twelve(sensor: Sensor) -> None:
         )
 
 
-def _maps(sensor: Sensor) -> tuple[Array, Array]:
+def _affine_maps(sensor: Sensor) -> tuple[Array, Array]:
     """Return θ of H and b at nominal, (12,), and by each coefficient, (12, 12); in g."""
     felt = np.concatenate([np.eye(3), np.zeros((1, 3))]) * G0
     p = len(sensor.coefficients)
@@ -92,7 +92,7 @@ def _maps(sensor: Sensor) -> tuple[Array, Array]:
     return thetas[0], np.array(thetas[1:]).T - thetas[0][:, None]
 
 
-def to_affine(sensor: Sensor, c: Array) -> tuple[Affine, Array]:
+def to_affine(sensor: Sensor, c: Array) -> tuple[AffineModel, Array]:
     """Return M and p of coefficients (..., 12) in SI, and ∂θ/∂c, (..., 12, 12).
 
     Raises
@@ -100,13 +100,13 @@ def to_affine(sensor: Sensor, c: Array) -> tuple[Affine, Array]:
     InputError
         A sensor of another error model.
     """
-    require_twelve(sensor)
-    nominal, by = _maps(sensor)
-    reading = Affine.of(nominal + c @ by.T)
+    require_affine_triad(sensor)
+    nominal, by = _affine_maps(sensor)
+    reading = AffineModel.of(nominal + c @ by.T)
     return reading.inverse, reading.slope @ by
 
 
-def to_coefficients(sensor: Sensor, model: Affine) -> tuple[Array, Array]:
+def to_coefficients(sensor: Sensor, model: AffineModel) -> tuple[Array, Array]:
     """Return the coefficients (..., 12) in SI of M and p, and ∂c/∂θ, (..., 12, 12).
 
     Raises
@@ -114,7 +114,7 @@ def to_coefficients(sensor: Sensor, model: Affine) -> tuple[Array, Array]:
     InputError
         A sensor of another error model.
     """
-    require_twelve(sensor)
-    nominal, by = _maps(sensor)
+    require_affine_triad(sensor)
+    nominal, by = _affine_maps(sensor)
     back = np.asarray(np.linalg.inv(by), dtype=float)
     return (model.inverse.theta - nominal) @ back.T, back @ model.slope

@@ -76,7 +76,7 @@ class Axis:
         """Rows I, P, O in the sensor's frame, (3, 3)."""
         return np.array([self.i, self.p, np.cross(self.i, self.p)])
 
-    def see(self, motion: Motion) -> dict[str, Array]:
+    def motion_components(self, motion: Motion) -> dict[str, Array]:
         """Return the components of a motion along I, P, O by name, arrays (..., n)."""
         seen: dict[str, Array] = {"dT": np.asarray(motion.dT, dtype=float)}
         for letter, vectors in (("f", motion.f), ("w", motion.w), ("a", motion.dw)):

@@ -11,7 +11,7 @@ from inercal.sensors.noise import Noise
 from inercal.sensors.sensor import Sensor
 
 # I and P of x, y, z: cyclic, so that O completes the frame (x → xyz, y → yzx, z → zxy)
-CYCLIC = {
+CYCLIC_AXES = {
     "x": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
     "y": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
     "z": ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
@@ -30,7 +30,9 @@ def triad(
     >>> triad().with_coefficients("bias", "z.k2").coefficients
     ('x.k0', 'y.k0', 'z.k0', 'z.k2')
     """
-    axes = tuple(Axis(prefix + a, measures, i, p, readout, noise) for a, (i, p) in CYCLIC.items())
+    axes = tuple(
+        Axis(prefix + a, measures, i, p, readout, noise) for a, (i, p) in CYCLIC_AXES.items()
+    )
     return Sensor(name, axes)
 
 
@@ -46,12 +48,12 @@ def imu(
 
 def single(name: str = "accelerometer", measures: Literal["f", "w"] = "f") -> Sensor:
     """Return one axis "i" with I along x and P along y."""
-    return Sensor(name, (Axis("i", measures, *CYCLIC["x"]),))
+    return Sensor(name, (Axis("i", measures, *CYCLIC_AXES["x"]),))
 
 
 def pair(name: str = "pair") -> Sensor:
     """Return two orthogonal accelerometers, a along x and b along y."""
-    return Sensor(name, (Axis("a", "f", *CYCLIC["x"]), Axis("b", "f", *CYCLIC["y"])))
+    return Sensor(name, (Axis("a", "f", *CYCLIC_AXES["x"]), Axis("b", "f", *CYCLIC_AXES["y"])))
 
 
 def cluster(name: str, input_axes: Sequence[Sequence[float]], measures: Literal["f", "w"] = "f"):

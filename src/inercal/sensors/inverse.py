@@ -13,7 +13,7 @@ from inercal.sensors.sensor import Sensor
 
 _CHUNK = 1 << 16  # samples at a time: the slopes of a chunk fit the cache's outer levels
 _MAX_STEPS = 40
-_BLIND = "the coefficients make the sensor blind along some direction"
+_SINGULAR_TEXT = "the coefficients make the sensor blind along some direction"
 
 
 def inverse(
@@ -54,7 +54,7 @@ def inverse(
     NotInvertible
         Some reading lies beyond the fold of the model.
     """
-    basis = _seen_directions(sensor)
+    basis = _observed_directions(sensor)
     for measures, given, word in (("f", f, "specific force"), ("w", w, "angular rate")):
         rank = _rank(sensor, measures)
         if 0 < rank < 3 and given is None:
@@ -89,7 +89,7 @@ def _rank(sensor: Sensor, measures: str) -> int:
     return int(np.linalg.matrix_rank(np.array(rows))) if rows else 0
 
 
-def _seen_directions(sensor: Sensor) -> Array:
+def _observed_directions(sensor: Sensor) -> Array:
     """Return an orthonormal basis, (6, k), of the (f, ω) that the input axes can see."""
     columns: list[Array] = []
     for offset, measures in ((0, "f"), (3, "w")):
@@ -115,13 +115,13 @@ def _solve(slope: Array, right: Array) -> Array:
     try:
         return np.linalg.solve(slope, right[..., None])[..., 0].astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
-        raise NotInvertible(_BLIND) from None
+        raise NotInvertible(_SINGULAR_TEXT) from None
 
 
 def _affine(sensor: Sensor, y: Array, c: Array, across: Array, basis: Array) -> Array:
     slope = (sensor.slope(Motion(np.zeros((1, 3))), c) @ basis)[..., 0, :, :]
     if (np.linalg.matrix_rank(slope) < basis.shape[1]).any():
-        raise NotInvertible(f"sensor {sensor.name}: {_BLIND}")
+        raise NotInvertible(f"sensor {sensor.name}: {_SINGULAR_TEXT}")
     offset = sensor.forward(Motion(across[..., :3], across[..., 3:]), c)
     back = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     return (y - offset) @ np.swapaxes(back, -1, -2)
@@ -154,7 +154,9 @@ def _newton(
     # A bias asymmetry leaves a gap at zero: readings inside it come from no motion, and the steps
     # hop from one side of it to the other. Zero, between them, is the nearest motion.
     hopping = (
-        (np.abs(step) > 1e-12 * size) & (np.abs(step) <= _jump(sensor, c)) & (x * (x - step) < 0)
+        (np.abs(step) > 1e-12 * size)
+        & (np.abs(step) <= _asymmetry_gap(sensor, c))
+        & (x * (x - step) < 0)
     )
     x, step = np.where(hopping, 0.0, x), np.where(hopping.any(-1, keepdims=True), 0.0, step)
     motion = _motion(across + x @ basis.T, rates, dT)
@@ -174,7 +176,7 @@ def _newton(
     return across + x @ basis.T
 
 
-def _jump(sensor: Sensor, c: Array) -> Array | float:
+def _asymmetry_gap(sensor: Sensor, c: Array) -> Array | float:
     """Return a bound of the gap that bias asymmetries leave at zero, (..., 1, 1), SI."""
     jumps = [c[..., k] for k, n in enumerate(sensor.coefficients) if n.endswith(".k0_prime")]
     return 2 * np.abs(np.stack(jumps, -1)).max(-1)[..., None, None] if jumps else 0.0

@@ -17,9 +17,9 @@ from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.sensors.axis import Axis
-from inercal.sensors.choose import choose
-from inercal.sensors.response import FELT, Form, Response, respond
-from inercal.sensors.tables import TABLES, Coefficient
+from inercal.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form, axis_response
+from inercal.sensors.coefficient_selection import select_coefficients
+from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
 
 
 class Linearisation(NamedTuple):
@@ -43,7 +43,7 @@ class Sensor:
     coefficients : tuple of str
         Full names, "ax.k0"; see `with_coefficients`.
     form : "reference" or "tilted"
-        Where nonlinear terms act (see `inercal.sensors.response`).
+        Where nonlinear terms act (see `inercal.sensors.axis_model`).
     reference_temperature : float
         K; the model's ΔT is counted from it.
     frame : "mount" or "symmetric"
@@ -62,13 +62,13 @@ class Sensor:
     form: Form = "reference"
     reference_temperature: float = 293.15
     frame: Literal["mount", "symmetric"] = "mount"
-    _by_axis: Mapping[str, tuple[Coefficient, ...]] = field(init=False, repr=False, compare=False)
+    _by_axis: Mapping[str, tuple[ErrorTerm, ...]] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         names = [axis.name for axis in self.axes]
         if len(set(names)) != len(names):
             raise InputError(f"sensor {self.name}: two axes have one name in {names}")
-        by_axis: dict[str, list[Coefficient]] = {name: [] for name in names}
+        by_axis: dict[str, list[ErrorTerm]] = {name: [] for name in names}
         for full in self.coefficients:
             axis, short = CoefficientName(full).parts
             tables = {a.name: TABLES[a.measures] for a in self.axes}
@@ -87,9 +87,9 @@ class Sensor:
         `"bias"`, `"scale"`, `"misalignment"`, `"nonorthogonality"`, … choose for all axes,
         `"k2"` one coefficient for all axes that have it, `"x.k2"` or `"x.bias"` for one.
         """
-        return replace(self, coefficients=choose(self.axes, chosen))
+        return replace(self, coefficients=select_coefficients(self.axes, chosen))
 
-    def only(self, measures: Literal["f", "w"]) -> "Sensor":
+    def select_axes(self, measures: Literal["f", "w"]) -> "Sensor":
         """Return the sensor's accelerometers or its gyros alone, with their coefficients."""
         axes = tuple(a for a in self.axes if a.measures == measures)
         kept = {a.name for a in axes}
@@ -101,7 +101,7 @@ class Sensor:
         """Names of the axes."""
         return tuple(axis.name for axis in self.axes)
 
-    def coefficient(self, full: str) -> Coefficient:
+    def coefficient(self, full: str) -> ErrorTerm:
         """Return the line of the table behind a full name such as "x.k0"."""
         axis, short = CoefficientName(full).parts
         return next(c for c in self._by_axis[axis] if c.name == short)
@@ -118,7 +118,7 @@ class Sensor:
     def affine(self) -> bool:
         """Whether readings are affine in f and ω, and depend on nothing else."""
         table = [c.basis for line in self._by_axis.values() for c in line]
-        linear = all(basis.degree(*FELT) <= 1 for basis in table)
+        linear = all(basis.degree(*MOTION_COMPONENTS) <= 1 for basis in table)
         others = self.uses("si", "swi", "dT", "ai", "ap", "ao")
         return linear and not others and (self.form == "reference" or self.coefficients == ())
 
@@ -163,9 +163,9 @@ class Sensor:
         design = np.zeros((*shape, len(self.axes), len(self.coefficients)))
         slope = np.zeros((*shape, len(self.axes), 6))
         for k, (axis, response) in enumerate(zip(self.axes, responses, strict=True)):
-            for short, column in response.to_coefficient.items():
+            for short, column in response.coefficient_derivatives.items():
                 design[..., k, self.coefficients.index(f"{axis.name}.{short}")] = column
-            for name, column in response.to_felt.items():
+            for name, column in response.motion_derivatives.items():
                 block = slice(0, 3) if name[0] == "f" else slice(3, 6)
                 slope[..., k, block] += column[..., None] * axis.frame["ipo".index(name[1])]
         return Linearisation(reading, design, slope)
@@ -195,10 +195,10 @@ class Sensor:
         maps = np.swapaxes(at, -1, -2)
         return maps[p], maps[:p] - maps[p]
 
-    def _respond(self, axis: Axis, motion: Motion, c: Array, *, derive: bool) -> Response:
+    def _respond(self, axis: Axis, motion: Motion, c: Array, *, derive: bool) -> AxisResponse:
         lines = self._by_axis[axis.name]
         values = {
             line.name: c[..., self.coefficients.index(f"{axis.name}.{line.name}"), None]
             for line in lines
         }
-        return respond(axis, lines, values, motion, self.form, derive=derive)
+        return axis_response(axis, lines, values, motion, self.form, derive=derive)

@@ -5,20 +5,20 @@ entered it and when. Nothing in it is the only copy: it is filled from the folde
 files of calibrations, as often as one likes.
 """
 
-from inercal.errors import brought_by
+from inercal.errors import require_extra
 
 _PACKAGES = ("sqlalchemy", "alembic", "psycopg")
-with brought_by("store", "the register needs SQLAlchemy and Alembic", _PACKAGES):
+with require_extra("store", "the register needs SQLAlchemy and Alembic", _PACKAGES):
     from inercal.store.entries import CalibrationEntry, FileEntry, RunEntry, RunFacts, SensorEntry
-    from inercal.store.history import History
+    from inercal.store.history import SensorHistory
     from inercal.store.register import Register
 
 __all__ = [
     "CalibrationEntry",
     "FileEntry",
-    "History",
     "Register",
     "RunEntry",
     "RunFacts",
     "SensorEntry",
+    "SensorHistory",
 ]

@@ -9,16 +9,16 @@ from sqlalchemy.exc import ArgumentError
 
 from inercal.errors import InputError
 
-VARIABLE = "INERCAL_REGISTER"
+ENVIRONMENT_VARIABLE = "INERCAL_REGISTER"
 DEFAULT = "default"
 _SQLITE = "sqlite:///"
 _SERVERS = ("postgresql", "postgres", "postgresql+psycopg")
-_SECRETS = ("password", "sslpassword")
-_POSSIBLE = "a path, sqlite:///PATH or postgresql://USER@HOST/DATABASE"
+_SECRET_PARAMETERS = ("password", "sslpassword")
+_ADDRESS_FORMS = "a path, sqlite:///PATH or postgresql://USER@HOST/DATABASE"
 
 
 @dataclass(frozen=True)
-class Address:
+class RegisterAddress:
     """Where a register is.
 
     Parameters
@@ -27,16 +27,16 @@ class Address:
         As SQLAlchemy takes it.
     file : Path or None
         Of SQLite, absolute.
-    shown : str
+    display_url : str
         To be printed: it holds no password.
     """
 
     url: URL = field(repr=False)  # it may hold a password where SQLAlchemy does not hide one
     file: Path | None
-    shown: str
+    display_url: str
 
 
-def address_of(text: str | None = None) -> Address:
+def resolve_address(text: str | None = None) -> RegisterAddress:
     """Return where a register is.
 
     Parameters
@@ -52,20 +52,20 @@ def address_of(text: str | None = None) -> Address:
         An address of another kind, or the folder cannot be made.
     """
     if text in (None, DEFAULT):
-        text = os.environ.get(VARIABLE) or None
+        text = os.environ.get(ENVIRONMENT_VARIABLE) or None
     if text is None:
-        return _in_file(_usual())
+        return _file_address(_default_path())
     scheme, mark, _ = text.partition("://")
     if not mark:
-        return _in_file(Path(text))
+        return _file_address(Path(text))
     if text.startswith(_SQLITE) and text != _SQLITE:
-        return _in_file(Path(text.removeprefix(_SQLITE)))
+        return _file_address(Path(text.removeprefix(_SQLITE)))
     if scheme in _SERVERS:
-        return _on_server(text)
-    raise InputError(f"a register's address that begins with {scheme}://: give {_POSSIBLE}")
+        return _server_address(text)
+    raise InputError(f"a register's address that begins with {scheme}://: give {_ADDRESS_FORMS}")
 
 
-def _usual() -> Path:
+def _default_path() -> Path:
     own = os.environ.get("XDG_DATA_HOME", "")
     try:
         # A relative path in that variable counts for nothing (XDG Base Directory Specification).
@@ -75,20 +75,22 @@ def _usual() -> Path:
     except (OSError, RuntimeError) as error:
         raise InputError(
             f"the register's folder cannot be made: {error}; name another by --register or "
-            f"${VARIABLE}"
+            f"${ENVIRONMENT_VARIABLE}"
         ) from None
     return path
 
 
-def _in_file(path: Path) -> Address:
+def _file_address(path: Path) -> RegisterAddress:
     if not str(path) or path == Path():
-        raise InputError(f"a register's address is empty: give {_POSSIBLE}")
+        raise InputError(f"a register's address is empty: give {_ADDRESS_FORMS}")
     file = Path(os.path.abspath(path.expanduser()))
     # Not read from a text: a path may hold any character.
-    return Address(URL.create("sqlite+pysqlite", database=str(file)), file, f"{_SQLITE}{file}")
+    return RegisterAddress(
+        URL.create("sqlite+pysqlite", database=str(file)), file, f"{_SQLITE}{file}"
+    )
 
 
-def _on_server(text: str) -> Address:
+def _server_address(text: str) -> RegisterAddress:
     # Nothing of a text that cannot be read is printed: a password may stand anywhere in it.
     refusal = InputError(
         "the address of a PostgreSQL register cannot be read: write "
@@ -102,6 +104,8 @@ def _on_server(text: str) -> Address:
     if "@" in (url.host or ""):
         raise refusal
     hidden = url.set(drivername="postgresql").update_query_dict(
-        dict.fromkeys((name for name in _SECRETS if name in url.query), "hidden")
+        dict.fromkeys((name for name in _SECRET_PARAMETERS if name in url.query), "hidden")
     )
-    return Address(url.set(drivername="postgresql+psycopg"), None, hidden.render_as_string())
+    return RegisterAddress(
+        url.set(drivername="postgresql+psycopg"), None, hidden.render_as_string()
+    )

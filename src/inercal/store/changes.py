@@ -39,16 +39,16 @@ from scipy.special import gammaincc, gammainccinv
 from inercal.arrays import Array
 from inercal.calibration.verdict import COVERAGE
 
-Verdict = Literal["steady", "drifts", "changed", "too few"]
-BY_CHANCE = erfc(COVERAGE / sqrt(2))
+TrendVerdict = Literal["steady", "drifts", "changed", "too few"]
+CHANCE_FRACTION = erfc(COVERAGE / sqrt(2))
 """Part of all |E_n| that exceed 1 where nothing changed, 0.0455."""
 YEAR = 31_557_600.0  # s, of 365.25 days (Julian year)
-_BOUND = 0.05  # probability beyond which χ² asks for the Birge ratio
-_FEWEST = 3  # of a line
-_RANK = 1e-9  # of the largest eigenvalue of the scaled covariance
+_BIRGE_PROBABILITY = 0.05  # probability beyond which χ² asks for the Birge ratio
+_MIN_POINTS = 3  # of a line
+_RANK_TOLERANCE = 1e-9  # of the largest eigenvalue of the scaled covariance
 
 
-def normalised(difference: Array, first: Array, second: Array) -> Array:
+def normalised_errors(difference: Array, first: Array, second: Array) -> Array:
     """Return E_n of differences.
 
     Parameters
@@ -65,14 +65,14 @@ def normalised(difference: Array, first: Array, second: Array) -> Array:
 
     Examples
     --------
-    >>> float(normalised(np.array(5.0), np.array(3.0), np.array(4.0)))
+    >>> float(normalised_errors(np.array(5.0), np.array(3.0), np.array(4.0)))
     0.5
     """
     expanded = COVERAGE * np.hypot(first, second)
     return np.divide(difference, expanded, out=np.full_like(expanded, np.nan), where=expanded > 0)
 
 
-class Joint(NamedTuple):
+class JointTest(NamedTuple):
     """The test of all coefficients together.
 
     Parameters
@@ -92,7 +92,7 @@ class Joint(NamedTuple):
     p_value: float
 
 
-def joint(difference: Array, covariance: Array) -> Joint:
+def joint_test(difference: Array, covariance: Array) -> JointTest:
     """Return the joint test of a difference, (p,), with the covariance C₁ + C₂, (p, p)."""
     size = difference.size
     scale = np.sqrt(np.diag(covariance))
@@ -100,18 +100,18 @@ def joint(difference: Array, covariance: Array) -> Joint:
         raise ValueError("the joint test takes coefficients that have an uncertainty")
     # Scaled to ones on the diagonal: units that differ by many powers of ten say nothing of rank.
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    seen = values > _RANK * values[-1]
+    seen = values > _RANK_TOLERANCE * values[-1]
     along = (vectors.T @ (difference / scale))[seen]
     chi2, rank = float(np.sum(along**2 / values[seen])), int(seen.sum())
-    return Joint(chi2, rank, size, chance(chi2, rank))
+    return JointTest(chi2, rank, size, chi2_p_value(chi2, rank))
 
 
-def chance(chi2: float, dof: int) -> float:
+def chi2_p_value(chi2: float, dof: int) -> float:
     """Return how likely a χ² of that many degrees of freedom is as large; 1 of none."""
     return float(gammaincc(dof / 2, chi2 / 2)) if dof else 1.0
 
 
-class Constancy(NamedTuple):
+class ConstancyTest(NamedTuple):
     """χ² about the weighted mean, its degrees of freedom, and how likely chance makes as much."""
 
     chi2: float
@@ -119,14 +119,14 @@ class Constancy(NamedTuple):
     p_value: float
 
 
-def constancy(values: Array, std: Array) -> Constancy:
+def constancy_test(values: Array, std: Array) -> ConstancyTest:
     """Return the test of (n,) values, with standard uncertainties (n,), against their mean."""
     mean = np.average(values, weights=std**-2.0)
     chi2, dof = float(np.sum(((values - mean) / std) ** 2)), values.size - 1
-    return Constancy(chi2, dof, chance(chi2, dof))
+    return ConstancyTest(chi2, dof, chi2_p_value(chi2, dof))
 
 
-class Line(NamedTuple):
+class DriftLine(NamedTuple):
     """The straight line through a history.
 
     Parameters
@@ -152,7 +152,7 @@ class Line(NamedTuple):
     dof: int
     birge: float
 
-    def at(self, time: Array) -> tuple[Array, Array]:
+    def evaluate(self, time: Array) -> tuple[Array, Array]:
         """Return the line and its standard uncertainty at times, in years."""
         off = time - self.time
         return self.value + self.slope * off, np.hypot(self.value_std, self.slope_std * off)
@@ -163,12 +163,12 @@ class Line(NamedTuple):
         return abs(self.slope) > COVERAGE * self.slope_std
 
 
-def line(time: Array, values: Array, std: Array) -> Line | None:
+def fit_drift_line(time: Array, values: Array, std: Array) -> DriftLine | None:
     """Return the line through (n,) values at (n,) times in years.
 
     None of fewer than three, or where all are of one time.
     """
-    if values.size < _FEWEST:
+    if values.size < _MIN_POINTS:
         return None
     weights = std**-2.0
     middle = float(np.average(time, weights=weights))
@@ -180,13 +180,13 @@ def line(time: Array, values: Array, std: Array) -> Line | None:
     slope = float(np.sum(weights * off * (values - value))) / squares
     chi2 = float(np.sum(((values - value - slope * off) / std) ** 2))
     dof = values.size - 2
-    bound = 2 * float(gammainccinv(dof / 2, _BOUND))
+    bound = 2 * float(gammainccinv(dof / 2, _BIRGE_PROBABILITY))
     birge = sqrt(chi2 / dof) if chi2 > bound else 1.0
     value_std, slope_std = birge / sqrt(float(weights.sum())), birge / sqrt(squares)
-    return Line(middle, value, value_std, slope, slope_std, chi2, dof, birge)
+    return DriftLine(middle, value, value_std, slope, slope_std, chi2, dof, birge)
 
 
-def verdict(found: Line | None, constant: Constancy) -> Verdict:
+def trend_verdict(found: DriftLine | None, constant: ConstancyTest) -> TrendVerdict:
     """Say what a history shows.
 
     "drifts": the slope exceeds its U. "changed": no such slope, but the values scatter about their
@@ -197,4 +197,4 @@ def verdict(found: Line | None, constant: Constancy) -> Verdict:
         return "too few"
     if found is not None and found.drifts:
         return "drifts"
-    return "changed" if constant.p_value < BY_CHANCE else "steady"
+    return "changed" if constant.p_value < CHANCE_FRACTION else "steady"

@@ -9,7 +9,7 @@ from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError
 from inercal.store import changes
-from inercal.store.comparable import brought, held, recording_of
+from inercal.store.comparability import fixed_coefficients, match_frame_and_form, recording_sha256
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,14 +21,14 @@ class Comparison:
     first, second : Calibration
     names : tuple of str
         Coefficients that both have, with an uncertainty.
-    left_out : tuple of str
+    exclusions : tuple of str
         In words: coefficients that only one has, or that no data stand behind.
     """
 
     first: Calibration
     second: Calibration
     names: tuple[str, ...]
-    left_out: tuple[str, ...]
+    exclusions: tuple[str, ...]
 
     @cached_property
     def difference(self) -> Array:
@@ -43,12 +43,12 @@ class Comparison:
         return first, second
 
     @cached_property
-    def normalised(self) -> Array:
+    def normalised_errors(self) -> Array:
         """E_n, (p,)."""
-        return changes.normalised(self.difference, *self.std)
+        return changes.normalised_errors(self.difference, *self.std)
 
     @cached_property
-    def joint(self) -> changes.Joint | None:
+    def joint_test(self) -> changes.JointTest | None:
         """All coefficients together; None where none is in common."""
         if not self.names:
             return None
@@ -56,23 +56,23 @@ class Comparison:
         for one in self._both:
             picks = [one.sensor.coefficients.index(name) for name in self.names]
             total += one.covariance[np.ix_(picks, picks)]
-        return changes.joint(self.difference, total)
+        return changes.joint_test(self.difference, total)
 
     @property
-    def one_recording(self) -> bool:
+    def same_recording(self) -> bool:
         """Whether both are of the same recording: then they share its errors."""
-        first, second = map(recording_of, self._both)
+        first, second = map(recording_sha256, self._both)
         return bool(first) and first == second
 
     @property
-    def beyond(self) -> int:
+    def exceedances(self) -> int:
         """How many |E_n| exceed 1."""
-        return int(np.sum(np.abs(self.normalised) > 1))
+        return int(np.sum(np.abs(self.normalised_errors) > 1))
 
     @property
-    def by_chance(self) -> float:
+    def expected_exceedances(self) -> float:
         """How many of them chance would give."""
-        return changes.BY_CHANCE * len(self.names)
+        return changes.CHANCE_FRACTION * len(self.names)
 
     @property
     def _both(self) -> tuple[Calibration, Calibration]:
@@ -88,17 +88,17 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
         Neither can be brought to the terms of the other.
     """
     try:
-        return compared(brought(first, second), second)
+        return build_comparison(match_frame_and_form(first, second), second)
     except InputError as error:
         try:
-            return compared(first, brought(second, first))
+            return build_comparison(first, match_frame_and_form(second, first))
         except InputError:
             raise InputError(f"the first cannot be compared with the second: {error}") from None
 
 
-def compared(first: Calibration, second: Calibration) -> Comparison:
+def build_comparison(first: Calibration, second: Calibration) -> Comparison:
     """Return two calibrations in the same terms compared."""
-    fixed = held(first) | held(second)
+    fixed = fixed_coefficients(first) | fixed_coefficients(second)
     mine, its = (one.sensor.coefficients for one in (first, second))
     names = tuple(name for name in its if name in mine and name not in fixed)
     left_out = [

@@ -9,14 +9,14 @@ from typing import Any, cast
 import numpy as np
 
 from inercal.calibration import Calibration
-from inercal.calibration.files import as_object, parse, text_of
+from inercal.calibration.files import as_object, parse, read_text
 from inercal.errors import InputError
 from inercal.sensors import SI_UNITS
-from inercal.store.comparable import recording_of
+from inercal.store.comparability import recording_sha256
 
 
 @dataclass(frozen=True, eq=False)
-class Document:
+class CalibrationDocument:
     """A calibration and its text.
 
     Parameters
@@ -48,7 +48,7 @@ class Document:
         return [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
 
 
-def document(source: Calibration | str | Path) -> Document:
+def make_document(source: Calibration | str | Path) -> CalibrationDocument:
     """Return a calibration, or that of a file, as it is to be entered.
 
     Raises
@@ -60,28 +60,28 @@ def document(source: Calibration | str | Path) -> Document:
         name = f"calibration of {source.sensor.name}"
         text = json.dumps(as_object(source), ensure_ascii=False)
     else:
-        name, text = str(source), text_of(source)
+        name, text = str(source), read_text(source)
     calibration = parse(text, name)
     content: dict[str, Any] = json.loads(text)
-    wrong = _unfit(calibration, content)
+    wrong = _content_defect(calibration, content)
     if wrong:
         raise InputError(f"{name}: broken calibration file: {wrong}")
     created = calibration.provenance.get("created", "")
     try:
-        created = created and utc(created)
+        created = created and to_utc(created)
     except ValueError:
         raise InputError(f"{name}: {created!r} is no time in ISO 8601") from None
-    return Document(
+    return CalibrationDocument(
         name,
         json.dumps(content, ensure_ascii=False),
         content["sha256"],
         calibration,
         created,
-        recording_of(calibration),
+        recording_sha256(calibration),
     )
 
 
-def _unfit(calibration: Calibration, content: dict[str, Any]) -> str:
+def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
     """Return what is not as the file's description has it, though its hash fits; else nothing."""
     for name in ("conditions", "provenance"):
         given: Any = content[name]
@@ -100,7 +100,7 @@ def _unfit(calibration: Calibration, content: dict[str, Any]) -> str:
     return ""
 
 
-def utc(text: str) -> str:
+def to_utc(text: str) -> str:
     """Return a time in ISO 8601 as the register keeps it: UTC, to the millisecond.
 
     One without a zone is taken as UTC; a date alone, as its first moment.
@@ -112,7 +112,7 @@ def utc(text: str) -> str:
 
     Examples
     --------
-    >>> utc("2026-03-01"), utc("2026-03-01T10:00:00+02:00")
+    >>> to_utc("2026-03-01"), to_utc("2026-03-01T10:00:00+02:00")
     ('2026-03-01T00:00:00.000+00:00', '2026-03-01T08:00:00.000+00:00')
     """
     time = datetime.fromisoformat(text)
@@ -123,6 +123,6 @@ def utc(text: str) -> str:
     return time.isoformat(timespec="milliseconds")
 
 
-def now() -> str:
+def utc_now() -> str:
     """Return the time as the register keeps it."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")

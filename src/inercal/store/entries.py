@@ -59,7 +59,7 @@ class RunEntry:
     begun : str
         ISO 8601, UTC.
     state : str
-        Of `inercal.host.journal.Header`.
+        Of `inercal.host.journal.JournalHeader`.
     table, imu : str
         Addresses.
     folder : str
@@ -151,7 +151,7 @@ class RunFacts:
     begun : str
         ISO 8601.
     state : str
-        Of `inercal.host.journal.Header`.
+        Of `inercal.host.journal.JournalHeader`.
     table, imu : str
         Addresses.
     folder : str

@@ -11,15 +11,15 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError
-from inercal.sensors.choose import choose
+from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.store import changes
-from inercal.store.comparable import brought, held, recording_of
-from inercal.store.comparison import compared
+from inercal.store.comparability import fixed_coefficients, match_frame_and_form, recording_sha256
+from inercal.store.comparison import build_comparison
 from inercal.store.entries import CalibrationEntry, SensorEntry
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class CoefficientTrend:
     """One coefficient over time, SI.
 
     Parameters
@@ -49,29 +49,29 @@ class Course:
     std: Array
 
     @cached_property
-    def normalised(self) -> Array:
+    def normalised_errors(self) -> Array:
         """E_n of each calibration beyond the one before; NaN of the first, (n,)."""
-        steps = changes.normalised(np.diff(self.values), self.std[:-1], self.std[1:])
+        steps = changes.normalised_errors(np.diff(self.values), self.std[:-1], self.std[1:])
         return np.concatenate([[np.nan], steps])
 
     @cached_property
-    def line(self) -> changes.Line | None:
+    def line(self) -> changes.DriftLine | None:
         """The straight line through it, of three calibrations at least."""
-        return changes.line(self.time, self.values, self.std)
+        return changes.fit_drift_line(self.time, self.values, self.std)
 
     @cached_property
-    def constancy(self) -> changes.Constancy:
+    def constancy(self) -> changes.ConstancyTest:
         """χ² about the weighted mean."""
-        return changes.constancy(self.values, self.std)
+        return changes.constancy_test(self.values, self.std)
 
     @property
-    def verdict(self) -> changes.Verdict:
+    def verdict(self) -> changes.TrendVerdict:
         """What it shows."""
-        return changes.verdict(self.line, self.constancy)
+        return changes.trend_verdict(self.line, self.constancy)
 
 
 @dataclass(frozen=True, eq=False)
-class History:
+class SensorHistory:
     """The calibrations of a sensor in the terms of the newest, the first first.
 
     Parameters
@@ -79,23 +79,23 @@ class History:
     sensor : SensorEntry
     entries : tuple of CalibrationEntry
         Those that can be compared.
-    courses : tuple of Course
+    trends : tuple of CoefficientTrend
         Of the coefficients of the newest, in its order.
-    joint : tuple of Joint or None
+    joint_test : tuple of JointTest or None
         The test of all coefficients together, of each calibration against the one before; None of
         the first, and of one that has no coefficient in common with it.
-    left_out : tuple of str
+    exclusions : tuple of str
         In words: calibrations of a recording that has a later one, or that cannot be compared;
         coefficients that are not in the newest or that no data stand behind.
     """
 
     sensor: SensorEntry
     entries: tuple[CalibrationEntry, ...]
-    courses: tuple[Course, ...]
-    joint: tuple[changes.Joint | None, ...]
-    left_out: tuple[str, ...]
+    trends: tuple[CoefficientTrend, ...]
+    joint_test: tuple[changes.JointTest | None, ...]
+    exclusions: tuple[str, ...]
 
-    def course(self, name: str) -> Course:
+    def trend(self, name: str) -> CoefficientTrend:
         """Return one coefficient over time by its full name.
 
         Raises
@@ -103,13 +103,13 @@ class History:
         InputError
             There is none of that name.
         """
-        for one in self.courses:
+        for one in self.trends:
             if one.name == name:
                 return one
-        there = ", ".join(one.name for one in self.courses)
+        there = ", ".join(one.name for one in self.trends)
         raise InputError(f"no coefficient {name!r} in this history; it has {there}")
 
-    def chosen(self, words: Sequence[str]) -> "History":
+    def select(self, words: Sequence[str]) -> "SensorHistory":
         """Return the history of coefficients chosen by name, group or axis; of none, all.
 
         The joint tests stay those of all coefficients together.
@@ -122,12 +122,12 @@ class History:
         if not words:
             return self
         axes = self.entries[-1].calibration.sensor.axes
-        names = choose(axes, words)
-        courses = tuple(one for one in self.courses if one.name in names)
+        names = select_coefficients(axes, words)
+        courses = tuple(one for one in self.trends if one.name in names)
         if not courses:
-            there = ", ".join(one.name for one in self.courses)
+            there = ", ".join(one.name for one in self.trends)
             raise InputError(f"{', '.join(words)}: not in this history; it has {there}")
-        return replace(self, courses=courses)
+        return replace(self, trends=courses)
 
     def date(self, years: float) -> str:
         """Return the time that lies so many years after the first calibration, ISO 8601."""
@@ -135,30 +135,30 @@ class History:
         return (first + timedelta(seconds=years * changes.YEAR)).isoformat(timespec="seconds")
 
     @property
-    def by_chance(self) -> float:
+    def expected_exceedances(self) -> float:
         """How many E_n would exceed 1 by chance where nothing changes."""
-        return changes.BY_CHANCE * self.steps
+        return changes.CHANCE_FRACTION * self.comparison_count
 
     @property
-    def steps(self) -> int:
+    def comparison_count(self) -> int:
         """How many E_n there are."""
-        return sum(one.values.size - 1 for one in self.courses)
+        return sum(one.values.size - 1 for one in self.trends)
 
     @property
-    def beyond(self) -> int:
+    def exceedances(self) -> int:
         """How many of them exceed 1."""
-        return sum(int(np.sum(np.abs(one.normalised[1:]) > 1)) for one in self.courses)
+        return sum(int(np.sum(np.abs(one.normalised_errors[1:]) > 1)) for one in self.trends)
 
     @property
-    def verdicts(self) -> dict[changes.Verdict, tuple[str, ...]]:
+    def verdicts(self) -> dict[changes.TrendVerdict, tuple[str, ...]]:
         """The coefficients by what they show."""
-        found: dict[changes.Verdict, tuple[str, ...]] = {}
-        for one in self.courses:
+        found: dict[changes.TrendVerdict, tuple[str, ...]] = {}
+        for one in self.trends:
             found[one.verdict] = (*found.get(one.verdict, ()), one.name)
         return found
 
 
-def history_of(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> History:
+def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> SensorHistory:
     """Return the history that calibrations, the first first, make up.
 
     Raises
@@ -168,46 +168,48 @@ def history_of(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> Hist
     """
     if not entries:
         raise InputError(f"sensor {sensor.name!r} has no calibration in the register yet")
-    entries, left_out = _once(entries)
+    entries, left_out = _latest_per_recording(entries)
     newest = entries[-1].calibration
     kept: list[tuple[CalibrationEntry, Calibration]] = []
     for entry in entries:
         try:
-            kept.append((entry, brought(entry.calibration, newest)))
+            kept.append((entry, match_frame_and_form(entry.calibration, newest)))
         except InputError as error:
             left_out.append(f"calibration #{entry.id} cannot be compared with the newest: {error}")
-    fixed: set[str] = {name for _, one in kept for name in held(one)}
+    fixed: set[str] = {name for _, one in kept for name in fixed_coefficients(one)}
     names = [name for name in newest.sensor.coefficients if name not in fixed]
     others = {name for _, one in kept for name in one.sensor.coefficients} - fixed
-    left_out += _without(
+    left_out += _exclusion_lines(
         (fixed & set(newest.sensor.coefficients), "no data stand behind {}"),
         (others - set(names), "{} not among the coefficients of the newest calibration"),
     )
     times = [datetime.fromisoformat(entry.measured).timestamp() for entry, _ in kept]
     years = (np.array(times) - times[0]) / changes.YEAR
     found = [one for _, one in kept]
-    return History(
+    return SensorHistory(
         sensor,
         tuple(entry for entry, _ in kept),
-        tuple(_course(name, newest, found, years) for name in names),
-        (None, *(compared(a, b).joint for a, b in pairwise(found))),
+        tuple(_coefficient_trend(name, newest, found, years) for name in names),
+        (None, *(build_comparison(a, b).joint_test for a, b in pairwise(found))),
         tuple(left_out),
     )
 
 
-def _once(entries: Sequence[CalibrationEntry]) -> tuple[list[CalibrationEntry], list[str]]:
+def _latest_per_recording(
+    entries: Sequence[CalibrationEntry],
+) -> tuple[list[CalibrationEntry], list[str]]:
     """Return one calibration of each recording, the last entered, and what is left out in words.
 
     Two of one recording have the same errors: as a repeat they would prove nothing.
     """
     last: dict[str, int] = {}
     for entry in entries:
-        recording = recording_of(entry.calibration) or f"#{entry.id}"
+        recording = recording_sha256(entry.calibration) or f"#{entry.id}"
         last[recording] = max(entry.id, last.get(recording, 0))
     kept: list[CalibrationEntry] = []
     left_out: list[str] = []
     for entry in entries:
-        number = last[recording_of(entry.calibration) or f"#{entry.id}"]
+        number = last[recording_sha256(entry.calibration) or f"#{entry.id}"]
         if number == entry.id:
             kept.append(entry)
         else:
@@ -215,10 +217,12 @@ def _once(entries: Sequence[CalibrationEntry]) -> tuple[list[CalibrationEntry], 
     return kept, left_out
 
 
-def _course(name: str, newest: Calibration, found: Sequence[Calibration], years: Array) -> Course:
+def _coefficient_trend(
+    name: str, newest: Calibration, found: Sequence[Calibration], years: Array
+) -> CoefficientTrend:
     points = [k for k, one in enumerate(found) if name in one.sensor.coefficients]
     line = newest.sensor.coefficient(name)
-    return Course(
+    return CoefficientTrend(
         name,
         line.meaning,
         line.unit,
@@ -230,5 +234,5 @@ def _course(name: str, newest: Calibration, found: Sequence[Calibration], years:
     )
 
 
-def _without(*parts: tuple[Collection[str], str]) -> list[str]:
+def _exclusion_lines(*parts: tuple[Collection[str], str]) -> list[str]:
     return [words.format(", ".join(sorted(names))) for names, words in parts if names]

@@ -8,14 +8,14 @@ from typing import Self
 from inercal.calibration import Calibration
 from inercal.errors import InputError
 from inercal.sensors import Sensor
-from inercal.store import enter, look
-from inercal.store.address import address_of
-from inercal.store.connection import engine_of, reading, writing
-from inercal.store.document import document, now, utc
+from inercal.store import insertions, queries
+from inercal.store.address import resolve_address
+from inercal.store.connection import make_engine, read_transaction, write_transaction
+from inercal.store.document import make_document, to_utc, utc_now
 from inercal.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
-from inercal.store.history import History, history_of
-from inercal.store.migrate import bring_up_to_date
-from inercal.store.tables import calibration, run
+from inercal.store.history import SensorHistory, build_history
+from inercal.store.register_tables import calibration, run
+from inercal.store.schema_upgrade import upgrade_register
 
 
 class Register:
@@ -44,16 +44,16 @@ class Register:
     """
 
     def __init__(self, address: str | None = None, by: str | None = None):
-        self._address = address_of(address)
-        self.address = self._address.shown
-        self._by = by or _user()
-        self._engine = engine_of(self._address)
-        bring_up_to_date(self._engine, self._address)
+        self._address = resolve_address(address)
+        self.address = self._address.display_url
+        self._by = by or _user_name()
+        self._engine = make_engine(self._address)
+        upgrade_register(self._engine, self._address)
 
     def sensors(self) -> tuple[SensorEntry, ...]:
         """Return all sensors, by name."""
-        with reading(self._engine, self._address) as db:
-            return look.sensors(db)
+        with read_transaction(self._engine, self._address) as db:
+            return queries.sensors(db)
 
     def sensor(self, key: int | str) -> SensorEntry:
         """Return one sensor by its id or its name.
@@ -63,30 +63,30 @@ class Register:
         InputError
             There is none.
         """
-        with reading(self._engine, self._address) as db:
-            return look.sensor_of(db, key)
+        with read_transaction(self._engine, self._address) as db:
+            return queries.find_sensor(db, key)
 
     def runs(self, sensor: int | str | None = None) -> tuple[RunEntry, ...]:
         """Return all runs, or those of one sensor, the first first."""
-        with reading(self._engine, self._address) as db:
+        with read_transaction(self._engine, self._address) as db:
             if sensor is None:
-                return look.runs(db)
-            return look.runs(db, run.c.sensor_id == look.sensor_of(db, sensor).id)
+                return queries.runs(db)
+            return queries.runs(db, run.c.sensor_id == queries.find_sensor(db, sensor).id)
 
     def calibrations(self, sensor: int | str | None = None) -> tuple[CalibrationEntry, ...]:
         """Return all calibrations, or those of one sensor, as they were measured."""
-        with reading(self._engine, self._address) as db:
+        with read_transaction(self._engine, self._address) as db:
             if sensor is None:
-                return look.calibrations(db)
-            one = look.sensor_of(db, sensor)
-            return look.calibrations(db, calibration.c.sensor_id == one.id)
+                return queries.calibrations(db)
+            one = queries.find_sensor(db, sensor)
+            return queries.calibrations(db, calibration.c.sensor_id == one.id)
 
-    def numbers(self, of_run: int | None = None) -> tuple[int, ...]:
+    def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
         """Return the numbers of all calibrations, or of those of one run, as they were measured."""
-        with reading(self._engine, self._address) as db:
-            if of_run is None:
-                return look.numbers(db)
-            return look.numbers(db, calibration.c.run_id == of_run)
+        with read_transaction(self._engine, self._address) as db:
+            if run_id is None:
+                return queries.calibration_numbers(db)
+            return queries.calibration_numbers(db, calibration.c.run_id == run_id)
 
     def calibration(self, number: int) -> CalibrationEntry:
         """Return one calibration.
@@ -96,15 +96,15 @@ class Register:
         InputError
             There is none of that number.
         """
-        with reading(self._engine, self._address) as db:
-            return look.calibration_of(db, number)
+        with read_transaction(self._engine, self._address) as db:
+            return queries.find_calibration(db, number)
 
     def coefficients(self, number: int) -> Sequence[tuple[str, float, float, str]]:
         """Return name, value, standard uncertainty (k = 1) and SI unit of a calibration's."""
-        with reading(self._engine, self._address) as db:
-            return look.coefficients(db, number)
+        with read_transaction(self._engine, self._address) as db:
+            return queries.coefficients(db, number)
 
-    def history(self, sensor: int | str) -> History:
+    def history(self, sensor: int | str) -> SensorHistory:
         """Return all calibrations of a sensor, coefficient by coefficient.
 
         Raises
@@ -113,7 +113,7 @@ class Register:
             There is no such sensor, or it was never calibrated.
         """
         one = self.sensor(sensor)
-        return history_of(one, self.calibrations(one.id))
+        return build_history(one, self.calibrations(one.id))
 
     def enter_sensor(self, sensor: Sensor) -> int:
         """Enter a sensor; return its id, which is that of the one that is there already.
@@ -123,8 +123,8 @@ class Register:
         InputError
             An axis measures something else than that of the same name in the register.
         """
-        with writing(self._engine, self._address) as db:
-            return enter.enter_sensor(db, sensor, self._who())
+        with write_transaction(self._engine, self._address) as db:
+            return insertions.enter_sensor(db, sensor, self._author())
 
     def enter_run(
         self, facts: RunFacts, calibration: Calibration | str | Path | None = None
@@ -138,12 +138,12 @@ class Register:
         InputError
             The calibration file cannot be used; nothing is entered then.
         """
-        made = None if calibration is None else document(calibration)
-        kind = "" if made is None else _kind(made.calibration)
-        with writing(self._engine, self._address) as db:
-            number = enter.enter_run(db, facts, self._who())
+        made = None if calibration is None else make_document(calibration)
+        kind = "" if made is None else _bench_kind(made.calibration)
+        with write_transaction(self._engine, self._address) as db:
+            number = insertions.enter_run(db, facts, self._author())
             if made is not None:
-                enter.enter_calibration(db, made, kind, None, self._who())
+                insertions.enter_calibration(db, made, kind, None, self._author())
             return number
 
     def enter_calibration(
@@ -171,22 +171,22 @@ class Register:
         """Enter several calibrations, all or none; return their numbers."""
         if measured is not None:
             try:
-                utc(measured)
+                to_utc(measured)
             except ValueError:
                 raise InputError(
                     f"{measured!r} is no time; write it in ISO 8601, as 2026-03-01 or "
                     "2026-03-01T14:30:00+01:00"
                 ) from None
-        made = [document(source) for source in sources]
-        kinds = [_kind(one.calibration) for one in made]
-        with writing(self._engine, self._address) as db:
+        made = [make_document(source) for source in sources]
+        kinds = [_bench_kind(one.calibration) for one in made]
+        with write_transaction(self._engine, self._address) as db:
             return tuple(
-                enter.enter_calibration(db, one, kind, measured, self._who())
+                insertions.enter_calibration(db, one, kind, measured, self._author())
                 for one, kind in zip(made, kinds, strict=True)
             )
 
-    def _who(self) -> enter.Who:
-        return enter.Who(self._by, now())
+    def _author(self) -> insertions.EntryAuthor:
+        return insertions.EntryAuthor(self._by, utc_now())
 
     def close(self) -> None:
         """Let go of the database."""
@@ -199,17 +199,17 @@ class Register:
         self.close()
 
 
-def _kind(calibration: Calibration) -> str:
+def _bench_kind(calibration: Calibration) -> str:
     """Return the kind of bench that a calibration's method takes; empty for an unknown method."""
     # Here, for methods load compiled kernels, which nobody needs who only looks.
-    from inercal.benches.kinds import named
+    from inercal.benches.kinds import kind_name_for_class
     from inercal.methods import METHODS
 
     method = METHODS.get(calibration.method)
-    return "" if method is None else named(method.bench)
+    return "" if method is None else kind_name_for_class(method.bench)
 
 
-def _user() -> str:
+def _user_name() -> str:
     try:
         return getuser()
     except (OSError, KeyError):  # a user id without a name, as in a container

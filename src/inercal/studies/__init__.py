@@ -9,10 +9,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, cast
 
-from inercal.errors import InputError, brought_by
-from inercal.io.atomic import write_text
-from inercal.studies.claim import Claim, Finding, judge
-from inercal.studies.section import Runner, Say, Study
+from inercal.errors import InputError, require_extra
+from inercal.io.atomic_files import write_text
+from inercal.studies.claim import Claim, ClaimResult, judge_claim
+from inercal.studies.study_content import MessageCallback, Study, StudyModule
 
 STUDIES: Mapping[str, str] = {
     "centrifuge": "inercal.studies.centrifuge",
@@ -22,14 +22,16 @@ STUDIES: Mapping[str, str] = {
 }
 """The studies by name, and the modules that run them."""
 TRIALS = 4000
-_FEWEST = 20
+_MIN_TRIALS = 20
 
 
-def _unsaid(_: str) -> None:
+def _discard_message(_: str) -> None:
     """Say nothing."""
 
 
-def reproduce(name: str, trials: int = TRIALS, seed: int = 0, say: Say = _unsaid) -> Study:
+def reproduce(
+    name: str, trials: int = TRIALS, seed: int = 0, say: MessageCallback = _discard_message
+) -> Study:
     """Return a source paper recomputed.
 
     Parameters
@@ -50,14 +52,14 @@ def reproduce(name: str, trials: int = TRIALS, seed: int = 0, say: Say = _unsaid
     name = name.replace("_", "-")
     if name not in STUDIES:
         raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
-    if trials < _FEWEST:
-        raise InputError(f"{trials} trials are too few to judge by; take {_FEWEST} or more")
+    if trials < _MIN_TRIALS:
+        raise InputError(f"{trials} trials are too few to judge by; take {_MIN_TRIALS} or more")
     if seed < 0:
         raise InputError(f"seed {seed}: take a whole number from 0")
-    return cast("Runner", import_module(STUDIES[name])).run(trials, seed, say)
+    return cast("StudyModule", import_module(STUDIES[name])).run(trials, seed, say)
 
 
-def as_list(study: Study) -> list[dict[str, Any]]:
+def results_as_list(study: Study) -> list[dict[str, Any]]:
     """Return the findings as `inercal reproduce --json` prints them; null is not finite.
 
     "printed" is null, too, where the source prints no number: "expected" is what its words or a
@@ -85,14 +87,23 @@ def write_study(study: Study, folder: str | Path) -> Path:
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
     packages = ("matplotlib", "jinja2", "markupsafe")
-    with brought_by("report", "the page of a study needs matplotlib and jinja2", packages):
-        from inercal.studies.page import page
+    with require_extra("report", "the page of a study needs matplotlib and jinja2", packages):
+        from inercal.studies.study_page import render_study
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
-    return write_text(folder / f"{study.name}.study.html", page(study))
+    return write_text(folder / f"{study.name}.study.html", render_study(study))
 
 
-__all__ = ["STUDIES", "Claim", "Finding", "Study", "as_list", "judge", "reproduce", "write_study"]
+__all__ = [
+    "STUDIES",
+    "Claim",
+    "ClaimResult",
+    "Study",
+    "judge_claim",
+    "reproduce",
+    "results_as_list",
+    "write_study",
+]

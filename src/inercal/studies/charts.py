@@ -8,44 +8,46 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, PAPER, SHAPES, WARN, X, Y, Z, svg
-from inercal.studies.claim import shown
-from inercal.studies.section import Chart, Panel
+from inercal.studies.claim import format_significant
+from inercal.studies.study_content import Chart, StudyPanel
 
 _COLOURS = (X, Y, Z, INK, WARN)
 _MARKERS = (*SHAPES, "D", "v")
-_FEW = 20  # points that are marked one by one
+_MAX_MARKED_POINTS = 20  # points that are marked one by one
 _HEIGHT = 2.4  # inches
 
 
 @drawing.style
-def draw(chart: Chart) -> Markup:
+def draw_chart(chart: Chart) -> Markup:
     """Return the chart as an SVG element."""
-    room = max(drawing.room_for(panel.names) if panel.names else 0.42 for panel in chart.panels)
-    figure, (row,) = drawing.panels(_HEIGHT, [room], len(chart.panels))
+    allocate_steps = max(
+        drawing.label_room(panel.names) if panel.names else 0.42 for panel in chart.panels
+    )
+    figure, (row,) = drawing.panels(_HEIGHT, [allocate_steps], len(chart.panels))
     for axes, panel in zip(row, chart.panels, strict=True):
-        _fill(axes, panel)
+        _plot_panel(axes, panel)
     # The names are the same in all panels of a chart where they are too narrow for a key each.
     alike = len({tuple(line.name for line in panel.lines) for panel in chart.panels}) == 1
     for axes in row[-1:] if alike else row:
-        drawing.key(axes)
+        drawing.add_legend(axes)
     return svg(figure, chart.name, chart.caption)
 
 
-def _power(y: float, _: int | None) -> str:
-    return shown(y, 1)
+def _format_power(y: float, _: int | None) -> str:
+    return format_significant(y, 1)
 
 
-def _fill(axes: Axes, panel: Panel) -> None:
+def _plot_panel(axes: Axes, panel: StudyPanel) -> None:
     for k, line in enumerate(panel.lines):
-        few = line.x.size <= _FEW
+        few = line.x.size <= _MAX_MARKED_POINTS
         axes.plot(line.x, line.y, marker=_MARKERS[k % 5] if few else "", ms=4.5, mec=PAPER, mew=0.4,
-                  ls="-" if line.joined else "none", lw=1.1, color=_COLOURS[k % 5],
+                  ls="-" if line.connected else "none", lw=1.1, color=_COLOURS[k % 5],
                   label=line.name)  # fmt: skip
     axes.set_title(panel.title)
     if panel.log_y:
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(LogLocator(numticks=8))
-        axes.yaxis.set_major_formatter(FuncFormatter(_power))
+        axes.yaxis.set_major_formatter(FuncFormatter(_format_power))
         axes.yaxis.set_minor_formatter(NullFormatter())
         axes.yaxis.set_tick_params(which="minor", length=0)
     axes.grid(axis="y", color=FAINT, lw=0.4)

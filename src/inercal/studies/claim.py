@@ -17,7 +17,11 @@ from typing import Literal
 Relation = Literal["=", "≤", "≥"]
 Basis = Literal["number", "words", "derived"]
 Verdict = Literal["reproduced", "not reproducible", "false"]
-_BASES = {"number": "In print", "words": "Its words mean", "derived": "What is printed gives"}
+_BASIS_PHRASES = {
+    "number": "In print",
+    "words": "Its words mean",
+    "derived": "What is printed gives",
+}
 LIMIT = 2.0  # standard uncertainties, about 95 %, as of every expanded uncertainty here
 
 
@@ -78,7 +82,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClaimResult:
     """A claim beside what comes out; the verdict is computed, never stated.
 
     Parameters
@@ -88,72 +92,82 @@ class Finding:
         In the claim's unit; not finite where nothing comes out.
     uncertainty : float
         Standard uncertainty of the comparison, rounding included.
-    because : str
+    reason : str
         The reason in words, with its figures.
     """
 
     claim: Claim
     computed: float
     uncertainty: float
-    because: str
+    reason: str
 
     @property
-    def off(self) -> float:
+    def deviation(self) -> float:
         """How far the claim is missed, in standard uncertainties; 0 within a bound."""
-        return distance(self.claim.expected, self.computed, self.uncertainty, self.claim.relation)
+        return normalized_deviation(
+            self.claim.expected, self.computed, self.uncertainty, self.claim.relation
+        )
 
     @property
     def verdict(self) -> Verdict:
         """The verdict by the numbers."""
-        if self.off <= LIMIT:
+        if self.deviation <= LIMIT:
             return "reproduced"
         return "not reproducible" if self.claim.kind == "result" else "false"
 
     @property
-    def why(self) -> str:
+    def explanation(self) -> str:
         """The verdict's sentence, with the computed figures."""
         unit = f" {self.claim.unit}" if self.claim.unit else ""
-        claimed = f"{_BASES[self.claim.basis]} {self.expectation}{unit}"
+        claimed = f"{_BASIS_PHRASES[self.claim.basis]} {self.expected_text}{unit}"
         if not isfinite(self.computed):
-            return f"{claimed}; nothing comes out: {self.because}."
-        text = f"{claimed}, computed {self.came_out}{unit}"
-        if self.off == 0 and self.claim.relation != "=":
+            return f"{claimed}; nothing comes out: {self.reason}."
+        text = f"{claimed}, computed {self.computed_text}{unit}"
+        if self.deviation == 0 and self.claim.relation != "=":
             text += ", as claimed"
         elif self.uncertainty > 0:
-            apart = "more than 1000" if self.off > 1000 else shown(self.off)
-            text += f", {apart} u apart" if self.off > LIMIT else f", within {shown(LIMIT)} u"
-        return f"{text}: {self.because}."
+            apart = (
+                "more than 1000" if self.deviation > 1000 else format_significant(self.deviation)
+            )
+            text += (
+                f", {apart} u apart"
+                if self.deviation > LIMIT
+                else f", within {format_significant(LIMIT)} u"
+            )
+        return f"{text}: {self.reason}."
 
     @property
-    def in_print(self) -> str:
+    def printed_text(self) -> str:
         """The printed number as text, with its relation; a dash where the source prints none."""
-        return "—" if self.claim.printed is None else self.expectation
+        return "—" if self.claim.printed is None else self.expected_text
 
     @property
-    def expectation(self) -> str:
+    def expected_text(self) -> str:
         """The number that the claim stands for as text, with its relation."""
         relation = "" if self.claim.relation == "=" else f"{self.claim.relation} "
-        return relation + shown(self.claim.expected, self.claim.digits)
+        return relation + format_significant(self.claim.expected, self.claim.digits)
 
     @property
-    def came_out(self) -> str:
+    def computed_text(self) -> str:
         """The computed number as text: to its uncertainty, and no further than seven digits."""
         digits = 4
         if isfinite(self.computed) and self.computed and 0 < self.uncertainty < inf:
             digits = 2 + max(ceil(log10(abs(self.computed) / self.uncertainty)), 0)
-        return shown(self.computed, min(digits, max(self.claim.digits, 3)))
+        return format_significant(self.computed, min(digits, max(self.claim.digits, 3)))
 
 
-def distance(expected: float, computed: float, uncertainty: float, relation: Relation) -> float:
+def normalized_deviation(
+    expected: float, computed: float, uncertainty: float, relation: Relation
+) -> float:
     """Return |expected − computed| in uncertainties, counted only against the relation.
 
     Examples
     --------
-    >>> distance(1.0, 1.3, 0.1, "≥")
+    >>> normalized_deviation(1.0, 1.3, 0.1, "≥")
     0.0
-    >>> distance(1.0, 1.0, 0.0, "=")
+    >>> normalized_deviation(1.0, 1.0, 0.0, "=")
     0.0
-    >>> distance(1.0, float("nan"), 0.1, "=")
+    >>> normalized_deviation(1.0, float("nan"), 0.1, "=")
     inf
     """
     if not isfinite(computed):
@@ -164,33 +178,37 @@ def distance(expected: float, computed: float, uncertainty: float, relation: Rel
     return abs(miss) / uncertainty if uncertainty > 0 else inf
 
 
-def judge(claim: Claim, computed: float, uncertainty: float, because: str) -> Finding:
+def judge_claim(claim: Claim, computed: float, uncertainty: float, reason: str) -> ClaimResult:
     """Return the finding, the rounding of the printed digits added to the uncertainty."""
-    return Finding(claim, float(computed), hypot(uncertainty, claim.rounding), because)
+    return ClaimResult(claim, float(computed), hypot(uncertainty, claim.rounding), reason)
 
 
-_SHORT, _LONG, _LONGEST = 1e-2, 1e4, 9  # numbers between are written without a power of ten
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PLAIN_MIN, _PLAIN_MAX, _PLAIN_DIGITS = (
+    1e-2,
+    1e4,
+    9,
+)  # numbers between are written without a power of ten
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def shown(x: float, digits: int = 2) -> str:
+def format_significant(x: float, digits: int = 2) -> str:
     """Return a number as text with that many significant digits.
 
     Examples
     --------
-    >>> shown(-3.14159e-7), shown(21.0), shown(1234.5), shown(22634.0), shown(1e-8)
-    ('−3.1·10⁻⁷', '21', '1200', '2.3·10⁴', '10⁻⁸')
+    >>> [format_significant(x) for x in (-3.14159e-7, 21.0, 1234.5, 22634.0, 1e-8)]
+    ['−3.1·10⁻⁷', '21', '1200', '2.3·10⁴', '10⁻⁸']
     """
     if not isfinite(x):
         return "none" if x != inf else "infinitely many"
     mantissa, _, power = f"{x:.{digits}g}".partition("e")
-    if 1 <= abs(x) < _LONG:
-        mantissa, power = f"{float(f'{x:.{digits}g}'):.{_LONGEST}g}", ""
-    elif not power and 0 < abs(x) < _SHORT:
+    if 1 <= abs(x) < _PLAIN_MAX:
+        mantissa, power = f"{float(f'{x:.{digits}g}'):.{_PLAIN_DIGITS}g}", ""
+    elif not power and 0 < abs(x) < _PLAIN_MIN:
         mantissa, _, power = f"{x:.{digits - 1}e}".partition("e")
     if "." in mantissa and power:
         mantissa = mantissa.rstrip("0").rstrip(".")
     if power:
-        tens = f"10{str(int(power)).translate(_RAISED)}"
+        tens = f"10{str(int(power)).translate(_SUPERSCRIPTS)}"
         mantissa = {"1": tens, "-1": f"-{tens}"}.get(mantissa, f"{mantissa}·{tens}")
     return mantissa.replace("-", "−")

@@ -28,11 +28,11 @@ def propagate(
     covariance : (..., q, q) array
         To first order.
     """
-    value, j = linearised(function, x, covariance)
+    value, j = value_and_jacobian(function, x, covariance)
     return value, j @ covariance @ np.swapaxes(j, -1, -2)
 
 
-def linearised(
+def value_and_jacobian(
     function: Callable[[Array], Array], x: Array, covariance: Array
 ) -> tuple[Array, Array]:
     """Return y = f(x), (..., q), and ∂f/∂x over the range of x, (..., q, p); as of `propagate`."""

@@ -9,7 +9,20 @@ here, at the edge, and nowhere else. Three choices differ from a general units l
 - A stated uncertainty is a standard uncertainty (k = 1) unless "(k=2)" or the like follows.
 """
 
-from inercal.units.expression import ZERO_CELSIUS, factor, to_si
-from inercal.units.quantity import Measured, digits, parse, readable
+from inercal.units.expression import ZERO_CELSIUS, si_factor, to_si
+from inercal.units.quantity import (
+    Measured,
+    format_quantity,
+    format_value_and_uncertainty,
+    parse_quantity,
+)
 
-__all__ = ["ZERO_CELSIUS", "Measured", "digits", "factor", "parse", "readable", "to_si"]
+__all__ = [
+    "ZERO_CELSIUS",
+    "Measured",
+    "format_quantity",
+    "format_value_and_uncertainty",
+    "parse_quantity",
+    "si_factor",
+    "to_si",
+]

@@ -84,7 +84,7 @@ _TOKEN = re.compile(
 _NOT_A_UNIT = "is not a unit; units look like 'm/s²', 'µg/g²' or '°/√h'"
 
 
-class UnclearError(Exception):
+class NotationError(Exception):
     """What is wrong with a text, in words that follow the text itself in the message."""
 
 
@@ -96,7 +96,7 @@ class Unit(NamedTuple):
     offset: float  # SI value of "0 unit"
 
 
-def factor(unit: str, like: str | None = None) -> float:
+def si_factor(unit: str, like: str | None = None) -> float:
     """Return the SI size of one `unit`; cached.
 
     Parameters
@@ -113,17 +113,17 @@ def factor(unit: str, like: str | None = None) -> float:
 
     Examples
     --------
-    >>> factor("mg", like="m/s²")
+    >>> si_factor("mg", like="m/s²")
     0.00980665
-    >>> factor("mm", like="rad")
+    >>> si_factor("mm", like="rad")
     Traceback (most recent call last):
     ...
     inercal.errors.InputError: 'mm' is a length; expected an angle, such as 'rad'
     """
-    with about(unit):
-        read = expect(unit, like)
+    with error_context(unit):
+        read = require_dimension(unit, like)
         if read.offset:
-            raise UnclearError(f"counts from {read.offset:g} K and has no factor; expected 'K'")
+            raise NotationError(f"counts from {read.offset:g} K and has no factor; expected 'K'")
     return read.size
 
 
@@ -135,17 +135,17 @@ def to_si(values: Array, unit: str, like: str) -> Array:
     InputError
         Not a unit, or of another dimension than `like`.
     """
-    with about(unit):
-        read = expect(unit, like)
+    with error_context(unit):
+        read = require_dimension(unit, like)
     return values * read.size + read.offset
 
 
 @contextmanager
-def about(text: object) -> Generator[None]:
+def error_context(text: object) -> Generator[None]:
     """Put `text` before what is found to be wrong with it."""
     try:
         yield
-    except UnclearError as what:
+    except NotationError as what:
         raise InputError(f"{_quote(text)} {what}") from None
 
 
@@ -159,25 +159,25 @@ def _quote(text: object) -> str:
 def plain_text(text: str) -> str:
     """Return `text` without look-alike characters and superscripts."""
     if len(text) > _LONGEST:
-        raise UnclearError(f"is longer than {_LONGEST} characters")
+        raise NotationError(f"is longer than {_LONGEST} characters")
     text = text.translate(_LOOK_ALIKE).replace("℃", "°C")
     return re.sub("[⁰¹²³⁴-⁹⁻]+", lambda m: "^" + m[0].translate(_SUPERSCRIPT), text).strip()
 
 
-def expect(unit: str, like: str | None) -> Unit:
+def require_dimension(unit: str, like: str | None) -> Unit:
     """Read a unit and hold it to the dimension of `like`."""
     read = read_unit(unit)
     if like is not None and read.dimension != read_unit(like).dimension:
-        raise UnclearError(f"is {_kind(read)}; expected {expected(like, like)}")
+        raise NotationError(f"is {_dimension_name(read)}; expected {dimension_text(like, like)}")
     return read
 
 
-def expected(like: str, example: str) -> str:
+def dimension_text(like: str, example: str) -> str:
     """Return words for the quantities of the dimension of `like`."""
-    return f"{_kind(read_unit(like))}, such as {example!r}"
+    return f"{_dimension_name(read_unit(like))}, such as {example!r}"
 
 
-def _kind(unit: Unit) -> str:
+def _dimension_name(unit: Unit) -> str:
     for known, kind in _KINDS.items():
         if read_unit(known).dimension == unit.dimension:
             return kind
@@ -190,11 +190,11 @@ def read_unit(unit: str) -> Unit:
     """Return what one unit is; anything that is not a unit is an InputError."""
     from pint.util import UnitsContainer  # here, not above: see _registry
 
-    with about(unit):
+    with error_context(unit):
         powers = _powers(plain_text(unit))
         size, _ = _registry().get_base_units(UnitsContainer(powers))
         if not 0 < size < math.inf:
-            raise UnclearError(_NOT_A_UNIT)
+            raise NotationError(_NOT_A_UNIT)
     dimension = _registry().get_dimensionality(UnitsContainer(powers))
     return Unit(
         float(size),
@@ -217,7 +217,7 @@ def _powers(plain: str) -> dict[str, float]:
     tokens, end = deque[str | float](), 0  # a float is a power
     while end < len(plain):
         if not (found := _TOKEN.match(plain, end)):
-            raise UnclearError(_NOT_A_UNIT)
+            raise NotationError(_NOT_A_UNIT)
         if halves := found["halves"]:
             tokens.append(float(halves) / 2)
         elif power := found["power"] or found["digit"]:
@@ -225,44 +225,44 @@ def _powers(plain: str) -> dict[str, float]:
         else:
             tokens.append(found["name"] or found["symbol"])
         end = found.end()
-    powers = _product(tokens)
+    powers = _parse_product(tokens)
     if tokens or any(abs(power) > 9 for power in powers.values()):
-        raise UnclearError(_NOT_A_UNIT)
+        raise NotationError(_NOT_A_UNIT)
     return {name: power for name, power in powers.items() if power}
 
 
-def _product(tokens: deque[str | float]) -> dict[str, float]:
-    total = _factor(tokens)
+def _parse_product(tokens: deque[str | float]) -> dict[str, float]:
+    total = _parse_factor(tokens)
     while tokens and tokens[0] != ")":
         sign = -1.0 if tokens[0] == "/" else 1.0
         if tokens[0] in ("·", "*", "/"):
             tokens.popleft()
-        for name, power in _factor(tokens).items():
+        for name, power in _parse_factor(tokens).items():
             total[name] = total.get(name, 0.0) + sign * power
     return total
 
 
-def _factor(tokens: deque[str | float]) -> dict[str, float]:
+def _parse_factor(tokens: deque[str | float]) -> dict[str, float]:
     token = tokens.popleft() if tokens else ""
     if token in ("√", "sqrt"):
-        return {name: power / 2 for name, power in _factor(tokens).items()}
+        return {name: power / 2 for name, power in _parse_factor(tokens).items()}
     if token == "(":
-        powers = _product(tokens)
+        powers = _parse_product(tokens)
         if not tokens or tokens.popleft() != ")":
-            raise UnclearError(_NOT_A_UNIT)
+            raise NotationError(_NOT_A_UNIT)
     elif token == "1":
         powers = {}
     elif isinstance(token, str) and token[:1] not in ("", "·", "*", "/", ")"):
-        powers = {_known(token): 1.0}
+        powers = {_canonical_unit(token): 1.0}
     else:
-        raise UnclearError(_NOT_A_UNIT)
+        raise NotationError(_NOT_A_UNIT)
     if tokens and isinstance(exponent := tokens[0], float):
         tokens.popleft()
         powers = {name: power * exponent for name, power in powers.items()}
     return powers
 
 
-def _known(name: str) -> str:
+def _canonical_unit(name: str) -> str:
     """Return pint's name of a unit that may carry a prefix, or refuse it with near ones."""
     for prefix, unit, _ in _registry().parse_unit_name(name):
         if not prefix or prefix in _TAKES.get(unit, ""):

@@ -5,7 +5,14 @@ import re
 import sys
 from dataclasses import dataclass, field
 
-from inercal.units.expression import UnclearError, about, expect, expected, plain_text, read_unit
+from inercal.units.expression import (
+    NotationError,
+    dimension_text,
+    error_context,
+    plain_text,
+    read_unit,
+    require_dimension,
+)
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 _QUANTITY = re.compile(rf"({_NUMBER}) *(.*)")
@@ -36,7 +43,7 @@ class Measured:
         return key if self.assumed else ""
 
 
-def parse(text: str | float, like: str, *, last_digit: bool = False) -> Measured:
+def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) -> Measured:
     """Return what a person wrote as a quantity, in SI.
 
     Forms: "0.5 m", "0.5 m ± 5 µm", "(12 ± 3) µg", "9.81 m/s² ± 40 ppm" (relative), "0 ± 0.5 %",
@@ -59,35 +66,37 @@ def parse(text: str | float, like: str, *, last_digit: bool = False) -> Measured
 
     Examples
     --------
-    >>> parse("0.5 m ± 1 mm (k=2)", like="m")
+    >>> parse_quantity("0.5 m ± 1 mm (k=2)", like="m")
     Measured(value=0.5, sd=0.0005)
-    >>> round(parse("9.81 m/s²", like="m/s²", last_digit=True).sd, 7)
+    >>> round(parse_quantity("9.81 m/s²", like="m/s²", last_digit=True).sd, 7)
     0.0028868
     """
-    with about(text):
-        body, k = _coverage(_body(text, like))
+    with error_context(text):
+        body, k = _coverage(_plain_quantity(text, like))
         if group := _GROUP.fullmatch(body):
             body = f"{group[1]} {group[3]}±{group[2]} {group[3]}"
         first, *rest = body.split("±")
-        number, unit = _split(first, like)
+        number, unit = _split_number_and_unit(first, like)
         if not rest and k:
-            raise UnclearError("states k without an uncertainty, such as '0.5 m ± 10 µm (k=2)'")
+            raise NotationError("states k without an uncertainty, such as '0.5 m ± 10 µm (k=2)'")
         if not rest:
             value = _value(number, unit, like)
             if not last_digit:
                 return Measured(value, 0.0)
-            return Measured(value, _of_last_digit(first) * read_unit(unit or "1").size, True)
+            return Measured(
+                value, _last_digit_uncertainty(first) * read_unit(unit or "1").size, True
+            )
         if len(rest) > 1:
-            raise UnclearError("states more than one uncertainty")
-        sd, sd_unit = _split(rest[0], like)
+            raise NotationError("states more than one uncertainty")
+        sd, sd_unit = _split_number_and_unit(rest[0], like)
         if sd < 0:
-            raise UnclearError("states a negative uncertainty")
-        unit = unit or _shared(number, sd_unit, like)
+            raise NotationError("states a negative uncertainty")
+        unit = unit or _shared_unit(number, sd_unit, like)
         value = _value(number, unit, like)
         return Measured(value, _sd(value, unit, sd, sd_unit, like) / (k or 1.0))
 
 
-def readable(value: float, sd: float, unit: str) -> str:
+def format_quantity(value: float, sd: float, unit: str) -> str:
     """Return a quantity for people, rounded to two significant digits of its uncertainty.
 
     Parameters
@@ -99,7 +108,7 @@ def readable(value: float, sd: float, unit: str) -> str:
 
     Examples
     --------
-    >>> readable(1.2346e-4, 4.03e-6, "µg")
+    >>> format_quantity(1.2346e-4, 4.03e-6, "µg")
     '12.59 ± 0.41 µg'
     """
     read = read_unit(unit)
@@ -118,14 +127,14 @@ def readable(value: float, sd: float, unit: str) -> str:
     return f"{value:.{places}f}{tail} ± {sd:.{places}f}{tail}{after}"
 
 
-def digits(value: float, uncertainty: float) -> tuple[str, str]:
+def format_value_and_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     """Return both numbers as text, rounded to two significant digits of the uncertainty.
 
     Examples
     --------
-    >>> digits(-0.123456, 0.00123)
+    >>> format_value_and_uncertainty(-0.123456, 0.00123)
     ('-0.1235', '0.0012')
-    >>> digits(54321.2, 1234.0)
+    >>> format_value_and_uncertainty(54321.2, 1234.0)
     ('54300', '1200')
     """
     if not (math.isfinite(uncertainty) and uncertainty > 0):
@@ -137,14 +146,14 @@ def digits(value: float, uncertainty: float) -> tuple[str, str]:
     return first, second
 
 
-def _body(text: object, like: str) -> str:
+def _plain_quantity(text: object, like: str) -> str:
     """Return the quantity in plain characters."""
     if isinstance(text, str) and text.strip():
         return re.sub(r"\+ ?/? ?-", "±", plain_text(text))
     if isinstance(text, bool) or not isinstance(text, (int, float)):
-        raise UnclearError(f"is no quantity; write one such as {_example(1, like)}")
+        raise NotationError(f"is no quantity; write one such as {_example_text(1, like)}")
     if not abs(text) <= sys.float_info.max:
-        raise UnclearError("is not a finite number")
+        raise NotationError("is not a finite number")
     return repr(float(text))
 
 
@@ -155,23 +164,25 @@ def _coverage(body: str) -> tuple[str, float | None]:
         return body, None
     k = float(found[1])
     if not 0 < k < math.inf:
-        raise UnclearError("states a coverage factor k that is not positive and finite")
+        raise NotationError("states a coverage factor k that is not positive and finite")
     return body[: found.start()].strip(), k
 
 
-def _split(text: str, like: str) -> tuple[float, str]:
+def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
     """Split "-12 mg" into number and unit."""
     if "," in text:
-        raise UnclearError("has a comma; decimals take a point")
+        raise NotationError("has a comma; decimals take a point")
     found = _QUANTITY.fullmatch(text.strip())
     if not found or not math.isfinite(float(found[1])):
         if like == "1":
-            raise UnclearError("is no finite number, such as '0.5' or '50 %'")
-        raise UnclearError(f"is no finite number with its unit, such as {_example(0.5, like)}")
+            raise NotationError("is no finite number, such as '0.5' or '50 %'")
+        raise NotationError(
+            f"is no finite number with its unit, such as {_example_text(0.5, like)}"
+        )
     return float(found[1]), found[2].strip()
 
 
-def _of_last_digit(text: str) -> float:
+def _last_digit_uncertainty(text: str) -> float:
     """Return half a unit of the last digit over √3, in the unit of the number that begins text."""
     found = _QUANTITY.fullmatch(text.strip())
     assert found is not None  # it was read before
@@ -180,13 +191,13 @@ def _of_last_digit(text: str) -> float:
     return 0.5 * 10.0 ** (int(power or 0) - decimals) / math.sqrt(3)
 
 
-def _shared(number: float, sd_unit: str, like: str) -> str:
+def _shared_unit(number: float, sd_unit: str, like: str) -> str:
     """Return the unit of a value that has none itself: "12 ± 3 µg" gives it once."""
     if read_unit(sd_unit or "1").dimension:
         return sd_unit
     # "1 ± 40 ppm" may mean 1 or 1 ppm; only at zero both agree.
     if sd_unit and number and not read_unit(like).dimension:
-        raise UnclearError(
+        raise NotationError(
             f"can mean {number:g} or {number:g} {sd_unit}; write '(… ± …) {sd_unit}'"
         )
     return ""
@@ -194,11 +205,11 @@ def _shared(number: float, sd_unit: str, like: str) -> str:
 
 def _value(number: float, unit: str, like: str) -> float:
     if not unit and read_unit(like).dimension:
-        raise UnclearError(f"has no unit; expected {expected(like, f'{number:g} {like}')}")
-    read = expect(unit or "1", like)
+        raise NotationError(f"has no unit; expected {dimension_text(like, f'{number:g} {like}')}")
+    read = require_dimension(unit or "1", like)
     value = number * read.size + read.offset
     if not math.isfinite(value):
-        raise UnclearError("is too large")
+        raise NotationError("is too large")
     return value
 
 
@@ -207,22 +218,22 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
     if unit and not sd_unit and sd == 0:
         return 0.0  # "9.81 m/s² ± 0": exact in any unit
     if unit and not sd_unit:
-        raise UnclearError(f"states an uncertainty without a unit, such as '{sd:g} {unit}'")
+        raise NotationError(f"states an uncertainty without a unit, such as '{sd:g} {unit}'")
     unit, sd_unit = unit or "1", sd_unit or "1"
     plain = not read_unit(like).dimension
     if plain and value and unit != sd_unit:
-        raise UnclearError(f"can be read in two ways; state the uncertainty in {unit!r} too")
+        raise NotationError(f"can be read in two ways; state the uncertainty in {unit!r} too")
     if plain or read_unit(sd_unit).dimension:
-        with about(f"± {sd:g} {sd_unit}"):
-            sd *= expect(sd_unit, like).size
+        with error_context(f"± {sd:g} {sd_unit}"):
+            sd *= require_dimension(sd_unit, like).size
     elif value == 0 or read_unit(unit).offset:
-        raise UnclearError(f"has no meaning as a ratio; state the uncertainty in {like!r}")
+        raise NotationError(f"has no meaning as a ratio; state the uncertainty in {like!r}")
     else:
         sd *= read_unit(sd_unit).size * abs(value)
     if not math.isfinite(sd):
-        raise UnclearError("states an uncertainty that is too large")
+        raise NotationError("states an uncertainty that is too large")
     return sd
 
 
-def _example(number: float, like: str) -> str:
+def _example_text(number: float, like: str) -> str:
     return repr(f"{number:g}" if like == "1" else f"{number:g} {like}")

@@ -7,10 +7,10 @@ is open: where gravity is then, nobody says.
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.evidence import sensors
-from tests.evidence.model import G0, Case, Files, Unknown, Values, Violation
-from tests.evidence.sensors import ARCSEC, DEG_H, PPM
-from tests.evidence.tables import csv
+from tests.evidence import sensor_models
+from tests.evidence.csv_text import csv
+from tests.evidence.sensor_models import ARCSEC, DEG_H, PPM
+from tests.evidence.visibility_model import G0, Case, Files, Unknown, Values, Violation
 
 Array = NDArray[np.float64]
 DEGREE = np.pi / 180
@@ -24,7 +24,7 @@ SECONDS = 8.0
 GYRO_NOISE = 5 * DEG_H
 
 
-def leaned(v: Values, name: str, label: str, axis: Array) -> Array:
+def tilted_axis(v: Values, name: str, label: str, axis: Array) -> Array:
     """Return an axis of the body turned by the two angles `name`1 and `name`2 of a label."""
     k = int(np.argmax(np.abs(axis)))
     off = axis.copy()
@@ -33,7 +33,7 @@ def leaned(v: Values, name: str, label: str, axis: Array) -> Array:
     return off / np.linalg.norm(off)
 
 
-def seated(v: Values, up: Array) -> Array:
+def rotated_up(v: Values, up: Array) -> Array:
     """Return `up` where the whole housing is turned by a common small rotation vector."""
     turn = np.array([v.get(f"seat_{a}", 0.0) for a in "xyz"])
     off = up - np.cross(turn, up)
@@ -42,7 +42,7 @@ def seated(v: Values, up: Array) -> Array:
 
 def _forces(v: Values) -> Array:
     g = GRAVITY + v.get("g", 0.0)
-    rows = [g * seated(v, leaned(v, "tilt", label, up)) for label, up in FACES.items()]
+    rows = [g * rotated_up(v, tilted_axis(v, "tilt", label, up)) for label, up in FACES.items()]
     return np.array(rows)
 
 
@@ -84,12 +84,12 @@ BENCH = (
     ),
 )
 GROSS = (
-    sensors.swapped(0, 1),
-    sensors.reversed_axis(1),
-    sensors.wrong_unit(1 / G0, slice(0, 3)),
-    sensors.decimal_shift(2),
-    sensors.dead(2),
-    sensors.constant(2),
+    sensor_models.swap_columns(0, 1),
+    sensor_models.reverse_axis(1),
+    sensor_models.change_unit(1 / G0, slice(0, 3)),
+    sensor_models.shift_decimal(2),
+    sensor_models.zero_channel(2),
+    sensor_models.freeze_channel(2),
 )
 
 _SIX = """\
@@ -116,7 +116,7 @@ def six_position() -> Case:
     """Return six positions of three accelerometers, by their means."""
 
     def readings(v: Values) -> Array:
-        y = sensors.accelerometers(v, _forces(v), _place(6))
+        y = sensor_models.accelerometers(v, _forces(v), _place(6))
         y[0, 0] += v.get("step", 0.0)
         return y.ravel()
 
@@ -131,9 +131,9 @@ def six_position() -> Case:
             "means.csv": csv(("position", "ax", "ay", "az"), list(FACES), y / G0),
         }
 
-    unknowns = sensors.triad(0.03 * G0, 0.01, 0.01)
+    unknowns = sensor_models.triad(0.03 * G0, 0.01, 0.01)
     unknowns |= {"g": Unknown(GRAVITY_SD), **_tilts()}
-    left_out = sensors.of_accelerometers("k2", "k3", "k1_prime", "drift")
+    left_out = sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "drift")
     return Case(
         "six_position",
         unknowns,
@@ -143,7 +143,7 @@ def six_position() -> Case:
         files,
         (6, 3),
         tuple(FACES),
-        sensors.rivals("a"),
+        sensor_models.rival_coefficients("a"),
     )
 
 
@@ -193,14 +193,14 @@ def ferraris() -> Case:
             level[(i + 2) % 3] = v.get(f"earth2[{label}]", 0.0)
             w[k] = EARTH * np.sin(phi) * f[k] / g + level
         for k, (label, axis) in enumerate(TURNS.items(), start=6):
-            about = leaned(v, "axis", label, axis)
+            about = tilted_axis(v, "axis", label, axis)
             f[k] = g * axis + [v.get(f"force_{a}[{label}]", 0.0) for a in "xyz"]
             angle = 2 * np.pi + v.get(f"angle[{label}]", 0.0)
             true_seconds = SECONDS * (1 + v.get("timebase", 0.0))
             w[k] = about * angle / true_seconds + EARTH * np.sin(phi) * f[k] / g
         place = _place(n)
         y = np.concatenate(
-            [sensors.accelerometers(v, f, place), sensors.gyros(v, w, f, place)], axis=1
+            [sensor_models.accelerometers(v, f, place), sensor_models.gyros(v, w, f, place)], axis=1
         )
         y[0, 0] += v.get("step", 0.0)
         y[0, 3] += v.get("gyro step", 0.0)
@@ -218,8 +218,8 @@ def ferraris() -> Case:
         return {"run.toml": _FERRARIS, "means.csv": table}
 
     level = EARTH * np.cos(LATITUDE) / np.sqrt(2)  # the azimuth is anything
-    unknowns = sensors.triad(0.03 * G0, 0.01, 0.01)
-    unknowns |= sensors.gyro_triad(0.5 * DEGREE, 0.01, 0.01, 0.02 * DEGREE / G0)
+    unknowns = sensor_models.triad(0.03 * G0, 0.01, 0.01)
+    unknowns |= sensor_models.gyro_triad(0.5 * DEGREE, 0.01, 0.01, 0.02 * DEGREE / G0)
     unknowns |= {"g": Unknown(GRAVITY_SD), "timebase": Unknown(1e-4), **_tilts()}
     unknowns |= {f"earth{k}[{label}]": Unknown(level) for label in FACES for k in (1, 2)}
     unknowns |= {f"angle[{label}]": Unknown(0.1 * DEGREE) for label in TURNS}
@@ -268,8 +268,8 @@ def ferraris() -> Case:
             limit="wrong readings",
         ),
     )
-    accelerometers = sensors.of_accelerometers("k2", "k3", "k1_prime", "drift")
-    gyros = sensors.of_gyros("scale_prime", "drift", "scale2")
+    accelerometers = sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "drift")
+    gyros = sensor_models.gyro_violations("scale_prime", "drift", "scale2")
     violations = (*BENCH, *more, *accelerometers, *gyros, *GROSS)
     return Case(
         "ferraris",
@@ -280,5 +280,5 @@ def ferraris() -> Case:
         files,
         (n, 6),
         tuple(labels),
-        sensors.rivals("ag", "g_i", "g_p", "g_o"),
+        sensor_models.rival_coefficients("ag", "g_i", "g_p", "g_o"),
     )

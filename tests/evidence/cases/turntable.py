@@ -14,11 +14,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
-from tests.accuracy.turntable import TEN, Stand, Table, Turn, about, travel
-from tests.evidence import sensors
-from tests.evidence.cases.recorded import npz
-from tests.evidence.model import G0, Case, Files, Unknown, Values, Violation
-from tests.evidence.sensors import ARCSEC, DEG_H
+from tests.accuracy.turntable import TEN, Stand, Table, Turn, rotation_about, simulate_travel
+from tests.evidence import sensor_models
+from tests.evidence.cases.hand_recordings import npz_archive
+from tests.evidence.sensor_models import ARCSEC, DEG_H
+from tests.evidence.visibility_model import G0, Case, Files, Unknown, Values, Violation
 
 Array = NDArray[np.float64]
 DEGREE = np.pi / 180
@@ -93,7 +93,7 @@ def discrete() -> Path:
     return path
 
 
-def as_text(path: Path) -> str:
+def path_text(path: Path) -> str:
     """Return a path as the file of steps that a run names."""
     rows = ["label,kind,outer [°],middle [°],inner [°],seconds [s],axis,angle [°],rate [°/s]"]
     for step in path:
@@ -116,13 +116,17 @@ def readback(v: Values, angles: Array) -> Array:
     return said
 
 
-def sensed(v: Values, true: Array, speed: Array) -> tuple[Array, Array]:
+def sensed_motion(v: Values, true: Array, speed: Array) -> tuple[Array, Array]:
     """Return specific force and rate in the body, (n, 3) each, at true angles and speeds (n, 3)."""
-    tilted = about(0, np.array(v.get("lean_x", 0.0))) @ about(1, np.array(v.get("lean_y", 0.0)))
-    tilted = tilted @ about(2, np.array(-v.get("azimuth", 0.0)))
-    inner = about(2, np.array(v.get("square_2", 0.0))) @ about(1, true[:, 2])
-    middle = about(1, np.array(v.get("square_1", 0.0))) @ about(0, true[:, 1]) @ inner
-    mat = tilted @ about(2, true[:, 0]) @ middle
+    tilted = rotation_about(0, np.array(v.get("lean_x", 0.0))) @ rotation_about(
+        1, np.array(v.get("lean_y", 0.0))
+    )
+    tilted = tilted @ rotation_about(2, np.array(-v.get("azimuth", 0.0)))
+    inner = rotation_about(2, np.array(v.get("square_2", 0.0))) @ rotation_about(1, true[:, 2])
+    middle = (
+        rotation_about(1, np.array(v.get("square_1", 0.0))) @ rotation_about(0, true[:, 1]) @ inner
+    )
+    mat = tilted @ rotation_about(2, true[:, 0]) @ middle
     phi = LATITUDE + v.get("latitude", 0.0)
     back = np.swapaxes(mat, 1, 2)
     w = back @ (EARTH * np.array([0.0, np.cos(phi), np.sin(phi)]))
@@ -131,11 +135,11 @@ def sensed(v: Values, true: Array, speed: Array) -> tuple[Array, Array]:
     return (GRAVITY + v.get("g", 0.0)) * mat[:, 2], w
 
 
-def read(v: Values, true: Array, speed: Array) -> Array:
+def noise_free_readings(v: Values, true: Array, speed: Array) -> Array:
     """Return readings without noise, (n, 6)."""
-    f, w = sensed(v, true, speed)
+    f, w = sensed_motion(v, true, speed)
     place = np.linspace(-0.5, 0.5, len(true))
-    both = sensors.accelerometers(v, f, place), sensors.gyros(v, w, f, place)
+    both = sensor_models.accelerometers(v, f, place), sensor_models.gyros(v, w, f, place)
     return np.concatenate(both, axis=1)
 
 
@@ -186,9 +190,9 @@ def covariance(start: Array, stop: Array, white: float, size: float, run: float)
 
 
 @cache
-def _travelled(which: str) -> tuple[Array, NDArray[np.str_]]:
+def _travelled_path(which: str) -> tuple[Array, NDArray[np.str_]]:
     path = fast() if which == "fast" else discrete()
-    angles, _, _, labels = travel(path, Table(jerk=JERK), HZ)
+    angles, _, _, labels = simulate_travel(path, Table(jerk=JERK), HZ)
     return angles, labels
 
 
@@ -210,7 +214,7 @@ def _segments(labels: NDArray[np.str_], *, moves: bool) -> list[tuple[int, int, 
 
 
 def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
-    angles, labels = _travelled(which)
+    angles, labels = _travelled_path(which)
     path = fast() if which == "fast" else discrete()
     n = len(angles)
     segments = _segments(labels, moves=not whole_turns)
@@ -241,7 +245,7 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
     def readings(v: Values) -> Array:
         # The readback is taken at its word: the true angles are off the other way.
         true = thin - (readback(v, thin) - thin) + v.get("latency", 0.0) * pace
-        y = means(read(v, true, np.gradient(true, THIN / HZ, axis=0)))
+        y = means(noise_free_readings(v, true, np.gradient(true, THIN / HZ, axis=0)))
         y[0, 0] += v.get("step", 0.0)
         return np.concatenate([y[held, :3].T.ravel(), y[:, 3:].T.ravel()])
 
@@ -256,9 +260,9 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
 
     def files(v: Values, rng: np.random.Generator, gross: Violation | None) -> Files:
         table = Table(latency=v.get("latency", 0.0), jerk=JERK)
-        true, speed, late, steps = travel(path, table, HZ)
+        true, speed, late, steps = simulate_travel(path, table, HZ)
         n = len(true)
-        y = read(v, true, speed)
+        y = noise_free_readings(v, true, speed)
         drifts = 1 + v.get("flicker", 0.0)
         for part, white, size in (
             (slice(0, 3), WHITE_A, FLICKER_A),
@@ -276,12 +280,12 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
         text = _RUN + f'name = "{method}"\npath = "path.csv"\n'
         return {
             "run.toml": text,
-            "path.csv": as_text(path),
-            "log.npz": npz(time=time, step=steps, **columns),
+            "path.csv": path_text(path),
+            "log.npz": npz_archive(time=time, step=steps, **columns),
         }
 
-    unknowns = sensors.triad(10e-3 * G0, 5e-3, 15 / 60 * DEGREE)
-    unknowns |= sensors.gyro_triad(0.3 * DEGREE, 5e-3, 15 / 60 * DEGREE)
+    unknowns = sensor_models.triad(10e-3 * G0, 5e-3, 15 / 60 * DEGREE)
+    unknowns |= sensor_models.gyro_triad(0.3 * DEGREE, 5e-3, 15 / 60 * DEGREE)
     unknowns |= {
         "g": Unknown(GRAVITY_SD),
         "lean_x": Unknown(5 * ARCSEC),
@@ -301,7 +305,15 @@ def _case(method: str, which: str, *, whole_turns: bool = False) -> Case:
         for h, size in HARMONICS
         for wave in ("sin", "cos")
     }
-    return Case(method, unknowns, readings, noise, violations, files, rivals=sensors.rivals("ag"))
+    return Case(
+        method,
+        unknowns,
+        readings,
+        noise,
+        violations,
+        files,
+        rivals=sensor_models.rival_coefficients("ag"),
+    )
 
 
 def _violations() -> tuple[Violation, ...]:
@@ -343,16 +355,18 @@ def _violations() -> tuple[Violation, ...]:
         ),
         bench("gravity", "g", "ppm", GRAVITY * 1e-6, 5e4, "its ± in [bench] gravity"),
         bench("latitude", "latitude", "°", DEGREE, 90, "state it as it is: it is taken as exact"),
-        *sensors.of_accelerometers("k2", "k3", "k1_prime", "drift", counted=_ALSO),
-        *sensors.of_gyros("g", "scale_prime", "scale2", "drift"),
+        *sensor_models.accelerometer_violations("k2", "k3", "k1_prime", "drift", counted=_ALSO),
+        *sensor_models.gyro_violations("g", "scale_prime", "scale2", "drift"),
         Violation(
-            "bias instability ten times what is stated", change={"flicker": 9.0}, gross=sensors.same
+            "bias instability ten times what is stated",
+            change={"flicker": 9.0},
+            gross=sensor_models.keep_readings,
         ),
-        sensors.swapped(0, 1),
-        sensors.reversed_axis(4),
-        sensors.wrong_unit(180 / np.pi, slice(3, 6)),
-        sensors.dead(5),
-        sensors.constant(5),
+        sensor_models.swap_columns(0, 1),
+        sensor_models.reverse_axis(4),
+        sensor_models.change_unit(180 / np.pi, slice(3, 6)),
+        sensor_models.zero_channel(5),
+        sensor_models.freeze_channel(5),
     )
 
 

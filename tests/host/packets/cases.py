@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.host.packets import Counts, Decoder, Layout, Packets, encode, joined
-from inercal.host.packets.picture import Frame
+from inercal.host.packets import Decoder, PacketCounts, PacketLayout, Packets, encode, join_packets
+from inercal.host.packets.packet_format import BinaryFrame
 
 Bytes = NDArray[np.uint8]
 
 
-def motion(layout: Layout, n: int, seed: int = 1) -> dict[str, Any]:
+def motion(layout: PacketLayout, n: int, seed: int = 1) -> dict[str, Any]:
     """Return what `encode` takes; every tenth packet has a temperature where some may lack it."""
     random = np.random.default_rng(seed)
     readings = np.hstack([random.normal(0, 9, (n, 3)), random.normal(0, 1, (n, 3))])
@@ -22,10 +22,10 @@ def motion(layout: Layout, n: int, seed: int = 1) -> dict[str, Any]:
     return {"readings": readings, "time": np.arange(n) * period, "temperature": temperature}
 
 
-def fed(layout: Layout, *pieces: bytes) -> tuple[Packets, Counts]:
+def fed(layout: PacketLayout, *pieces: bytes) -> tuple[Packets, PacketCounts]:
     """Return the packets of a stream that comes in pieces, and what became of its bytes."""
     decoder = Decoder(layout)
-    packets = joined([decoder.feed(piece) for piece in pieces])
+    packets = join_packets([decoder.feed(piece) for piece in pieces])
     return packets, decoder.counts
 
 
@@ -37,17 +37,17 @@ def same(one: Packets, other: Packets) -> bool:
     )
 
 
-def random_frames(layout: Layout, n: int, seed: int = 2) -> bytes:
+def random_frames(layout: PacketLayout, n: int, seed: int = 2) -> bytes:
     """Return packets of the first kind whose bytes are random but for the fixed ones."""
     frame = layout.frames[0]
-    assert isinstance(frame, Frame)
+    assert isinstance(frame, BinaryFrame)
     rows = np.random.default_rng(seed).integers(0, 256, (n, frame.length), np.uint8)
     for offset, value in frame.constants:
         rows[:, offset] = value
     return rows.tobytes()
 
 
-def mutated(layout: Layout, n: int, changes: int, seed: int = 3) -> bytes:
+def mutated(layout: PacketLayout, n: int, changes: int, seed: int = 3) -> bytes:
     """Return packets, 20000 different ones over and over, each with some bytes changed."""
     random = np.random.default_rng(seed)
     given = motion(layout, 20_000)
@@ -57,7 +57,7 @@ def mutated(layout: Layout, n: int, changes: int, seed: int = 3) -> bytes:
     frame = next(iter(layout.frames))
     ends = (
         np.arange(1, n + 1) * frame.length
-        if isinstance(frame, Frame)
+        if isinstance(frame, BinaryFrame)
         else np.flatnonzero(data == ord("\n")) + 1
     )
     lengths = np.diff(ends, prepend=0)

@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from inercal.errors import InputError
-from inercal.host.packets import PRESETS, layout_of, read_layout
-from inercal.host.packets.picture import AXES
+from inercal.host.packets import PRESETS, parse_layout, read_layout
+from inercal.host.packets.packet_format import AXES
 
 GOOD = """
 byte_order = "little"
@@ -28,7 +28,7 @@ LINE = 'line = "{counter:d},{ax:.3f}*{crc32@0:08x}"\n[accelerometer]\nscale = "1
 
 
 def test_scales_are_in_si_and_increments_times_the_rate():
-    layout = layout_of(GOOD, "good.toml")
+    layout = parse_layout(GOOD, "good.toml")
     assert layout.accelerometer.size == pytest.approx(9.80665e-3, rel=1e-15)
     assert layout.gyro.size == pytest.approx(100 * 2.0**-14 * 3.141592653589793 / 180, rel=1e-15)
     assert layout.temperature.size == pytest.approx(1 / 340, rel=1e-15)
@@ -40,14 +40,14 @@ def test_the_roles_are_those_of_all_packets_together():
     xsens = read_layout("xsens")
     assert "temperature" not in {field.role for field in xsens.frames[0].fields}
     assert xsens.roles == {*AXES, "counter", "time", "temperature"}
-    assert layout_of(LINE, "line.toml").roles == {"counter", "ax"}
+    assert parse_layout(LINE, "line.toml").roles == {"counter", "ax"}
 
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_say_what_they_are_and_how_protected(name: str):
     layout = read_layout(name)
     assert layout.name == name
-    assert layout.about
+    assert layout.description
     assert str(round(1 / layout.false_acceptance)) in layout.protection or name == "ascii"
 
 
@@ -104,7 +104,7 @@ def test_presets_say_what_they_are_and_how_protected(name: str):
 def test_a_wrong_description_is_refused_in_one_line(old: str, new: str, message: str):
     assert GOOD.count(old) >= 1
     with pytest.raises(InputError) as refused:
-        layout_of(GOOD.replace(old, new, 1), "own.toml")
+        parse_layout(GOOD.replace(old, new, 1), "own.toml")
     assert str(refused.value).startswith("own.toml: ")
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
@@ -124,7 +124,7 @@ def test_a_wrong_description_is_refused_in_one_line(old: str, new: str, message:
 )
 def test_a_wrong_line_is_refused_in_one_line(old: str, new: str, message: str):
     with pytest.raises(InputError) as refused:
-        layout_of(LINE.replace(old, new, 1), "own.toml")
+        parse_layout(LINE.replace(old, new, 1), "own.toml")
     assert str(refused.value).startswith("own.toml: ")
     assert message in str(refused.value)
 
@@ -132,13 +132,13 @@ def test_a_wrong_line_is_refused_in_one_line(old: str, new: str, message: str):
 def test_packets_of_one_stream_have_the_same_readings():
     other = '[[frame]]\nlength = 3\npacket = "AA 56 ax:i8"\n'
     with pytest.raises(InputError, match="ax, counter, gx in one packet and not the same"):
-        layout_of(GOOD.replace("[accelerometer]", f"{other}[accelerometer]"), "own.toml")
+        parse_layout(GOOD.replace("[accelerometer]", f"{other}[accelerometer]"), "own.toml")
 
 
 def test_packets_of_one_stream_are_told_apart_by_a_fixed_byte():
     other = '[[frame]]\nlength = 4\npacket = "AA 55 counter:u8 ax:i8"\n'
     with pytest.raises(InputError, match="no fixed byte tells one packet from another"):
-        layout_of(GOOD.replace("[accelerometer]", f"{other}[accelerometer]"), "own.toml")
+        parse_layout(GOOD.replace("[accelerometer]", f"{other}[accelerometer]"), "own.toml")
 
 
 def test_a_file_that_is_not_there_is_refused_with_the_presets(tmp_path: Path):

@@ -14,8 +14,8 @@ def test_what_is_sent_comes_back_within_half_a_step(name: str):
     given = motion(layout, 500)
     packets, counts = fed(layout, encode(layout, **given))
     assert counts.packets == 500
-    assert (counts.thrown, counts.lost) == (0, 0)
-    steps = {f.role: layout.quantum(f) for frame in layout.frames for f in frame.fields}
+    assert (counts.discarded, counts.lost) == (0, 0)
+    steps = {f.role: layout.resolution(f) for frame in layout.frames for f in frame.fields}
     for k, role in enumerate(("ax", "ay", "az", "gx", "gy", "gz")):
         # Real numbers of 32 bits are rounded to 2^-24 of themselves.
         half = 0.5 * steps[role] * (1 + 1e-9) or 2.0**-24 * 40

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inercal.host.packets import Decoder, layout_of, read_layout
+from inercal.host.packets import Decoder, parse_layout, read_layout
 
 DEGREE = np.pi / 180
 # NovAtel, OEM7 Commands and Logs, RAWIMUS, "ASCII Example".
@@ -43,7 +43,7 @@ def test_novatels_example_with_any_character_changed_is_no_packet():
 
 def test_the_example_of_vectornavs_manual_has_the_values_printed_there():
     # No readings in this message: its angles are taken for rates, to be read at all.
-    layout = layout_of(
+    layout = parse_layout(
         'byte_order = "little"\n[[frame]]\nlength = 18\n'
         'packet = "FA 01 08 00 gz:f32 gy:f32 gx:f32 crc16-xmodem@1:be"\n'
         '[gyro]\nscale = "1 °/s"\n',
@@ -56,7 +56,7 @@ def test_the_example_of_vectornavs_manual_has_the_values_printed_there():
 
 
 def test_a_message_of_an_mti_with_a_status_word_reads_one_g_on_z():
-    layout = layout_of(
+    layout = parse_layout(
         'byte_order = "big"\n[[frame]]\nlength = 54\n'
         'packet = "FA FF 36 31 10 20 02 counter:u16 10 60 04 time:u32 40 20 0C ax:f32 ay:f32 '
         'az:f32 80 20 0C gx:f32 gy:f32 gz:f32 E0 20 04 status:u32 sum8-zero@1"\n'

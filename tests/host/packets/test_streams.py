@@ -5,7 +5,7 @@ import pytest
 from tests.host.packets.cases import fed, motion, same
 
 from inercal.errors import InputError
-from inercal.host.packets import PRESETS, Decoder, Flag, encode, layout_of, read_layout, read_log
+from inercal.host.packets import PRESETS, Decoder, Flag, encode, parse_layout, read_layout, read_log
 
 COUNTED = [name for name in PRESETS if read_layout(name).sequence == "counter"]
 BINARY = ("fixed", "vn100", "witmotion", "xsens")
@@ -68,7 +68,7 @@ def test_one_flaw_costs_one_packet_at_most(name: str, flaw: str):
     if flaw == "lost byte" and name == "ascii":
         return  # nothing shows that a digit is missing
     np.testing.assert_array_equal(found.readings, clean.readings[kept])
-    assert counts.thrown == sum(map(len, parts)) - sum(sizes[k] for k in kept)
+    assert counts.discarded == sum(map(len, parts)) - sum(sizes[k] for k in kept)
     # A line that follows rubbish is whole where it begins with a fixed character.
     assert len(kept) == (9 if flaw == "byte between" and name != "ascii" else 8)
     if layout.sequence:
@@ -124,7 +124,7 @@ def test_full_scale_status_and_codes_without_a_reading_are_marked():
         '[gyro]\nscale = "1 °/s"\ninvalid = [-32768]\n'
     )
     rows = ["7FFF 80 0000", "7FFE 80 0000", "8000 80 0000", "0000 81 0000", "0000 02 8000"]
-    packets, _ = fed(layout_of(text, "own"), bytes.fromhex("A5" + "A5".join(rows)))
+    packets, _ = fed(parse_layout(text, "own"), bytes.fromhex("A5" + "A5".join(rows)))
     none = Flag(0)
     saturated = [Flag.SATURATED, none, Flag.SATURATED]
     assert packets.flags.tolist() == [*saturated, Flag.STATUS, Flag.STATUS | Flag.INVALID]
@@ -137,7 +137,7 @@ def test_a_packet_that_has_no_status_is_not_marked_for_it():
         '[[frame]]\nlength = 3\npacket = "A5 02 ax:i8"\n[status]\nmask = 1\ngood = 1\n'
         '[accelerometer]\nscale = "1 g"\n'
     )
-    packets, _ = fed(layout_of(text, "own"), bytes.fromhex("A5010001 A50200 A5010000"))
+    packets, _ = fed(parse_layout(text, "own"), bytes.fromhex("A5010001 A50200 A5010000"))
     assert packets.flags.tolist() == [0, 0, Flag.STATUS]
     assert packets.status.tolist() == [1, 0, 0]
 
@@ -147,7 +147,7 @@ def test_integers_of_24_bits_keep_sign_and_byte_order():
         'byte_order = "big"\n[[frame]]\nlength = 7\npacket = "93 ax:i24 ay:i24:le"\n'
         '[accelerometer]\nscale = "2^-19 g"\n'
     )
-    packets, _ = fed(layout_of(text, "own"), bytes.fromhex("93 FFFFFE 010080"))
+    packets, _ = fed(parse_layout(text, "own"), bytes.fromhex("93 FFFFFE 010080"))
     g = 9.80665 * 2.0**-19
     np.testing.assert_array_equal(packets.readings[0, :2], [-2 * g, (1 - 2**23) * g])
 
@@ -159,7 +159,7 @@ def test_a_line_that_is_cut_at_the_start_of_a_stream_is_left_out():
     packets = decoder.feed(data)
     assert packets.counter is not None
     assert packets.counter.tolist() == [124]
-    assert decoder.counts.thrown == 22
+    assert decoder.counts.discarded == 22
 
 
 def test_a_line_without_end_is_not_held_for_ever():
@@ -180,7 +180,7 @@ def test_a_file_reads_like_the_stream(name: str, tmp_path: Path):
     live, found = fed(layout, *(data[k : k + 11] for k in range(0, len(data), 11)))
     assert same(packets, live)
     size = len(data) - sum(map(len, packets_of(name, 40)[40 - counts.packets - 1 : 39]))
-    assert counts.thrown == size
+    assert counts.discarded == size
     assert found.packets == counts.packets >= 38
 
 

@@ -16,19 +16,19 @@ from typing import Any, Self
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from inercal.host.options import Options
+from inercal.host.options import RunOptions
 from inercal.host.web.access import Access
-from inercal.host.web.choice import Choice
+from inercal.host.web.device_catalogue import DeviceCatalogue
 from inercal.host.web.hub import Hub
-from inercal.host.web.order import RunRequest
 from inercal.host.web.plans import Plans
 from inercal.host.web.refusal_log import RefusalLog
 from inercal.host.web.run_process import RunProcess
+from inercal.host.web.run_request import RunRequest
 from inercal.host.web.runs import Runs
-from inercal.host.web.server import Server, listening, made
+from inercal.host.web.server import WebServer, listening_socket, web_server
 
 PATIENCE = 20.0  # s
-HURRIED = Options(speed=5.0)
+HURRIED = RunOptions(speed=5.0)
 COMPILING = 300.0  # s, the first time on a machine
 RUNNING = 120.0  # s
 SCRIPT = (sys.executable, str(Path(__file__).with_name("scripted_worker.py")))
@@ -48,9 +48,9 @@ class Page:
         self.connection = connecting.__enter__()
         self.heard: list[dict[str, Any]] = []
 
-    def say(self, do: str, **content: object) -> None:
+    def say(self, execute: str, **content: object) -> None:
         """Ask for something."""
-        self.connection.send(json.dumps({"do": do, **content}))
+        self.connection.send(json.dumps({"do": execute, **content}))
 
     def next(self, patience: float = PATIENCE) -> dict[str, Any]:
         """Return the next message."""
@@ -153,21 +153,21 @@ class Served(AbstractContextManager["Served"]):
         token: str | None = None,
         start: Callable[[RunRequest], RunProcess] = scripted,
         table: str = "",
-        options: Options = HURRIED,
+        options: RunOptions = HURRIED,
     ):
         self.refused: list[str] = []
         self.register = str(folder / "register.db")
         (folder / "runs").mkdir(exist_ok=True)
         (folder / "plans").mkdir(exist_ok=True)
         self.runs = Runs(folder / "runs")
-        plans, choice = Plans(folder / "plans"), Choice(table)
+        plans, choice = Plans(folder / "plans"), DeviceCatalogue(table)
         self.hub = Hub(plans, self.runs, choice, self.register, options, start)
-        self.socket = listening("127.0.0.1", 0)
+        self.socket = listening_socket("127.0.0.1", 0)
         self.port: int = self.socket.getsockname()[1]
         self.host = f"127.0.0.1:{self.port}"
         self.access = Access(frozenset((self.host,)) if token is None else frozenset(), token)
         refused = RefusalLog(self.refused.append)
-        self.server: Server = made(self.hub, self.register, self.access, refused)
+        self.server: WebServer = web_server(self.hub, self.register, self.access, refused)
         self._up = Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread = Thread(target=self._serve, name="server")
@@ -230,7 +230,7 @@ class Served(AbstractContextManager["Served"]):
         self._loop.call_soon_threadsafe(act)
 
     def __exit__(self, *_: object) -> None:
-        self.soon(self.server.end)
+        self.soon(self.server.stop_run_and_exit)
         self._thread.join(PATIENCE)
         assert not self._thread.is_alive()
 

@@ -9,12 +9,12 @@ from threading import Event
 
 import pytest
 from tests.host.web.pages import PATIENCE, Page, Served, sockets, unharmed
-from tests.store.generator import ten
+from tests.store.calibration_generator import ten
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from inercal.host.web.connections import MOST as CONNECTIONS
-from inercal.host.web.viewers import MOST as VIEWERS
-from inercal.store import History, Register
+from inercal.host.web.connections import MAX_CONNECTIONS as CONNECTIONS
+from inercal.host.web.viewers import MAX_VIEWERS as VIEWERS
+from inercal.store import Register, SensorHistory
 
 HUGE = 100_000_000  # bytes
 
@@ -41,7 +41,7 @@ def test_a_body_of_100_megabytes_is_refused_before_it_is_read(served: Served, wa
 def test_a_body_that_does_not_come_is_not_waited_for(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.web.gate._PATIENCE", 0.1)
+    monkeypatch.setattr("inercal.host.web.access_middleware._BODY_TIMEOUT", 0.1)
     own = {"Host": served.host, "Origin": f"http://{served.host}", "Content-Length": "10"}
     assert served.ask("/api/probe", "POST", None, own).status == 408
     served.was_refused("does not come within")
@@ -75,7 +75,7 @@ def test_of_1000_sockets_most_are_closed_and_the_viewers_there_stay(served: Serv
 def test_a_socket_that_asks_nothing_is_closed(
     served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("inercal.host.web.connections._SILENT", 0.1)
+    monkeypatch.setattr("inercal.host.web.connections._IDLE_TIMEOUT", 0.1)
     with socket.create_connection(("127.0.0.1", served.port), 20) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: ")
         with suppress(ConnectionError):
@@ -169,7 +169,7 @@ def test_a_history_is_drawn_again_only_where_the_register_holds_something_else(
 ):
     drawn: list[int] = []
 
-    def page(history: History) -> str:
+    def page(history: SensorHistory) -> str:
         drawn.append(len(history.entries))
         return f"of {len(history.entries)}"
 

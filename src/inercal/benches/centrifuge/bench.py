@@ -1,6 +1,6 @@
 """A precision centrifuge as a bench (terms of IEEE Std 836): what is known of it, as data.
 
-What its arm makes a sensor feel stands in `inercal.benches.centrifuge.arm`.
+What its arm makes a sensor feel stands in `inercal.benches.centrifuge.arm_motion`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.centrifuge.arm import felt_vector, positions
+from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.contract import MeanMotion
-from inercal.benches.declare import constant, declared_parameters, deviation, small_angle
+from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
 from inercal.earth import EARTH_RATE
 from inercal.parameters import Parameter, local_gravity
 from inercal.plan import Spin
@@ -84,14 +84,14 @@ class Centrifuge:
         )
         level = EARTH_RATE / sqrt(3)
         if (place := self.latitude) is not None:
-            earth = Parameter.measured("latitude", "rad", place, "latitude")
+            earth = Parameter.from_measured("latitude", "rad", place, "latitude")
             level = EARTH_RATE * cos(place.value) / sqrt(2)  # where north is, is not known
         # Over whole turns of an arm that the sensor is locked to it is not felt.
         level *= self.platform != "locked"
         indexing = self.indexing or 0.0
         return (
             local_gravity(self.gravity),
-            Parameter.measured("radius", "m", self.radius, "static radius"),
+            Parameter.from_measured("radius", "m", self.radius, "static radius"),
             *declared_parameters(self, "stretch", "rate", "tilt", "lean"),
             earth,
             Parameter("level1", "rad/s", level, "run", 0.0, "earth rate, level"),
@@ -114,9 +114,9 @@ class Centrifuge:
 
     def nuisances(self, steps: Sequence[Spin], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "index_x[p07]"."""
-        return self.acting(steps, dwells=True)
+        return self.acting_parameters(steps, dwells=True)
 
-    def acting(
+    def acting_parameters(
         self, steps: Sequence[Spin], *, vectors: bool = True, dwells: bool = False
     ) -> dict[str, Parameter]:
         """Return those that an estimation carries.
@@ -138,7 +138,8 @@ class Centrifuge:
                 continue
             elif parameter.scope == "position":
                 found |= {
-                    f"{parameter.name}[{name}]": parameter for name in positions(steps).values()
+                    f"{parameter.name}[{name}]": parameter
+                    for name in attitude_names(steps).values()
                 }
             else:
                 found[parameter.name] = parameter
@@ -152,10 +153,10 @@ class Centrifuge:
         InputError
             A step of unknown attitude.
         """
-        stated = {name: np.array(p.value) for name, p in self.acting(steps).items()}
-        made = felt_vector(self, steps, stated | dict(q))
+        stated = {name: np.array(p.value) for name, p in self.acting_parameters(steps).items()}
+        made = sensed_motion(self, steps, stated | dict(q))
         labels = [step.label for step in steps]
-        df, dw = (_of_dwells(by, labels) for by in (made.df, made.dw))
+        df, dw = (_split_by_dwell(by, labels) for by in (made.df, made.dw))
         return MeanMotion(made.motion, df, dw)
 
     def reading_offsets(
@@ -165,7 +166,7 @@ class Centrifuge:
         return np.zeros(())
 
 
-def _of_dwells(by: Mapping[str, Array], labels: Sequence[str]) -> dict[str, Array]:
+def _split_by_dwell(by: Mapping[str, Array], labels: Sequence[str]) -> dict[str, Array]:
     """Return derivatives (..., r, 3) with those by what differs from dwell to dwell named apart."""
     found = {name: rows for name, rows in by.items() if not name.startswith("dwell")}
     own = np.eye(len(labels))

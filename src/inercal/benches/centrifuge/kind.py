@@ -6,9 +6,14 @@ from math import degrees
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.report import directions
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
-from inercal.benches.centrifuge.simulation import perform_on_arm, seconds_on_arm
-from inercal.benches.kind import Effect, Kind, by_motion, when_called
-from inercal.benches.report import spin_in_words
+from inercal.benches.centrifuge.simulation import arm_plan_duration, simulate_arm_motion
+from inercal.benches.kind_definition import (
+    Effect,
+    Kind,
+    import_when_called,
+    simulate_without_sensor,
+)
+from inercal.benches.report_data import describe_spin
 from inercal.plan import Spin
 from inercal.sensors import G0
 from inercal.units import Measured
@@ -29,9 +34,9 @@ KIND = Kind(
     CentrifugeData,
     build,
     (Spin,),
-    when_called("inercal.benches.centrifuge.reading", "observe"),
-    by_motion(perform_on_arm),
-    seconds_on_arm,
+    import_when_called("inercal.benches.centrifuge.reading", "observe"),
+    simulate_without_sensor(simulate_arm_motion),
+    arm_plan_duration,
     effects=(
         Effect("earth's rate", "latitude", _NONE, "° of latitude", degrees(1)),
         Effect("stretch of the arm", "stretch", _NONE, "ppm/g", 1e6 * G0),
@@ -39,5 +44,5 @@ KIND = Kind(
     refuses_budget=_refuses_budget,
     rows_of_table=True,
     directions=directions,
-    row=spin_in_words,
+    row=describe_spin,
 )

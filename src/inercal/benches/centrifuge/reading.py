@@ -8,23 +8,23 @@ import numpy as np
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData
 from inercal.data import EstimatorInput, Source
-from inercal.data.load import (
-    accepted,
-    columns,
+from inercal.data.recording_loader import (
     load_recording,
-    plain,
+    position_name,
     readback_columns,
     readback_units,
-    stated_sd,
+    reader_columns,
+    require_not_refused,
+    stated_deviations,
 )
 from inercal.errors import InputError
-from inercal.io.means import means_of, read_columns
-from inercal.io.rest import norm_finding
+from inercal.io.mean_tables import observations_from_table, read_columns
+from inercal.io.rest_norm import norm_finding
 from inercal.keys import CoefficientName
-from inercal.plan import Spin, on_arm
+from inercal.plan import Spin, arm_attitude
 from inercal.recording import Finding
 from inercal.segments import average_dwells, find_dwells
-from inercal.units import readable
+from inercal.units import format_quantity
 
 _HARMONICS = 2  # of a reading quadratic in what is felt; a cubic one has a third
 
@@ -60,11 +60,11 @@ def observe(run: Source[CentrifugeData]) -> EstimatorInput:
             "leave it out"
         )
     made = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
-    odd = _odd_norm(run, bench, made)
-    return replace(made, findings=made.findings + accepted(run.data.file, odd))
+    odd = _norm_finding(run, bench, made)
+    return replace(made, findings=made.findings + require_not_refused(run.data.file, odd))
 
 
-def _odd_norm(
+def _norm_finding(
     run: Source[CentrifugeData], bench: Centrifuge, made: EstimatorInput
 ) -> Finding | None:
     """Return what is odd with the readings' norms against those of radius, rate and gravity."""
@@ -72,7 +72,9 @@ def _odd_norm(
     if not rates.size or bench.platform != "locked":
         return None  # what turns with a counter-rotating platform leaves no mean
     expected = np.hypot(bench.gravity.value, rates**2 * bench.radius.value)
-    norms = np.linalg.norm(made.observations.mean[:, : len(run.sensor.only("f").axes)], axis=-1)
+    norms = np.linalg.norm(
+        made.observations.mean[:, : len(run.sensor.select_axes("f").axes)], axis=-1
+    )
     k = int(np.argsort(norms / expected)[rates.size // 2])
     norm, there = float(norms[k]), float(expected[k])
     text = (
@@ -91,7 +93,7 @@ def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
             "dwells say nothing of the arm's acceleration"
         )
     named, units = readback_columns(run), readback_units(run)
-    wanted = columns(run)
+    wanted = reader_columns(run)
     path = run.file(run.data.file)
     table = read_columns(path, wanted, list(named.values()))
     said = {name: table.numbers(column) * units[name] for name, column in named.items()}
@@ -110,16 +112,18 @@ def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     if wanted.label is None:
         names = [f"row {k}" for k in range(1, len(rates) + 1)]
     else:
-        names = [plain(value) for value in table.columns[wanted.label].tolist()]
+        names = [position_name(value) for value in table.columns[wanted.label].tolist()]
     labels = tuple(
         f"{name} at {rate:.6g} {unit}" for name, rate in zip(names, rates / size, strict=True)
     )
     durations = np.ones(len(labels))  # nothing depends on them
-    observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
+    observations = observations_from_table(
+        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
+    )
     attitudes = [None] * len(labels)
     if "psi" in said:
         attitudes = [
-            on_arm(psi, theta)
+            arm_attitude(psi, theta)
             for psi, theta in zip(said["psi"].tolist(), said["theta"].tolist(), strict=True)
         ]
     steps = tuple(
@@ -156,12 +160,12 @@ def _recording(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput
 def _conditions(bench: Centrifuge) -> dict[str, str]:
     place = bench.latitude
     return {
-        "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
-        "static radius": readable(bench.radius.value, bench.radius.sd, "m"),
-        "rate of the arm (k = 1)": readable(bench.rate, 0.0, "ppm"),
-        "tilt of gravity against the arm (k = 1)": readable(bench.tilt, 0.0, "″"),
+        "gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²"),
+        "static radius": format_quantity(bench.radius.value, bench.radius.sd, "m"),
+        "rate of the arm (k = 1)": format_quantity(bench.rate, 0.0, "ppm"),
+        "tilt of gravity against the arm (k = 1)": format_quantity(bench.tilt, 0.0, "″"),
         "earth rate along the spindle": "unknown"
         if place is None
-        else f"of latitude {readable(place.value, place.sd, '°')}",
+        else f"of latitude {format_quantity(place.value, place.sd, '°')}",
         "platform": bench.platform,
     }

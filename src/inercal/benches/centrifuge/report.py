@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from inercal.benches.centrifuge.arm import felt_vector
-from inercal.benches.report import Direction, Shown, direction
+from inercal.benches.centrifuge.arm_motion import sensed_motion
+from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.plan import Spin
 
 
-def directions(shown: Shown) -> tuple[Direction, ...]:
+def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     """Return the measured direction of the specific force in each dwell."""
     spins = [step for step in shown.steps if isinstance(step, Spin)]
     known = all(step.attitude is not None for step in spins)
     stated = {name: np.array(q.value) for name, q in shown.expected.items()}
-    made = felt_vector(shown.bench, spins, stated) if known else None
+    made = sensed_motion(shown.bench, spins, stated) if known else None
     sensed = shown.sensed_motion(None if made is None else made.w)
     return tuple(
-        direction(step, sensed.f[k], None if made is None else made.f[k])
+        measured_direction(step, sensed.f[k], None if made is None else made.f[k])
         for k, step in enumerate(spins)
     )

@@ -6,13 +6,19 @@ from typing import Literal
 from pydantic import Field
 
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.declare import built, keys_of
-from inercal.data.section import DataSection, Readback, size_of
+from inercal.benches.key_declarations import add_bench_keys, build_bench
+from inercal.data.data_section import DataSection, ReadbackColumn, unit_size
 from inercal.earth import earth_rate_up_north
-from inercal.settings import BenchSection, Use, constant_of, deviation_of, length_of
+from inercal.section_settings import (
+    BenchSection,
+    BenchUsage,
+    section_constant,
+    section_deviation,
+    section_length,
+)
 
 
-@keys_of(Centrifuge, after={"platform": "dwell_tilt"})
+@add_bench_keys(Centrifuge, after={"platform": "dwell_tilt"})
 class CentrifugeSection(BenchSection):
     """[bench]: a precision centrifuge."""
 
@@ -24,7 +30,7 @@ class CentrifugeSection(BenchSection):
         None, description="of each attitude, where attitudes are known", examples=["0.02 °"]
     )
 
-    def idle(self, use: Use) -> dict[str, str]:
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that change no result of such a use, each with the reason."""
         found: dict[str, str] = {}
         if self.platform == "locked":
@@ -48,29 +54,29 @@ class CentrifugeData(DataSection):
     )
     attitude_unit: str = "°"
 
-    def readback(self, bench: Centrifuge) -> tuple[Readback, ...]:
+    def readback(self, bench: Centrifuge) -> tuple[ReadbackColumn, ...]:
         """Return the columns in which the centrifuge states its rate and attitudes."""
-        rate = size_of(self.arm_rate_unit, "rad/s", "arm_rate_unit")
-        found = (Readback("arm_rate", str(self.arm_rate), rate),)
+        rate = unit_size(self.arm_rate_unit, "rad/s", "arm_rate_unit")
+        found = (ReadbackColumn("arm_rate", str(self.arm_rate), rate),)
         if self.attitude is None:
             return found
-        angle = size_of(self.attitude_unit, "°", "attitude_unit")
+        angle = unit_size(self.attitude_unit, "°", "attitude_unit")
         psi, theta = map(str, self.attitude)
-        return (*found, Readback("psi", psi, angle), Readback("theta", theta, angle))
+        return (*found, ReadbackColumn("psi", psi, angle), ReadbackColumn("theta", theta, angle))
 
 
 def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
     """Return the bench in SI; files that it names lie in `folder`."""
     latitude = None
     if section.latitude is not None:
-        latitude = constant_of(section, "latitude", "°")
+        latitude = section_constant(section, "latitude", "°")
         earth_rate_up_north(latitude.value)  # refuses what is no latitude
-    return built(
+    return build_bench(
         Centrifuge,
         section,
-        radius=length_of(section, "radius"),
+        radius=section_length(section, "radius"),
         latitude=latitude,
         platform=section.platform,
-        indexing=None if section.indexing is None else deviation_of(section, "indexing", "°"),
+        indexing=None if section.indexing is None else section_deviation(section, "indexing", "°"),
         sense=1 if section.sense == "counter-clockwise" else -1,
     )

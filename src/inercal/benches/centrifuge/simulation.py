@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.centrifuge.arm import felt_vector, positions
+from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.contract import SimulatedMotion, one_after_another
-from inercal.benches.forces import directions
+from inercal.benches.contract import SimulatedMotion, concatenate_motions
 from inercal.frames import exp_so3
 from inercal.motion import Motion
 from inercal.plan import Spin
@@ -25,7 +25,7 @@ _SETTLING = 2.0  # s at the rate before a dwell is counted
 _REST = 1.0  # s at rest before and after
 
 
-def perform_on_arm(
+def simulate_arm_motion(
     bench: Centrifuge,
     steps: Sequence[Spin],
     rate_hz: float,
@@ -54,9 +54,9 @@ def perform_on_arm(
     InputError
         A step of unknown attitude.
     """
-    declared = bench.acting(steps, vectors=True, dwells=True)
+    declared = bench.acting_parameters(steps, vectors=True, dwells=True)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
-    named = positions(steps)
+    named = attitude_names(steps)
     parts: list[Motion] = []
     said: list[Array] = []
     labels: list[str] = []
@@ -67,25 +67,25 @@ def perform_on_arm(
         rate, which = _profile(own, rate_hz)
         turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))])
         swept = azimuth + bench.sense / rate_hz * turned
-        parts.append(_felt(bench, own, drawn, rate, which, swept, 1 / rate_hz))
+        parts.append(_sensed_motion(bench, own, drawn, rate, which, swept, 1 / rate_hz))
         azimuth = float(swept[-1])
-        head = _angles(own[0])
+        head = _attitude_angles(own[0])
         said.append(np.stack([rate, *(np.full(rate.size, angle) for angle in head)]))
         labels += [name] * rate.size
     time = np.arange(len(labels)) / rate_hz
     rate, psi, theta = np.concatenate(said, axis=1)
     readback = {"arm_rate": rate, "psi": psi, "theta": theta}
-    return SimulatedMotion(time, one_after_another(parts), np.array(labels), drawn, readback)
+    return SimulatedMotion(time, concatenate_motions(parts), np.array(labels), drawn, readback)
 
 
-def seconds_on_arm(bench: Centrifuge, steps: Sequence[Spin]) -> float:
+def arm_plan_duration(bench: Centrifuge, steps: Sequence[Spin]) -> float:
     """Return how long these steps last at most, each from rest to rest."""
     return sum(step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP) for step in steps)
 
 
-def _angles(step: Spin) -> tuple[float, float]:
+def _attitude_angles(step: Spin) -> tuple[float, float]:
     """Return ψ and θ of the two-axis head."""
-    (out,), (up,) = directions([step])
+    (out,), (up,) = outward_and_up_directions([step])
     theta = atan2(up[0], -up[2])
     return atan2(out[1], out[0] * cos(theta) + out[2] * sin(theta)), theta
 
@@ -107,7 +107,7 @@ def _profile(steps: Sequence[Spin], rate_hz: float) -> tuple[Array, NDArray[np.i
     return np.concatenate(pieces), np.concatenate(owners)
 
 
-def _felt(
+def _sensed_motion(
     bench: Centrifuge,
     steps: Sequence[Spin],
     drawn: dict[str, Array],
@@ -120,15 +120,15 @@ def _felt(
     nominal = np.array([step.rate for step in steps])[which]
     # What a dwell feels is known; on the way there the centripetal part follows the rate's square.
     whole = Spin(steps[0].label, 0.0, 0.0, steps[0].attitude)
-    still = felt_vector(bench, [whole], drawn)
-    dwell = felt_vector(bench, [_steady(step) for step in steps], drawn)
+    still = sensed_motion(bench, [whole], drawn)
+    dwell = sensed_motion(bench, [_steady_spin(step) for step in steps], drawn)
     share = (rate / nominal) ** 2
     f = still.f + (dwell.f - still.f)[..., which, :] * share[:, None]
     w = dwell.w[..., which, :] * (rate / nominal)[:, None]
-    out, up = (rows[0] for rows in directions(steps[:1]))
+    out, up = (rows[0] for rows in outward_and_up_directions(steps[:1]))
     # Mounting and indexing turn every vector of the body alike.
     body = exp_so3(np.stack([drawn[f"mount_{a}"] for a in "xyz"], axis=-1)) @ exp_so3(
-        np.stack([drawn[f"index_{a}[{_name(drawn, steps)}]"] for a in "xyz"], axis=-1)
+        np.stack([drawn[f"index_{a}[{_indexing_name(drawn, steps)}]"] for a in "xyz"], axis=-1)
     )
     along = np.cross(up, out)
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
@@ -150,10 +150,10 @@ def _felt(
     return Motion((back @ f[..., None])[..., 0], np.zeros_like(f))
 
 
-def _steady(step: Spin) -> Spin:
+def _steady_spin(step: Spin) -> Spin:
     return Spin(step.label, step.rate, 0.0, step.attitude)
 
 
-def _name(drawn: dict[str, Array], steps: Sequence[Spin]) -> str:
+def _indexing_name(drawn: dict[str, Array], steps: Sequence[Spin]) -> str:
     """Return the name by which the indexing of this attitude was drawn."""
     return next(step.label for step in steps if f"index_x[{step.label}]" in drawn)

@@ -33,24 +33,29 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion
-from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
-from inercal.benches.dividing_head.head_angles import acting, angles
-from inercal.benches.dividing_head.passes import pass_names, ramps
+from inercal.benches.dividing_head.head_angles import angle_weights, sensor_angles
+from inercal.benches.dividing_head.passes import drift_ramps, pass_names
+from inercal.benches.key_declarations import (
+    declarations,
+    declared_parameters,
+    deviation,
+    small_angle,
+)
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity
 from inercal.plan import Index
+from inercal.section_settings import Limit
 from inercal.sensors import Axis, Noise, Readout, Sensor
-from inercal.settings import Limit
 from inercal.units import Measured
 
-Collimated = Literal["pairs", "every", "none"]
-_NOMINAL, _SILENT = Readout(), Noise()
+CollimationMode = Literal["pairs", "every", "none"]
+_NOMINAL, _NOISELESS = Readout(), Noise()
 _ROUNDED = 1e-15  # of a sine that is zero
 _LARGEST_DRIFT = Limit(0.1, "a bias can drift, 10 mg")  # m/s²
 
 
-def positions(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -> tuple[Index, ...]:
+def position_plan(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -> tuple[Index, ...]:
     """Return n evenly spaced positions from 0, and on wish the same again backwards.
 
     Raises
@@ -72,11 +77,11 @@ def positions(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -> tu
     return (*forward, *back[::-1])
 
 
-def mounted(
+def mounted_sensor(
     name: str = "pair",
     axes: Sequence[str] = ("a", "b"),
     readout: Readout = _NOMINAL,
-    noise: Noise = _SILENT,
+    noise: Noise = _NOISELESS,
 ) -> Sensor:
     """Return one or two accelerometers as the fixture holds them: the first along x, then y.
 
@@ -138,7 +143,7 @@ class DividingHead:
     harmonics: tuple[float, ...] = ()
     division: float = small_angle("1 ″", "graduation", scope="position")
     autocollimator: float = small_angle("0.1 ″", {})
-    collimated: Collimated = "pairs"
+    collimated: CollimationMode = "pairs"
     polygon: tuple[float, ...] = ()
     certificate: float = small_angle("0.1 ″", {"polygon": "face, as certified"}, scope="position")
     base: float = small_angle("10 ″", "zero of the head")
@@ -192,11 +197,13 @@ class DividingHead:
 
         The drift of each accelerometer is among them, "drift_a[pass 1]".
         """
-        return self.acting(steps, sensor.channels)
+        return self.acting_parameters(steps, sensor.channels)
 
-    def acting(self, steps: Sequence[Index], channels: Sequence[str] = ()) -> dict[str, Parameter]:
+    def acting_parameters(
+        self, steps: Sequence[Index], channels: Sequence[str] = ()
+    ) -> dict[str, Parameter]:
         """Return the same, with the drift of these channels alone."""
-        named = {name for row in acting(self, steps) for name in row}
+        named = {name for row in angle_weights(self, steps) for name in row}
         found: dict[str, Parameter] = {}
         for parameter in self.parameters:
             name = parameter.name
@@ -213,15 +220,15 @@ class DividingHead:
                 found |= {one: parameter for one in full if one in named}
         return found
 
-    def simulated(
+    def simulated_parameters(
         self, steps: Sequence[Index], channels: Sequence[str] = ()
     ) -> dict[str, Parameter]:
-        """Return `acting` with the deviations that a simulation draws.
+        """Return `angle_weights` with the deviations that a simulation draws.
 
-        `felt` holds the lean exactly. The share of gravity that stands for its second order, which
-        a linear estimator lacks, would count it twice.
+        `sensed_motion` holds the lean exactly. The share of gravity that stands for its second
+        order, which a linear estimator lacks, would count it twice.
         """
-        found = self.acting(steps, channels)
+        found = self.acting_parameters(steps, channels)
         return found | {"g": replace(found["g"], sd=self.gravity.sd)}
 
     def mean_motion(self, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
@@ -232,7 +239,7 @@ class DividingHead:
         self, steps: Sequence[Index], sensor: Sensor, q: Mapping[str, Array]
     ) -> Array:
         """Return by how much the biases have drifted, (..., r, m) m/s²."""
-        return drifted(steps, sensor.channels, q)
+        return bias_drift(steps, sensor.channels, q)
 
 
 def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:
@@ -240,7 +247,7 @@ def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:
     return [f"drift_{channel}[{name}]" for name in pass_names(steps)]
 
 
-def drifted(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, Array]) -> Array:
+def bias_drift(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, Array]) -> Array:
     """Return by how much the biases of m accelerometers have drifted, (..., r, m) m/s².
 
     Parameters
@@ -250,7 +257,7 @@ def drifted(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, Arr
     q : mapping of str to (...) array
         The drifts by full name (`drift_names`), m/s² a pass.
     """
-    made = ramps(steps)
+    made = drift_ramps(steps)
     by_axis = [
         np.stack([q.get(name, np.zeros(())) for name in drift_names(channel, steps)], axis=-1)
         @ made
@@ -276,7 +283,7 @@ def sensed_motion(
     InputError
         A collimated position on no face of the polygon.
     """
-    psi, weights = angles(bench, steps)
+    psi, weights = sensor_angles(bench, steps)
     for name, weight in weights.items():
         if name in q:  # all others are zero
             psi = psi + weight * np.asarray(q[name])[..., None]

@@ -6,8 +6,8 @@ from math import pi
 import numpy as np
 
 from inercal.benches.dividing_head.bench import DividingHead, sensed_motion
-from inercal.benches.dividing_head.covariance import by_bench
-from inercal.benches.dividing_head.passes import passes, places
+from inercal.benches.dividing_head.covariance import bench_covariance
+from inercal.benches.dividing_head.passes import first_visit_rows, pass_numbers
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.data import Source
 from inercal.errors import InputError
@@ -26,7 +26,7 @@ _REPEATED = 4  # positions that tell the usual difference
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
 
 
-def require_small(run: Source[DividingHeadData], steps: Sequence[Index]) -> None:
+def require_small_readings(run: Source[DividingHeadData], steps: Sequence[Index]) -> None:
     """Refuse readings of level or autocollimator that none can have: their unit is wrong.
 
     Raises
@@ -60,10 +60,14 @@ def require_phases(
     most = (np.arctan2(sine, cosine) * 180 / pi % 360).tolist()  # where each reads most
     where = f"{run.path}: [data] accelerometer"
     given = [str(column) for column in run.data.accelerometer]
-    off = [_apart(a, wanted) for a, wanted in zip(most, (90.0, 0.0), strict=False)]
+    off = [_angle_difference(a, wanted) for a, wanted in zip(most, (90.0, 0.0), strict=False)]
     if max(off) > _PHASE:
         first, *second = most
-        if second and _apart(first, 0.0) < _PHASE and _apart(second[0], 90.0) < _PHASE:
+        if (
+            second
+            and _angle_difference(first, 0.0) < _PHASE
+            and _angle_difference(second[0], 90.0) < _PHASE
+        ):
             raise InputError(
                 f"{where}: {given[0]} and {given[1]} are swapped: {given[0]} reads most at "
                 f"{first:.0f}° and {given[1]} at {second[0]:.0f}°, where A reads most at 90° and B "
@@ -83,12 +87,12 @@ def require_phases(
         )
 
 
-def _apart(one: float, other: float) -> float:
+def _angle_difference(one: float, other: float) -> float:
     """Return how far apart two angles are, °."""
     return abs((one - other + 180) % 360 - 180)
 
 
-def tell_apart(
+def repeat_visit_warnings(
     observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
 ) -> tuple[Finding, ...]:
     """Return a warning for each position whose visits differ far more than those of others.
@@ -111,12 +115,14 @@ def tell_apart(
         Motion(sensed_motion(bench, steps, {}).f), np.zeros(len(sensor.coefficients))
     )
     left = observations.mean - nominal
-    where, which = places(steps), passes(steps)
+    where, which = first_visit_rows(steps), pass_numbers(steps)
     couples = [(j, k) for k, j in enumerate(where) if j != k and which[j] != which[k]]
     if len(couples) < _REPEATED:
         return ()
     r, m = observations.mean.shape
-    own = by_bench(sensor.with_coefficients(), bench, steps, gravity=False).reshape(r, m, r, m)
+    own = bench_covariance(sensor.with_coefficients(), bench, steps, gravity=False).reshape(
+        r, m, r, m
+    )
     variance = np.diagonal(observations.covariance, axis1=-2, axis2=-1)
     found: list[Finding] = []
     for c, channel in enumerate(sensor.channels):
@@ -136,14 +142,14 @@ def tell_apart(
                         "warning",
                         "passes",
                         f"{steps[j].label} and {steps[k].label} are one position, but {channel} "
-                        f"differs by {_in_g(size)} where others differ by {_in_g(limit)}: look at "
-                        "these two rows",
+                        f"differs by {_format_in_g(size)} where others differ by "
+                        f"{_format_in_g(limit)}: look at these two rows",
                         channel,
                     )
                 )
     return tuple(found)
 
 
-def _in_g(size: float) -> str:
+def _format_in_g(size: float) -> str:
     in_g = abs(size) / G0
     return f"{in_g * 1e6:.3g} µg" if in_g < 1e-3 else f"{in_g * 1e3:.3g} mg"

@@ -11,7 +11,7 @@ from inercal.plan import Index
 from inercal.sensors import Sensor
 
 
-def by_bench(
+def bench_covariance(
     sensor: Sensor,
     bench: DividingHead,
     steps: Sequence[Index],
@@ -33,20 +33,22 @@ def by_bench(
     gravity : bool
         Whether gravity's uncertainty counts.
     """
-    declared = bench.acting(steps)
+    declared = bench.acting_parameters(steps)
     columns = [
         declared[name].sd * column
-        for name, column in readings_by_bench(sensor, bench, steps, c).items()
+        for name, column in reading_sensitivities(sensor, bench, steps, c).items()
         if gravity or name != "g"
     ]
     size = len(sensor.channels) * len(steps)
     return sum((np.outer(column, column) for column in columns), np.zeros((size, size)))
 
 
-def readings_by_bench(
+def reading_sensitivities(
     sensor: Sensor, bench: DividingHead, steps: Sequence[Index], c: Array | None = None
 ) -> dict[str, Array]:
-    """Return ∂(readings)/∂(parameter) of what is not exact, (m r,); arguments as of `by_bench`.
+    """Return ∂(readings)/∂(parameter) of what is not exact, (m r,).
+
+    Arguments as of `bench_covariance`.
 
     An estimator that moves by `gain` with the readings, and finds what is there of a bench as it is
     stated, moves by −gain times this with what is stated.
@@ -56,6 +58,6 @@ def readings_by_bench(
     slope = sensor.slope(Motion(made.f), c)[..., :3]
     return {
         name: (slope @ made.df[name][..., None]).ravel()
-        for name, q in bench.acting(steps).items()
+        for name, q in bench.acting_parameters(steps).items()
         if q.sd > 0
     }

@@ -8,13 +8,13 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.dividing_head.passes import (
-    CARDINAL,
-    even,
-    near,
+    CARDINAL_ANGLES,
+    drift_ramps,
+    evenly_spaced_angles,
+    first_visit_rows,
+    matches_any_angle,
     pass_names,
-    passes,
-    places,
-    ramps,
+    pass_numbers,
 )
 from inercal.errors import InputError
 from inercal.plan import Index
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from inercal.benches.dividing_head.bench import DividingHead
 
 
-class Angles(NamedTuple):
+class SensorAngles(NamedTuple):
     """At which angles ψ the sensor stands, by the bench's parameters q: nominal + Σ weight q."""
 
     nominal: Array  # (r,), rad
     weights: Mapping[str, Array]  # (r,) each, by full name
 
 
-def angles(bench: "DividingHead", steps: Sequence[Index]) -> Angles:
+def sensor_angles(bench: "DividingHead", steps: Sequence[Index]) -> SensorAngles:
     """Return the angles of r steps, with what level, autocollimator and certificate tell.
 
     The level tells tilts from its mean on, and so does the autocollimator where it is read at every
@@ -41,21 +41,21 @@ def angles(bench: "DividingHead", steps: Sequence[Index]) -> Angles:
     InputError
         A collimated position on no face of the polygon.
     """
-    rows = acting(bench, steps)
+    rows = angle_weights(bench, steps)
     nominal = np.array([step.level for step in steps])
-    nominal = nominal - nominal.mean() + _stated(bench, steps)
+    nominal = nominal - nominal.mean() + _stated_angles(bench, steps)
     names = dict.fromkeys(name for row in rows for name in row)
     weights = {name: np.array([row.get(name, 0.0) for row in rows]) for name in names}
-    return Angles(nominal, weights)
+    return SensorAngles(nominal, weights)
 
 
-def acting(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[str, float]]:
+def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[str, float]]:
     """Return how the angle of each step depends on the parameters, by full name."""
     if not steps:
         return []
-    named, creeping, trimmed = pass_names(steps), ramps(steps), _trimmed(bench, steps)
+    named, creeping, trimmed = pass_names(steps), drift_ramps(steps), _trim_references(bench, steps)
     # At one position graduation and face err alike: they go by the name of its first visit.
-    place = [steps[k].label for k in places(steps)]
+    place = [steps[k].label for k in first_visit_rows(steps)]
     rows: list[dict[str, float]] = []
     for k, step in enumerate(steps):
         own = {"base": 1.0, f"pier[{step.label}]": 1.0}
@@ -78,26 +78,26 @@ def acting(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[str, floa
     return rows
 
 
-def _stated(bench: "DividingHead", steps: Sequence[Index]) -> Array:
+def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
     """Return the angles by head, autocollimator and certificate, (r,) rad."""
     head = np.array([step.angle for step in steps])
     if bench.collimated == "none":
         return head
     if bench.collimated == "every":
         # The head's own reading plays no part: how it was rounded does not count.
-        grid = None if bench.polygon else even(steps)
-        face, deviation = np.array([_face(bench, step) for step in steps]).T
+        grid = None if bench.polygon else evenly_spaced_angles(steps)
+        face, deviation = np.array([_face_angle(bench, step) for step in steps]).T
         reading = np.array([step.reading for step in steps])
         return (face if grid is None else grid) + deviation + reading - reading.mean()
-    for k, first in enumerate(_trimmed(bench, steps)):
+    for k, first in enumerate(_trim_references(bench, steps)):
         if first is not None:
             half_turns = round((head[k] - head[first]) / pi)
-            one, other = (steps[j].reading + _face(bench, steps[j])[1] for j in (k, first))
+            one, other = (steps[j].reading + _face_angle(bench, steps[j])[1] for j in (k, first))
             head[k] = head[first] + half_turns * pi + one - other
     return head
 
 
-def _face(bench: "DividingHead", step: Index) -> tuple[float, float]:
+def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
     """Return the even angle of the face that is read at a step, and its deviation, rad.
 
     Raises
@@ -109,7 +109,7 @@ def _face(bench: "DividingHead", step: Index) -> tuple[float, float]:
     if n == 0:
         return step.angle, 0.0
     face = round(step.angle * n / (2 * pi))
-    if not near(step.angle, [2 * pi * face / n]):
+    if not matches_any_angle(step.angle, [2 * pi * face / n]):
         raise InputError(
             f"position {step.label}: {degrees(step.angle):.6g}° is on no face of a polygon of {n}, "
             f"which are {360 / n:.4g}° apart; give the certificate of the polygon that was used"
@@ -117,21 +117,21 @@ def _face(bench: "DividingHead", step: Index) -> tuple[float, float]:
     return 2 * pi * face / n, bench.polygon[face % n]
 
 
-def _trimmed(bench: "DividingHead", steps: Sequence[Index]) -> list[int | None]:
+def _trim_references(bench: "DividingHead", steps: Sequence[Index]) -> list[int | None]:
     """Return for each step the row whose reading the head was trimmed to, if any.
 
     180° is trimmed to 0° and 270° to 90°: of the same pass, or else of the last one before.
     """
     if bench.collimated != "pairs":
         return [None] * len(steps)
-    which = passes(steps)
+    which = pass_numbers(steps)
     found: list[int | None] = []
     for k, step in enumerate(steps):
-        second = near(step.angle, CARDINAL[2:])
+        second = matches_any_angle(step.angle, CARDINAL_ANGLES[2:])
         opposite = [
             j
             for j, other in enumerate(steps)
-            if second and which[j] <= which[k] and near(step.angle, [other.angle + pi])
+            if second and which[j] <= which[k] and matches_any_angle(step.angle, [other.angle + pi])
         ]
         found.append(max(opposite, key=lambda j: (which[j], -j), default=None))
     return found

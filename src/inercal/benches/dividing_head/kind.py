@@ -1,11 +1,11 @@
 """A dividing head, as a kind of bench."""
 
-from inercal.benches.dividing_head.bench import DividingHead, mounted
-from inercal.benches.dividing_head.report import directions, plots, row
+from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
+from inercal.benches.dividing_head.report import describe_position, directions, plots
 from inercal.benches.dividing_head.settings import DividingHeadData, DividingHeadSection, build
 from inercal.benches.dividing_head.sheet import sheet
-from inercal.benches.dividing_head.simulation import perform_on_head
-from inercal.benches.kind import Kind, Output, Vocabulary, when_called
+from inercal.benches.dividing_head.simulation import simulate_head_motion
+from inercal.benches.kind_definition import Kind, Output, Vocabulary, import_when_called
 from inercal.errors import InputError
 from inercal.plan import Index
 from inercal.sensors import Sensor
@@ -22,7 +22,7 @@ def _sensor(
         )
     if gyro is not None:
         raise InputError("[sensor.gyro]: a dividing head stands still; leave it out")
-    return mounted(name, "ab"[: len(columns)], *accelerometer)
+    return mounted_sensor(name, "ab"[: len(columns)], *accelerometer)
 
 
 KIND = Kind(
@@ -32,13 +32,13 @@ KIND = Kind(
     DividingHeadData,
     build,
     (Index,),
-    when_called("inercal.benches.dividing_head.reading", "observe"),
-    perform_on_head,
+    import_when_called("inercal.benches.dividing_head.reading", "observe"),
+    simulate_head_motion,
     words=Vocabulary(rows="positions", attitudes="Positions of the head", components=""),
     sensor=_sensor,
     sheet=sheet,
-    rests=when_called("inercal.data.rests", "seen_rests"),
+    rests=import_when_called("inercal.data.rest_marks", "rests_without_plan"),
     directions=directions,
     plots=plots,
-    row=row,
+    row=describe_position,
 )

@@ -8,39 +8,39 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.plan import Index
 
-SAME = 1e-4  # rad; closer angles are one position, whose angle was read or typed anew
-CARDINAL = (0.0, pi / 2, pi, 1.5 * pi)
+ANGLE_TOLERANCE = 1e-4  # rad; closer angles are one position, whose angle was read or typed anew
+CARDINAL_ANGLES = (0.0, pi / 2, pi, 1.5 * pi)
 
 
-def beyond_turns(angle: float) -> float:
+def distance_from_whole_turns(angle: float) -> float:
     """Return the size of an angle, rad, beyond whole turns."""
     return abs((angle + pi) % (2 * pi) - pi)
 
 
-def near(angle: float, others: Iterable[float]) -> bool:
+def matches_any_angle(angle: float, others: Iterable[float]) -> bool:
     """Return whether an angle, rad, is that of one of other positions, whole turns apart or not."""
-    return any(beyond_turns(angle - other) < SAME for other in others)
+    return any(distance_from_whole_turns(angle - other) < ANGLE_TOLERANCE for other in others)
 
 
-def places(steps: Sequence[Index]) -> list[int]:
+def first_visit_rows(steps: Sequence[Index]) -> list[int]:
     """Return for each step the row at which its position was first visited."""
     found: list[int] = []
     first: list[int] = []
     for k, step in enumerate(steps):
-        place = next((j for j in first if near(step.angle, [steps[j].angle])), k)
+        place = next((j for j in first if matches_any_angle(step.angle, [steps[j].angle])), k)
         if place == k:
             first.append(k)
         found.append(place)
     return found
 
 
-def passes(steps: Sequence[Index]) -> list[int]:
+def pass_numbers(steps: Sequence[Index]) -> list[int]:
     """Return which pass each step belongs to, from 0.
 
     A pass ends where positions come a second time one after another. A single one, as that which
     closes the turn or one that was taken again, belongs to the pass it comes in.
     """
-    where = places(steps)
+    where = first_visit_rows(steps)
     found: list[int] = []
     current: set[int] = set()
     number = 0
@@ -55,44 +55,44 @@ def passes(steps: Sequence[Index]) -> list[int]:
 
 def pass_names(steps: Sequence[Index]) -> list[str]:
     """Return the names of the passes, such as "pass 1"."""
-    return [f"pass {k}" for k in range(1, max(passes(steps), default=-1) + 2)]
+    return [f"pass {k}" for k in range(1, max(pass_numbers(steps), default=-1) + 2)]
 
 
-def lacking(steps: Sequence[Index]) -> dict[str, list[float]]:
+def missing_cardinal_angles(steps: Sequence[Index]) -> dict[str, list[float]]:
     """Return the cardinal angles, rad, that passes lack, by the name of the pass."""
-    which = passes(steps)
+    which = pass_numbers(steps)
     found: dict[str, list[float]] = {}
     for k, name in enumerate(pass_names(steps)):
         own = [step.angle for step, one in zip(steps, which, strict=True) if one == k]
-        missing = [angle for angle in CARDINAL if not near(angle, own)]
+        missing = [angle for angle in CARDINAL_ANGLES if not matches_any_angle(angle, own)]
         if missing:
             found[name] = missing
     return found
 
 
-def even(steps: Sequence[Index]) -> Array | None:
+def evenly_spaced_angles(steps: Sequence[Index]) -> Array | None:
     """Return the even angles, (r,) rad, at which the steps stand, or None where they are uneven.
 
-    Angles that were read or typed stand there but for `SAME`.
+    Angles that were read or typed stand there but for `ANGLE_TOLERANCE`.
     """
-    n = len(set(places(steps)))
+    n = len(set(first_visit_rows(steps)))
     if n == 0:
         return None
-    first = steps[0].angle if beyond_turns(steps[0].angle) > SAME else 0.0
+    first = steps[0].angle if distance_from_whole_turns(steps[0].angle) > ANGLE_TOLERANCE else 0.0
     turns = [round((step.angle - first) * n / (2 * pi)) for step in steps]
     grid = [first + turn * 2 * pi / n for turn in turns]
     off = max(abs(a - step.angle) for a, step in zip(grid, steps, strict=True))
-    uneven = off > SAME or len({turn % n for turn in turns}) < n
+    uneven = off > ANGLE_TOLERANCE or len({turn % n for turn in turns}) < n
     return None if uneven else np.array(grid)
 
 
-def ramps(steps: Sequence[Index]) -> Array:
+def drift_ramps(steps: Sequence[Index]) -> Array:
     """Return what a drift of one a pass has made at each step, (passes, r), about the run's mean.
 
     Positions follow one another evenly, a pass being as many as the longest has; the drift of one
     pass goes on from that of the one before.
     """
-    which = np.array(passes(steps), dtype=np.int64)
+    which = np.array(pass_numbers(steps), dtype=np.int64)
     row = np.arange(len(steps))
     longest = int(np.bincount(which).max())
     rising: list[Array] = []

@@ -10,29 +10,40 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.benches.dividing_head.checks import require_phases, require_small, tell_apart
-from inercal.benches.dividing_head.passes import CARDINAL, SAME, lacking, near, pass_names, places
+from inercal.benches.dividing_head.checks import (
+    repeat_visit_warnings,
+    require_phases,
+    require_small_readings,
+)
+from inercal.benches.dividing_head.passes import (
+    ANGLE_TOLERANCE,
+    CARDINAL_ANGLES,
+    first_visit_rows,
+    matches_any_angle,
+    missing_cardinal_angles,
+    pass_names,
+)
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.data import EstimatorInput, Source
-from inercal.data.load import (
-    columns,
+from inercal.data.recording_loader import (
     load_recording,
-    numbered,
-    plain,
+    number_repeated_names,
+    position_name,
     readback_columns,
     readback_units,
+    reader_columns,
     require_own_columns,
-    stated_sd,
+    stated_deviations,
 )
-from inercal.data.rests import moving_rests, stated_marks
+from inercal.data.rest_marks import check_rests, stated_marks
 from inercal.errors import InputError
-from inercal.io.means import means_of, read_columns
-from inercal.io.table import Table
+from inercal.io.column_table import Table
+from inercal.io.mean_tables import observations_from_table, read_columns
 from inercal.plan import Index
 from inercal.recording import Finding, Mark, Recording
 from inercal.segments import check_marks, find_rests
 from inercal.segments import observe as averaged
-from inercal.units import readable
+from inercal.units import format_quantity
 
 
 def observe(run: Source[DividingHeadData]) -> EstimatorInput:
@@ -49,10 +60,10 @@ def observe(run: Source[DividingHeadData]) -> EstimatorInput:
     require_own_columns(run)
     made = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in made.steps if isinstance(step, Index)]
-    require_small(run, steps)
-    findings = made.findings + _uncollimated(run, bench, steps)
+    require_small_readings(run, steps)
+    findings = made.findings + _missing_trim_positions(run, bench, steps)
     require_phases(run, made.observations, steps)
-    findings += tell_apart(made.observations, run.sensor, bench, steps)
+    findings += repeat_visit_warnings(made.observations, run.sensor, bench, steps)
     return replace(made, findings=findings, conditions=_conditions(run, bench, steps))
 
 
@@ -62,7 +73,7 @@ _TURNS = 60.0  # rad; no run turns so often
 
 def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput:
     named, units = readback_columns(run), readback_units(run)
-    wanted = columns(run)
+    wanted = reader_columns(run)
     path = run.file(run.data.file)
     table = read_columns(path, wanted, list(named.values()))
     _require_filled(run, table)
@@ -71,7 +82,7 @@ def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput
         bad = ~np.isfinite(values)
         if name == "autocollimator":
             # Where it is not used it need not have been read.
-            bad &= _collimated(bench, said["angle"])
+            bad &= _collimated_positions(bench, said["angle"])
         if bad.any():
             raise InputError(
                 f"{path} line {table.first_line + int(np.argmax(bad))}: column {named[name]!r} "
@@ -80,11 +91,13 @@ def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput
     _require_unit(run, said["angle"] / units["angle"])
     names = None
     if wanted.label is not None:
-        names = [plain(value) for value in table.columns[wanted.label].tolist()]
+        names = [position_name(value) for value in table.columns[wanted.label].tolist()]
     steps = _steps(names, {name: np.nan_to_num(values) for name, values in said.items()})
     labels = tuple(step.label for step in steps)
     durations = np.ones(len(labels))  # nothing depends on them
-    observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
+    observations = observations_from_table(
+        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
+    )
     return EstimatorInput(None, (), observations, steps, steps, ())
 
 
@@ -122,9 +135,11 @@ def _recording(run: Source[DividingHeadData]) -> EstimatorInput:
     found = run.data.marks == "found"
     marks = find_rests(recording, run.sensor).marks if found else stated_marks(run, recording)
     check_marks(marks, recording, [mark.label for mark in marks])
-    angle = np.array([_angle(recording, mark, said["angle"]) for mark in marks])
-    moving = moving_rests(run, recording, marks)
-    means = {name: _means(values, marks) for name, values in said.items()} | {"angle": angle}
+    angle = np.array([_mean_angle(recording, mark, said["angle"]) for mark in marks])
+    moving = check_rests(run, recording, marks)
+    means = {name: _section_means(values, marks) for name, values in said.items()} | {
+        "angle": angle
+    }
     steps = _steps(None if found else [mark.label for mark in marks], means)
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
     observations = averaged(recording, run.sensor, marks, steps, found=True)
@@ -132,11 +147,11 @@ def _recording(run: Source[DividingHeadData]) -> EstimatorInput:
     return EstimatorInput(recording, marks, observations, steps, steps, findings)
 
 
-def _means(values: Array, marks: Sequence[Mark]) -> Array:
+def _section_means(values: Array, marks: Sequence[Mark]) -> Array:
     return np.array([values[mark.start : mark.stop].mean() for mark in marks])
 
 
-def _angle(recording: Recording, mark: Mark, angle: Array) -> float:
+def _mean_angle(recording: Recording, mark: Mark, angle: Array) -> float:
     """Return the mean angle of a section, rad; an encoder may flicker, and read 359.999° for 0°.
 
     Raises
@@ -147,7 +162,10 @@ def _angle(recording: Recording, mark: Mark, angle: Array) -> float:
     own = angle[mark.start : mark.stop]
     away = (own - own[0] + pi) % (2 * pi) - pi
     part = max(away.size // 4, 1)
-    if abs(np.median(away[:part]) - np.median(away[-part:])) > SAME or np.ptp(away) > 20 * SAME:
+    if (
+        abs(np.median(away[:part]) - np.median(away[-part:])) > ANGLE_TOLERANCE
+        or np.ptp(away) > 20 * ANGLE_TOLERANCE
+    ):
         raise InputError(
             f"{recording.source}: section {mark.label} ({recording.where(mark.start)}): the "
             "head's angle changes; mark only the time at one position"
@@ -158,13 +176,13 @@ def _angle(recording: Recording, mark: Mark, angle: Array) -> float:
 def _steps(names: Sequence[str] | None, said: Mapping[str, Array]) -> tuple[Index, ...]:
     """Return the steps of rows at these angles, levels and readings; None names them by angle."""
     angle = said["angle"]
-    sense = _senses(angle)
+    sense = _approach_senses(angle)
     if names is None:
         once = [
             f"{degrees:.6g}° {'forward' if s > 0 else 'reverse'}"
             for degrees, s in zip((angle * 180 / pi).round(3).tolist(), sense, strict=True)
         ]
-        names = numbered(once)
+        names = number_repeated_names(once)
     nothing = np.zeros(angle.size)
     level, reading = said.get("level", nothing), said.get("autocollimator", nothing)
     return tuple(
@@ -175,28 +193,28 @@ def _steps(names: Sequence[str] | None, said: Mapping[str, Array]) -> tuple[Inde
     )
 
 
-def _senses(angle: Array) -> list[Literal[1, -1]]:
+def _approach_senses(angle: Array) -> list[Literal[1, -1]]:
     """Return in which sense each position was come to; the first as the next."""
     moves = pi - (pi - np.diff(angle)) % (2 * pi)
     found: list[Literal[1, -1]] = []
     sense: Literal[1, -1] = 1
     for move in reversed(moves.tolist()):
         # A position that is read again where the head turns round opens the way back.
-        sense = sense if abs(move) < SAME else (1 if move > 0 else -1)
+        sense = sense if abs(move) < ANGLE_TOLERANCE else (1 if move > 0 else -1)
         found.append(sense)
     found.append(sense)
     return found[::-1]
 
 
-def _collimated(bench: DividingHead, angle: Array) -> NDArray[np.bool_]:
+def _collimated_positions(bench: DividingHead, angle: Array) -> NDArray[np.bool_]:
     """Return at which angles the autocollimator is used."""
     if bench.collimated == "every":
         return np.ones(angle.size, dtype=np.bool_)
-    cardinal = [near(a, CARDINAL) for a in angle.tolist()]
+    cardinal = [matches_any_angle(a, CARDINAL_ANGLES) for a in angle.tolist()]
     return np.array(cardinal) & (bench.collimated == "pairs")
 
 
-def _uncollimated(
+def _missing_trim_positions(
     run: Source[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
 ) -> tuple[Finding, ...]:
     """Return what passes lack of the positions by which the head is trimmed.
@@ -209,9 +227,13 @@ def _uncollimated(
     if bench.collimated != "pairs":
         return ()
     found: list[Finding] = []
-    for name, missing in lacking(steps).items():
+    for name, missing in missing_cardinal_angles(steps).items():
         words = ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
-        away = [angle for angle in missing if not near(angle, [step.angle for step in steps])]
+        away = [
+            angle
+            for angle in missing
+            if not matches_any_angle(angle, [step.angle for step in steps])
+        ]
         text = (
             "autocollimation is by pairs, 180° as 0° and 270° as 90° in each pass; "
             f"{name} has no {words}"
@@ -230,14 +252,15 @@ def _conditions(
     count = len(pass_names(steps))
     g = bench.gravity
     found = {
-        "gravity": readable(g.value, g.sd, "m/s²") + (" (taken as exact)" if g.sd == 0 else ""),
-        "positions": f"{len(set(places(steps)))}, {len(steps)} rows in {count} "
+        "gravity": format_quantity(g.value, g.sd, "m/s²")
+        + (" (taken as exact)" if g.sd == 0 else ""),
+        "positions": f"{len(set(first_visit_rows(steps)))}, {len(steps)} rows in {count} "
         f"pass{'es' * (count > 1)}" + (": drift does not cancel" if count == 1 else ""),
         "head's error, rms (k = 1)": f"{bench.rms * 648_000 / pi:.3g} ″",
         "autocollimation": bench.collimated,
     }
     if bench.collimated != "none":
-        found["autocollimator (k = 1)"] = readable(bench.autocollimator, 0.0, "″")
+        found["autocollimator (k = 1)"] = format_quantity(bench.autocollimator, 0.0, "″")
         faces = len(bench.polygon)
         found["polygon"] = f"{faces} faces as certified" if faces else "taken as even"
     if run.data.level is not None:

@@ -5,9 +5,9 @@ from math import degrees, pi
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.dividing_head.head_angles import angles
-from inercal.benches.dividing_head.passes import pass_names, passes
-from inercal.benches.report import Direction, Panel, Plot, Series, Shown
+from inercal.benches.dividing_head.head_angles import sensor_angles
+from inercal.benches.dividing_head.passes import pass_names, pass_numbers
+from inercal.benches.report_data import MeasuredDirection, Panel, Plot, ReportInput, Series
 from inercal.plan import Index, Step
 from inercal.sensors import G0
 
@@ -15,19 +15,21 @@ _ARCSEC = pi / 648_000
 _APART = 3.0  # ° between passes as they are drawn
 
 
-def directions(shown: Shown) -> tuple[Direction, ...]:
+def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     """Return none: a single accelerometer may stand on the head."""
     return ()
 
 
-def beyond(shown: Shown) -> tuple[Array, Array]:
+def angle_corrections(shown: ReportInput) -> tuple[Array, Array]:
     """Return the found angles beyond the stated ones and their deviations, (r,) each, rad.
 
     About their mean, which cannot be told from the mounting angles. Empty where the estimator
     finds no angles.
     """
     steps, estimate = _steps(shown), shown.estimate
-    weights = {n: w for n, w in angles(shown.bench, steps).weights.items() if n in estimate.names}
+    weights = {
+        n: w for n, w in sensor_angles(shown.bench, steps).weights.items() if n in estimate.names
+    }
     if not weights:
         return np.zeros(0), np.zeros(0)
     rows = np.stack(list(weights.values()), axis=-1)
@@ -37,11 +39,11 @@ def beyond(shown: Shown) -> tuple[Array, Array]:
     return rows @ found.value, np.sqrt(variance)
 
 
-def plots(shown: Shown) -> tuple[Plot, ...]:
+def plots(shown: ReportInput) -> tuple[Plot, ...]:
     """Return the found angles against the head's, pass by pass."""
-    error, sd = beyond(shown)
+    error, sd = angle_corrections(shown)
     steps = _steps(shown)
-    which = np.array(passes(steps))
+    which = np.array(pass_numbers(steps))
     turned = np.array([degrees(step.angle) % 360 for step in steps])
     names = pass_names(steps)
     series = tuple(
@@ -71,14 +73,14 @@ def plots(shown: Shown) -> tuple[Plot, ...]:
     )
 
 
-def _steps(shown: Shown) -> list[Index]:
+def _steps(shown: ReportInput) -> list[Index]:
     return [step for step in shown.steps if isinstance(step, Index)]
 
 
-def row(step: Step, outcome: Shown, number: int) -> str:
+def describe_position(step: Step, outcome: ReportInput, number: int) -> str:
     """Return what a position was and what was read there: "head at 30°, forward; a 0.5 g"."""
     assert isinstance(step, Index)
-    text = step.in_words()
+    text = step.describe()
     if step.level:
         text += f"; level {step.level / _ARCSEC:+.2f}″"
     if step.reading:

@@ -6,17 +6,17 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from inercal.benches.declare import built, keys_of
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.data.section import Readback, RestsSection, size_of
+from inercal.benches.key_declarations import add_bench_keys, build_bench
+from inercal.data.data_section import ReadbackColumn, RestsSection, unit_size
 from inercal.errors import InputError
 from inercal.io.read import read_table
-from inercal.settings import BenchSection, Use, harmonics_of, si_value
+from inercal.section_settings import BenchSection, BenchUsage, section_harmonics, si_value
 
 _FEWEST_FACES = 3  # of a polygon
 
 
-@keys_of(DividingHead, after={"autocollimation": "division", "polygon": "autocollimator"})
+@add_bench_keys(DividingHead, after={"autocollimation": "division", "polygon": "autocollimator"})
 class DividingHeadSection(BenchSection):
     """[bench]: a dividing head with its spindle level."""
 
@@ -28,7 +28,7 @@ class DividingHeadSection(BenchSection):
     )
     polygon_unit: str = Field("″", examples=["µrad"])
 
-    def idle(self, use: Use) -> dict[str, str]:
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that change no result of such a use, each with the reason."""
         found: dict[str, str] = {}
         if self.polygon is None:
@@ -55,14 +55,16 @@ class DividingHeadData(RestsSection):
     level: str | int | None = Field(None, description="column of a level on the head's base")
     level_unit: str = "″"
 
-    def readback(self, bench: DividingHead) -> tuple[Readback, ...]:
+    def readback(self, bench: DividingHead) -> tuple[ReadbackColumn, ...]:
         """Return the columns of the head's angle, the autocollimator and the level."""
-        found: list[Readback] = []
+        found: list[ReadbackColumn] = []
         for name in ("angle", "autocollimator", "level"):
             column = getattr(self, name)
             if column is not None:
                 key = f"{name}_unit"
-                found.append(Readback(name, str(column), size_of(getattr(self, key), "°", key)))
+                found.append(
+                    ReadbackColumn(name, str(column), unit_size(getattr(self, key), "°", key))
+                )
         return tuple(found)
 
 
@@ -75,17 +77,17 @@ def build(section: DividingHeadSection, folder: Path) -> DividingHead:
                 '[bench] polygon: autocollimation is "none", which reads no face; state "pairs" '
                 'or "every"'
             )
-        polygon = _polygon(folder / section.polygon, section.polygon_unit)
-    return built(
+        polygon = _read_polygon(folder / section.polygon, section.polygon_unit)
+    return build_bench(
         DividingHead,
         section,
-        harmonics=harmonics_of(section, "harmonics"),
+        harmonics=section_harmonics(section, "harmonics"),
         collimated=section.autocollimation,
         polygon=polygon,
     )
 
 
-def _polygon(path: Path, unit: str) -> tuple[float, ...]:
+def _read_polygon(path: Path, unit: str) -> tuple[float, ...]:
     """Return the certified deviation of each face, rad.
 
     Raises

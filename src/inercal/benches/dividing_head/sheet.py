@@ -2,11 +2,11 @@
 
 from math import degrees
 
-from inercal.benches.dividing_head.operator import notes, rows
+from inercal.benches.dividing_head.operator_instructions import operator_notes, operator_rows
 from inercal.benches.dividing_head.settings import DividingHeadData
-from inercal.benches.sheet import Box, Heading, Row, Sheet
+from inercal.benches.operator_sheet import EntryField, Heading, Sheet, SheetRow
 from inercal.data import Source
-from inercal.data.load import readback_units
+from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.plan import Index
 from inercal.sensors import Sensor
@@ -25,25 +25,25 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     collimated, label = bench.collimated != "none", data.label is not None
     unit, levelled = readback_units(run)["angle"], data.level is not None
     try:
-        planned = rows(bench, steps, recorded=data.autocollimator is not None)
+        planned = operator_rows(bench, steps, recorded=data.autocollimator is not None)
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
     idle = frozenset({len(data.accelerometer)}) if collimated else frozenset[int]()
     first = {row.in_pass: row.sense for row in reversed(planned)}
-    made: list[Row] = []
+    made: list[SheetRow] = []
     for row in planned:
         step = row.step
         cells = [str(row.number), step.label, row.angle, f"{row.in_pass}, {row.sense}"]
         cells += [row.autocollimator] * collimated + ["read"] * levelled
         made.append(
-            Row(
+            SheetRow(
                 step.label,
                 (*cells, f"{step.seconds:g} s" if step.seconds else ""),
                 step.seconds,
                 f"pass {row.in_pass}, {first[row.in_pass]}",
                 (*[step.label] * label, f"{step.angle / unit:.12g}"),
                 {
-                    "what": step.in_words(),
+                    "what": step.describe(),
                     "angle_deg": degrees(step.angle),
                     "sense": row.sense,
                     "pass": row.in_pass,
@@ -57,18 +57,18 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     return Sheet(
         f"{len(made)} positions, {seconds:.0f} s of holding in all",
         (
-            Heading("row", right=True),
+            Heading("row", align_right=True),
             Heading("label", label=True),
             Heading("head at"),
             Heading("pass", page=""),
             *[Heading("autocollimator", page="with the autocollimator", wraps=True)] * collimated,
             *[Heading("level", page="")] * levelled,
-            Heading("hold for", right=True, page="hold"),
+            Heading("hold for", align_right=True, page="hold"),
         ),
         tuple(made),
-        notes(bench, steps, data),
+        operator_notes(bench, steps, data),
         (data.label, *columns) if label else columns,
-        _boxes(data, run.sensor, collimated=collimated),
+        _entry_fields(data, run.sensor, collimated=collimated),
         (
             f"{len(made)} positions in {len(first)} pass{'es' * (len(first) > 1)}",
             f"{seconds / 60:.0f} min of holding, moves besides",
@@ -80,14 +80,16 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     )
 
 
-def _boxes(data: DividingHeadData, sensor: Sensor, *, collimated: bool) -> tuple[Box, ...]:
+def _entry_fields(
+    data: DividingHeadData, sensor: Sensor, *, collimated: bool
+) -> tuple[EntryField, ...]:
     """Return what is filled in by hand."""
     found = [
-        Box(str(name), axis.readout.unit)
+        EntryField(str(name), axis.readout.unit)
         for name, axis in zip(data.accelerometer, sensor.axes, strict=True)
     ]
     if collimated:
-        found.append(Box("autocollimator", data.autocollimator_unit))
+        found.append(EntryField("autocollimator", data.autocollimator_unit))
     if data.level is not None:
-        found.append(Box("level", data.level_unit))
+        found.append(EntryField("level", data.level_unit))
     return tuple(found)

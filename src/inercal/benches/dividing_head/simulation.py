@@ -6,8 +6,8 @@ from math import pi
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.contract import Simulated, SimulatedMotion
-from inercal.benches.dividing_head.bench import DividingHead, drifted, sensed_motion
+from inercal.benches.contract import SensorSimulation, SimulatedMotion
+from inercal.benches.dividing_head.bench import DividingHead, bias_drift, sensed_motion
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.sensors import Sensor
@@ -15,7 +15,7 @@ from inercal.sensors import Sensor
 MOVE_SECONDS = 2.0
 
 
-def perform_on_head(
+def simulate_head_motion(
     bench: DividingHead,
     steps: Sequence[Index],
     rate_hz: float,
@@ -23,7 +23,7 @@ def perform_on_head(
     trials: int,
     sensor: Sensor,
     carried: bool,
-) -> Simulated:
+) -> SensorSimulation:
     """Return the motion of each trial, what the bench reads back, and how biases drifted.
 
     Parameters
@@ -41,10 +41,10 @@ def perform_on_head(
     carried : bool
         Nothing carries the sensor from position to position but the head.
     """
-    declared = bench.simulated(steps, sensor.channels)
+    declared = bench.simulated_parameters(steps, sensor.channels)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     f = np.broadcast_to(sensed_motion(bench, steps, drawn).f, (trials, len(steps), 3))
-    drift = drifted(steps, sensor.channels, drawn)
+    drift = bias_drift(steps, sensor.channels, drawn)
     # A sample belongs to a position (share 0) or lies by its share on the way to the next.
     move = round(MOVE_SECONDS * rate_hz)
     which: list[Array] = []
@@ -70,4 +70,4 @@ def perform_on_head(
     }
     labels = np.where(share > 0, "", names[row])
     done = SimulatedMotion(time, motion, labels, drawn, readback)
-    return Simulated(done, sensor, drift[:, row])
+    return SensorSimulation(done, sensor, drift[:, row])

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inercal.arrays import Array
-from inercal.benches.contract import MeanMotion, stacked
-from inercal.benches.declare import declared_parameters, deviation
+from inercal.benches.contract import MeanMotion, stack_derivatives
+from inercal.benches.key_declarations import declared_parameters, deviation
 from inercal.earth import EARTH_RATE, earth_rate_up_north
 from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity
@@ -110,9 +110,11 @@ class Hand:
         sensor : Sensor
             Without gyros the earth's rate and the clock play no part.
         """
-        return self.acting(steps, rates=any(axis.measures == "w" for axis in sensor.axes))
+        return self.acting_parameters(
+            steps, rates=any(axis.measures == "w" for axis in sensor.axes)
+        )
 
-    def acting(self, steps: Sequence[HandStep], *, rates: bool) -> dict[str, Parameter]:
+    def acting_parameters(self, steps: Sequence[HandStep], *, rates: bool) -> dict[str, Parameter]:
         """Return the same; `rates` says whether rates are observed."""
         found: dict[str, Parameter] = {}
         turns = any(isinstance(step, Turn) for step in steps)
@@ -137,15 +139,17 @@ class Hand:
         The mean specific force of a turn is `force_x[label]` … in q; where it is missing it is
         gravity along the axis, which stands up.
         """
-        stated = {name: np.array(p.value) for name, p in self.acting(steps, rates=True).items()}
-        rows = [_whole(step, stated | dict(q)) for step in steps]
+        stated = {
+            name: np.array(p.value) for name, p in self.acting_parameters(steps, rates=True).items()
+        }
+        rows = [_step_motion(step, stated | dict(q)) for step in steps]
         whole = np.broadcast_arrays(*(row.f for row in rows), *(row.w for row in rows))
         f, w = whole[: len(rows)], whole[len(rows) :]
         shape = whole[0].shape
         return MeanMotion(
             Motion(np.stack(f, axis=-2), np.stack(w, axis=-2)),
-            stacked([row.df for row in rows], shape),
-            stacked([row.dw for row in rows], shape),
+            stack_derivatives([row.df for row in rows], shape),
+            stack_derivatives([row.dw for row in rows], shape),
         )
 
     def reading_offsets(
@@ -155,7 +159,7 @@ class Hand:
         return np.zeros(())
 
 
-def across(up: ArrayLike) -> Array:
+def tangent_vectors(up: ArrayLike) -> Array:
     """Return d₁, d₂, (..., 2, 3): unit vectors with d₁ × d₂ = up, (..., 3), of unit length."""
     vertical = np.asarray(up, dtype=float)
     helper = np.eye(3)[np.argmin(np.abs(vertical), axis=-1)]
@@ -164,9 +168,9 @@ def across(up: ArrayLike) -> Array:
     return np.stack([first, np.cross(vertical, first)], axis=-2)
 
 
-def tilted(up: tuple[float, float, float], t: Array) -> tuple[Array, Array]:
+def tilted_direction(up: tuple[float, float, float], t: Array) -> tuple[Array, Array]:
     """Return u, (..., 3), for tangents t, (..., 2), and du/dt, (..., 3, 2)."""
-    d = across(up)
+    d = tangent_vectors(up)
     norm = np.sqrt(1 + (t**2).sum(-1))[..., None]
     u = (np.asarray(up) + t @ d) / norm
     return u, (d.T - u[..., :, None] * t[..., None, :] / norm[..., None]) / norm[..., None]
@@ -184,15 +188,15 @@ def sensed_motion(step: HandStep, duration: float, q: Mapping[str, Array]) -> Me
         Nuisances by full name, SI; those missing are zero. A turn's mean specific force is
         `force_x[label]`, `force_y[label]`, `force_z[label]`.
     """
-    return _hold(step, q) if isinstance(step, Hold) else _turn(step, duration, q)
+    return _hold_motion(step, q) if isinstance(step, Hold) else _turn_motion(step, duration, q)
 
 
-def _whole(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
+def _step_motion(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
     """Return what is felt in a step; a turn without a force of its own has gravity along it."""
     names = [f"force_{a}[{step.label}]" for a in "xyz"]
     if isinstance(step, Hold) or names[0] in q:
         return sensed_motion(step, step.seconds, q)
-    n, dn = tilted(step.axis, _pair(q, "axis", step.label))
+    n, dn = tilted_direction(step.axis, _parameter_pair(q, "axis", step.label))
     g = q["g"][..., None]
     force = g * n
     made = sensed_motion(
@@ -208,19 +212,19 @@ def _whole(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
     return MeanMotion(made.motion, df, dw)
 
 
-def _pair(q: Mapping[str, Array], name: str, label: str) -> Array:
+def _parameter_pair(q: Mapping[str, Array], name: str, label: str) -> Array:
     zero = np.zeros(())
     pair = [q.get(f"{name}{k}[{label}]", zero) for k in (1, 2)]
     return np.stack(np.broadcast_arrays(*pair), axis=-1)
 
 
-def _hold(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
+def _hold_motion(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
     label = step.label
-    u, du = tilted(step.up, _pair(q, "tilt", label))
-    d = across(step.up)
+    u, du = tilted_direction(step.up, _parameter_pair(q, "tilt", label))
+    d = tangent_vectors(step.up)
     g = q["g"][..., None]
     up_rate = q.get("earth_up", np.zeros(()))[..., None]
-    level = _pair(q, "earth", label)
+    level = _parameter_pair(q, "earth", label)
     names = [f"tilt{k}[{label}]" for k in (1, 2)]
     df = {"g": u} | {name: g * du[..., k] for k, name in enumerate(names)}
     dw = {"earth_up": u} | {name: up_rate * du[..., k] for k, name in enumerate(names)}
@@ -228,10 +232,10 @@ def _hold(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
     return MeanMotion(Motion(g * u, up_rate * u + level @ d), df, dw)
 
 
-def _turn(step: Turn, duration: float, q: Mapping[str, Array]) -> MeanMotion:
+def _turn_motion(step: Turn, duration: float, q: Mapping[str, Array]) -> MeanMotion:
     label = step.label
     zero = np.zeros(())
-    n, dn = tilted(step.axis, _pair(q, "axis", label))
+    n, dn = tilted_direction(step.axis, _parameter_pair(q, "axis", label))
     clock = 1 + q.get("timebase", zero)[..., None]
     rate = (step.angle + q.get(f"angle[{label}]", zero))[..., None] / (duration * clock)
     force = np.stack(np.broadcast_arrays(*(q[f"force_{a}[{label}]"] for a in "xyz")), axis=-1)

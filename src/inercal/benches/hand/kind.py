@@ -5,8 +5,13 @@ from math import degrees
 from inercal.benches.hand.bench import Hand
 from inercal.benches.hand.report import directions
 from inercal.benches.hand.settings import HandSection, build
-from inercal.benches.hand.simulation import perform
-from inercal.benches.kind import Effect, Kind, by_motion, when_called
+from inercal.benches.hand.simulation import simulate_hand_motion
+from inercal.benches.kind_definition import (
+    Effect,
+    Kind,
+    import_when_called,
+    simulate_without_sensor,
+)
 from inercal.data import RestsSection
 from inercal.plan import Hold, Turn
 
@@ -19,11 +24,13 @@ KIND = Kind(
     RestsSection,
     build,
     (Hold, Turn),
-    when_called(_READING, "observe"),
-    by_motion(perform, in_hand=True),
+    import_when_called(_READING, "observe"),
+    simulate_without_sensor(simulate_hand_motion, in_hand=True),
     # At the equator the earth does not turn about the vertical.
-    effects=(Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), on_rates=True),),
-    audit=when_called(_READING, "audit"),
-    rests=when_called(_READING, "rests"),
+    effects=(
+        Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
+    ),
+    audit=import_when_called(_READING, "audit"),
+    rests=import_when_called(_READING, "refused_recording_rests"),
     directions=directions,
 )

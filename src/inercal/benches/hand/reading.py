@@ -5,41 +5,46 @@ from dataclasses import replace
 
 from inercal.benches.hand.bench import Hand
 from inercal.data import EstimatorInput, RestsSection, Source
-from inercal.data.load import (
-    accepted,
-    columns,
+from inercal.data.recording_loader import (
     load_recording,
-    numbered,
-    stated_sd,
+    number_repeated_names,
+    reader_columns,
+    require_not_refused,
+    stated_deviations,
 )
-from inercal.data.rests import moving_rests, seen_rests, stated_marks, still_but_accepted
+from inercal.data.rest_marks import (
+    check_marked_rests,
+    check_rests,
+    rests_without_plan,
+    stated_marks,
+)
 from inercal.errors import InputError
-from inercal.io.audit import accept
-from inercal.io.means import read_means
-from inercal.io.rest import audit_rest_norm, means_at_rest
+from inercal.io.audit import require_accepted
+from inercal.io.mean_tables import read_means
+from inercal.io.rest_norm import audit_rest_norm, rest_mean_finding
 from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.segments import (
-    FoundRests,
-    as_found,
-    between_rests,
+    RestDetection,
+    bias_jump_test,
+    changes_within_rests,
     check_against_plan,
     check_marks,
     check_turn_ends,
     find_rests,
     find_sections,
-    held,
-    jumps,
+    holds_from_marks,
+    holds_from_observations,
+    marks_without_flaws,
+    passages_between_rests,
     search_sections,
-    unflawed,
-    within_rests,
 )
 from inercal.segments import (
     observe as averaged,
 )
-from inercal.segments.levels import WINDOW
+from inercal.segments.motion_thresholds import WINDOW
 from inercal.sensors import Sensor
-from inercal.units import readable
+from inercal.units import format_quantity
 
 _BY_READINGS = (
     "the positions were found by which axis reads gravity: swapped columns, reversed axes, or an "
@@ -61,24 +66,24 @@ def observe(run: Source[RestsSection]) -> EstimatorInput:
     marks: tuple[Mark, ...] = ()
     findings: tuple[Finding, ...] = ()
     if run.data.kind == "means":
-        observations = _means(run)
+        observations = _read_means(run)
     else:
         recording = audit(load_recording(run), sensor, bench)
-        if run.method.free:
+        if run.method.unknown_attitudes:
             rests = find_rests(recording, sensor) if run.data.marks == "found" else None
             marks, observations, findings = _free_rests(run, recording, rests)
         else:
             marks, observations, findings = _planned_sections(run, recording)
-    if run.method.free:
-        plan = steps = held(observations, sensor)
+    if run.method.unknown_attitudes:
+        plan = steps = holds_from_observations(observations, sensor)
     else:
-        steps = _planned(run, observations)
-        plan = _with_visits(run, steps)
+        steps = _planned_steps(run, observations)
+        plan = _plan_with_visits(run, steps)
     if recording is None:
         at_rest = [isinstance(step, Hold) for step in steps]
-        odd = means_at_rest(observations.mean[at_rest], sensor, bench.gravity.value)
-        findings += accepted(run.data.file, odd)
-    if not run.method.free:
+        odd = rest_mean_finding(observations.mean[at_rest], sensor, bench.gravity.value)
+        findings += require_not_refused(run.data.file, odd)
+    if not run.method.unknown_attitudes:
         findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
     conditions = _conditions(run, bench)
     return EstimatorInput(recording, marks, observations, plan, steps, findings, conditions, rests)
@@ -92,36 +97,36 @@ def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
     InputError
         They say that it cannot be used.
     """
-    return accept(audit_rest_norm(recording, sensor, bench.gravity.value))
+    return require_accepted(audit_rest_norm(recording, sensor, bench.gravity.value))
 
 
-def nominal(run: Source[RestsSection]) -> tuple[HandStep, ...]:
+def nominal_plan(run: Source[RestsSection]) -> tuple[HandStep, ...]:
     """Return the run's plan."""
     return tuple(step for step in run.steps if isinstance(step, Hold | Turn))
 
 
-def _returning(run: Source[RestsSection]) -> bool:
+def _allows_repeat_visits(run: Source[RestsSection]) -> bool:
     """Return whether positions may be visited again: at another temperature."""
-    return run.data.temperature is not None and not run.method.free
+    return run.data.temperature is not None and not run.method.unknown_attitudes
 
 
-def _by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep]:
+def _steps_by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep]:
     """Return the plan's steps by the names of up to `count` visits of each."""
     found: dict[str, HandStep] = {}
-    for step in nominal(run):
-        names = numbered([step.label] * (count if _returning(run) else 1))
+    for step in nominal_plan(run):
+        names = number_repeated_names([step.label] * (count if _allows_repeat_visits(run) else 1))
         found |= {name: replace(step, label=name) for name in names}
     return found
 
 
-def _with_visits(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
+def _plan_with_visits(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
     """Return the plan, and after each step the further visits of it that were made."""
-    wanted = {step.label for step in (*nominal(run), *done)}
-    return tuple(s for name, s in _by_visit(run, len(done)).items() if name in wanted)
+    wanted = {step.label for step in (*nominal_plan(run), *done)}
+    return tuple(s for name, s in _steps_by_visit(run, len(done)).items() if name in wanted)
 
 
-def _means(run: Source[RestsSection]) -> Observations:
-    if run.method.free and run.sensor.only("w").axes:
+def _read_means(run: Source[RestsSection]) -> Observations:
+    if run.method.unknown_attitudes and run.sensor.select_axes("w").axes:
         raise InputError(
             f"{run.path}: [data] kind means holds no rotations: leave [sensor.gyro] out, or "
             "give the recording"
@@ -131,11 +136,11 @@ def _means(run: Source[RestsSection]) -> Observations:
         raise InputError(f"{run.path}: [data] seconds is missing: the column of turns' durations")
     return read_means(
         run.file(run.data.file),
-        columns(run),
+        reader_columns(run),
         run.sensor,
-        stated_sd(run),
+        stated_deviations(run),
         None if seconds is None else str(seconds),
-        numbered if _returning(run) else tuple,
+        number_repeated_names if _allows_repeat_visits(run) else tuple,
     )
 
 
@@ -143,7 +148,7 @@ def _planned_sections(
     run: Source[RestsSection], recording: Recording
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
     """Return the sections of the plan's steps: marks, means, what was noticed."""
-    steps = nominal(run)
+    steps = nominal_plan(run)
     labels, missing = [step.label for step in steps], tuple[Finding, ...]()
     if run.data.marks == "found":
         found = find_sections(recording, run.sensor, steps)
@@ -154,75 +159,81 @@ def _planned_sections(
                 f"{found.words}"
             )
     else:
-        marks = stated_marks(run, recording, again=_returning(run))
-        if _returning(run):
-            names = numbered([mark.label for mark in marks])
+        marks = stated_marks(run, recording, again=_allows_repeat_visits(run))
+        if _allows_repeat_visits(run):
+            names = number_repeated_names([mark.label for mark in marks])
             marks = tuple(replace(m, label=name) for m, name in zip(marks, names, strict=True))
-            steps = tuple(_by_visit(run, len(marks)).values())
+            steps = tuple(_steps_by_visit(run, len(marks)).values())
             labels = [step.label for step in steps]
     check_marks(marks, recording, labels)
     holds = {step.label for step in steps if isinstance(step, Hold)}
-    moving = still_but_accepted(run, recording, [mark for mark in marks if mark.label in holds])
+    moving = check_marked_rests(run, recording, [mark for mark in marks if mark.label in holds])
     observations = averaged(recording, run.sensor, marks, steps, found=True, drifting=True)
     if run.data.marks == "found":
         observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
-    if run.data.gyro and not run.sensor.only("w").axes:
+    if run.data.gyro and not run.sensor.select_axes("w").axes:
         note = f"the gyros were not looked at: method {run.method.name} finds nothing of them"
         observations = replace(observations, notes=(*observations.notes, note))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
 
 
-def _planned(run: Source[RestsSection], observations: Observations) -> tuple[HandStep, ...]:
-    by_label = _by_visit(run, len(observations.labels))
-    unknown = [label for label in observations.labels if label not in by_label]
-    if unknown:
-        planned = ", ".join(step.label for step in nominal(run))
-        raise InputError(f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {planned}")
+def _planned_steps(run: Source[RestsSection], observations: Observations) -> tuple[HandStep, ...]:
+    by_label = _steps_by_visit(run, len(observations.labels))
+    not_found = [label for label in observations.labels if label not in by_label]
+    if not_found:
+        planned = ", ".join(step.label for step in nominal_plan(run))
+        raise InputError(f"{run.data.file}: no step {not_found[0]!r} in the plan; it has {planned}")
     return tuple(by_label[label] for label in observations.labels)
 
 
 def _free_rests(
-    run: Source[RestsSection], recording: Recording, rests: FoundRests | None
+    run: Source[RestsSection], recording: Recording, rests: RestDetection | None
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
     """Return rests in any attitude and the ways between them: marks, means, what was noticed."""
     findings = recording.findings
     if rests is not None:
         marks, findings = rests.marks, (*findings, rests.finding)
     else:
-        marks = stated_marks(run, recording, again=_returning(run))
+        marks = stated_marks(run, recording, again=_allows_repeat_visits(run))
         check_marks(marks, recording, [mark.label for mark in marks])
-    marks, left_out = unflawed(recording, run.sensor, marks)
-    findings += moving_rests(run, recording, marks)
-    observations = averaged(recording, run.sensor, marks, as_found(marks), by_hand=True, found=True)
-    if run.sensor.only("w").axes:
-        cut = () if rests is None else jumps(recording, run.sensor, rests.marks, rests.other_parts)
+    marks, left_out = marks_without_flaws(recording, run.sensor, marks)
+    findings += check_rests(run, recording, marks)
+    observations = averaged(
+        recording, run.sensor, marks, holds_from_marks(marks), by_hand=True, found=True
+    )
+    if run.sensor.select_axes("w").axes:
+        cut = (
+            ()
+            if rests is None
+            else bias_jump_test(recording, run.sensor, rests.marks, rests.other_parts)
+        )
         observations = replace(
             observations,
-            passages=between_rests(recording, run.sensor, marks),
-            halves=within_rests(recording, run.sensor, marks),
+            passages=passages_between_rests(recording, run.sensor, marks),
+            halves=changes_within_rests(recording, run.sensor, marks),
             tests=(*observations.tests, *cut),
         )
     return marks, observations, findings + left_out
 
 
 def _conditions(run: Source[RestsSection], bench: Hand) -> dict[str, str]:
-    conditions = {"gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²")}
-    if not run.method.free:
+    conditions = {"gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²")}
+    if not run.method.unknown_attitudes:
         conditions |= {
-            "tilt of faces (k = 1)": readable(bench.tilt, 0.0, "°"),
-            "angle of turns (k = 1)": readable(bench.turn_angle, 0.0, "°"),
+            "tilt of faces (k = 1)": format_quantity(bench.tilt, 0.0, "°"),
+            "angle of turns (k = 1)": format_quantity(bench.turn_angle, 0.0, "°"),
         }
     return conditions
 
 
-def rests(run: Source[RestsSection], recording: Recording) -> FoundRests:
+def refused_recording_rests(run: Source[RestsSection], recording: Recording) -> RestDetection:
     """Return the rests that were found in a recording that was refused."""
-    if run.data.marks != "found" or run.method.free:
-        return seen_rests(run, recording)
-    found = search_sections(recording, run.sensor, nominal(run))
+    if run.data.marks != "found" or run.method.unknown_attitudes:
+        return rests_without_plan(run, recording)
+    found = search_sections(recording, run.sensor, nominal_plan(run))
     named = {(mark.start, mark.stop): mark.label for mark in found.marks}
     marks = tuple(
         replace(rest, label=named.get((rest.start, rest.stop), rest.label)) for rest in found.rests
     )
-    return FoundRests(marks, found.levels, WINDOW, Finding("note", "rests", found.words))
+    return RestDetection(marks, found.levels, WINDOW, Finding("note", "rests", found.words))

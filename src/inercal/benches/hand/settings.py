@@ -3,18 +3,18 @@
 from pathlib import Path
 from typing import Literal
 
-from inercal.benches.declare import built, keys_of
 from inercal.benches.hand.bench import Hand
-from inercal.settings import BenchSection, Use, constant_of
+from inercal.benches.key_declarations import add_bench_keys, build_bench
+from inercal.section_settings import BenchSection, BenchUsage, section_constant
 
 
-@keys_of(Hand)
+@add_bench_keys(Hand)
 class HandSection(BenchSection):
     """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
 
     kind: Literal["hand"] = "hand"
 
-    def idle(self, use: Use) -> dict[str, str]:
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that change no result of such a use, each with the reason."""
         found: dict[str, str] = {}
         if not use.attitudes:
@@ -30,4 +30,6 @@ class HandSection(BenchSection):
 def build(section: HandSection, folder: Path) -> Hand:
     """Return the bench in SI; files that it names lie in `folder`."""
     known = section.latitude is not None
-    return built(Hand, section, latitude=constant_of(section, "latitude", "°") if known else None)
+    return build_bench(
+        Hand, section, latitude=section_constant(section, "latitude", "°") if known else None
+    )

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.contract import SimulatedMotion, one_after_another
-from inercal.benches.hand.bench import Hand, across, sensed_motion, tilted
+from inercal.benches.contract import SimulatedMotion, concatenate_motions
+from inercal.benches.hand.bench import Hand, sensed_motion, tangent_vectors, tilted_direction
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold, Turn
 
@@ -19,7 +19,7 @@ PAUSE_SECONDS = 1.5  # at rest before and after a turn, unlabelled
 _SETTLE = 0.25  # s at rest at either end of a turn's section
 
 
-def perform(
+def simulate_hand_motion(
     bench: Hand,
     steps: Sequence[HandStep],
     rate_hz: float,
@@ -46,19 +46,19 @@ def perform(
     """
     drawn = {
         name: parameter.value + parameter.sd * rng.standard_normal(trials)
-        for name, parameter in bench.acting(steps, rates=True).items()
+        for name, parameter in bench.acting_parameters(steps, rates=True).items()
     }
     if carried:
-        drawn |= _carried_earth([step for step in steps if isinstance(step, Hold)], drawn)
+        drawn |= _earth_rates_at_holds([step for step in steps if isinstance(step, Hold)], drawn)
     parts: list[tuple[Array, Array, str]] = []
     up = None
     for step in steps:
-        q = drawn | _up(step, drawn)
+        q = drawn | _up_and_force(step, drawn)
         if up is not None:
-            parts.append((*_move(up, q["up"], drawn["g"], rate_hz), ""))
+            parts.append((*_transfer_motion(up, q["up"], drawn["g"], rate_hz), ""))
         up = q["up"]
         n = max(round(step.seconds * rate_hz), 1)
-        mean, steady = sensed_motion(step, n / rate_hz, q), _steady(step, q)
+        mean, steady = sensed_motion(step, n / rate_hz, q), _constant_rate(step, q)
         profile = _turn_profile(n, rate_hz) if isinstance(step, Turn) else np.ones(n)
         f = np.repeat(mean.f[:, None], n, axis=1)
         w = steady[:, None] + (mean.w - steady)[:, None] * profile[:, None]
@@ -66,32 +66,32 @@ def perform(
         still = (f[:, :1].repeat(pause, axis=1), steady[:, None].repeat(pause, axis=1), "")
         parts += [still, (f, w, step.label), still]
     labels = np.concatenate([np.full(f.shape[1], label) for f, _, label in parts])
-    motion = one_after_another([Motion(f, w) for f, w, _ in parts])
+    motion = concatenate_motions([Motion(f, w) for f, w, _ in parts])
     return SimulatedMotion(np.arange(labels.size) / rate_hz, motion, labels, drawn)
 
 
-def _carried_earth(holds: Sequence[Hold], drawn: dict[str, Array]) -> dict[str, Array]:
+def _earth_rates_at_holds(holds: Sequence[Hold], drawn: dict[str, Array]) -> dict[str, Array]:
     """Return the earth's level rate at each hold, turned as the moves turn the body."""
     found: dict[str, Array] = {}
     level, before = np.zeros(0), np.zeros(0)
     for hold in holds:
-        d, names = across(hold.up), [f"earth{k}[{hold.label}]" for k in (1, 2)]
-        up = _up(hold, drawn)["up"]
+        d, names = tangent_vectors(hold.up), [f"earth{k}[{hold.label}]" for k in (1, 2)]
+        up = _up_and_force(hold, drawn)["up"]
         if not found:
             level = np.stack([drawn[name] for name in names], axis=-1) @ d
         else:
-            axis, angle = _way(before, up)
-            level = _turned(axis, angle[:, None], level)[:, 0]
+            axis, angle = _shortest_rotation(before, up)
+            level = _rotate_vectors(axis, angle[:, None], level)[:, 0]
         found |= {name: level @ row for name, row in zip(names, d, strict=True)}
         before = up
     return found
 
 
-def _up(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
+def _up_and_force(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
     """Return the body's up during a step and, for a turn, its specific force: up along the axis."""
     kind, direction = ("tilt", step.up) if isinstance(step, Hold) else ("axis", step.axis)
     tangent = np.stack([drawn[f"{kind}{k}[{step.label}]"] for k in (1, 2)], axis=-1)
-    up = tilted(direction, tangent)[0]
+    up = tilted_direction(direction, tangent)[0]
     extra = {"up": up}
     if isinstance(step, Turn):
         force = drawn["g"][:, None] * up
@@ -99,14 +99,14 @@ def _up(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
     return extra
 
 
-def _steady(step: HandStep, q: dict[str, Array]) -> Array:
+def _constant_rate(step: HandStep, q: dict[str, Array]) -> Array:
     """Return the part of the rate, (trials, 3), that does not follow the turn's profile."""
     if isinstance(step, Hold):
         return sensed_motion(step, 1.0, q).w
     return q["earth_up"][:, None] * q["up"]
 
 
-def _way(start: Array, end: Array) -> tuple[Array, Array]:
+def _shortest_rotation(start: Array, end: Array) -> tuple[Array, Array]:
     """Return axis, (trials, 3), and angle, (trials,), of the shortest way from up to up."""
     axis = np.cross(start, end)
     size = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -116,7 +116,7 @@ def _way(start: Array, end: Array) -> tuple[Array, Array]:
     return axis, np.arctan2((np.cross(start, end) * axis).sum(-1), (start * end).sum(-1))
 
 
-def _turned(axis: Array, angles: Array, vector: Array) -> Array:
+def _rotate_vectors(axis: Array, angles: Array, vector: Array) -> Array:
     """Return vectors, (trials, n, 3), turned by angles, (trials, n), about axes (Rodrigues)."""
     cos, sin = np.cos(angles)[..., None], np.sin(angles)[..., None]
     along = axis * (axis * vector).sum(-1, keepdims=True)
@@ -137,15 +137,15 @@ def _turn_profile(n: int, rate_hz: float) -> Array:
     return profile / profile.mean()
 
 
-def _move(start: Array, end: Array, g: Array, rate_hz: float) -> tuple[Array, Array]:
+def _transfer_motion(start: Array, end: Array, g: Array, rate_hz: float) -> tuple[Array, Array]:
     """Return f and ω, (trials, n, 3), while the body's up goes from `start` to `end`, (trials, 3).
 
     Up turns by +θ about a in the body when the body turns by −θ about a.
     """
     n = round(MOVE_SECONDS * rate_hz)
-    axis, angle = _way(start, end)
+    axis, angle = _shortest_rotation(start, end)
     s = (np.arange(n) + 0.5) / n
     travelled = angle[:, None] * (10 * s**3 - 15 * s**4 + 6 * s**5)
-    ups = _turned(axis, travelled, start)
+    ups = _rotate_vectors(axis, travelled, start)
     rate = -angle[:, None] * _minimum_jerk(s) * rate_hz / n
     return g[:, None, None] * ups, rate[..., None] * axis[:, None]

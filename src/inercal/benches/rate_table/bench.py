@@ -31,9 +31,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.contract import MeanMotion
-from inercal.benches.declare import declarations, declared_parameters, deviation, small_angle
-from inercal.benches.forces import directions
+from inercal.benches.key_declarations import (
+    declarations,
+    declared_parameters,
+    deviation,
+    small_angle,
+)
 from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
@@ -106,17 +111,17 @@ class RateTable:
         """The imperfections, as data."""
         return (
             local_gravity(self.gravity),
-            Parameter.measured("radius", "m", self.radius, "radius"),
+            Parameter.from_measured("radius", "m", self.radius, "radius"),
             *declared_parameters(self, "rate", "seat", "pose", "speed", "lean"),
         )
 
     def nuisances(self, steps: Sequence[Spin], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "pose_x[XY30]"."""
-        return self.acting(steps)
+        return self.acting_parameters(steps)
 
-    def acting(self, steps: Sequence[Spin]) -> dict[str, Parameter]:
+    def acting_parameters(self, steps: Sequence[Spin]) -> dict[str, Parameter]:
         """Return the same: what acts does not depend on the sensor."""
-        return {full: parameter for full, parameter, _ in _acting(self, steps)}
+        return {full: parameter for full, parameter, _ in _acting_rows(self, steps)}
 
     def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion of each dwell; see `inercal.benches.contract.MeanBench`."""
@@ -129,14 +134,14 @@ class RateTable:
         return np.zeros(())
 
 
-def _acting(
+def _acting_rows(
     bench: RateTable, steps: Sequence[Spin]
 ) -> Iterator[tuple[str, Parameter, NDArray[np.bool_]]]:
     """Yield the parameters that act: full name, declaration, and which rows, (r,)."""
     turning = np.array([step.rate != 0 for step in steps])
     shared = {
-        "mounting": mountings(steps),
-        "speed": speeds(steps),
+        "mounting": mounting_names(steps),
+        "speed": speed_names(steps),
         "position": [step.label for step in steps],
     }
     for parameter in bench.parameters:
@@ -155,23 +160,25 @@ def _acting(
                 yield f"{parameter.name}[{label}]", parameter, own
 
 
-def speeds(steps: Sequence[Spin]) -> list[str]:
+def speed_names(steps: Sequence[Spin]) -> list[str]:
     """Return the name of each step's set speed, "86 rpm".
 
     Rates within a part in 200 are one set speed, as one is read back anew in each dwell.
     """
     first: dict[float, str] = {}
     for step in steps:
-        if not any(_alike(step.rate, rate) for rate in first):
+        if not any(_is_same_rate(step.rate, rate) for rate in first):
             first[step.rate] = f"{step.rate * 30 / pi:.4g} rpm"
-    return [next(name for rate, name in first.items() if _alike(s.rate, rate)) for s in steps]
+    return [
+        next(name for rate, name in first.items() if _is_same_rate(s.rate, rate)) for s in steps
+    ]
 
 
-def _alike(one: float, other: float) -> bool:
+def _is_same_rate(one: float, other: float) -> bool:
     return one == other or abs(one - other) < _ALIKE * abs(other)
 
 
-def mountings(steps: Sequence[Spin]) -> list[str]:
+def mounting_names(steps: Sequence[Spin]) -> list[str]:
     """Return the name of each step's mounting: its attitude's, or the first label that has it."""
     first: dict[object, str] = {}
     for step in steps:
@@ -195,9 +202,9 @@ def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array
     InputError
         A step of unknown attitude.
     """
-    out, up = directions(steps)
-    declared = bench.acting(steps)
-    mounted = mountings(steps)
+    out, up = outward_and_up_directions(steps)
+    declared = bench.acting_parameters(steps)
+    mounted = mounting_names(steps)
 
     def value(name: str) -> Array:
         return np.asarray(q.get(name, declared[name].value if name in declared else 0.0))
@@ -209,7 +216,7 @@ def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array
     w = np.array([step.rate for step in steps])
     g = value("g")[..., None]
     radius = (value("radius") if w.any() else np.zeros(()))[..., None] + of_each("seat", mounted)
-    turned = w * (1 + value("rate")[..., None] + of_each("speed", speeds(steps)))
+    turned = w * (1 + value("rate")[..., None] + of_each("speed", speed_names(steps)))
     a = radius * turned**2
     rests = [step.label for step in steps]
     lean = np.stack([of_each(f"lean_{k}", rests) for k in _LEAN], axis=-1) * (w == 0)[:, None]
@@ -233,13 +240,13 @@ def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array
     slopes |= {f"pose_{axis}": by_pose[..., k] for k, axis in enumerate(_AXES)}
     by = {
         full: np.where(rows[:, None], slopes[parameter.name], 0.0)
-        for full, parameter, rows in _acting(bench, steps)
+        for full, parameter, rows in _acting_rows(bench, steps)
     }
     return MeanMotion(Motion(f), by)
 
 
-def by_parameter(bench: RateTable, steps: Sequence[Spin]) -> Array:
+def force_sensitivities(bench: RateTable, steps: Sequence[Spin]) -> Array:
     """Return what one standard deviation of each uncertain parameter adds to f, (k, r, 3) m/s²."""
     made = sensed_motion(bench, steps, {})
-    rows = [q.sd * made.df[name] for name, q in bench.acting(steps).items() if q.sd > 0]
+    rows = [q.sd * made.df[name] for name, q in bench.acting_parameters(steps).items() if q.sd > 0]
     return np.stack(rows) if rows else np.zeros((0, len(steps), 3))

@@ -10,14 +10,14 @@ from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.data import Source
-from inercal.data.load import readback_units
+from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.plan import Spin
 from inercal.recording import Observations, Recording
 from inercal.segments.dwells import ARM_RATE
 from inercal.sensors import G0
-from inercal.sensors.affine import Affine
-from inercal.units import factor
+from inercal.sensors.affine import AffineModel
+from inercal.units import si_factor
 
 _OFF = 0.2  # of a norm, once a rough model of the triad is taken out of the readings
 _USABLE = (0.5, 2.0)  # times nominal: scale factors of a triad that a run file states rightly
@@ -63,19 +63,19 @@ def _refuse_unit(run: Source[RateTableData], off: Callable[[float], float]) -> N
     """Refuse rates in another unit; `off` is how far norms are off at rates times as large."""
     given = readback_units(run)["arm_rate"]
     for unit in _UNITS:
-        if off(factor(unit, "rad/s") / given) < _OFF / 2:
+        if off(si_factor(unit, "rad/s") / given) < _OFF / 2:
             raise InputError(
                 f"{run.path}: [data] arm_rate_unit: by the norms of the readings the rates are in "
                 f'{unit}, not in {run.data.arm_rate_unit}; state arm_rate_unit = "{unit}"'
             )
 
 
-def _made(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
+def _nominal_force(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
     """Return what is felt nominally, (r, 3) m/s², at rates `times` as large."""
     return sensed_motion(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
 
 
-def _triad(read: Array, made: Array) -> Affine | None:
+def _fit_triad(read: Array, made: Array) -> AffineModel | None:
     """Return a rough model of the triad, M a + p = f, in m/s²: by least absolute deviations.
 
     A sensor as delivered may have a bias of 0.3 g and a scale factor 20 % off. It is judged by what
@@ -106,7 +106,7 @@ def _triad(read: Array, made: Array) -> Affine | None:
     scale = np.linalg.svd(solved[:3], compute_uv=False)
     if scale[-1] < _USABLE[0] or scale[0] > _USABLE[1]:
         return None
-    return Affine(np.asarray(solved[:3].T, dtype=float), solved[3] * G0).inverse
+    return AffineModel(np.asarray(solved[:3].T, dtype=float), solved[3] * G0).inverse
 
 
 def require_rates(
@@ -121,8 +121,8 @@ def require_rates(
         return
 
     def norms(times: float) -> tuple[Array, Array]:
-        made = _made(bench, steps, times)
-        model = _triad(observations.mean, made)
+        made = _nominal_force(bench, steps, times)
+        model = _fit_triad(observations.mean, made)
         read = observations.mean if model is None else model.correct(observations.mean)
         return np.linalg.norm(read, axis=-1), np.linalg.norm(made, axis=-1)
 
@@ -148,8 +148,8 @@ def require_axes(
     """Refuse columns that are exchanged or reversed: they fit far better otherwise."""
     if len(steps) < _FEWEST:
         return
-    made, read = _made(bench, steps), observations.mean
-    model = _triad(read, made)
+    made, read = _nominal_force(bench, steps), observations.mean
+    model = _fit_triad(read, made)
     if model is not None:
         # Its bias is no sign of a wrong axis: what remains is how its axes stand.
         read = read - model.inverse.offset

@@ -33,21 +33,21 @@ from inercal.errors import InputError
 from inercal.plan import AXES, Attitude, Spin
 
 Plane = Literal["XY", "YX", "ZY"]
-Reading = Literal["azimuth", "dihedral", "successive"]
-About = Literal["tangential", "radial"]
+TiltConvention = Literal["azimuth", "dihedral", "successive"]
+TiltAxis = Literal["tangential", "radial"]
 PLANES: dict[Plane, tuple[str, str]] = {"XY": ("x", "z"), "YX": ("y", "z"), "ZY": ("z", "x")}
 RPM = pi / 30  # rad/s
-FAST, SLOW = 86.0, 46.0  # r/min
+FAST_SPEED_RPM, SLOW_SPEED_RPM = 86.0, 46.0  # r/min
 _DIGITS = ".9g"  # of a tilt in °: two that differ are two mountings, and have two names
 
 
-def mounting(
+def mounting_attitude(
     plane: Plane,
     tilt: float = 0.0,
     second: float | None = None,
     *,
-    reading: Reading = "azimuth",
-    about: About = "tangential",
+    reading: TiltConvention = "azimuth",
+    about: TiltAxis = "tangential",
 ) -> Attitude:
     """Return the attitude of a mounting, named like "XY", "XY30" or "XY135+45".
 
@@ -93,7 +93,8 @@ def mounting(
 
 
 def planar_plan(
-    speeds: Sequence[float] = (0.0, SLOW * RPM, FAST * RPM), seconds: float = 150.0
+    speeds: Sequence[float] = (0.0, SLOW_SPEED_RPM * RPM, FAST_SPEED_RPM * RPM),
+    seconds: float = 150.0,
 ) -> tuple[Spin, ...]:
     """Return the nine states of the planar method: XY, YX, ZY, each at 0, 46 and 86 r/min.
 
@@ -104,12 +105,12 @@ def planar_plan(
     seconds : float
         Length of each dwell, s.
     """
-    return tuple(_dwell(mounting(plane), w, seconds) for plane in PLANES for w in speeds)
+    return tuple(_dwell(mounting_attitude(plane), w, seconds) for plane in PLANES for w in speeds)
 
 
 def multi_angle_plan(
-    reading: Reading = "azimuth",
-    about: About = "tangential",
+    reading: TiltConvention = "azimuth",
+    about: TiltAxis = "tangential",
     *,
     one_speed: bool = False,
     seconds: float = 150.0,
@@ -132,16 +133,16 @@ def multi_angle_plan(
         Length of each dwell, s.
     """
     tilts = (30, 45, 60, 120, 135) if one_speed else (30, 60, 135)
-    single = [mounting(p, radians(t), about=about) for p in PLANES for t in tilts]
-    poses = [*single, mounting("XY", radians(135), radians(45), reading=reading)]
-    fast = [_dwell(pose, FAST * RPM, seconds) for pose in poses]
+    single = [mounting_attitude(p, radians(t), about=about) for p in PLANES for t in tilts]
+    poses = [*single, mounting_attitude("XY", radians(135), radians(45), reading=reading)]
+    fast = [_dwell(pose, FAST_SPEED_RPM * RPM, seconds) for pose in poses]
     if one_speed:
         return tuple(fast)
-    again = [mounting(p, radians(t), about=about) for p in PLANES for t in (30, 135)]
-    return (*fast, *(_dwell(pose, SLOW * RPM, seconds) for pose in again))
+    again = [mounting_attitude(p, radians(t), about=about) for p in PLANES for t in (30, 135)]
+    return (*fast, *(_dwell(pose, SLOW_SPEED_RPM * RPM, seconds) for pose in again))
 
 
-def by_mounting(steps: Sequence[Spin]) -> list[tuple[Spin, ...]]:
+def group_by_mounting(steps: Sequence[Spin]) -> list[tuple[Spin, ...]]:
     """Return the steps as they are carried out: mounting by mounting, in each by speed.
 
     Mountings follow in the order in which they first come.
@@ -152,7 +153,7 @@ def by_mounting(steps: Sequence[Spin]) -> list[tuple[Spin, ...]]:
     return [tuple(sorted(each, key=lambda step: abs(step.rate))) for each in own.values()]
 
 
-def tilted(step: Spin) -> bool:
+def is_tilted(step: Spin) -> bool:
     """Return whether a step's mounting is tilted: the centre or up is along no axis of the body."""
     if step.attitude is None:
         return False

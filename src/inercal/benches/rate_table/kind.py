@@ -1,13 +1,18 @@
 """A plain rate table, as a kind of bench."""
 
-from inercal.benches.kind import Kind, Vocabulary, by_motion, when_called
+from inercal.benches.kind_definition import (
+    Kind,
+    Vocabulary,
+    import_when_called,
+    simulate_without_sensor,
+)
 from inercal.benches.rate_table.bench import RateTable
 from inercal.benches.rate_table.report import plots
 from inercal.benches.rate_table.settings import RateTableData, RateTableSection, build
 from inercal.benches.rate_table.sheet import sheet
-from inercal.benches.rate_table.simulation import perform_on_table, seconds_on_table
-from inercal.benches.rate_table.states import tables
-from inercal.benches.report import spin_in_words
+from inercal.benches.rate_table.simulation import simulate_table_motion, table_plan_duration
+from inercal.benches.rate_table.state_table import output_tables
+from inercal.benches.report_data import describe_spin
 from inercal.plan import Spin
 
 _UNJUDGED = (
@@ -23,12 +28,12 @@ KIND = Kind(
     RateTableData,
     build,
     (Spin,),
-    when_called("inercal.benches.rate_table.reading", "observe"),
-    by_motion(perform_on_table),
-    seconds_on_table,
-    Vocabulary(row="state or mounting", turner="table", rows="states", unjudged=_UNJUDGED),
+    import_when_called("inercal.benches.rate_table.reading", "observe"),
+    simulate_without_sensor(simulate_table_motion),
+    table_plan_duration,
+    Vocabulary(row="state or mounting", turning_device="table", rows="states", unjudged=_UNJUDGED),
     sheet=sheet,
     plots=plots,
-    row=spin_in_words,
-    tables=tables,
+    row=describe_spin,
+    tables=output_tables,
 )

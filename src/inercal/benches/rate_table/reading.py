@@ -9,29 +9,34 @@ from typing import cast
 
 import numpy as np
 
-from inercal.benches.rate_table.bench import RateTable, mountings, speeds
+from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
 from inercal.benches.rate_table.checks import require_axes, require_rates, require_unit
-from inercal.benches.rate_table.fixture import PLANES, Plane, mounting
+from inercal.benches.rate_table.fixture import PLANES, Plane, mounting_attitude
 from inercal.benches.rate_table.settings import RateTableData
 from inercal.data import EstimatorInput, Source
-from inercal.data.load import (
-    columns,
+from inercal.data.recording_loader import (
     load_recording,
-    numbered,
-    plain,
+    number_repeated_names,
+    position_name,
     readback_columns,
     readback_units,
-    stated_sd,
+    reader_columns,
+    stated_deviations,
 )
 from inercal.errors import InputError
-from inercal.io.means import means_of, numbers_of, read_columns
-from inercal.io.table import Table
+from inercal.io.column_table import Table
+from inercal.io.mean_tables import number_column, observations_from_table, read_columns
 from inercal.plan import Attitude, Spin
-from inercal.recording import Finding, Recording, joined
-from inercal.segments import average_dwells, find_dwells, find_stands, left_out
+from inercal.recording import Finding, Recording, join_observations
+from inercal.segments import (
+    average_dwells,
+    find_dwells,
+    find_stationary_states,
+    omitted_state_findings,
+)
 from inercal.segments import observe as averaged
 from inercal.segments.dwells import ARM_RATE
-from inercal.units import readable
+from inercal.units import format_quantity
 
 _ANGLE = r"(-?\d+(?:\.\d+)?)\s*°?"
 _NAME = re.compile(rf"({'|'.join(PLANES)})(?:[ _]*{_ANGLE}(?:\s*\+\s*{_ANGLE})?)?")
@@ -49,7 +54,7 @@ def observe(run: Source[RateTableData]) -> EstimatorInput:
     bench: RateTable = run.bench
     if run.data.seconds is not None:
         raise InputError(f"{run.path}: [data] seconds: states are means; leave it out")
-    made = _table(run) if run.data.kind == "means" else states_of(run, load_recording(run))
+    made = _table(run) if run.data.kind == "means" else reduce_recording(run, load_recording(run))
     steps = [step for step in made.steps if isinstance(step, Spin)]
     require_rates(run, made.observations, bench, steps)
     require_axes(run, made.observations, bench, steps)
@@ -58,30 +63,36 @@ def observe(run: Source[RateTableData]) -> EstimatorInput:
 
 def _table(run: Source[RateTableData]) -> EstimatorInput:
     named, units = readback_columns(run), readback_units(run)
-    wanted = columns(run)
+    wanted = reader_columns(run)
     path = run.file(run.data.file)
     where = str(run.data.mounting)
     table = read_columns(path, wanted, [where, named["arm_rate"]])
-    rates = numbers_of(path, table, named["arm_rate"], "give the rate, 0 at rest,")
+    rates = number_column(path, table, named["arm_rate"], "give the rate, 0 at rest,")
     rates = rates * units["arm_rate"]
     poses = [
-        _pose(plain(text), f"{path} line {table.first_line + k}: column {where!r}")
+        _parse_mounting(
+            position_name(text), f"{path} line {table.first_line + k}: column {where!r}"
+        )
         for k, text in enumerate(table.columns[where].tolist())
     ]
     rpm = (rates * 30 / pi).tolist()
     names = [f"{pose.name} at {rate:.6g} rpm" for pose, rate in zip(poses, rpm, strict=True)]
-    labels = tuple(numbered(names))
+    labels = tuple(number_repeated_names(names))
     durations = np.ones(len(labels))  # nothing depends on them
-    observations = means_of(path, table, labels, wanted, run.sensor, stated_sd(run), durations)
+    observations = observations_from_table(
+        path, table, labels, wanted, run.sensor, stated_deviations(run), durations
+    )
     steps = tuple(
         Spin(label, rate, 0.0, pose)
         for label, rate, pose in zip(labels, rates.tolist(), poses, strict=True)
     )
     used = [where, named["arm_rate"], *(name for _, name, _ in wanted.channels)]
-    return EstimatorInput(None, (), observations, steps, steps, _twice(path, table, used))
+    return EstimatorInput(
+        None, (), observations, steps, steps, _duplicate_row_findings(path, table, used)
+    )
 
 
-def _twice(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]:
+def _duplicate_row_findings(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]:
     """Warn of rows that are another one's copy: each would count as a state of its own."""
     first: dict[tuple[object, ...], int] = {}
     found: list[Finding] = []
@@ -93,7 +104,7 @@ def _twice(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]
     return tuple(found)
 
 
-def states_of(run: Source[RateTableData], recording: Recording) -> EstimatorInput:
+def reduce_recording(run: Source[RateTableData], recording: Recording) -> EstimatorInput:
     """Reduce a recording: rests as they are, what turns over whole turns once it is steady.
 
     Parameters
@@ -112,24 +123,26 @@ def states_of(run: Source[RateTableData], recording: Recording) -> EstimatorInpu
     require_unit(run, recording, run.bench)
     dwells, flawed = find_dwells(recording, "table")
     turning, spun = average_dwells(recording, run.sensor, dwells)
-    rests, also = find_stands(recording)
+    rests, also = find_stationary_states(recording)
     names = [mark.label for mark in rests]
     held = [Spin(name, 0.0) for name in names]
     both = averaged(recording, run.sensor, rests, held, found=True) if rests else None
-    observations = turning if both is None else joined(turning, both)
+    observations = turning if both is None else join_observations(turning, both)
     marks = (*(dwell.mark for dwell in dwells), *rests)
     assert recording.labels is not None
     steps: list[Spin] = []
     for step, mark in zip((*spun, *held), marks, strict=True):
         text, where = str(recording.labels[mark.start]), recording.where(mark.start)
-        pose = _pose(text, f"{recording.source} {where}: column {str(run.data.mounting)!r}")
+        pose = _parse_mounting(
+            text, f"{recording.source} {where}: column {str(run.data.mounting)!r}"
+        )
         steps.append(replace(step, attitude=pose))
     flawed += also
-    findings = recording.findings + flawed + left_out(recording, marks, flawed)
+    findings = recording.findings + flawed + omitted_state_findings(recording, marks, flawed)
     return EstimatorInput(recording, marks, observations, tuple(steps), tuple(steps), findings)
 
 
-def _pose(text: str, where: str) -> Attitude:
+def _parse_mounting(text: str, where: str) -> Attitude:
     found = _NAME.fullmatch(text.strip())
     if found is None:
         raise InputError(
@@ -140,7 +153,7 @@ def _pose(text: str, where: str) -> Attitude:
     far = [tilt for tilt in (first, second) if tilt is not None and abs(float(tilt)) > _MOST_TILT]
     if far:
         raise InputError(f"{where} is {text!r}: a tilt of {far[0]}° is more than a whole turn")
-    return mounting(
+    return mounting_attitude(
         cast("Plane", plane),
         radians(float(first or 0)),
         None if second is None else radians(float(second)),
@@ -148,14 +161,14 @@ def _pose(text: str, where: str) -> Attitude:
 
 
 def _conditions(bench: RateTable, steps: Sequence[Spin]) -> dict[str, str]:
-    in_all, at = len(set(mountings(steps))), len(set(speeds(steps)))
+    in_all, at = len(set(mounting_names(steps))), len(set(speed_names(steps)))
     return {
-        "gravity": readable(bench.gravity.value, bench.gravity.sd, "m/s²"),
-        "radius": readable(bench.radius.value, bench.radius.sd, "m"),
+        "gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²"),
+        "radius": format_quantity(bench.radius.value, bench.radius.sd, "m"),
         "states": f"{len(steps)}, in {in_all} mountings at {at} speeds",
-        "angles of each mounting (k = 1)": readable(bench.pose, 0.0, "°"),
-        "radius of each mounting (k = 1)": readable(bench.seat, 0.0, "mm"),
-        "rate, common to all (k = 1)": readable(bench.rate, 0.0, "%"),
-        "speed (k = 1)": readable(bench.speed, 0.0, "%"),
-        "lean at rest, two components (k = 1)": readable(bench.lean, 0.0, "°"),
+        "angles of each mounting (k = 1)": format_quantity(bench.pose, 0.0, "°"),
+        "radius of each mounting (k = 1)": format_quantity(bench.seat, 0.0, "mm"),
+        "rate, common to all (k = 1)": format_quantity(bench.rate, 0.0, "%"),
+        "speed (k = 1)": format_quantity(bench.speed, 0.0, "%"),
+        "lean at rest, two components (k = 1)": format_quantity(bench.lean, 0.0, "°"),
     }

@@ -6,14 +6,14 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.rate_table.bench import sensed_motion
-from inercal.benches.report import Panel, Plot, Series, Shown
+from inercal.benches.report_data import Panel, Plot, ReportInput, Series
 from inercal.plan import Spin
 from inercal.sensors import G0
 
 _MG = 1e-3 * G0
 
 
-def deviations(shown: Shown) -> tuple[Array, Array, Array]:
+def deviations(shown: ReportInput) -> tuple[Array, Array, Array]:
     """Return the rates, (r,) r/min, and what readings are off as they came and corrected, (r, 3).
 
     In m/s², against what was felt nominally: the errors of mountings are in both.
@@ -25,7 +25,7 @@ def deviations(shown: Shown) -> tuple[Array, Array, Array]:
     return rates, mean - made, corrected - made
 
 
-def plots(shown: Shown) -> tuple[Plot, ...]:
+def plots(shown: ReportInput) -> tuple[Plot, ...]:
     """Return the deviations of each axis against the rate, as in the source's Figs. 3 to 9."""
     rates, before, after = deviations(shown)
     panels = tuple(

@@ -5,13 +5,13 @@ from typing import Literal
 
 from pydantic import Field
 
-from inercal.benches.declare import built, keys_of
+from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.rate_table.bench import RateTable
-from inercal.data.section import DataSection, Readback, size_of
-from inercal.settings import BenchSection, length_of
+from inercal.data.data_section import DataSection, ReadbackColumn, unit_size
+from inercal.section_settings import BenchSection, section_length
 
 
-@keys_of(RateTable)
+@add_bench_keys(RateTable)
 class RateTableSection(BenchSection):
     """[bench]: a plain rate table with a fixture, as for sensors of ship models."""
 
@@ -33,12 +33,12 @@ class RateTableData(DataSection):
         """The column that names the rows, or the sections of a recording."""
         return self.mounting if self.label is None else self.label
 
-    def readback(self, bench: RateTable) -> tuple[Readback, ...]:
+    def readback(self, bench: RateTable) -> tuple[ReadbackColumn, ...]:
         """Return the column in which the table states its rate."""
-        size = size_of(self.arm_rate_unit, "rad/s", "arm_rate_unit")
-        return (Readback("arm_rate", str(self.arm_rate), size),)
+        size = unit_size(self.arm_rate_unit, "rad/s", "arm_rate_unit")
+        return (ReadbackColumn("arm_rate", str(self.arm_rate), size),)
 
 
 def build(section: RateTableSection, folder: Path) -> RateTable:
     """Return the bench in SI; files that it names lie in `folder`."""
-    return built(RateTable, section, radius=length_of(section, "radius"))
+    return build_bench(RateTable, section, radius=section_length(section, "radius"))

@@ -5,12 +5,12 @@ from math import pi
 
 import numpy as np
 
-from inercal.benches.rate_table.bench import mountings, sensed_motion
-from inercal.benches.rate_table.fixture import PLANES, by_mounting, tilted
+from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.benches.rate_table.bench import mounting_names, sensed_motion
+from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
 from inercal.benches.rate_table.settings import RateTableData
-from inercal.benches.sheet import Heading, Row, Sheet
 from inercal.data import Source
-from inercal.data.load import readback_units
+from inercal.data.recording_loader import readback_units
 from inercal.plan import Hold, Spin
 from inercal.sensors import G0
 
@@ -18,16 +18,16 @@ from inercal.sensors import G0
 def sheet(run: Source[RateTableData]) -> Sheet:
     """Return the states of a run, mounting by mounting, in each by speed."""
     planned = [step for step in run.steps if isinstance(step, Spin)]
-    steps = [step for own in by_mounting(planned) for step in own]
-    names, data, size = mountings(steps), run.data, readback_units(run)["arm_rate"]
-    rows: list[Row] = []
+    steps = [step for own in group_by_mounting(planned) for step in own]
+    names, data, size = mounting_names(steps), run.data, readback_units(run)["arm_rate"]
+    rows: list[SheetRow] = []
     made = sensed_motion(run.bench, steps, {}).f
     for k, (name, step, f) in enumerate(zip(names, steps, made, strict=True), start=1):
         assert step.attitude is not None
-        rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).in_words()
+        rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).describe()
         reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
         rows.append(
-            Row(
+            SheetRow(
                 step.label,
                 (str(k), name, up, f"{rpm:.4g}", f"{step.seconds:g} s", *reads),
                 step.seconds,
@@ -40,27 +40,27 @@ def sheet(run: Source[RateTableData]) -> Sheet:
     return Sheet(
         f"{len(rows)} states, {minutes:.3g} min in all",
         (
-            Heading("row", right=True),
+            Heading("row", align_right=True),
             Heading("mounting"),
             Heading("up"),
-            Heading("r/min", right=True),
-            Heading("for", right=True),
-            *(Heading(f"{channel}, g", right=True) for channel in run.sensor.channels),
+            Heading("r/min", align_right=True),
+            Heading("for", align_right=True),
+            *(Heading(f"{channel}, g", align_right=True) for channel in run.sensor.channels),
         ),
         tuple(rows),
-        _notes(steps, names),
+        _operator_notes(steps, names),
         (data.mounting, data.arm_rate, *data.accelerometer),
     )
 
 
-def _notes(steps: Sequence[Spin], names: Sequence[str]) -> tuple[str, ...]:
+def _operator_notes(steps: Sequence[Spin], names: Sequence[str]) -> tuple[str, ...]:
     level = ", ".join(
         f"{plane} is {centre} to the centre and {up} up"
         for plane, (centre, up) in PLANES.items()
         if any(name.startswith(plane) for name in names)
     )
     found = [f"Mountings: {level}."]
-    if any(tilted(step) for step in steps):
+    if any(is_tilted(step) for step in steps):
         found.append(
             "XY 30 is XY turned by 30° about the tangential direction, the axis that was toward "
             "the centre rising: mind which axis comes up."

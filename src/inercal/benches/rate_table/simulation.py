@@ -19,10 +19,10 @@ from math import pi
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.contract import SimulatedMotion, one_after_another
-from inercal.benches.forces import directions
-from inercal.benches.rate_table.bench import RateTable, mountings, speeds
-from inercal.benches.rate_table.fixture import by_mounting
+from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.contract import SimulatedMotion, concatenate_motions
+from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
+from inercal.benches.rate_table.fixture import group_by_mounting
 from inercal.frames import exp_so3
 from inercal.motion import Motion
 from inercal.plan import Spin
@@ -32,7 +32,7 @@ _SETTLING = 2.0  # s at a speed, or at rest, beside the dwell that is counted
 _IDLE = 1.0  # s at rest before and after: too short for a state
 
 
-def perform_on_table(
+def simulate_table_motion(
     bench: RateTable,
     steps: Sequence[Spin],
     rate_hz: float,
@@ -59,39 +59,39 @@ def perform_on_table(
     InputError
         A step of unknown attitude.
     """
-    declared = bench.acting(steps)
+    declared = bench.acting_parameters(steps)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
-    room = bench.lean * rng.standard_normal((trials, 2))
-    named = dict(zip((step.attitude for step in steps), mountings(steps), strict=True))
-    set_to = dict(zip((step.rate for step in steps), speeds(steps), strict=True))
+    allocate_steps = bench.lean * rng.standard_normal((trials, 2))
+    named = dict(zip((step.attitude for step in steps), mounting_names(steps), strict=True))
+    set_to = dict(zip((step.rate for step in steps), speed_names(steps), strict=True))
     off = {rate: drawn.get(f"speed[{speed}]", np.zeros(trials)) for rate, speed in set_to.items()}
     parts: list[Motion] = []
     told: list[Array] = []
     labels: list[str] = []
-    for own in by_mounting(steps):
-        lean = _turned(room, rng.uniform(0, 2 * pi, trials))
+    for own in group_by_mounting(steps):
+        lean = _rotate_horizontal(allocate_steps, rng.uniform(0, 2 * pi, trials))
         for step in own:
             if step.rate == 0:
                 drawn |= {f"lean_{k + 1}[{step.label}]": lean[:, k] for k in (0, 1)}
         profile = _profile(own, off, rate_hz)
         name = named[own[0].attitude]
-        parts.append(_felt(bench, own[0], name, drawn, profile, lean, rate_hz))
+        parts.append(_sensed_motion(bench, own[0], name, drawn, profile, lean, rate_hz))
         told.append(profile[0])
         labels += [name] * profile[0].size
     time = np.arange(len(labels)) / rate_hz
     readback = {"arm_rate": np.concatenate(told)}
-    return SimulatedMotion(time, one_after_another(parts), np.array(labels), drawn, readback)
+    return SimulatedMotion(time, concatenate_motions(parts), np.array(labels), drawn, readback)
 
 
-def seconds_on_table(bench: RateTable, steps: Sequence[Spin]) -> float:
+def table_plan_duration(bench: RateTable, steps: Sequence[Spin]) -> float:
     """Return how long these steps last, from the first mounting's rest to the last one's."""
     return sum(
-        _IDLE * 2 + sum(step.seconds + _SETTLING for step in own) + sum(_ramps(own))
-        for own in by_mounting(steps)
+        _IDLE * 2 + sum(step.seconds + _SETTLING for step in own) + sum(_ramp_durations(own))
+        for own in group_by_mounting(steps)
     )
 
 
-def _ramps(steps: Sequence[Spin]) -> list[float]:
+def _ramp_durations(steps: Sequence[Spin]) -> list[float]:
     """Return the seconds from each speed to the next, from rest and to rest again."""
     rates = [0.0, *(step.rate for step in steps), 0.0]
     return (1.5 * np.abs(np.diff(rates)) / SPIN_UP).tolist()
@@ -109,8 +109,8 @@ def _profile(
     still = np.zeros(rest)
     rates = [0.0, *(step.rate for step in steps), 0.0]
     factors = [1 + off[step.rate] for step in (steps[0], *steps, steps[-1])]
-    pieces: list[tuple[Array, Array, Array]] = [(still, still, _held(factors[0], rest))]
-    for k, length in enumerate(_ramps(steps)):
+    pieces: list[tuple[Array, Array, Array]] = [(still, still, _repeat_factor(factors[0], rest))]
+    for k, length in enumerate(_ramp_durations(steps)):
         n = round(length * rate_hz)
         s = (np.arange(n) + 0.5) / max(n, 1)
         share, change = 3 * s**2 - 2 * s**3, rates[k + 1] - rates[k]
@@ -122,19 +122,19 @@ def _profile(
         if k < len(steps):
             hold = round((_SETTLING + steps[k].seconds) * rate_hz)
             level = np.full(hold, rates[k + 1])
-            pieces.append((level, np.zeros(hold), _held(factors[k + 1], hold)))
-    pieces.append((still, still, _held(factors[-1], rest)))
+            pieces.append((level, np.zeros(hold), _repeat_factor(factors[k + 1], hold)))
+    pieces.append((still, still, _repeat_factor(factors[-1], rest)))
     told, slope, factor = (
         np.concatenate([piece[k] for piece in pieces], axis=-1) for k in range(3)
     )
     return told, slope, factor
 
 
-def _held(factor: Array, n: int) -> Array:
+def _repeat_factor(factor: Array, n: int) -> Array:
     return np.repeat(factor[:, None], n, axis=1)
 
 
-def _felt(
+def _sensed_motion(
     bench: RateTable,
     step: Spin,
     name: str,
@@ -152,11 +152,11 @@ def _felt(
     radius = drawn.get("radius", nothing + bench.radius.value)[:, None]
     radius = radius + drawn.get(f"seat[{name}]", nothing)[:, None]
     g = drawn["g"][:, None]
-    swing = _turned(lean[:, None], azimuth)
+    swing = _rotate_horizontal(lean[:, None], azimuth)
     inwards = radius * rate**2 + g * swing[..., 0]
     forwards = -radius * slope * (factor + common) + g * swing[..., 1]
     upwards = np.broadcast_to(g * np.sqrt(1 - (lean**2).sum(-1, keepdims=True)), rate.shape)
-    (out,), (up,) = directions([step])
+    (out,), (up,) = outward_and_up_directions([step])
     nominal = np.stack([-out, np.cross(up, -out), up], axis=-1)  # body by table
     pose = np.stack([drawn[f"pose_{axis}[{name}]"] for axis in "xyz"], axis=-1)
     body = exp_so3(pose) @ nominal
@@ -164,7 +164,7 @@ def _felt(
     return Motion(f, rate[..., None] * body[:, None, :, 2])
 
 
-def _turned(vector: Array, azimuth: Array) -> Array:
+def _rotate_horizontal(vector: Array, azimuth: Array) -> Array:
     """Return a vector of the room, (..., 2), as a table that has turned by an azimuth has it."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     x, y = vector[..., 0], vector[..., 1]

@@ -8,7 +8,7 @@ from inercal.data import Source
 from inercal.errors import InputError
 
 
-def turntable_of(run: Source[Any]) -> Turntable:
+def require_turntable(run: Source[Any]) -> Turntable:
     """Return the bench of a run that must be a turntable.
 
     Raises
@@ -26,7 +26,7 @@ def is_turntable(bench: object) -> TypeGuard[Turntable]:
     return isinstance(bench, Turntable)
 
 
-def data_of(run: Source[Any]) -> TurntableData:
+def require_turntable_data(run: Source[Any]) -> TurntableData:
     """Return [data] of a run that must be on a turntable.
 
     Raises
@@ -34,8 +34,14 @@ def data_of(run: Source[Any]) -> TurntableData:
     InputError
         It is on another bench.
     """
-    turntable_of(run)
+    require_turntable(run)
     return run.data
 
 
-__all__ = ["Turntable", "TurntableData", "data_of", "is_turntable", "turntable_of"]
+__all__ = [
+    "Turntable",
+    "TurntableData",
+    "is_turntable",
+    "require_turntable",
+    "require_turntable_data",
+]

@@ -50,7 +50,7 @@ class Misalignment:
     by: Array
 
 
-def reference(bench: Turntable, angles: Array) -> Array:
+def reference_attitude(bench: Turntable, angles: Array) -> Array:
     """Return the attitude, body to level, that the readback says.
 
     Parameters
@@ -69,10 +69,10 @@ def reference(bench: Turntable, angles: Array) -> Array:
     InputError
         Angles of another number of axes.
     """
-    return attitude(bench, angles, {})
+    return true_attitude(bench, angles, {})
 
 
-def attitude(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
+def true_attitude(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
     """Return the true attitude, body to level, `mat_nb`, (..., n, 3, 3).
 
     Parameters
@@ -88,12 +88,12 @@ def attitude(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
     InputError
         Angles of another number of axes.
     """
-    return _turned(bench, angles, q)[0]
+    return _attitude_and_axes(bench, angles, q)[0]
 
 
-def readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
+def ideal_readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
     """Return what the axes read at true angles (..., n, k), rad, but for noise and delay."""
-    angles = _of_axes(bench, angles)
+    angles = _checked_angles(bench, angles)
     zero = np.zeros(())
     columns: list[Array] = []
     for i, name in enumerate(bench.names):
@@ -107,7 +107,7 @@ def readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
-def misalignment(bench: Turntable, angles: Array) -> Misalignment:
+def linear_misalignment(bench: Turntable, angles: Array) -> Misalignment:
     """Return how each parameter of the table turns the attitude at readback angles, to first order.
 
     Parameters
@@ -121,14 +121,14 @@ def misalignment(bench: Turntable, angles: Array) -> Misalignment:
     InputError
         Angles of another number of axes.
     """
-    angles = _of_axes(bench, angles)
+    angles = _checked_angles(bench, angles)
     east, north, up = np.eye(3)
     by: dict[str, Array] = {"lean_x": east, "lean_y": north, "azimuth": -up}
-    mat = _base(bench, {})
+    mat = _base_attitude(bench, {})
     letters = ["xyz".index(a) for a in bench.axes]
-    between = [*_between(bench), None]
+    between = [*_orthogonal_axes(bench), None]
     for i, (name, axis, third) in enumerate(zip(bench.names, letters, between, strict=True)):
-        mat = mat @ _rotation(axis, angles[..., i])
+        mat = mat @ _axis_rotation(axis, angles[..., i])
         along = mat[..., axis]
         for h in range(1, len(bench.harmonics) + 1):
             phase = h * angles[..., i, None]
@@ -161,7 +161,7 @@ def motion(
     InputError
         Angles of another number of axes.
     """
-    mat, axes = _turned(bench, angles, q)
+    mat, axes = _attitude_and_axes(bench, angles, q)
     up, north = earth_rate_up_north(bench.latitude)
     earth = north * mat[..., 1, :] + up * mat[..., 2, :]
     v, dv = np.zeros_like(earth), np.zeros_like(earth)
@@ -170,58 +170,62 @@ def motion(
         dv = dv + accelerations[..., i, None] * u + rates[..., i, None] * _cross(u, v)
         v = v + rates[..., i, None] * u
     w, dw = earth + v, _cross(earth, v) + dv
-    f = _value(bench, q, "g")[..., None, None] * mat[..., 2, :]
+    f = _parameter_value(bench, q, "g")[..., None, None] * mat[..., 2, :]
     lever = np.stack(
-        np.broadcast_arrays(*(_value(bench, q, f"lever_{a}") for a in "xyz")), axis=-1
+        np.broadcast_arrays(*(_parameter_value(bench, q, f"lever_{a}") for a in "xyz")), axis=-1
     )[..., None, :]
     if lever.any():
         f = f + _cross(dw, lever) + _cross(w, _cross(w, lever))
     return Motion(f, w, dw)
 
 
-def _turned(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> tuple[Array, list[Array]]:
+def _attitude_and_axes(
+    bench: Turntable, angles: Array, q: Mapping[str, Array]
+) -> tuple[Array, list[Array]]:
     """Return the attitude, and each axis' direction in the body, (..., n, 3)."""
-    angles = _of_axes(bench, angles)
+    angles = _checked_angles(bench, angles)
     letters = ["xyz".index(a) for a in bench.axes]
     within: Array = np.eye(3)  # the rotation of all that follows an axis
     axes: list[Array] = []
     for i in reversed(range(len(letters))):
         if i + 1 < len(letters):
-            third, size = _between(bench)[i], _value(bench, q, f"square_{i + 1}")
-            within = _rotation(third, size)[..., None, :, :] @ within
+            third, size = _orthogonal_axes(bench)[i], _parameter_value(bench, q, f"square_{i + 1}")
+            within = _axis_rotation(third, size)[..., None, :, :] @ within
         axes.append(within[..., letters[i], :])
-        within = _rotation(letters[i], angles[..., i]) @ within
-    return _base(bench, q) @ within, axes[::-1]
+        within = _axis_rotation(letters[i], angles[..., i]) @ within
+    return _base_attitude(bench, q) @ within, axes[::-1]
 
 
-def _base(bench: Turntable, q: Mapping[str, Array]) -> Array:
+def _base_attitude(bench: Turntable, q: Mapping[str, Array]) -> Array:
     """Return T, (..., 1, 3, 3)."""
-    return _tilted(bench, q) if q else _declared_base(bench)
+    return _tilted_base(bench, q) if q else _declared_base(bench)
 
 
 @lru_cache(maxsize=16)
 def _declared_base(bench: Turntable) -> Array:
     """Return T of the bench as declared; it is read only."""
-    made = _tilted(bench, {})
+    made = _tilted_base(bench, {})
     made.setflags(write=False)
     return made
 
 
-def _tilted(bench: Turntable, q: Mapping[str, Array]) -> Array:
-    x, y, azimuth = (_value(bench, q, name) for name in ("lean_x", "lean_y", "azimuth"))
-    return (_rotation(0, x) @ _rotation(1, y) @ _rotation(2, -azimuth))[..., None, :, :]
+def _tilted_base(bench: Turntable, q: Mapping[str, Array]) -> Array:
+    x, y, azimuth = (_parameter_value(bench, q, name) for name in ("lean_x", "lean_y", "azimuth"))
+    return (_axis_rotation(0, x) @ _axis_rotation(1, y) @ _axis_rotation(2, -azimuth))[
+        ..., None, :, :
+    ]
 
 
-def _between(bench: Turntable) -> list[int]:
+def _orthogonal_axes(bench: Turntable) -> list[int]:
     """Return the axis that is neither of each two neighbours: they miss a right angle about it."""
     return [3 - "xyz".index(a) - "xyz".index(b) for a, b in pairwise(bench.axes)]
 
 
-def _value(bench: Turntable, q: Mapping[str, Array], name: str) -> Array:
-    return np.asarray(q[name] if name in q else bench.acting()[name].value, dtype=float)
+def _parameter_value(bench: Turntable, q: Mapping[str, Array], name: str) -> Array:
+    return np.asarray(q[name] if name in q else bench.acting_parameters()[name].value, dtype=float)
 
 
-def _rotation(axis: int, angle: ArrayLike) -> Array:
+def _axis_rotation(axis: int, angle: ArrayLike) -> Array:
     """Return rotations by angles (...) about one axis, (..., 3, 3)."""
     angle = np.asarray(angle, dtype=float)
     j, k = (axis + 1) % 3, (axis + 2) % 3
@@ -238,7 +242,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
-def _of_axes(bench: Turntable, angles: Array) -> Array:
+def _checked_angles(bench: Turntable, angles: Array) -> Array:
     angles = np.asarray(angles, dtype=float)
     k = len(bench.axes)
     if angles.shape[-1:] != (k,):
@@ -246,7 +250,7 @@ def _of_axes(bench: Turntable, angles: Array) -> Array:
     return angles
 
 
-def earth(bench: Turntable) -> Array:
+def earth_rate_level_frame(bench: Turntable) -> Array:
     """Return the earth's rate in the level frame, (3,) rad/s."""
     up, north = earth_rate_up_north(bench.latitude)
     return np.array([0.0, north, up])

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, radians
 
-from inercal.benches.declare import constant, declared_parameters, deviation, small_angle
-from inercal.benches.turntable.moves import Limits
+from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
+from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.parameters import Parameter, local_gravity
@@ -32,7 +32,7 @@ from inercal.units import Measured
 
 _NAMES = {1: ("outer",), 2: ("outer", "inner"), 3: ("outer", "middle", "inner")}
 _EXACT = Measured(0.0, 0.0)
-_ORDINARY = (Limits(radians(30), radians(30)),)
+_DEFAULT_LIMITS = (AxisMotionLimits(radians(30), radians(30)),)
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Turntable:
         Standard deviation of the rate of the readback's clock against the IMU's, relative.
     lever : tuple of three Measured
         From where the axes cross to the IMU's centre, in the body, m.
-    limits : tuple of Limits
+    limits : tuple of AxisMotionLimits
         Of each axis in their order, or one for all.
 
     Raises
@@ -88,7 +88,7 @@ class Turntable:
     latency: Measured = constant("s", "0 ms ± 5 ms", "delay of the readback")
     clock: float = deviation("1", "0 ppm", "rate of the readback's clock")
     lever: tuple[Measured, Measured, Measured] = (_EXACT, _EXACT, _EXACT)
-    limits: tuple[Limits, ...] = _ORDINARY
+    limits: tuple[AxisMotionLimits, ...] = _DEFAULT_LIMITS
 
     def __post_init__(self) -> None:
         k = len(self.axes)
@@ -119,7 +119,7 @@ class Turntable:
         return _NAMES[len(self.axes)]
 
     @property
-    def limits_of_axes(self) -> tuple[Limits, ...]:
+    def axis_motion_limits(self) -> tuple[AxisMotionLimits, ...]:
         """The limits of each axis, outermost first."""
         return self.limits if len(self.limits) > 1 else self.limits * len(self.axes)
 
@@ -133,7 +133,7 @@ class Turntable:
         return (
             local_gravity(self.gravity),
             *declared_parameters(self, "lean"),
-            Parameter.measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
+            Parameter.from_measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
             *(
                 Parameter(f"square_{i}", "rad", self.square, "run", 0.0, f"{one} against {other}")
                 for i, (one, other) in enumerate(
@@ -161,8 +161,8 @@ class Turntable:
 
     def nuisances(self, steps: Sequence[TableStep], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters by name: all act on every step."""
-        return self.acting()
+        return self.acting_parameters()
 
-    def acting(self) -> dict[str, Parameter]:
+    def acting_parameters(self) -> dict[str, Parameter]:
         """Return the same."""
         return self._by_name.copy()

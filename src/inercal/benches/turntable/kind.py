@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.contract import Simulated
-from inercal.benches.kind import Kind, Vocabulary, when_called
+from inercal.benches.contract import SensorSimulation
+from inercal.benches.kind_definition import Kind, Vocabulary, import_when_called
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.path_file import on_path
+from inercal.benches.turntable.path_file import path_plan
 from inercal.benches.turntable.report import directions
 from inercal.benches.turntable.settings import TurntableData, TurntableSection, build
-from inercal.benches.turntable.simulation import perform_on_turntable, seconds_on_turntable
-from inercal.benches.turntable.written import files, numbered
+from inercal.benches.turntable.simulated_files import add_hold_numbers, readback_files
+from inercal.benches.turntable.simulation import simulate_turntable_motion, turntable_path_duration
 from inercal.plan import Position, Rotation, TableStep
 from inercal.sensors import Noise, Sensor
 
@@ -26,12 +26,14 @@ def _simulate(
     trials: int,
     sensor: Sensor,
     carried: bool,
-) -> Simulated:
-    done = numbered(bench, steps, perform_on_turntable(bench, steps, rate_hz, rng, trials))
-    return Simulated(done, *_flickering(sensor, done.motion.f.shape[:-1], rate_hz, rng))
+) -> SensorSimulation:
+    done = add_hold_numbers(
+        bench, steps, simulate_turntable_motion(bench, steps, rate_hz, rng, trials)
+    )
+    return SensorSimulation(done, *_split_flicker(sensor, done.motion.f.shape[:-1], rate_hz, rng))
 
 
-def _flickering(
+def _split_flicker(
     sensor: Sensor, shape: tuple[int, ...], rate_hz: float, rng: np.random.Generator
 ) -> tuple[Sensor, Array]:
     """Return a sensor without flicker, and the flicker of its biases about the mean, SI.
@@ -64,13 +66,13 @@ KIND = Kind(
     TurntableData,
     build,
     (Position, Rotation),
-    when_called("inercal.benches.turntable.reading", "observe"),
+    import_when_called("inercal.benches.turntable.reading", "observe"),
     _simulate,
-    seconds_on_turntable,
+    turntable_path_duration,
     Vocabulary(components=""),
     refuses_budget=_refuses_budget,
     sampled=True,
-    plan=on_path,
-    files=files,
+    plan=path_plan,
+    files=readback_files,
     directions=directions,
 )

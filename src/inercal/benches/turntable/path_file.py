@@ -23,10 +23,10 @@ from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import PATHS
 from inercal.errors import InputError
+from inercal.io.column_table import Table
 from inercal.io.read import read_table
-from inercal.io.table import Table
 from inercal.plan import Position, Rotation, Step, TableStep
-from inercal.units import factor
+from inercal.units import si_factor
 
 _WORDS = ("label", "kind", "axis")
 _LIKE = {"seconds": "s", "angle": "°", "rate": "°/s"}
@@ -64,7 +64,7 @@ def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
         own = {name: values[row] for name, values in words.items()}
         size = {name: float(values[row]) for name, values in numbers.items()}
         try:
-            steps.append(_step(own, size, axes))
+            steps.append(_parse_step(own, size, axes))
             if own["label"] in words["label"][:row]:
                 raise InputError(f"label {own['label']!r} comes twice")
         except InputError as error:
@@ -92,7 +92,7 @@ def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Arra
         if name in found:
             raise InputError(f"{path.name}: column {name!r} comes twice")
         try:
-            size = factor(headed[2], likes[name])
+            size = si_factor(headed[2], likes[name])
         except InputError as error:
             raise InputError(f"{path.name}: column {header!r}: {error}") from None
         found[name] = size * table.numbers(header)
@@ -102,7 +102,7 @@ def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Arra
     return found
 
 
-def _step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) -> TableStep:
+def _parse_step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) -> TableStep:
     label, kind = words["label"], words["kind"]
     if not label:
         raise InputError("a step needs a label")
@@ -118,7 +118,7 @@ def _step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) ->
     axis = words.get("axis", "")
     if axis not in axes:
         raise InputError(f"rotation {label}: axis {axis!r}; it is {' or '.join(axes)}")
-    angle, rate = _given(size, "angle", label), _given(size, "rate", label)
+    angle, rate = _required_quantity(size, "angle", label), _required_quantity(size, "rate", label)
     if angle == 0:
         raise InputError(f"rotation {label}: its angle is 0; give one, negative for the other way")
     if rate <= 0:
@@ -130,7 +130,7 @@ def _step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) ->
 
 
 def _seconds(size: dict[str, float], label: str) -> float:
-    seconds = _given(size, "seconds", label)
+    seconds = _required_quantity(size, "seconds", label)
     if not 0 < seconds <= _LONGEST:
         what = "more than a day" if seconds > 0 else "give it > 0"
         raise InputError(f"position {label}: {seconds:.6g} s; {what}")
@@ -147,7 +147,7 @@ def _angles(size: dict[str, float], axes: Sequence[str]) -> tuple[float, ...] | 
     return angles
 
 
-def _given(size: dict[str, float], name: str, label: str) -> float:
+def _required_quantity(size: dict[str, float], name: str, label: str) -> float:
     value = size.get(name, np.nan)
     if np.isnan(value):
         raise InputError(f"{label}: {name} is missing")
@@ -162,7 +162,7 @@ def _refuse_needless(
             raise InputError(f"a {kind} has no {name}: leave the cell empty")
 
 
-def on_path(
+def path_plan(
     options: Mapping[str, Any], bench: Turntable, folder: Path, plan: Callable[[], tuple[Step, ...]]
 ) -> Callable[[], tuple[Step, ...]]:
     """Return the plan; of a file it is read when it is asked for.
@@ -186,7 +186,7 @@ def on_path(
     name = options.get("path")
     if name is None or name in PATHS:
         if len(bench.axes) != _AXES:
-            return _refused(
+            return _refusing_plan(
                 f"path: {name or next(iter(PATHS))} is of three axes, this table has "
                 f"{len(bench.axes)}: name a file of its steps"
             )
@@ -199,7 +199,7 @@ def on_path(
     return partial(read_path, file, bench.names)
 
 
-def _refused(words: str) -> Callable[[], tuple[Step, ...]]:
+def _refusing_plan(words: str) -> Callable[[], tuple[Step, ...]]:
     """Return a plan that is refused where it is asked for: a calibration can do without."""
 
     def plan() -> tuple[Step, ...]:

@@ -33,7 +33,7 @@ _SLOW, _FAST = radians(10), radians(30)  # rad/s
 _TWICE, _THRICE = radians(720), radians(1080)
 
 
-def named(path: str = "paper", seconds: float = 90.0) -> tuple[TableStep, ...]:
+def path_by_name(path: str = "paper", seconds: float = 90.0) -> tuple[TableStep, ...]:
     """Return a path by name, with positions of so many seconds.
 
     Raises
@@ -46,13 +46,13 @@ def named(path: str = "paper", seconds: float = 90.0) -> tuple[TableStep, ...]:
     return PATHS[path](seconds)
 
 
-def paper(seconds: float = 90.0) -> tuple[TableStep, ...]:
+def paper_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
     """Return the path of the source, with positions of so many seconds."""
     turns = (Rotation(f"{x}+", axis, _TWICE, _SLOW, _HOME) for x, axis in _AXIS.items())
     return (_WARM_UP, *_positions(seconds), *turns, _REST)
 
 
-def fast(seconds: float = 90.0) -> tuple[TableStep, ...]:
+def fast_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
     """Return the same path with turns of 30 °/s there and back."""
     turns = (
         Rotation(f"{x}{sign}", axis, angle, _FAST, _HOME)
@@ -62,7 +62,7 @@ def fast(seconds: float = 90.0) -> tuple[TableStep, ...]:
     return (_WARM_UP, *_positions(seconds), *turns, _REST)
 
 
-def discrete(seconds: float = 90.0) -> tuple[TableStep, ...]:
+def discrete_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
     """Return six positions of so many seconds, with steady rates about the vertical in each."""
     steps: list[TableStep] = [_WARM_UP]
     for name, degrees in _SIX.items():
@@ -81,8 +81,8 @@ def _positions(seconds: float) -> list[Position]:
 
 
 PATHS: Mapping[str, Callable[[float], tuple[TableStep, ...]]] = {
-    "paper": paper,
-    "fast": fast,
-    "discrete": discrete,
+    "paper": paper_path,
+    "fast": fast_path,
+    "discrete": discrete_path,
 }
 """By name, of the seconds that a position lasts."""

@@ -5,26 +5,26 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from inercal.benches.declare import built, keys_of
+from inercal.benches.key_declarations import add_bench_keys, build_bench
+from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.moves import Limits
-from inercal.data.section import DataSection, Readback, size_of
+from inercal.data.data_section import DataSection, ReadbackColumn, unit_size
 from inercal.errors import InputError
-from inercal.settings import (
+from inercal.section_settings import (
     PLANNING,
     BenchSection,
-    constant_of,
-    harmonics_of,
-    measured,
+    measured_constant,
+    section_constant,
+    section_harmonics,
     si_value,
 )
 
 _WIDEST_AZIMUTH = 0.0873  # rad
 _LONGEST_LEVER = 1.0  # m
-HOLD = "hold"  # among what the table reads back: numbers of its holds
+HOLD_COLUMN = "hold"  # among what the table reads back: numbers of its holds
 
 
-@keys_of(Turntable, after={"harmonics": "square", "lever": "clock"})
+@add_bench_keys(Turntable, after={"harmonics": "square", "lever": "clock"})
 class TurntableSection(BenchSection):
     """[bench]: a turntable of one to three axes."""
 
@@ -81,7 +81,7 @@ class TurntableData(DataSection):
             )
         return self
 
-    def readback(self, bench: Turntable) -> tuple[Readback, ...]:
+    def readback(self, bench: Turntable) -> tuple[ReadbackColumn, ...]:
         """Return the columns of the axes' angles: of their own names unless `table` says otherwise.
 
         Raises
@@ -95,16 +95,16 @@ class TurntableData(DataSection):
                 f"[data] table: name the column of each axis, {', '.join(bench.names)}; there are "
                 f"{len(columns)}"
             )
-        size = size_of(self.table_unit, "°", "table_unit")
+        size = unit_size(self.table_unit, "°", "table_unit")
         found = [
-            Readback(name, text.removeprefix("-"), -size if text.startswith("-") else size)
+            ReadbackColumn(name, text.removeprefix("-"), -size if text.startswith("-") else size)
             for name, text in zip(bench.names, map(str, columns), strict=True)
         ]
         if self.hold is not None:
-            found.append(Readback(HOLD, str(self.hold), 1.0))
+            found.append(ReadbackColumn(HOLD_COLUMN, str(self.hold), 1.0))
         return tuple(found)
 
-    def others(self) -> dict[str, str]:
+    def further_files(self) -> dict[str, str]:
         """Return the file of the readback, if it has its own."""
         return {} if self.table_file is None else {"readback": self.table_file}
 
@@ -113,31 +113,33 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
     """Return the bench in SI; files that it names lie in `folder`."""
     if section.latitude is None:
         raise InputError("[bench] latitude is missing: gyros on a turntable feel the earth's rate")
-    x, y, z = (measured(arm, "m", "[bench] lever", last_digit=False) for arm in section.lever)
+    x, y, z = (
+        measured_constant(arm, "m", "[bench] lever", last_digit=False) for arm in section.lever
+    )
     if not all(abs(arm.value) + 2 * arm.sd <= _LONGEST_LEVER for arm in (x, y, z)):
         raise InputError(
             f"[bench] lever: {', '.join(section.lever)}: an IMU on a table is no more than 1 m "
             "from where the axes cross"
         )
-    azimuth = constant_of(section, "azimuth", "°")
+    azimuth = section_constant(section, "azimuth", "°")
     if azimuth.sd > _WIDEST_AZIMUTH:
         raise InputError(
             f"[bench] azimuth: {section.azimuth!r}: its deviation is more than 5°, beyond which "
             "what it does is not linear; state it nearer"
         )
-    return built(
+    return build_bench(
         Turntable,
         section,
         latitude=si_value(section.latitude, "°", "[bench] latitude"),
         azimuth=azimuth,
         axes=section.axes,
-        harmonics=harmonics_of(section, "harmonics"),
+        harmonics=section_harmonics(section, "harmonics"),
         lever=(x, y, z),
         limits=_limits(section),
     )
 
 
-def _limits(section: TurntableSection) -> tuple[Limits, ...]:
+def _limits(section: TurntableSection) -> tuple[AxisMotionLimits, ...]:
     """Return the limits of all axes alike, or of each where one key has several."""
     likes = {"rate": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
     stated: dict[str, tuple[str, ...]] = {name: getattr(section, name) for name in likes}
@@ -151,9 +153,9 @@ def _limits(section: TurntableSection) -> tuple[Limits, ...]:
             each[name] = [*values] * (axes // len(values))
         else:
             raise InputError(f"[bench] {name}: {len(values)} limits; give one for all axes or each")
-    made: list[Limits] = []
+    made: list[AxisMotionLimits] = []
     for rate, acceleration, jerk in zip(*each.values(), strict=True):
         assert rate is not None  # only a jerk may be without limit
         assert acceleration is not None
-        made.append(Limits(rate, acceleration, jerk))
+        made.append(AxisMotionLimits(rate, acceleration, jerk))
     return tuple(made)

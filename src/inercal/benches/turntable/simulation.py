@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.contract import SimulatedMotion
-from inercal.benches.turntable.attitude import motion, readback
+from inercal.benches.turntable.attitude import ideal_readback, motion
+from inercal.benches.turntable.axis_profiles import AxisProfile, join_profiles, move_profile
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.moves import Course, follow, move
 from inercal.errors import InputError
-from inercal.io.table import blocks
+from inercal.io.column_table import row_blocks
 from inercal.motion import Motion
 from inercal.plan import Position, Rotation, TableStep
 
@@ -28,12 +28,12 @@ _BLOCK = 1 << 13  # samples at a time: their matrices stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
-class Travel:
+class PathProfile:
     """The way of all axes through a path.
 
     Parameters
     ----------
-    axes : tuple of k Course
+    axes : tuple of k AxisProfile
         The outermost first.
     labels : tuple of str
         Of each section; empty of a move between steps.
@@ -41,24 +41,24 @@ class Travel:
         When each section ends, s; the first one starts at 0.
     """
 
-    axes: tuple[Course, ...]
+    axes: tuple[AxisProfile, ...]
     labels: tuple[str, ...]
     ends: Array
 
-    def at(self, time: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, time: Array) -> tuple[Array, Array, Array]:
         """Return angles, rates and accelerations at times (n,), (n, k) each: rad, s."""
-        parts = zip(*(axis.at(time) for axis in self.axes), strict=True)
+        parts = zip(*(axis.evaluate(time) for axis in self.axes), strict=True)
         angles, rates, accelerations = (np.stack(part, axis=-1) for part in parts)
         return angles, rates, accelerations
 
-    def labels_at(self, rate_hz: float) -> NDArray[np.str_]:
+    def sample_labels(self, rate_hz: float) -> NDArray[np.str_]:
         """Return the label of each sample; one at the very end of a section belongs to it."""
         last = np.floor(self.ends * rate_hz + _ROUNDED).astype(np.int64)
         samples = np.diff(last, prepend=0)
         return np.repeat(np.array(["", *self.labels]), [1, *samples])
 
 
-def travel(bench: Turntable, steps: Sequence[TableStep]) -> Travel:
+def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
     """Return the way through the steps.
 
     Raises
@@ -69,15 +69,15 @@ def travel(bench: Turntable, steps: Sequence[TableStep]) -> Travel:
     if not steps:
         raise InputError("turntable: a path without steps leads nowhere")
     time, now = 0.0, np.zeros(len(bench.axes))
-    moves: list[list[tuple[float, float, Course]]] = [[] for _ in bench.axes]
+    moves: list[list[tuple[float, float, AxisProfile]]] = [[] for _ in bench.axes]
     sections: list[tuple[str, float]] = []
     for step in steps:
         _refuse_step(bench, step)
         if step.angles is not None:
             longest = 0.0
-            for i, way in enumerate(_nearest(now, np.array(step.angles))):
+            for i, way in enumerate(_nearest_rotation(now, np.array(step.angles))):
                 if abs(way) > _THERE:
-                    seconds, course = move(way, bench.limits_of_axes[i])
+                    seconds, course = move_profile(way, bench.axis_motion_limits[i])
                     moves[i].append((time, now[i], course))
                     now[i] += way
                     longest = max(longest, seconds)
@@ -86,17 +86,17 @@ def travel(bench: Turntable, steps: Sequence[TableStep]) -> Travel:
         if isinstance(step, Position):
             time += step.seconds
         else:
-            limits = replace(bench.limits_of_axes[step.axis], rate=step.rate)
-            seconds, course = move(step.angle, limits)
+            limits = replace(bench.axis_motion_limits[step.axis], rate=step.rate)
+            seconds, course = move_profile(step.angle, limits)
             moves[step.axis].append((time, now[step.axis], course))
             now[step.axis] += step.angle
             time += seconds
         sections.append((step.label, time))
     labels, ends = zip(*sections, strict=True)
-    return Travel(tuple(follow(one, 0.0) for one in moves), labels, np.array(ends))
+    return PathProfile(tuple(join_profiles(one, 0.0) for one in moves), labels, np.array(ends))
 
 
-def _nearest(now: Array, goal: Array) -> Array:
+def _nearest_rotation(now: Array, goal: Array) -> Array:
     """Return the way from angles to the nearest of all that equal the goal, (k,) rad."""
     return goal + 2 * pi * np.round((now - goal) / (2 * pi)) - now
 
@@ -108,7 +108,7 @@ def _refuse_step(bench: Turntable, step: TableStep) -> None:
     if isinstance(step, Rotation):
         if step.axis >= k:
             raise InputError(f"{step.label}: axis {step.axis}; the turntable has 0 to {k - 1}")
-        most = bench.limits_of_axes[step.axis].rate
+        most = bench.axis_motion_limits[step.axis].rate
         if step.rate > most * (1 + _ROUNDED):
             raise InputError(
                 f"{step.label}: {degrees(step.rate):.6g} °/s is beyond the limit of the "
@@ -116,12 +116,12 @@ def _refuse_step(bench: Turntable, step: TableStep) -> None:
             )
 
 
-def seconds_on_turntable(bench: Turntable, steps: Sequence[TableStep]) -> float:
+def turntable_path_duration(bench: Turntable, steps: Sequence[TableStep]) -> float:
     """Return how long a path takes with all its moves, s."""
-    return float(travel(bench, steps).ends[-1])
+    return float(path_profile(bench, steps).ends[-1])
 
 
-def perform_on_turntable(
+def simulate_turntable_motion(
     bench: Turntable,
     steps: Sequence[TableStep],
     rate_hz: float,
@@ -154,49 +154,53 @@ def perform_on_turntable(
     Raises
     ------
     InputError
-        As `travel`.
+        As `path_profile`.
     """
-    way = travel(bench, steps)
-    labels = way.labels_at(rate_hz)
+    way = path_profile(bench, steps)
+    labels = way.sample_labels(rate_hz)
     time: Array = np.arange(labels.size) / rate_hz
-    declared = bench.acting()
+    declared = bench.acting_parameters()
     drawn = {n: p.value + p.sd * rng.standard_normal(trials) for n, p in declared.items()}
-    stamps = time if readback_hz is None else _stamps(time[-1], readback_hz)
+    stamps = time if readback_hz is None else _readback_times(time[-1], readback_hz)
     f, w, dw = (np.empty((trials, time.size, 3)) for _ in range(3))
     said = np.empty((trials, time.size, len(bench.axes)))
     for k in range(trials):
         q = {name: values[k] for name, values in drawn.items()}
-        for part in blocks(time.size, _BLOCK):
-            made = motion(bench, *way.at(time[part]), q)
+        for part in row_blocks(time.size, _BLOCK):
+            made = motion(bench, *way.evaluate(time[part]), q)
             f[k, part], w[k, part], dw[k, part] = made.f, made.w, made.dw
-        said[k] = _said(bench, way, stamps, time, q, rng)
+        said[k] = _simulated_readback(bench, way, stamps, time, q, rng)
     readback = {name: said[..., i] for i, name in enumerate(bench.names)}
     return SimulatedMotion(time, Motion(f, w, dw), labels, drawn, readback)
 
 
-def _said(
+def _simulated_readback(
     bench: Turntable,
-    way: Travel,
+    way: PathProfile,
     stamps: Array,
     time: Array,
     q: Mapping[str, Array],
     rng: np.random.Generator,
 ) -> Array:
     """Return readings by the table's stamps, brought to the samples' times, (n, k) rad."""
-    read = read_at(bench, way, stamps, q, rng)
+    read = sample_readback(bench, way, stamps, q, rng)
     brought: list[Array] = [np.interp(time, stamps, one) for one in read.T]
     return np.stack(brought, axis=-1)
 
 
-def read_at(
-    bench: Turntable, way: Travel, stamps: Array, q: Mapping[str, Array], rng: np.random.Generator
+def sample_readback(
+    bench: Turntable,
+    way: PathProfile,
+    stamps: Array,
+    q: Mapping[str, Array],
+    rng: np.random.Generator,
 ) -> Array:
     """Return what the table reads back by its own stamps, (n, k) rad.
 
     Parameters
     ----------
     bench : Turntable
-    way : Travel
+    way : PathProfile
     stamps : (n,) array
         s of the table's clock; before and after its way the table stands.
     q : mapping of str to ()
@@ -204,9 +208,9 @@ def read_at(
     rng : Generator
         Of the readback's noise.
     """
-    angles = way.at(stamps * (1 - q["clock"]) - q["latency"])[0]
-    return readback(bench, angles, q) + bench.white * rng.standard_normal(angles.shape)
+    angles = way.evaluate(stamps * (1 - q["clock"]) - q["latency"])[0]
+    return ideal_readback(bench, angles, q) + bench.white * rng.standard_normal(angles.shape)
 
 
-def _stamps(end: float, rate_hz: float) -> Array:
+def _readback_times(end: float, rate_hz: float) -> Array:
     return np.arange(ceil(end * rate_hz) + 1) / rate_hz

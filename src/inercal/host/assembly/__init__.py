@@ -22,22 +22,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable import turntable_of
-from inercal.benches.turntable.epochs import settling
-from inercal.data.load import readback_units
+from inercal.benches.turntable import require_turntable
+from inercal.benches.turntable.rest_timing import settling_time
+from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
-from inercal.host.assembly.imu import Imu, LeftOut, Samples
-from inercal.host.assembly.polls import Table
-from inercal.host.assembly.sections import Sections, Span
-from inercal.host.log import EVENT, IMU, TABLE, Frame
-from inercal.host.packets import Counts, Layout
+from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
+from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
+from inercal.host.assembly.table_polls import TablePolls
+from inercal.host.packets import PacketCounts, PacketLayout
+from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.recording import Track
 from inercal.runfile import Run
 
-_APART = 0.5  # s without a sample that end a hold
+_MAX_HOLD_GAP = 0.5  # s without a sample that end a hold
 
 
-class Block(NamedTuple):
+class SampleBlock(NamedTuple):
     """Samples, as a recording holds them.
 
     Parameters
@@ -48,7 +48,7 @@ class Block(NamedTuple):
         In output units of the sensor's axes.
     reading : (n, m) array
         The same in SI.
-    said : (n, k) array
+    angle_output : (n, k) array
         Angles in units of the readback's columns.
     angles : (n, k) array
         The same in rad.
@@ -58,19 +58,19 @@ class Block(NamedTuple):
         K; NaN where there is none.
     table : (n,) array
         s by the table's clock.
-    begins : bool
+    starts_recording : bool
         The recording begins with this block: what came before is void.
     """
 
     time: Array
     output: Array
     reading: Array
-    said: Array
+    angle_output: Array
     angles: Array
     hold: NDArray[np.int64]
     temperature: Array
     table: Array
-    begins: bool
+    starts_recording: bool
 
     @property
     def track(self) -> Track:
@@ -79,38 +79,38 @@ class Block(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Tally:
+class SampleTally:
     """What became of what came.
 
     Parameters
     ----------
     samples : int
         Given out, since the recording began.
-    bytes : Counts
+    bytes : PacketCounts
         Of the IMU's bytes, all sessions together.
-    left_out : LeftOut
+    drops : DroppedPackets
         Packets that are no samples.
-    no_angle : int
+    samples_without_angle : int
         Samples where the table's angles are not known.
-    polls_left_out : int
+    poll_drops : int
         Polls whose time is not later than that before.
     """
 
     samples: int
-    bytes: Counts
-    left_out: LeftOut
-    no_angle: int
-    polls_left_out: int
+    bytes: PacketCounts
+    drops: DroppedPackets
+    samples_without_angle: int
+    poll_drops: int
 
 
-class Assembly:
+class SampleAssembler:
     """Puts a run's frames together.
 
     Parameters
     ----------
     run : Run
         On a turntable.
-    layout : Layout
+    layout : PacketLayout
         Of the IMU's packets.
     poll : float
         s between polls of the table.
@@ -122,32 +122,32 @@ class Assembly:
         axis of the sensor.
     """
 
-    def __init__(self, run: Run, layout: Layout, poll: float = 0.02):
-        bench = turntable_of(run)
+    def __init__(self, run: Run, layout: PacketLayout, poll: float = 0.02):
+        bench = require_turntable(run)
         if run.rate_hz is None:
             raise InputError(f'{run.path}: [data] rate is missing, such as "200 Hz"')
         self.sensor = run.sensor
-        self._imu, self._table = Imu(run.sensor, layout, run.rate_hz), Table(poll)
-        self._settling = settling(bench)
-        self._sections = Sections(self._settling)
+        self._imu, self._table = ReceivedSamples(run.sensor, layout, run.rate_hz), TablePolls(poll)
+        self._settling = settling_time(bench)
+        self._sections = SectionTimeline(self._settling)
         # SI size of a unit of each axis' column in the recording; negative reverses.
         sizes = readback_units(run)
         self._units = np.array([sizes[name] for name in bench.names])
-        self._pending: list[Frame] = []
+        self._pending: list[LogFrame] = []
         self._attempt: int = 0
-        self._fresh()
+        self._start_recording()
 
     @property
-    def sections(self) -> tuple[Span, ...]:
+    def sections(self) -> tuple[SectionSpan, ...]:
         """The sections so far, by the table's clock."""
-        return tuple(replace(one) for one in self._sections.all)
+        return tuple(replace(one) for one in self._sections.spans)
 
     @property
-    def tally(self) -> Tally:
+    def tally(self) -> SampleTally:
         """What became of all that was worked through."""
         imu = self._imu
-        return Tally(
-            self._count, imu.counts, replace(imu.left_out), self._no_angle, self._table.left_out
+        return SampleTally(
+            self._count, imu.counts, replace(imu.drops), self._no_angle, self._table.drops
         )
 
     @property
@@ -157,11 +157,11 @@ class Assembly:
             return None
         return self._table.offset - self._imu.offset
 
-    def feed(self, frame: Frame) -> None:
+    def feed(self, frame: LogFrame) -> None:
         """Put a frame to those to be worked through."""
         self._pending.append(frame)
 
-    def take(self) -> Block | None:
+    def take(self) -> SampleBlock | None:
         """Return the samples that what was fed completes; None where there are none.
 
         Raises
@@ -170,7 +170,7 @@ class Assembly:
             A frame that is none of a run, or a device that set its clock anew.
         """
         pending, self._pending = self._pending, []
-        for kind, group in groupby(_sorted(pending), key=lambda one: one.kind):
+        for kind, group in groupby(_sort_frames(pending), key=lambda one: one.kind):
             frames = list(group)
             if kind == IMU:
                 self._imu.feed(frames)
@@ -178,101 +178,104 @@ class Assembly:
                 self._table.feed(frames)
             else:
                 for frame in frames:
-                    self._event(frame)
+                    self._process_event(frame)
         return self._block()
 
     def labels(self, table: Array) -> NDArray[np.str_]:
-        """Return what samples of `Block.table` are called, (n,): "" beside and in void sections."""
+        """Return what samples of `SampleBlock.table` are called, (n,).
+
+        "" beside sections and in void ones.
+        """
         return self._sections.labels(table)
 
-    def _event(self, frame: Frame) -> None:
-        event = _read(frame)
+    def _process_event(self, frame: LogFrame) -> None:
+        event = _parse_event(frame)
         if event.get("what") == "section":
-            self._sections.tell(event, self._table.turns)
+            self._sections.add_event(event, self._table.wrap_offset)
         elif event.get("what") == "session":
-            self._sections.session(int(event.get("next", 0)), self._table.last)
-            self._imu.session()
+            self._sections.begin_session(int(event.get("next", 0)), self._table.last)
+            self._imu.begin_session()
             wraps = event.get("wraps")
-            self._table.session(np.inf if wraps is None else float(wraps))
+            self._table.begin_session(np.inf if wraps is None else float(wraps))
 
-    def _fresh(self) -> None:
+    def _start_recording(self) -> None:
         """Begin a recording."""
-        self._first: float | None = None  # tick
+        self._first_tick: float | None = None  # tick
         self._count, self._holds, self._no_angle = 0, 0, 0
-        self._before = (-1, -np.inf)  # section and time of the last sample in a hold
+        self._last_hold_sample = (-1, -np.inf)  # section and time of the last sample in a hold
 
-    def _block(self) -> Block | None:
-        offset, known, imu = self.offset, self._table.known, self._imu
+    def _block(self) -> SampleBlock | None:
+        offset, known, imu = self.offset, self._table.history, self._imu
         if offset is None or known is None or known.time.size < 3:
             return None
         if self._sections.attempt != self._attempt:
             self._attempt = self._sections.attempt
-            self._fresh()
-        samples = self._ready(float(known.time[-2]) - self._settling, offset)
+            self._start_recording()
+        samples = self._ready_samples(float(known.time[-2]) - self._settling, offset)
         if samples is None:
             return None
         table = samples.ticks / imu.per_second - offset
         late = table >= self._sections.start
         angles, there = self._table.angles(table)
-        self._table.forget(float(table[-1]))
+        self._table.discard_old(float(table[-1]))
         self._no_angle += int(np.sum(late & ~there))
         kept = late & there
         if not kept.any():
             return None
         if not kept.all():
             samples, table, angles = samples.where(kept), table[kept], angles[kept]
-        begins = self._first is None
-        if self._first is None:
-            self._first = float(samples.ticks[0])
+        begins = self._first_tick is None
+        if self._first_tick is None:
+            self._first_tick = float(samples.ticks[0])
         self._count += table.size
         said = angles / self._units
-        time = (samples.ticks - self._first) / imu.per_second
-        return Block(
+        time = (samples.ticks - self._first_tick) / imu.per_second
+        return SampleBlock(
             time,
             samples.output,
             self.sensor.to_si(samples.output),
             said,
             said * self._units,
-            self._numbers(table, time),
+            self._hold_numbers(table, time),
             samples.temperature,
             table,
             begins,
         )
 
-    def _ready(self, until: float, offset: float) -> Samples | None:
+    def _ready_samples(self, until: float, offset: float) -> PacketSamples | None:
         """Return the samples of before a time of the table; those behind wait on."""
         waiting, imu = self._imu.waiting, self._imu
         if not waiting:
             return None
-        whole = Samples._make(map(np.concatenate, zip(*waiting, strict=True)))
+        whole = PacketSamples._make(map(np.concatenate, zip(*waiting, strict=True)))
         n = int(np.searchsorted(whole.ticks / imu.per_second - offset, until))
         imu.waiting = [whole.where(slice(n, None))] if n < whole.ticks.size else []
         return whole.where(slice(0, n)) if n else None
 
-    def _numbers(self, table: Array, time: Array) -> NDArray[np.int64]:
+    def _hold_numbers(self, table: Array, time: Array) -> NDArray[np.int64]:
         """Return the number of the hold of each sample."""
-        section = self._sections.holding(table)
+        section = self._sections.hold_indices(table)
         held = np.flatnonzero(section >= 0)
         number = np.full(table.size, -1, np.int64)
         if held.size:
             which, when = section[held], time[held]
-            before = np.concatenate([[self._before[0]], which[:-1]])
-            apart = when - np.concatenate([[self._before[1]], when[:-1]])
-            number[held] = self._holds - 1 + np.cumsum((which != before) | (apart > _APART))
+            before = np.concatenate([[self._last_hold_sample[0]], which[:-1]])
+            apart = when - np.concatenate([[self._last_hold_sample[1]], when[:-1]])
+            number[held] = self._holds - 1 + np.cumsum((which != before) | (apart > _MAX_HOLD_GAP))
             self._holds = int(number[held[-1]]) + 1
-            self._before = int(which[-1]), float(when[-1])
+            self._last_hold_sample = int(which[-1]), float(when[-1])
         return number
 
 
-def _sorted(frames: list[Frame]) -> list[Frame]:
+def _sort_frames(frames: list[LogFrame]) -> list[LogFrame]:
     """Return frames by kind between events, so that many of one kind are worked through at once."""
-    made: list[Frame] = []
+    made: list[LogFrame] = []
     for _, group in groupby(frames, key=lambda one: one.kind == EVENT):
         made += sorted(group, key=lambda one: one.kind)
     return made
 
 
-def _read(frame: Frame) -> dict[str, Any]:
+def _parse_event(frame: LogFrame) -> dict[str, Any]:
     try:
         event: Any = json.loads(frame.payload)
         return dict(event)
@@ -282,4 +285,4 @@ def _read(frame: Frame) -> dict[str, Any]:
         ) from None
 
 
-__all__ = ["Assembly", "Block", "LeftOut", "Span", "Tally"]
+__all__ = ["DroppedPackets", "SampleAssembler", "SampleBlock", "SampleTally", "SectionSpan"]

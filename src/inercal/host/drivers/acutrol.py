@@ -16,25 +16,25 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import degrees, inf, nan, radians
 
-from inercal.host.closing import Closing
-from inercal.host.drivers.table import (
+from inercal.host.closeable import Closeable
+from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
     ProtocolError,
     TableFault,
     TableState,
-    index_of,
-    require_named,
-    stop_surely,
+    axis_index,
+    require_unique_names,
+    stop_with_retry,
 )
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
 
 _NUMBER = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,15})?(?:[Ee][+-]?\d{1,2})?", re.ASCII)
-_NEAR = radians(0.001)  # rad of a demand: a few arc seconds, as such tables are exact
+_ANGLE_TOLERANCE = radians(0.001)  # rad of a demand: a few arc seconds, as such tables are exact
 # rad/s at rest; a readout of rates is noisier than one of angles, and a table that stands and is
 # held to turn is stopped again and killed.
-_SLOW = radians(0.05)
+_REST_RATE = radians(0.05)
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class AcutrolAxis:
     number: int
 
 
-class Acutrol(Closing):
+class Acutrol(Closeable):
     """A `RotaryTable` on the ACUTROL3000 at `address`.
 
     Parameters
@@ -69,8 +69,8 @@ class Acutrol(Closing):
     ):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
-        self.wraps = inf  # it tells no time
-        require_named(self.axes)
+        self.wrap_period = inf  # it tells no time
+        require_unique_names(self.axes)
         # What each axis was last told: an angle, or a rate.
         self._goals = [(nan, 0.0)] * len(self._axes)
         self._dialogue = TextDialogue(address, b"\n", timeout, opener)
@@ -88,18 +88,18 @@ class Acutrol(Closing):
         """Close the interlocks, at rest in rate mode."""
         for i, axis in enumerate(self._axes):
             n = axis.number
-            self._tell(":interlock:reset", f":mode:off {n}", f":interlock:close {n}")
-            self._tell(*self._resting(i))
+            self._send(":interlock:reset", f":mode:off {n}", f":interlock:close {n}")
+            self._send(*self._rest_commands(i))
 
     def home(self) -> None:
         """Do nothing: the encoders are taken to be absolute."""
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """As `RotaryTable.move`."""
-        i = index_of(axis, self.axes)
+        i = axis_index(axis, self.axes)
         self.limits[i].check(axis, rate, acceleration, angle)
         n = self._axes[i].number
-        self._tell(
+        self._send(
             f":limit:rate pos,{n},{_degrees(rate)}",
             f":limit:acc pos,{n},{_degrees(acceleration)}",
             f":demand:position {n},{_degrees(angle)}",
@@ -109,10 +109,10 @@ class Acutrol(Closing):
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
         """As `RotaryTable.spin`."""
-        i = index_of(axis, self.axes)
+        i = axis_index(axis, self.axes)
         self.limits[i].check(axis, rate, acceleration)
         n = self._axes[i].number
-        self._tell(
+        self._send(
             f":limit:acc rate,{n},{_degrees(acceleration)}",
             f":demand:rate {n},{_degrees(rate)}",
             f":mode:rate {n}",
@@ -122,8 +122,8 @@ class Acutrol(Closing):
     def stop(self) -> None:
         """Bring all axes to rest in rate mode; no safety function."""
         # On one line: what is wrong with one axis keeps no other from hearing it.
-        lines = [line for i in range(len(self._axes)) for line in self._resting(i)]
-        stop_surely(lambda: self._tell(*lines, urgent=True))
+        lines = [line for i in range(len(self._axes)) for line in self._rest_commands(i)]
+        stop_with_retry(lambda: self._send(*lines, urgent=True))
 
     def kill(self, *, coasting: bool = False) -> None:
         """Open the interlocks; refused as in `RotaryTable.kill`."""
@@ -132,7 +132,7 @@ class Acutrol(Closing):
                 "an axis turns and would coast if killed: stop() first, then kill(), or "
                 "kill(coasting=True) where stopping failed"
             )
-        self._tell(*(f":interlock:open {a.number}" for a in self._axes))
+        self._send(*(f":interlock:open {a.number}" for a in self._axes))
 
     def read(self) -> TableState:
         """Return where the table is now, without a time."""
@@ -154,20 +154,20 @@ class Acutrol(Closing):
         angle, rate = radians(_number(said[0])), radians(_number(said[1]))
         interlock = said[2].strip().lower()
         goal, spinning = self._goals[i]
-        resting = abs(rate) <= _SLOW and spinning == 0
+        resting = abs(rate) <= _REST_RATE and spinning == 0
         return AxisState(
             angle=angle,
             rate=rate,
             following_error=nan,
             # Where no angle was asked for, any is the right one.
-            in_position=resting and not abs(angle - goal) > _NEAR,
+            in_position=resting and not abs(angle - goal) > _ANGLE_TOLERANCE,
             moving=not resting,
             enabled=interlock == "closed",
             homed=True,
             faults=("interlock fault",) if interlock == "fault" else (),
         )
 
-    def _resting(self, i: int) -> tuple[str, str]:
+    def _rest_commands(self, i: int) -> tuple[str, str]:
         """Return the commands that bring an axis to rest in rate mode."""
         n = self._axes[i].number
         self._goals[i] = (nan, 0.0)
@@ -180,7 +180,7 @@ class Acutrol(Closing):
         rate, acceleration, _, low, high, _ = (radians(_number(text)) for text in said)
         return AxisLimits(rate, acceleration, low, high)
 
-    def _tell(self, *commands: str, urgent: bool = False) -> None:
+    def _send(self, *commands: str, urgent: bool = False) -> None:
         """Send commands on one line; raises `TableFault` where the status behind them says so."""
         line = ";".join(commands)
         status = int(_number(self._dialogue.ask(f"{line};*stb?\n".encode(), urgent=urgent)))

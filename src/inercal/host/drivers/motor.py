@@ -12,15 +12,15 @@ import re
 from collections.abc import Callable
 from math import degrees, inf, nan, radians
 
-from inercal.host.closing import Closing
-from inercal.host.drivers.table import (
+from inercal.host.closeable import Closeable
+from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
     ProtocolError,
     TableFault,
     TableState,
-    index_of,
-    stop_surely,
+    axis_index,
+    stop_with_retry,
 )
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
@@ -29,7 +29,7 @@ _BAND = radians(0.05)  # rad and rad/s within which the axis is in position, and
 _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
 
 
-class Motor(Closing):
+class Motor(Closeable):
     """A `RotaryTable` of one axis on such a controller at `address`.
 
     Parameters
@@ -55,7 +55,7 @@ class Motor(Closing):
         opener: Callable[[str], Link] = open_link,
     ):
         self.limits, self.axes = (limits,), (axis,)
-        self.wraps = inf  # it tells no time
+        self.wrap_period = inf  # it tells no time
         self._goal, self._spinning, self._homing, self._homed = nan, 0.0, False, False
         self._dialogue = TextDialogue(address, b">", timeout, opener)
 
@@ -65,34 +65,34 @@ class Motor(Closing):
 
     def enable(self) -> None:
         """Ask for the position, to see that somebody answers: such a servo is on with its power."""
-        self._tell("PPO")
+        self._send("PPO")
 
     def home(self) -> None:
         """Start the search for zero (`HOM`)."""
-        self._tell("HOM")
+        self._send("HOM")
         self._goal, self._spinning, self._homing = 0.0, 0.0, True
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """As `RotaryTable.move`."""
-        index_of(axis, self.axes)
+        axis_index(axis, self.axes)
         self.limits[0].check(axis, rate, acceleration, angle)
-        self._tell(f"ACL {degrees(acceleration):.5f}")
-        self._tell(f"VEL {degrees(rate):.5f}")
-        self._tell(f"POS {degrees(angle):.5f}")
+        self._send(f"ACL {degrees(acceleration):.5f}")
+        self._send(f"VEL {degrees(rate):.5f}")
+        self._send(f"POS {degrees(angle):.5f}")
         self._goal, self._spinning = angle, 0.0
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
         """As `RotaryTable.spin`."""
-        index_of(axis, self.axes)
+        axis_index(axis, self.axes)
         self.limits[0].check(axis, rate, acceleration)
-        self._tell(f"ACL {degrees(acceleration):.5f}")
-        self._tell(f"JOG {degrees(rate):.5f}")
+        self._send(f"ACL {degrees(acceleration):.5f}")
+        self._send(f"JOG {degrees(rate):.5f}")
         self._goal, self._spinning = nan, rate
 
     def stop(self) -> None:
         """Decelerate to rest (`STO`), at the acceleration last set; no safety function."""
         self._goal, self._spinning = nan, 0.0
-        stop_surely(lambda: self._tell("STO", urgent=True))
+        stop_with_retry(lambda: self._send("STO", urgent=True))
 
     def kill(self, *, coasting: bool = False) -> None:
         """Refuse: see the module."""
@@ -103,7 +103,7 @@ class Motor(Closing):
 
     def read(self) -> TableState:
         """Return where the axis is now, without a time."""
-        angle, rate = (radians(self._number(what)) for what in ("PPO", "PVE"))
+        angle, rate = (radians(self._query_number(what)) for what in ("PPO", "PVE"))
         resting = abs(rate) <= _BAND and self._spinning == 0
         in_position = resting and not abs(angle - self._goal) > _BAND
         self._homed = self._homed or (self._homing and in_position)
@@ -115,14 +115,14 @@ class Motor(Closing):
         """Close the link; the motor goes on with what it does."""
         self._dialogue.close()
 
-    def _tell(self, line: str, *, urgent: bool = False) -> str:
+    def _send(self, line: str, *, urgent: bool = False) -> str:
         said = self._dialogue.ask(f"{line}\r".encode(), urgent=urgent)
         if said.startswith("?"):
             raise TableFault(f"the motor's controller refuses {line!r}: {said}")
         return said
 
-    def _number(self, line: str) -> float:
-        said = self._tell(line)
+    def _query_number(self, line: str) -> float:
+        said = self._send(line)
         if not _NUMBER.fullmatch(said):
             raise ProtocolError(f"{said[:40]!r} is no number in answer to {line!r}")
         return float(said)

@@ -24,18 +24,18 @@ from dataclasses import dataclass
 from math import inf, tau
 
 from inercal.errors import InputError
-from inercal.host.closing import Closing
+from inercal.host.closeable import Closeable
 from inercal.host.drivers import pmac_codec as codec
-from inercal.host.drivers.pmac_dialogue import Dialogue
-from inercal.host.drivers.table import (
+from inercal.host.drivers.pmac_dialogue import PmacDialogue
+from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
     ProtocolError,
     TableFault,
     TableState,
-    index_of,
-    require_named,
-    stop_surely,
+    axis_index,
+    require_unique_names,
+    stop_with_retry,
 )
 from inercal.host.link import Link, open_link
 
@@ -55,7 +55,7 @@ class PmacAxis:
     counts_per_turn: float
 
 
-class Pmac(Closing):
+class Pmac(Closeable):
     """A `RotaryTable` on the Turbo PMAC at `address`.
 
     Parameters
@@ -86,21 +86,21 @@ class Pmac(Closing):
     ):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
-        require_named(self.axes)
+        require_unique_names(self.axes)
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
                 raise InputError(f"axis {axis.name}: motors are 1 to 32, counts in a turn not 0")
         motors = [a.motor for a in self._axes]
         self._ask_state = "RHX$0 " + " ".join(f"#{m}P#{m}V#{m}F#{m}?" for m in motors) + " RHX$0"
-        self._cycle, self._turns = 0, 0
-        self._started: list[int | None] = [None] * len(self._axes)
+        self._cycle, self._clock_wraps = 0, 0
+        self._start_cycles: list[int | None] = [None] * len(self._axes)
         self._timeout = timeout
-        self._dialogue = Dialogue(address, timeout, opener)
+        self._dialogue = PmacDialogue(address, timeout, opener)
         try:
-            self.period = codec.number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
+            self.period = codec.parse_number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
             if self.period <= 0:
                 raise ProtocolError(f"{address}: I10 says that the servo clock stands still")
-            self.wraps = _CYCLES * self.period
+            self.wrap_period = _CYCLES * self.period
             self.limits = tuple(self._read_limits(a) for a in self._axes)
         except BaseException:
             self._dialogue.close()
@@ -118,19 +118,19 @@ class Pmac(Closing):
     def home(self) -> None:
         """Start the search for zero on all axes (`HM`)."""
         homing = " ".join(f"#{a.motor}HM" for a in self._axes)
-        cycle = codec.word(self._ask(f"{homing} RHX$0", 1)[0], 6)
-        self._started = [cycle] * len(self._axes)
+        cycle = codec.parse_word(self._ask(f"{homing} RHX$0", 1)[0], 6)
+        self._start_cycles = [cycle] * len(self._axes)
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """Start toward `angle` (`J=`); see `RotaryTable.move`."""
-        i = index_of(axis, self.axes)
+        i = axis_index(axis, self.axes)
         self.limits[i].check(axis, rate, acceleration, angle)
         counts = angle / tau * self._axes[i].counts_per_turn
-        self._jog(i, rate, acceleration, f"J={_text(counts)}")
+        self._jog(i, rate, acceleration, f"J={_decimal_text(counts)}")
 
     def spin(self, axis: str, rate: float, acceleration: float) -> None:
         """Bring an axis to `rate` (`J+`, `J-`; `J/` for 0); see `RotaryTable.spin`."""
-        i = index_of(axis, self.axes)
+        i = axis_index(axis, self.axes)
         self.limits[i].check(axis, rate, acceleration)
         forward = rate * self._axes[i].counts_per_turn > 0
         self._jog(i, rate, acceleration, "J/" if rate == 0 else "J+" if forward else "J-")
@@ -141,7 +141,7 @@ class Pmac(Closing):
         `^A` also closes the loops of killed motors. It brings no answer: what still turns is told
         `J/` at the same deceleration, whose answer says that it was heard.
         """
-        stop_surely(lambda: self._dialogue.control("A"))
+        stop_with_retry(lambda: self._dialogue.control("A"))
         state = self.read()
         turning = [a.motor for a, s in zip(self._axes, state.axes, strict=True) if s.moving]
         self._each(f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/" for m in turning)
@@ -166,7 +166,7 @@ class Pmac(Closing):
     def read(self) -> TableState:
         """Return where the table is now; its time is the servo clock as it stands."""
         lines = self._ask(self._ask_state, 4 * len(self._axes) + 2)
-        first, last = codec.word(lines[0], 6), codec.word(lines[-1], 6)
+        first, last = codec.parse_word(lines[0], 6), codec.parse_word(lines[-1], 6)
         during, back = (last - first) % _CYCLES, self._cycle - first
         most = self._timeout / self.period
         if during > most or 0 < back <= most:
@@ -177,9 +177,9 @@ class Pmac(Closing):
         states = tuple(
             self._state(i, first, lines[1 + 4 * i : 5 + 4 * i]) for i in range(len(self._axes))
         )
-        self._turns += back > 0
+        self._clock_wraps += back > 0
         self._cycle = first
-        cycles = self._turns * _CYCLES + first + during / 2
+        cycles = self._clock_wraps * _CYCLES + first + during / 2
         return TableState(cycles * self.period, states, during * self.period)
 
     def close(self) -> None:
@@ -191,21 +191,21 @@ class Pmac(Closing):
 
     def _each(self, lines: Iterable[str]) -> None:
         """Send all lines; a motor that refuses its own keeps no other from hearing theirs."""
-        refused: codec.Refused | None = None
+        refused: codec.CommandRefused | None = None
         for line in lines:
             try:
                 self._ask(line)
-            except codec.Refused as error:
+            except codec.CommandRefused as error:
                 refused = refused or error
         if refused:
             raise refused
 
     def _state(self, i: int, cycle: int, lines: list[str]) -> AxisState:
-        axis, started = self._axes[i], self._started[i]
-        position, velocity, error = (codec.number(text) for text in lines[:3])
-        status = codec.status(lines[3])
+        axis, started = self._axes[i], self._start_cycles[i]
+        position, velocity, error = (codec.parse_number(text) for text in lines[:3])
+        status = codec.parse_status(lines[3])
         if started is not None and (cycle - started) % _CYCLES * self.period > _STARTING:
-            started = self._started[i] = None
+            started = self._start_cycles[i] = None
         count = tau / axis.counts_per_turn
         return AxisState(
             angle=position * count,
@@ -221,7 +221,7 @@ class Pmac(Closing):
     def _read_limits(self, axis: PmacAxis) -> AxisLimits:
         names = " ".join(f"I{axis.motor}{n:02d}" for n in _LIMITS)
         active, fatal, high, low, rate, acceleration, skipped = (
-            codec.number(text) for text in self._ask(names, len(_LIMITS))
+            codec.parse_number(text) for text in self._ask(names, len(_LIMITS))
         )
         if active != 1 or skipped != 0:
             raise InputError(
@@ -248,13 +248,12 @@ class Pmac(Closing):
         """
         axis = self._axes[i]
         per_turn, n = abs(axis.counts_per_turn) / tau, axis.motor
-        speed = f"I{n}22={_text(abs(rate) * per_turn * 1e-3)} " if rate else ""
-        line = (
-            f"I{n}20=0 I{n}21=0 I{n}19={_text(acceleration * per_turn * 1e-6)} {speed}#{n}{command}"
-        )
-        self._started[i] = codec.word(self._ask(f"{line} RHX$0", 1)[0], 6)
+        speed = f"I{n}22={_decimal_text(abs(rate) * per_turn * 1e-3)} " if rate else ""
+        change = _decimal_text(acceleration * per_turn * 1e-6)
+        line = f"I{n}20=0 I{n}21=0 I{n}19={change} {speed}#{n}{command}"
+        self._start_cycles[i] = codec.parse_word(self._ask(f"{line} RHX$0", 1)[0], 6)
 
 
-def _text(value: float) -> str:
+def _decimal_text(value: float) -> str:
     """Return a constant as the controller reads it, without exponent."""
     return f"{value:.12f}".rstrip("0").rstrip(".")

@@ -15,12 +15,12 @@ from struct import pack
 from typing import NamedTuple
 
 from inercal.errors import InputError
-from inercal.host.drivers.table import ProtocolError, TableFault
+from inercal.host.drivers.rotary_table import ProtocolError, TableFault
 
-CHUNK = 1400  # bytes that the controller sends at a time
-FLUSHED = b"@"  # its answer to FLUSH
-_MOST = 1 << 20  # bytes; no reply of a table comes near
-_LINE = 1492  # bytes of a command line that a packet can carry
+CHUNK_SIZE = 1400  # bytes that the controller sends at a time
+FLUSH_ANSWER = b"@"  # its answer to FLUSH
+_MAX_REPLY_SIZE = 1 << 20  # bytes; no reply of a table comes near
+_MAX_LINE_SIZE = 1492  # bytes of a command line that a packet can carry
 
 _DOWNLOAD, _UPLOAD = 0x40, 0xC0
 _FLUSH, _GETRESPONSE, _CONTROL, _GETBUFFER = 0xB3, 0xBF, 0xC4, 0xC5
@@ -70,7 +70,7 @@ _FAULTS = (
 )
 
 
-class Refused(TableFault):
+class CommandRefused(TableFault):
     """The controller refused a command; `code` is its number, or None if it gave none."""
 
     def __init__(self, message: str, code: int | None):
@@ -78,7 +78,7 @@ class Refused(TableFault):
         self.code = code
 
 
-class Status(NamedTuple):
+class MotorStatus(NamedTuple):
     """What a motor says of itself.
 
     Parameters
@@ -107,28 +107,30 @@ class Status(NamedTuple):
 
 # The line that asks for the table's state is the same fifty times a second.
 @lru_cache(64)
-def get_response(line: str) -> bytes:
+def response_request(line: str) -> bytes:
     """Return the request that carries out `line` and asks for its reply."""
     try:
         data = line.encode("ascii")
     except UnicodeEncodeError:
         data = b""
-    if not 0 < len(data) <= _LINE or min(data) < 0x20:
-        raise InputError(f"{line!r} is no command line: 1 to {_LINE} printable ASCII characters")
+    if not 0 < len(data) <= _MAX_LINE_SIZE or min(data) < 0x20:
+        raise InputError(
+            f"{line!r} is no command line: 1 to {_MAX_LINE_SIZE} printable ASCII characters"
+        )
     return pack(">BBHHH", _DOWNLOAD, _GETRESPONSE, 0, 0, len(data)) + data
 
 
-def get_buffer() -> bytes:
+def buffer_request() -> bytes:
     """Return the request for the next 1400 bytes of a reply."""
-    return pack(">BBHHH", _UPLOAD, _GETBUFFER, 0, 0, CHUNK)
+    return pack(">BBHHH", _UPLOAD, _GETBUFFER, 0, 0, CHUNK_SIZE)
 
 
-def flush() -> bytes:
-    """Return the request to forget what is not yet sent; its answer is `FLUSHED`."""
+def flush_request() -> bytes:
+    """Return the request to forget what is not yet sent; its answer is `FLUSH_ANSWER`."""
     return pack(">BBHHH", _DOWNLOAD, _FLUSH, 0, 0, 0)
 
 
-def control(letter: str) -> bytes:
+def control_request(letter: str) -> bytes:
     """Return the request for a control character, "A" for ^A.
 
     The character is the first byte of the value, as the drivers in use at synchrotrons send it.
@@ -145,9 +147,9 @@ class ReplyReader:
         self._end: int | None = None
 
     @property
-    def more(self) -> bool:
+    def awaits_request(self) -> bool:
         """A full chunk has come and the reply is not over: the controller waits to be asked."""
-        return len(self._data) > 0 and len(self._data) % CHUNK == 0
+        return len(self._data) > 0 and len(self._data) % CHUNK_SIZE == 0
 
     @property
     def size(self) -> int:
@@ -173,12 +175,14 @@ class ReplyReader:
             if junk:
                 raise ProtocolError(f"reply to {self._line!r}: byte {junk[0].hex()} is no text")
         if self._end is None:
-            if len(self._data) > _MOST:
-                raise ProtocolError(f"reply to {self._line!r}: no end within {_MOST} bytes")
+            if len(self._data) > _MAX_REPLY_SIZE:
+                raise ProtocolError(
+                    f"reply to {self._line!r}: no end within {_MAX_REPLY_SIZE} bytes"
+                )
             return None
         if self._data[self._end] == _ACK[0]:
             return self._lines(self._end)
-        self._refusal(bytes(self._data[self._end :]))
+        self._raise_refusal(bytes(self._data[self._end :]))
         return None
 
     def _lines(self, end: int) -> list[str]:
@@ -189,7 +193,7 @@ class ReplyReader:
             raise ProtocolError(f"reply to {self._line!r}: its last line {text[-40:]!r} is cut")
         return text.split("\r")[:-1]
 
-    def _refusal(self, rest: bytes) -> None:
+    def _raise_refusal(self, rest: bytes) -> None:
         """Raise what the controller says behind BELL, or wait for the rest of it."""
         # What has come is completed by a known refusal, to see whether it can still become one.
         match = _REFUSAL.fullmatch(rest + b"\x07ERR000\r"[len(rest) :])
@@ -200,10 +204,10 @@ class ReplyReader:
         if len(rest) == match.end():
             code = int(match[2])
             meaning = ERRORS.get(code, "an error that the manual does not list")
-            raise Refused(f"{match[1].decode()} to {self._line!r}: {meaning}", code)
+            raise CommandRefused(f"{match[1].decode()} to {self._line!r}: {meaning}", code)
 
 
-def number(text: str) -> float:
+def parse_number(text: str) -> float:
     """Return a number as the controller writes it: decimal, or `$` and hexadecimal digits.
 
     Raises `ProtocolError` for any other text.
@@ -217,7 +221,7 @@ def number(text: str) -> float:
     return -size if match[1] == "-" else size
 
 
-def word(text: str, digits: int) -> int:
+def parse_word(text: str, digits: int) -> int:
     """Return a word of at most `digits` (6 or 12) hexadecimal digits, without `$`.
 
     Raises `ProtocolError` for any other text.
@@ -229,17 +233,17 @@ def word(text: str, digits: int) -> int:
 
 # A motor says few different words in a run.
 @lru_cache(256)
-def status(text: str) -> Status:
+def parse_status(text: str) -> MotorStatus:
     """Return the status of a motor from the 12 digits that answer `#n?`: two words of 24 bits."""
     if len(text.strip()) != 12:
         raise ProtocolError(f"{text[:40]!r} is no status of 12 hexadecimal digits")
-    both = word(text, 12)
+    both = parse_word(text, 12)
     first, second = both >> 24, both & 0xFFFFFF
     activated = bool(first >> 23 & 1)
     enabled = bool(first >> 19 & 1) and not first >> 18 & 1
     words = (0, first, second)
     faults = tuple(wrong for which, bit, wrong in _FAULTS if words[which] >> bit & 1)
-    return Status(
+    return MotorStatus(
         activated,
         enabled,
         moving=enabled and not first >> 13 & 1,

@@ -8,17 +8,17 @@ to the old one can no longer arrive. The question is not repeated, as it may hav
 from collections.abc import Callable
 from contextlib import suppress
 
-from inercal.host.closing import Closing
+from inercal.host.closeable import Closeable
 from inercal.host.drivers import pmac_codec as codec
-from inercal.host.drivers.table import ProtocolError
+from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, open_link, read_until
 
 # ERRnnn behind BELL (I6), no LF before lines and ACK behind them (I3): what the codec reads; bare
 # numbers, addresses as $hex (I9).
-_FORM = "i6=1 i3=2 i9=2"
+_REPLY_FORMAT_COMMAND = "i6=1 i3=2 i9=2"
 
 
-class Dialogue(Closing):
+class PmacDialogue(Closeable):
     """A connection to the controller at `address` (`tcp://HOST:1025`).
 
     Parameters
@@ -60,17 +60,17 @@ class Dialogue(Closing):
         def take(data: bytes) -> bool:
             got = reader.feed(data)
             if got is None:
-                if reader.more:
-                    link.write(codec.get_buffer())
+                if reader.awaits_request:
+                    link.write(codec.buffer_request())
                 return False
             lines.extend(got)
             return True
 
         try:
-            if stray := link.read(codec.CHUNK, 0.0):
+            if stray := link.read(codec.CHUNK_SIZE, 0.0):
                 raise ProtocolError(f"{self.address}: {stray[:20]!r} came unasked before {line!r}")
-            link.write(codec.get_response(line))
-            if not read_until(link, take, self._timeout, codec.CHUNK):
+            link.write(codec.response_request(line))
+            if not read_until(link, take, self._timeout, codec.CHUNK_SIZE):
                 raise ProtocolError(
                     f"{self.address}: no whole reply to {line!r} within {self._timeout:g} s "
                     f"({reader.size} bytes came); it may have been carried out"
@@ -92,8 +92,8 @@ class Dialogue(Closing):
         """
         link = self._link or self._connect()
         try:
-            link.write(codec.control(letter) + codec.flush())
-            if not read_until(link, lambda data: codec.FLUSHED in data, self._timeout):
+            link.write(codec.control_request(letter) + codec.flush_request())
+            if not read_until(link, lambda data: codec.FLUSH_ANSWER in data, self._timeout):
                 raise ProtocolError(
                     f"{self.address}: no answer to ^{letter}; it may have been heard"
                 )
@@ -112,24 +112,28 @@ class Dialogue(Closing):
         if self._link is not None:
             # Lost is what it is about to be.
             with suppress(LinkLost):
-                self._link.write(codec.flush())
+                self._link.write(codec.flush_request())
             self.close()
         link = self._opener(self.address)
         came = bytearray()
-        reader = codec.ReplyReader(_FORM)
+        reader = codec.ReplyReader(_REPLY_FORMAT_COMMAND)
 
         def flushed(data: bytes) -> bool:
             came.extend(data)
-            return codec.FLUSHED in came
+            return codec.FLUSH_ANSWER in came
 
         try:
-            link.write(codec.flush())
+            link.write(codec.flush_request())
             # A reply left over in the controller would come before the answer, and ends there.
-            if not read_until(link, flushed, self._timeout) or not came.endswith(codec.FLUSHED):
+            if not read_until(link, flushed, self._timeout) or not came.endswith(
+                codec.FLUSH_ANSWER
+            ):
                 raise LinkLost(f"{self.address}: no Turbo PMAC answers there (to FLUSH)")
-            link.write(codec.get_response(_FORM))
+            link.write(codec.response_request(_REPLY_FORMAT_COMMAND))
             if not read_until(link, lambda data: reader.feed(data) is not None, self._timeout):
-                raise LinkLost(f"{self.address}: no Turbo PMAC answers there (to {_FORM!r})")
+                raise LinkLost(
+                    f"{self.address}: no Turbo PMAC answers there (to {_REPLY_FORMAT_COMMAND!r})"
+                )
         except BaseException:
             link.close()
             raise

@@ -8,15 +8,15 @@ such a protocol could tell.
 
 from collections.abc import Callable
 
-from inercal.host.closing import Closing
-from inercal.host.drivers.table import ProtocolError
+from inercal.host.closeable import Closeable
+from inercal.host.drivers.rotary_table import ProtocolError
 from inercal.host.link import Link, LinkLost, read_until
 
-_TALKS = 20  # pieces of what is still under way
-_MOST = 1 << 16  # bytes; no reply of a table comes near
+_MAX_STRAY_READS = 20  # pieces of what is still under way
+_MAX_REPLY_SIZE = 1 << 16  # bytes; no reply of a table comes near
 
 
-class TextDialogue(Closing):
+class TextDialogue(Closeable):
     """A connection to the controller at `address`.
 
     Parameters
@@ -55,12 +55,12 @@ class TextDialogue(Closing):
 
         def whole(data: bytes) -> bool:
             came.extend(data)
-            if len(came) > _MOST:
-                raise ProtocolError(f"{self.address}: no end in {_MOST} bytes of a reply")
+            if len(came) > _MAX_REPLY_SIZE:
+                raise ProtocolError(f"{self.address}: no end in {_MAX_REPLY_SIZE} bytes of a reply")
             return self._ending in data
 
         try:
-            if not urgent and (stray := link.read(_MOST, 0.0)):
+            if not urgent and (stray := link.read(_MAX_REPLY_SIZE, 0.0)):
                 raise ProtocolError(f"{self.address}: {stray[:20]!r} came unasked before {line!r}")
             link.write(line)
             if not read_until(link, whole, self._timeout):
@@ -89,8 +89,8 @@ class TextDialogue(Closing):
         link = self._opener(self.address)
         if link.address.startswith("serial:"):
             # Another program that talks there would keep it from ever being silent.
-            for _ in range(_TALKS):
-                if not link.read(_MOST, self._timeout):
+            for _ in range(_MAX_STRAY_READS):
+                if not link.read(_MAX_REPLY_SIZE, self._timeout):
                     break
         self._link = link
         return link

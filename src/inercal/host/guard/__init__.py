@@ -19,6 +19,6 @@ lost it is made anew and the table stopped again, until it is at rest.
 No safety function: that is the hardware interlock.
 """
 
-from inercal.host.guard.pipe import Guard
+from inercal.host.guard.guard_process import Guard
 
 __all__ = ["Guard"]

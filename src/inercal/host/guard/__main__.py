@@ -6,7 +6,7 @@ import sys
 from argparse import ArgumentParser
 from contextlib import suppress
 
-from inercal.host.guard.watch import Watch
+from inercal.host.guard.watchdog import Watchdog
 
 
 def _say(line: str) -> None:
@@ -15,7 +15,7 @@ def _say(line: str) -> None:
         os.write(1, " ".join(line[:1000].split()).encode() + b"\n")
 
 
-def _heard(*_: object) -> None:
+def _ignore_signal(*_: object) -> None:
     """Leave a signal to what it has written."""
 
 
@@ -32,13 +32,13 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.set_wakeup_fd(poke, warn_on_full_buffer=False)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _heard)  # ignored, it would write nothing
+        signal.signal(number, _ignore_signal)  # ignored, it would write nothing
     # Before what else the machine does, where the system lets it.
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -20)
     if not os.isatty(1):
         os.set_blocking(1, False)
-    return Watch(options.address, options.silence, options.patience, (0, signals), _say).run()
+    return Watchdog(options.address, options.silence, options.patience, (0, signals), _say).run()
 
 
 if __name__ == "__main__":

@@ -8,22 +8,22 @@
 [0.0, 0.0, 9.8, 0.0, 0.0, 0.1]
 """
 
-from inercal.host.packets.description import PRESETS, layout_of, read_layout
+from inercal.host.packets.counter_unwrapper import Flag
+from inercal.host.packets.description import PRESETS, parse_layout, read_layout
 from inercal.host.packets.encode import encode
-from inercal.host.packets.layout import Layout
-from inercal.host.packets.sequence import Flag
-from inercal.host.packets.stream import Counts, Decoder, Packets, joined, read_log
+from inercal.host.packets.layout import PacketLayout
+from inercal.host.packets.stream import Decoder, PacketCounts, Packets, join_packets, read_log
 
 __all__ = [
     "PRESETS",
-    "Counts",
     "Decoder",
     "Flag",
-    "Layout",
+    "PacketCounts",
+    "PacketLayout",
     "Packets",
     "encode",
-    "joined",
-    "layout_of",
+    "join_packets",
+    "parse_layout",
     "read_layout",
     "read_log",
 ]

@@ -1,4 +1,4 @@
-"""Descriptions of packets in TOML, read into a `Layout`; what is wrong with one, in a line."""
+"""Descriptions of packets in TOML, read into a `PacketLayout`; what is wrong, in a line."""
 
 import math
 import re
@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from inercal.errors import InputError
-from inercal.host.packets.layout import Layout, Scale
-from inercal.host.packets.picture import AXES, Frame, Line, read_frame, read_line
-from inercal.units import factor, parse
+from inercal.host.packets.layout import PacketLayout, Scale
+from inercal.host.packets.packet_format import AXES, BinaryFrame, TextLine, read_frame, read_line
+from inercal.units import parse_quantity, si_factor
 
 _PRESETS = files("inercal.host.packets") / "presets"
 PRESETS = tuple(
@@ -37,9 +37,9 @@ KEYS: Mapping[str, Mapping[str, type]] = {
     "counter": {"step": int, "wraps": int},
     "status": {"mask": int, "good": int},
 }
-_SORTS = {str: "text", int: "a whole number", list: "a list", dict: "a section"}
+_TYPE_NAMES = {str: "text", int: "a whole number", list: "a list", dict: "a section"}
 # What the scale of a channel is like, what its increments are like, and an example.
-_LIKE = {
+_CHANNEL_UNITS = {
     "accelerometer": ("m/s²", "m/s", "1 µg"),
     "gyro": ("rad/s", "rad", "16/32768 °/s"),
     "temperature": ("K", None, "0.01 °C"),
@@ -50,7 +50,7 @@ _SCALE = re.compile(r"([-+0-9.eE^/ ]+?) +(\S.*)")
 _TERM = re.compile(r"[+-]?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|2\^-?[0-9]{1,2}")
 
 
-def read_layout(source: str | Path) -> Layout:
+def read_layout(source: str | Path) -> PacketLayout:
     """Return the layout that a TOML file describes, or a preset by its name.
 
     Parameters
@@ -64,7 +64,7 @@ def read_layout(source: str | Path) -> Layout:
         One line that names the file and the key: what is wrong, and what is possible.
     """
     if isinstance(source, str) and source in PRESETS:
-        return layout_of((_PRESETS / f"{source}.toml").read_text(encoding="utf-8"), source)
+        return parse_layout((_PRESETS / f"{source}.toml").read_text(encoding="utf-8"), source)
     path = Path(source)
     try:
         text = path.read_text(encoding="utf-8")
@@ -72,10 +72,10 @@ def read_layout(source: str | Path) -> Layout:
         raise InputError(
             f"{path}: no description of packets can be read there; presets are {', '.join(PRESETS)}"
         ) from None
-    return layout_of(text, path.name)
+    return parse_layout(text, path.name)
 
 
-def layout_of(text: str, name: str) -> Layout:
+def parse_layout(text: str, name: str) -> PacketLayout:
     """Return the layout that a TOML text describes.
 
     Parameters
@@ -94,20 +94,24 @@ def layout_of(text: str, name: str) -> Layout:
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{name}: no TOML: {error}") from None
     try:
-        return _layout(content, name)
+        return _build_layout(content, name)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
 
 
-def _layout(content: dict[str, Any], name: str) -> Layout:
-    _accept(content, "")
+def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
+    _check_keys(content, "")
     for section, value in content.items():
         for part in value if section == "frame" else [value]:
             if isinstance(part, dict) or section == "frame":
-                _accept(part, section)
+                _check_keys(part, section)
     frames = _frames(content)
     roles = {field.role for field in frames[0].fields}
-    rate = _at("rate", lambda: parse(content["rate"], "Hz").value) if "rate" in content else None
+    rate = (
+        _with_key("rate", lambda: parse_quantity(content["rate"], "Hz").value)
+        if "rate" in content
+        else None
+    )
     if rate is not None and rate <= 0:
         raise InputError(f"rate: {content['rate']!r}; it must be above 0")
     carried = {
@@ -130,19 +134,19 @@ def _layout(content: dict[str, Any], name: str) -> Layout:
         raise InputError(f"[counter] step: {counter['step']}; it must be 1 or more")
     status = content.get("status", {})
     mask = status.get("mask", 0)
-    return Layout(
+    return PacketLayout(
         name=name.removesuffix(".toml"),
-        about=content.get("about", ""),
+        description=content.get("about", ""),
         frames=frames,
         rate_hz=rate,
         step=step,
-        wraps=_wraps(content, frames[0], scales["time"]),
+        wraps=_wrap_values(content, frames[0], scales["time"]),
         status_good=(mask, status.get("good", 0) & mask),
         **scales,
     )
 
 
-def _accept(part: Any, section: str) -> None:
+def _check_keys(part: Any, section: str) -> None:
     """Refuse a key that is none, or a value of another type."""
     where, keys = f"[{section}] " if section else "", KEYS[section]
     if not isinstance(part, dict):
@@ -152,10 +156,10 @@ def _accept(part: Any, section: str) -> None:
             raise InputError(f"unknown key {where}{key}; possible here: {', '.join(keys)}")
         wanted = keys[key]
         if not isinstance(value, wanted) or isinstance(value, bool):
-            raise InputError(f"{where}{key}: {value!r}; give {_SORTS[wanted]}")
+            raise InputError(f"{where}{key}: {value!r}; give {_TYPE_NAMES[wanted]}")
 
 
-def _at(key: str, made: Callable[[], T]) -> T:
+def _with_key(key: str, made: Callable[[], T]) -> T:
     """Put the key before what is found to be wrong."""
     try:
         return made()
@@ -163,18 +167,18 @@ def _at(key: str, made: Callable[[], T]) -> T:
         raise InputError(f"{key}: {error}") from None
 
 
-def _frames(content: dict[str, Any]) -> tuple[Frame, ...] | tuple[Line]:
+def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine]:
     if ("line" in content) == ("frame" in content):
         raise InputError("give either a line of text, line = …, or binary packets, [[frame]]")
     if "line" in content:
-        return (_at("line", lambda: read_line(content["line"])),)
+        return (_with_key("line", lambda: read_line(content["line"])),)
     order = content.get("byte_order")
     if order not in (None, "big", "little"):
         raise InputError(f'byte_order: {order!r}; it is "big" or "little"')
     frames = tuple(_frame(section, order) for section in content["frame"])
     if not frames:
         raise InputError("[[frame]] is missing")
-    if any(not _told_apart(*pair) for pair in combinations(frames, 2)):
+    if any(not _distinguishable(*pair) for pair in combinations(frames, 2)):
         raise InputError("[frame] packet: no fixed byte tells one packet from another")
     for frame in frames[1:]:
         differ = {f[:3] for f in frame.fields} ^ {f[:3] for f in frames[0].fields}
@@ -187,11 +191,11 @@ def _frames(content: dict[str, Any]) -> tuple[Frame, ...] | tuple[Line]:
     return frames
 
 
-def _frame(section: dict[str, Any], order: str | None) -> Frame:
+def _frame(section: dict[str, Any], order: str | None) -> BinaryFrame:
     for key in ("packet", "length"):
         if key not in section:
             raise InputError(f"[frame] {key} is missing")
-    frame = _at("[frame] packet", lambda: read_frame(section["packet"], order))
+    frame = _with_key("[frame] packet", lambda: read_frame(section["packet"], order))
     if frame.length != section["length"]:
         raise InputError(
             f"[frame] packet: it has {frame.length} bytes and length says {section['length']}"
@@ -199,7 +203,7 @@ def _frame(section: dict[str, Any], order: str | None) -> Frame:
     return frame
 
 
-def _told_apart(one: Frame, other: Frame) -> bool:
+def _distinguishable(one: BinaryFrame, other: BinaryFrame) -> bool:
     """Whether a fixed byte of one packet is another in the other: else the longer would hide."""
     fixed = dict(other.constants)
     return any(fixed.get(offset, value) != value for offset, value in one.constants)
@@ -207,17 +211,17 @@ def _told_apart(one: Frame, other: Frame) -> bool:
 
 def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Scale:
     """Return what the values of a channel mean."""
-    like, increment, example = _LIKE[section]
+    like, increment, example = _CHANNEL_UNITS[section]
     if given is None or "scale" not in given:
         raise InputError(f'[{section}] scale is missing; such as "{example}"')
     key = f"[{section}] scale"
-    number, unit = _at(key, lambda: _product(given["scale"], example))
+    number, unit = _with_key(key, lambda: _parse_scale(given["scale"], example))
     zero = 0.0
     if section == "temperature":
         stated = given.get("zero", "0 °C" if "C" in unit or "℃" in unit else "0 K")
-        zero = _at("[temperature] zero", lambda: parse(stated, "K").value)
+        zero = _with_key("[temperature] zero", lambda: parse_quantity(stated, "K").value)
         unit = "K" if "C" in unit or "℃" in unit else unit
-    size = _at(key, lambda: number * _unit(unit, like, increment, rate))
+    size = _with_key(key, lambda: number * _unit_size(unit, like, increment, rate))
     if not (math.isfinite(size) and size):
         raise InputError(f"{key}: {given['scale']!r} is no size of a step")
     full = given.get("full_scale")
@@ -226,12 +230,12 @@ def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Sc
         zero,
         math.inf
         if full is None
-        else _at(f"[{section}] full_scale", lambda: parse(full, like).value),
-        _codes(section, given.get("invalid", [])),
+        else _with_key(f"[{section}] full_scale", lambda: parse_quantity(full, like).value),
+        _invalid_codes(section, given.get("invalid", [])),
     )
 
 
-def _product(text: str, example: str) -> tuple[float, str]:
+def _parse_scale(text: str, example: str) -> tuple[float, str]:
     """Return number and unit of "16/32768 g" or "2^-33 rad"."""
     found = _SCALE.fullmatch(text.strip())
     terms = [term.strip() for term in found[1].split("/")] if found else []
@@ -244,15 +248,15 @@ def _product(text: str, example: str) -> tuple[float, str]:
     return first / math.prod(others), found[2]
 
 
-def _unit(unit: str, like: str, increment: str | None, rate: float | None) -> float:
+def _unit_size(unit: str, like: str, increment: str | None, rate: float | None) -> float:
     """Return the size of a unit in SI, an increment's times the rate."""
     if increment is None:
-        return factor(unit, like)
+        return si_factor(unit, like)
     try:
-        size = factor(unit, increment)
+        size = si_factor(unit, increment)
     except InputError:
         try:
-            return factor(unit, like)
+            return si_factor(unit, like)
         except InputError as error:
             raise InputError(f"{error}, or an increment in {increment} with a rate") from None
     if rate is None:
@@ -260,18 +264,22 @@ def _unit(unit: str, like: str, increment: str | None, rate: float | None) -> fl
     return size * rate
 
 
-def _codes(section: str, codes: list[Any]) -> tuple[float, ...]:
+def _invalid_codes(section: str, codes: list[Any]) -> tuple[float, ...]:
     if not all(isinstance(code, int) and not isinstance(code, bool) for code in codes):
         raise InputError(f"[{section}] invalid: {codes!r}; give raw values, such as [-32768]")
     return tuple(float(code) for code in codes)
 
 
-def _wraps(content: dict[str, Any], frame: Frame | Line, time: Scale) -> dict[str, float]:
+def _wrap_values(
+    content: dict[str, Any], frame: BinaryFrame | TextLine, time: Scale
+) -> dict[str, float]:
     """Return where counter and time start again: as stated, else by their width."""
     wraps = {f.role: 2.0**f.bits for f in frame.fields if 0 < f.bits < 64}
     if "wraps" in content.get("counter", {}):
         wraps["counter"] = float(content["counter"]["wraps"])
     if "wraps" in content.get("time", {}):
         stated = content["time"]["wraps"]
-        wraps["time"] = _at("[time] wraps", lambda: parse(stated, "s").value) / time.size
+        wraps["time"] = (
+            _with_key("[time] wraps", lambda: parse_quantity(stated, "s").value) / time.size
+        )
     return {role: wraps.get(role, 0.0) for role in ("counter", "time")}

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from inercal.errors import InputError
-from inercal.host.packets.layout import Layout
-from inercal.host.packets.picture import AXES, Field, Frame, Line
+from inercal.host.packets.layout import PacketLayout
+from inercal.host.packets.packet_format import AXES, BinaryFrame, Field, TextLine
 
-_CODE = {"d": (-(10**18) + 1, 10**18 - 1), "x": (0, 2**32 - 1)}
+_INTEGER_RANGE = {"d": (-(10**18) + 1, 10**18 - 1), "x": (0, 2**32 - 1)}
 
 
 def encode(
-    layout: Layout,
+    layout: PacketLayout,
     readings: ArrayLike,
     counter: ArrayLike | None = None,
     time: ArrayLike | None = None,
@@ -28,7 +28,7 @@ def encode(
 
     Parameters
     ----------
-    layout : Layout
+    layout : PacketLayout
     readings : (n, 6) array
         m/s² and rad/s, finite in the channels of the layout.
     counter : (n,) array of int, optional
@@ -58,10 +58,10 @@ def encode(
             given[role] = np.broadcast_to(np.asarray(values, np.float64), n)
     warm = np.isfinite(given["temperature"]) if "temperature" in given else np.zeros(n, bool)
     first = layout.frames[0]
-    if isinstance(first, Line):
-        return _lines(layout, first, given, n)
-    frames = [frame for frame in layout.frames if isinstance(frame, Frame)]
-    carries = ["temperature" in frame.orders for frame in frames]
+    if isinstance(first, TextLine):
+        return _text_lines(layout, first, given, n)
+    frames = [frame for frame in layout.frames if isinstance(frame, BinaryFrame)]
+    carries = ["temperature" in frame.byte_orders for frame in frames]
     without, with_it = (carries.index(has) if has in carries else 0 for has in (False, True))
     kind = np.where(warm, with_it, without)
     lengths = np.array([frame.length for frame in frames])[kind]
@@ -76,7 +76,7 @@ def encode(
     return out.tobytes()
 
 
-def _raw(layout: Layout, field: Field, given: dict[str, NDArray[Any]]) -> NDArray[Any]:
+def _raw_values(layout: PacketLayout, field: Field, given: dict[str, NDArray[Any]]) -> NDArray[Any]:
     """Return raw values of a field, rounded where it takes whole numbers."""
     if field.role not in given:
         raise InputError(f"packets of {layout.name!r} carry {field.role}; give it")
@@ -90,7 +90,7 @@ def _raw(layout: Layout, field: Field, given: dict[str, NDArray[Any]]) -> NDArra
     if field.role == "time" and layout.wraps["time"]:
         raw = (np.rint(raw) if field.bits else raw) % layout.wraps["time"]
     if field.type[-1] == "d":
-        return np.clip(np.rint(raw), *_CODE["d"]).astype(np.int64)
+        return np.clip(np.rint(raw), *_INTEGER_RANGE["d"]).astype(np.int64)
     if not field.bits:
         return raw
     low, high = (-(2.0 ** (field.bits - 1)), 2.0 ** (field.bits - 1) - 1)
@@ -102,7 +102,7 @@ def _raw(layout: Layout, field: Field, given: dict[str, NDArray[Any]]) -> NDArra
 
 
 def _records(
-    layout: Layout, frame: Frame, given: dict[str, NDArray[Any]], n: int
+    layout: PacketLayout, frame: BinaryFrame, given: dict[str, NDArray[Any]], n: int
 ) -> NDArray[np.uint8]:
     """Return packets of one kind, (n, length)."""
     rows = np.zeros((n, frame.length), np.uint8)
@@ -110,15 +110,15 @@ def _records(
         rows[:, offset] = value
     records = rows.view(frame.dtype)[:, 0]
     for field in frame.fields:
-        raw = _raw(layout, field, given)
+        raw = _raw_values(layout, field, given)
         if field.bits == 24:
             whole = raw.astype(np.int64)
-            shifts = (16, 8, 0) if frame.orders[field.role] == "big" else (0, 8, 16)
+            shifts = (16, 8, 0) if frame.byte_orders[field.role] == "big" else (0, 8, 16)
             raw = np.stack([whole >> shift & 0xFF for shift in shifts], axis=-1)
         records[field.role] = raw
     for check in frame.checks:
         starts = np.arange(n) * frame.length
-        value = check.kind.of_spans(rows.reshape(-1), starts + check.start, starts + check.at)
+        value = check.kind.span_checks(rows.reshape(-1), starts + check.start, starts + check.at)
         size = check.kind.bits // 8
         for k in range(size):
             place = size - 1 - k if check.order == "big" else k
@@ -126,9 +126,11 @@ def _records(
     return rows
 
 
-def _lines(layout: Layout, line: Line, given: dict[str, NDArray[Any]], n: int) -> bytes:
+def _text_lines(
+    layout: PacketLayout, line: TextLine, given: dict[str, NDArray[Any]], n: int
+) -> bytes:
     """Return lines of text."""
-    columns = {field.role: _raw(layout, field, given).tolist() for field in line.fields}
+    columns = {field.role: _raw_values(layout, field, given).tolist() for field in line.fields}
     parts = list(Formatter().parse(line.text))
     lines = list[str]()
     for k in range(n):
@@ -137,7 +139,7 @@ def _lines(layout: Layout, line: Line, given: dict[str, NDArray[Any]], n: int) -
             if name is None or name == "_":
                 text += literal + (spec or "")
             elif "@" in name:
-                text += literal + format(_check_of(line, text), str(spec))
+                text += literal + format(_line_check(line, text), str(spec))
             else:
                 role = name.removeprefix("-")
                 text += literal + format(columns[role][k], str(spec))
@@ -145,9 +147,9 @@ def _lines(layout: Layout, line: Line, given: dict[str, NDArray[Any]], n: int) -
     return "".join(f"{text}\r\n" for text in lines).encode()
 
 
-def _check_of(line: Line, text: str) -> int:
+def _line_check(line: TextLine, text: str) -> int:
     """Return the check of what a line holds so far."""
     (check,) = line.checks
     data = np.frombuffer(text.encode(), np.uint8)
     ends = np.array([check.start]), np.array([data.size])
-    return int(check.kind.of_spans(data, *ends)[0])
+    return int(check.kind.span_checks(data, *ends)[0])

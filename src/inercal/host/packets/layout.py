@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, field
 from math import inf
 
-from inercal.host.packets.picture import AXES, Field, Frame, Line
+from inercal.host.packets.packet_format import AXES, BinaryFrame, Field, TextLine
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class Scale:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class PacketLayout:
     """The packets of a device.
 
     Parameters
     ----------
     name : str
         Of the description's file.
-    about : str
+    description : str
         The device, and what it has to be set to.
-    frames : tuple of Frame, or one Line
+    frames : tuple of BinaryFrame, or one TextLine
         Packets that the stream may hold, all with the same channels but temperature and status.
     accelerometer, gyro, temperature, time : Scale
         To m/s², rad/s, K and s.
@@ -58,8 +58,8 @@ class Layout:
     """
 
     name: str
-    about: str
-    frames: tuple[Frame, ...] | tuple[Line]
+    description: str
+    frames: tuple[BinaryFrame, ...] | tuple[TextLine]
     accelerometer: Scale
     gyro: Scale
     temperature: Scale = Scale()
@@ -116,7 +116,7 @@ class Layout:
             return self.accelerometer if role[0] == "a" else self.gyro
         return {"temperature": self.temperature, "time": self.time}.get(role, Scale())
 
-    def quantum(self, field: Field) -> float:
+    def resolution(self, field: Field) -> float:
         """Return the step of a field in SI; 0 for real numbers in binary."""
         size = abs(self.scale(field.role).size)
         if field.type[0] == "." and field.type[-1] == "f":

@@ -14,25 +14,25 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.host.packets import binary, text
-from inercal.host.packets.binary import Found
-from inercal.host.packets.layout import Layout
-from inercal.host.packets.picture import AXES, Frame, Line
-from inercal.host.packets.sequence import Flag, Sequence, marked
+from inercal.host.packets import binary_decoder, text_decoder
+from inercal.host.packets.binary_decoder import DecodedPackets
+from inercal.host.packets.counter_unwrapper import CounterUnwrapper, Flag, flag_array
+from inercal.host.packets.layout import PacketLayout
+from inercal.host.packets.packet_format import AXES, BinaryFrame, TextLine
 
 Number = TypeVar("Number", np.int64, np.float64)
-_BLOCK = 1 << 20  # bytes at a time: what is made of them stays in the processor's cache
+_BLOCK_SIZE = 1 << 20  # bytes at a time: what is made of them stays in the processor's cache
 
 
 @dataclass(frozen=True)
-class Counts:
+class PacketCounts:
     """What became of the bytes of a stream.
 
     Parameters
     ----------
     packets : int
         Taken.
-    thrown : int
+    discarded : int
         Bytes that belong to no packet.
     failed : int
         Packets with the right form and a wrong check; their bytes are among those thrown away.
@@ -43,7 +43,7 @@ class Counts:
     """
 
     packets: int = 0
-    thrown: int = 0
+    discarded: int = 0
     failed: int = 0
     lost: int = 0
     repeated: int = 0
@@ -81,7 +81,7 @@ class Packets:
         return self.flags.size
 
 
-def joined(parts: Iterable[Packets]) -> Packets:
+def join_packets(parts: Iterable[Packets]) -> Packets:
     """Return packets of one stream one after the other.
 
     Raises
@@ -104,14 +104,14 @@ class Decoder:
 
     Parameters
     ----------
-    layout : Layout
+    layout : PacketLayout
     mid_stream : bool
         The first byte is not the first of a packet. The first line of a text without a check is
         then left out: cut short, "123.4" is read as "3.4".
 
     Attributes
     ----------
-    counts : Counts
+    counts : PacketCounts
         So far.
     pending : int
         Bytes that may belong to a packet that has not arrived as a whole.
@@ -126,44 +126,48 @@ class Decoder:
     2
     """
 
-    def __init__(self, layout: Layout, mid_stream: bool = False):
+    def __init__(self, layout: PacketLayout, mid_stream: bool = False):
         self.layout = layout
-        self.counts = Counts()
-        self._held = b""
+        self.counts = PacketCounts()
+        self._buffer = b""
         first = layout.frames[0]
-        self._skip_line = mid_stream and isinstance(first, Line) and first.may_be_cut
+        self._skip_line = (
+            mid_stream and isinstance(first, TextLine) and first.accepts_truncated_lines
+        )
         told = layout.sequence
         self._sequences = {
-            role: Sequence(modulus, layout.step if role == told else 0.0)
+            role: CounterUnwrapper(modulus, layout.step if role == told else 0.0)
             for role, modulus in layout.wraps.items()
         }
 
     @property
     def pending(self) -> int:
         """Bytes that are held back."""
-        return len(self._held)
+        return len(self._buffer)
 
     def feed(self, data: bytes) -> Packets:
         """Return the packets that `data` completes; raises nothing, whatever the bytes are."""
-        if len(data) > _BLOCK:
-            cuts = range(0, len(data), _BLOCK)
-            return joined(self.feed(data[cut : cut + _BLOCK]) for cut in cuts)
+        if len(data) > _BLOCK_SIZE:
+            cuts = range(0, len(data), _BLOCK_SIZE)
+            return join_packets(self.feed(data[cut : cut + _BLOCK_SIZE]) for cut in cuts)
         if self._skip_line:
             skipped = data.find(b"\n") + 1 or len(data)
             self._skip_line = not data[:skipped].endswith(b"\n")
-            self.counts = replace(self.counts, thrown=self.counts.thrown + skipped)
+            self.counts = replace(self.counts, discarded=self.counts.discarded + skipped)
             data = data[skipped:]
-        buffer = self._held + bytes(data)
+        buffer = self._buffer + bytes(data)
         first, *_ = frames = self.layout.frames
-        if isinstance(first, Line):
-            found = text.find(buffer, first)
+        if isinstance(first, TextLine):
+            found = text_decoder.find_lines(buffer, first)
         else:
-            found = binary.find(buffer, tuple(f for f in frames if isinstance(f, Frame)))
-        self._held = buffer[found.used :]
-        return self._packets(found)
+            found = binary_decoder.find_packets(
+                buffer, tuple(f for f in frames if isinstance(f, BinaryFrame))
+            )
+        self._buffer = buffer[found.consumed_bytes :]
+        return self._convert_packets(found)
 
     @np.errstate(invalid="ignore", over="ignore")  # real numbers may be NaN, or beyond all sense
-    def _packets(self, found: Found) -> Packets:
+    def _convert_packets(self, found: DecodedPackets) -> Packets:
         """Return readings in SI and count them."""
         n, layout, raw = found.packets, self.layout, found.raw
         flags = np.zeros(n, np.uint8)
@@ -172,51 +176,51 @@ class Decoder:
         temperature = np.full(n, np.nan)
         for role, column in zip((*AXES, "temperature"), (*readings.T, temperature), strict=True):
             if role in raw:
-                flags |= _scaled(layout, role, signs[role], raw[role], column)
+                flags |= _scale_channel(layout, role, signs[role], raw[role], column)
         status, stated = np.zeros(n, np.int64), np.zeros(n, bool)
         if "status" in raw:
             stated = np.isfinite(raw["status"])  # where packets of several kinds come
             status[stated] = raw["status"][stated].astype(np.int64)
         mask, good = layout.status_good
-        flags |= marked(stated & (status & mask != good), Flag.STATUS)
-        counter = self._followed("counter", raw, np.int64, flags)
-        ticks = self._followed("time", raw, np.float64, flags)
+        flags |= flag_array(stated & (status & mask != good), Flag.STATUS)
+        counter = self._unwrap_column("counter", raw, np.int64, flags)
+        ticks = self._unwrap_column("time", raw, np.float64, flags)
         self.counts = replace(
             self.counts,
             packets=self.counts.packets + n,
-            thrown=self.counts.thrown + found.used - found.taken,
+            discarded=self.counts.discarded + found.consumed_bytes - found.packet_bytes,
             failed=self.counts.failed + found.failed,
-            repeated=self.counts.repeated + _number(flags, Flag.REPEATED),
-            out_of_order=self.counts.out_of_order + _number(flags, Flag.OUT_OF_ORDER),
+            repeated=self.counts.repeated + _count_flag(flags, Flag.REPEATED),
+            out_of_order=self.counts.out_of_order + _count_flag(flags, Flag.OUT_OF_ORDER),
         )
         time = None if ticks is None else ticks * layout.time.size
         return Packets(readings, counter, time, temperature, status, flags)
 
-    def _followed(
-        self, role: str, raw: binary.Raw, kind: type[Number], flags: NDArray[np.uint8]
+    def _unwrap_column(
+        self, role: str, raw: binary_decoder.Raw, kind: type[Number], flags: NDArray[np.uint8]
     ) -> NDArray[Number] | None:
         """Count on a counter or clock, and mark and count what is missing."""
         if role not in raw:
             return None
         values = raw[role].astype(kind)
-        found = self._sequences[role].follow(values)
+        found = self._sequences[role].unwrap(values)
         flags |= found.flags
         self.counts = replace(self.counts, lost=self.counts.lost + found.lost)
         return found.values
 
 
-def read_log(path: str | Path, layout: Layout) -> tuple[Packets, Counts]:
+def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCounts]:
     """Return the packets of a file of a device's bytes, and what became of the others.
 
     Parameters
     ----------
     path : path
-    layout : Layout
+    layout : PacketLayout
 
     Returns
     -------
     packets : Packets
-    counts : Counts
+    counts : PacketCounts
         An incomplete packet at the end is among the bytes thrown away.
 
     Raises
@@ -227,24 +231,24 @@ def read_log(path: str | Path, layout: Layout) -> tuple[Packets, Counts]:
     decoder = Decoder(layout)
     try:
         with Path(path).open("rb") as file:
-            parts = [decoder.feed(chunk) for chunk in iter(lambda: file.read(_BLOCK), b"")]
+            parts = [decoder.feed(chunk) for chunk in iter(lambda: file.read(_BLOCK_SIZE), b"")]
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    counts = replace(decoder.counts, thrown=decoder.counts.thrown + decoder.pending)
+    counts = replace(decoder.counts, discarded=decoder.counts.discarded + decoder.pending)
     if not counts.packets:
         raise InputError(
-            f"{path}: no packet of {layout.name!r} in {counts.thrown} bytes"
+            f"{path}: no packet of {layout.name!r} in {counts.discarded} bytes"
             + (f"; {counts.failed} have the form and a wrong check" if counts.failed else "")
         )
-    return joined(parts), counts
+    return join_packets(parts), counts
 
 
-def _number(flags: NDArray[np.uint8], flag: Flag) -> int:
+def _count_flag(flags: NDArray[np.uint8], flag: Flag) -> int:
     return int(np.count_nonzero(flags & flag))
 
 
-def _scaled(
-    layout: Layout, role: str, sign: float, raw: NDArray[Any], out: Array
+def _scale_channel(
+    layout: PacketLayout, role: str, sign: float, raw: NDArray[Any], out: Array
 ) -> NDArray[np.uint8]:
     """Write a channel in SI to `out`, and return flags."""
     scale = layout.scale(role)
@@ -255,13 +259,13 @@ def _scaled(
     if np.isfinite(scale.full_scale):
         field = next(f for frame in layout.frames for f in frame.fields if f.role == role)
         # Rounding of 32-bit numbers is 6e-8 of the value.
-        margin = max(1.001 * layout.quantum(field), 1e-6 * scale.full_scale)
-        flags |= marked(np.abs(out) >= scale.full_scale - margin, Flag.SATURATED)
+        margin = max(1.001 * layout.resolution(field), 1e-6 * scale.full_scale)
+        flags |= flag_array(np.abs(out) >= scale.full_scale - margin, Flag.SATURATED)
     if scale.invalid or raw.dtype.kind == "f":
         invalid = ~np.isfinite(out)
         if scale.invalid:
             invalid |= np.isin(raw, scale.invalid)
         out[invalid] = np.nan
         if role != "temperature":
-            flags |= marked(invalid, Flag.INVALID)
+            flags |= flag_array(invalid, Flag.INVALID)
     return flags

@@ -11,17 +11,17 @@ from argparse import ArgumentParser
 from math import degrees, inf, radians
 
 from inercal.host.sim.controller import Controller
-from inercal.host.sim.dynamics import Killed, Table, three_axes
-from inercal.host.sim.lines import LineSession
-from inercal.host.sim.process import add_pace, pace_of, serve
+from inercal.host.sim.dynamics import ServoOffError, SimulatedTable, three_axes
+from inercal.host.sim.line_session import LineSession
+from inercal.host.sim.simulator_process import add_pace_option, selected_pace, serve
 
 _WORDS = ("mode", "demand", "read", "limit", "interlock", "position", "rate", "acceleration",
           "absolute", "close", "open", "reset", "off")  # fmt: skip
-_MOST = {"rate": 400.0, "acceleration": 500.0}  # °/s, °/s²
+_LIMITS = {"rate": 400.0, "acceleration": 500.0}  # °/s, °/s²
 _JERK = 10000.0  # °/s³; told, not kept
 
 
-class _Wrong(Exception):
+class _CommandError(Exception):
     """A command that the controller refuses."""
 
 
@@ -29,49 +29,51 @@ class SimulatedAcutrol(Controller):
     """An ACUTROL3000 with a channel for each axis, 1 the outermost; rates in °/s."""
 
     def __init__(self):
-        super().__init__(Table(three_axes(), 2000.0))
+        super().__init__(SimulatedTable(three_axes(), 2000.0))
         count = len(self.table.axes)
         self._mode = ["off"] * count
         self._demand = [{"position": 0.0, "rate": 0.0} for _ in range(count)]
         self._limit = [
-            {(mode, what): most for mode in ("position", "rate") for what, most in _MOST.items()}
+            {(mode, what): most for mode in ("position", "rate") for what, most in _LIMITS.items()}
             for _ in range(count)
         ]
-        self._wrong = False
+        self._error = False
         for x in self.table.state:
             # Absolute encoders: zero is where the axis is built to have it.
             x.zero, x.homed, x.fatal, x.band = 0.0, 1, radians(2.0), radians(1e-4)
 
     def session(self) -> LineSession:
         """Return the controller's side of a new connection."""
-        return LineSession(b"\n", self._line)
+        return LineSession(b"\n", self._answer_line)
 
-    def _line(self, line: str) -> str:
+    def _answer_line(self, line: str) -> str:
         said: list[str] = []
         path: list[str] = []
         for command in filter(None, (part.strip().lower() for part in line.split(";"))):
             try:
-                answer = self._common(command)
+                answer = self._common_command(command)
                 if answer is None:
                     header, _, rest = command.partition(" ")
-                    words = [_full(w) for w in header.removesuffix("?").strip(":").split(":")]
+                    words = [
+                        _expand_word(w) for w in header.removesuffix("?").strip(":").split(":")
+                    ]
                     words = words if header.startswith(":") else [*path, *words]
                     path = words[:-1]
                     answer = self._command(words, header.endswith("?"), rest.split(","))
-            except (_Wrong, ValueError, IndexError):
-                self._wrong = True
+            except (_CommandError, ValueError, IndexError):
+                self._error = True
                 continue
             if answer:
                 said.append(answer)
         return ";".join(said) + "\n" if said else ""
 
-    def _common(self, command: str) -> str | None:
+    def _common_command(self, command: str) -> str | None:
         if command == "*idn?":
             return "inercal,simulated ACUTROL3000"
         if command == "*stb?":
             fault = any(self._interlock(i) == "Fault" for i in range(len(self._mode)))
-            status = 65 * fault + 4 * self._wrong
-            self._wrong = False
+            status = 65 * fault + 4 * self._error
+            self._error = False
             return str(status)
         return None
 
@@ -82,12 +84,12 @@ class SimulatedAcutrol(Controller):
                     x.tripped = 0
                 return ""
             case ["limit", "rate" | "acceleration" as what], _:
-                mode, i = _full(given[0].strip()), self._axis(given[1])
+                mode, i = _expand_word(given[0].strip()), self._axis(given[1])
                 if question:
                     return f"{self._limit[i][mode, what]:.6f}"
                 value = float(given[2])
-                if (mode, what) not in self._limit[i] or not 0 < value <= _MOST[what]:
-                    raise _Wrong
+                if (mode, what) not in self._limit[i] or not 0 < value <= _LIMITS[what]:
+                    raise _CommandError
                 self._limit[i][mode, what] = value
                 return ""
             case _:
@@ -98,7 +100,7 @@ class SimulatedAcutrol(Controller):
             case ["limit", "absolute"], True:
                 ends = (degrees(float(e)) if abs(e) < inf else 1e9 * (1 if e > 0 else -1)
                         for e in (x.low, x.high))  # fmt: skip
-                told = (*_MOST.values(), _JERK, *ends, 0.0)
+                told = (*_LIMITS.values(), _JERK, *ends, 0.0)
                 return ",".join(f"{v:.6f}" for v in told)
             case ["read", "position"], True:
                 return f"{degrees(self.table.reading(i)):.6f}"
@@ -117,15 +119,15 @@ class SimulatedAcutrol(Controller):
                 self._mode[i] = "off"
             case ["demand", "position" | "rate" as what], False:
                 self._demand[i][what] = float(given[1])
-                self._obey(i)
+                self._apply_demand(i)
             case ["mode", "position" | "rate" | "off" as mode], False:
                 self._mode[i] = mode
-                self._obey(i)
+                self._apply_demand(i)
             case _:
-                raise _Wrong
+                raise _CommandError
         return ""
 
-    def _obey(self, i: int) -> None:
+    def _apply_demand(self, i: int) -> None:
         """Start what mode and demand say."""
         mode, x = self._mode[i], self.table.state[i]
         if mode == "off":
@@ -136,14 +138,14 @@ class SimulatedAcutrol(Controller):
         try:
             if mode == "position":
                 x.speed = radians(limit[mode, "rate"])
-                self.table.go(i, radians(demand))
+                self.table.move_axis(i, radians(demand))
             elif demand == 0:
                 self.table.halt(i)
             else:
                 x.speed = radians(min(abs(demand), limit[mode, "rate"]))
-                self.table.run(i, 1.0 if demand > 0 else -1.0)
-        except Killed:
-            raise _Wrong from None
+                self.table.rotate_axis(i, 1.0 if demand > 0 else -1.0)
+        except ServoOffError:
+            raise _CommandError from None
 
     def _interlock(self, i: int) -> str:
         x = self.table.state[i]
@@ -151,25 +153,25 @@ class SimulatedAcutrol(Controller):
 
     def _axis(self, text: str) -> int:
         if not re.fullmatch(r"\s*[0-9]\s*", text) or not 1 <= int(text) <= len(self._mode):
-            raise _Wrong
+            raise _CommandError
         return int(text) - 1
 
 
-def _full(word: str) -> str:
+def _expand_word(word: str) -> str:
     """Return the word that `word`, of three letters at least, abbreviates."""
     for full in _WORDS:
         if len(word) >= 3 and full.startswith(word):
             return full
-    raise _Wrong
+    raise _CommandError
 
 
 def main() -> None:
     """Serve a simulated ACUTROL3000 until standard input ends; see `process.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.acutrol", description=__doc__)
     parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
-    add_pace(parser)
+    add_pace_option(parser)
     options = parser.parse_args()
-    serve(SimulatedAcutrol(), pace_of(options), options.port)
+    serve(SimulatedAcutrol(), selected_pace(options), options.port)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """What the simulated controllers have in common: a table, whose time they let pass."""
 
-from inercal.host.sim.dynamics import FAULTS, Motion, Table
+from inercal.host.sim.dynamics import FAULTS, AxesMotion, SimulatedTable
 
 
 class Controller:
@@ -11,7 +11,7 @@ class Controller:
     table : Table
     """
 
-    def __init__(self, table: Table):
+    def __init__(self, table: SimulatedTable):
         self.table = table
 
     @property
@@ -19,7 +19,7 @@ class Controller:
         """Bench time, s."""
         return self.table.time
 
-    def advance(self, until: float) -> Motion:
+    def advance(self, until: float) -> AxesMotion:
         """Let bench time pass; return the true motion of each servo cycle."""
         return self.table.advance(until)
 

@@ -17,7 +17,7 @@ from math import nan
 
 import numpy as np
 
-POSSIBLE = "fragment N, delay SECONDS, corrupt N, drop N, die"
+FAULT_SYNTAX = "fragment N, delay SECONDS, corrupt N, drop N, die"
 
 
 @dataclass
@@ -31,7 +31,7 @@ class Faults:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     replies: int = 0
 
-    def spoil(self, reply: bytes) -> tuple[list[bytes], bool]:
+    def apply_faults(self, reply: bytes) -> tuple[list[bytes], bool]:
         """Return the pieces in which a reply goes out, and whether its connection then ends."""
         self.replies += 1
         if self.corrupt and self.replies % self.corrupt == 0 and reply:
@@ -46,20 +46,20 @@ class Faults:
         size = self.fragment or max(len(reply), 1)
         return [reply[i : i + size] for i in range(0, len(reply), size)], ends
 
-    def tell(self, words: str) -> None:
+    def set_fault(self, words: str) -> None:
         """Set a fault told in words; raises `ValueError` that says what is possible."""
         match words.split():
             case ["die"]:
                 os._exit(9)
             case ["fragment" | "corrupt" | "drop" as what, count] if count.isdecimal():
                 setattr(self, what, int(count))
-            case ["delay", seconds] if 0 <= number_in(seconds) < 1e6:
+            case ["delay", seconds] if 0 <= parse_number(seconds) < 1e6:
                 self.delay = float(seconds)
             case _:
-                raise ValueError(f"no fault {words!r}; possible: {POSSIBLE}")
+                raise ValueError(f"no fault {words!r}; possible: {FAULT_SYNTAX}")
 
 
-def number_in(text: str | bytes) -> float:
+def parse_number(text: str | bytes) -> float:
     """Return the number that a text is; NaN where it is none."""
     try:
         return float(text)

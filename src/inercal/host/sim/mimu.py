@@ -28,39 +28,39 @@ from threading import Lock, Thread
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.turntable.simulation import seconds_on_turntable
+from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.errors import InputError
-from inercal.host.packets import Layout, read_layout
+from inercal.host.packets import PacketLayout, read_layout
 from inercal.host.sim import motion_link
-from inercal.host.sim._packed import Packer
-from inercal.host.sim.errors import SimulatedErrors, draw
-from inercal.host.sim.faults import number_in
-from inercal.host.sim.felt import Imu, drawn_drift, noise_block
-from inercal.host.sim.port import Port, Socket, Terminal
-from inercal.host.sim.process import answer
+from inercal.host.sim.faults import parse_number
+from inercal.host.sim.imu_model import SimulatedImu, draw_bias_drift, noise_block_size
+from inercal.host.sim.packet_packer import PacketPacker
+from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
+from inercal.host.sim.simulator_port import SimulatorPort, TcpPort, TerminalPort
+from inercal.host.sim.simulator_process import answer_lines
 from inercal.runfile import Run, read
 
-POSSIBLE = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
-_SPARE = 300.0  # s of noise beyond one and a half plans
+FAULT_SYNTAX = "fault loss P, fault errors P, fault silent on|off, fault unplug, fault replug, die"
+_SPARE_NOISE = 300.0  # s of noise beyond one and a half plans
 
 
-class Sender:
+class PacketSender:
     """Packs readings, spoils them as it was told, and sends them through a port.
 
     Parameters
     ----------
-    packer : Packer
+    packer : PacketPacker
     plug : callable
         Opens the port.
     seed : int
         Of the faults.
     """
 
-    def __init__(self, packer: Packer, plug: Callable[[], Port], seed: int):
+    def __init__(self, packer: PacketPacker, plug: Callable[[], SimulatorPort], seed: int):
         self.sent = 0
         self.lock = Lock()
-        self._packer, self._plug = packer, plug
-        self._port: Port | None = plug()
+        self._packer, self._open_port = packer, plug
+        self._port: SimulatorPort | None = plug()
         self.address = self._port.address
         self._loss = self._errors = 0.0
         self._silent = False
@@ -77,26 +77,26 @@ class Sender:
                 packets = [p for p, gone in zip(packets, lost, strict=True) if not gone]
             data = b"".join(packets)
             if self._errors:
-                data = self._changed(data)
+                data = self._corrupt_bytes(data)
             if self._port is not None and not self._silent and data:
                 self.sent += self._port.write(data)
 
-    def tell(self, words: str) -> None:
+    def set_fault(self, words: str) -> None:
         """Set a fault told in words; raises `ValueError` that says what is possible."""
         with self.lock:
             match words.split():
                 case ["die"]:
                     os._exit(9)
-                case ["fault", "loss" | "errors" as what, share] if 0 <= number_in(share) <= 1:
+                case ["fault", "loss" | "errors" as what, share] if 0 <= parse_number(share) <= 1:
                     setattr(self, f"_{what}", float(share))
                 case ["fault", "silent", "on" | "off" as state]:
                     self._silent = state == "on"
                 case ["fault", "unplug"]:
                     self.close()
                 case ["fault", "replug"]:
-                    self._port = self._port or self._plug()
+                    self._port = self._port or self._open_port()
                 case _:
-                    raise ValueError(f"no fault {words!r}; possible: {POSSIBLE}")
+                    raise ValueError(f"no fault {words!r}; possible: {FAULT_SYNTAX}")
 
     def close(self) -> None:
         """Unplug the port."""
@@ -104,7 +104,7 @@ class Sender:
             self._port.close()
             self._port = None
 
-    def _changed(self, data: bytes) -> bytes:
+    def _corrupt_bytes(self, data: bytes) -> bytes:
         """Return the bytes with some of them changed to others."""
         bad = np.frombuffer(data, np.uint8).copy()
         places = np.flatnonzero(self._rng.random(bad.size) < self._errors)
@@ -112,17 +112,17 @@ class Sender:
         return bad.tobytes()
 
 
-def feel(end: socket.socket, imu: Imu, sender: Sender) -> None:
+def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) -> None:
     """Answer each part of the motion once the readings due by then are sent."""
     # A table that is gone feels nothing more.
     with suppress(OSError):
         while (part := motion_link.receive(end)) is not None:
-            first = imu.next
-            sender.send(first, imu.until(part))
-            motion_link.answer(end, sender.sent)
+            first = imu.next_number
+            sender.send(first, imu.read_block(part))
+            motion_link.send_byte_count(end, sender.sent)
 
 
-def rate_of(run: Run, layout: Layout, rate_hz: float | None) -> float:
+def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
     """Return the rate of the packets: as told, the layout's own, or that of the run's data.
 
     Raises
@@ -140,9 +140,9 @@ def rate_of(run: Run, layout: Layout, rate_hz: float | None) -> float:
     return rate
 
 
-def noise_seconds(run: Run, drawn: SimulatedErrors) -> float:
+def noise_duration(run: Run, drawn: SimulatedErrors) -> float:
     """Return how long noise is drawn for at a time, s."""
-    return 1.5 * seconds_on_turntable(drawn.bench, run.table_steps) + _SPARE
+    return 1.5 * turntable_path_duration(drawn.bench, run.table_steps) + _SPARE_NOISE
 
 
 def mean_drift(
@@ -159,8 +159,8 @@ def mean_drift(
     start, stop : float
         s of the IMU's clock, within the noise that is drawn at first.
     """
-    count = noise_block(noise_seconds(run, drawn), rate_hz)
-    drift = drawn_drift(run.sensor, drawn.seed, count, rate_hz)
+    count = noise_block_size(noise_duration(run, drawn), rate_hz)
+    drift = draw_bias_drift(run.sensor, drawn.seed, count, rate_hz)
     return drift[int(start * rate_hz) : int(stop * rate_hz)].mean(axis=0)
 
 
@@ -182,41 +182,41 @@ def main() -> None:
         own = TemporaryDirectory(prefix="inercal-")
         folder: Path = options.folder or Path(stack.enter_context(own))
         # The table may come first: what follows compiles.
-        listener, motion = motion_link.listen(folder / motion_link.NAME)
+        listener, motion = motion_link.listen(folder / motion_link.SOCKET_NAME)
         stack.enter_context(listener)
         try:
             run = read(options.run)
             layout = read_layout(options.preset)
-            drawn = draw(run, options.seed)
-            rate = rate_of(run, layout, options.rate)
-            seconds = noise_seconds(run, drawn)
-            imu, packer = Imu(run, drawn, rate, seconds), Packer(layout, rate)
+            drawn = draw_errors(run, options.seed)
+            rate = packet_rate(run, layout, options.rate)
+            seconds = noise_duration(run, drawn)
+            imu, packer = SimulatedImu(run, drawn, rate, seconds), PacketPacker(layout, rate)
         except InputError as error:
             print(f"no: {error}", flush=True)
             sys.exit(2)
         path = folder / "imu"
         port = options.port
 
-        def plug() -> Port:
+        def plug() -> SimulatorPort:
             nonlocal port
             if options.terminal:
-                return Terminal(path)
+                return TerminalPort(path)
             # Plugged anew it is at the same place.
-            opened = Socket(port)
+            opened = TcpPort(port)
             port = opened.port
             return opened
 
-        sender = Sender(packer, plug, options.seed)
+        sender = PacketSender(packer, plug, options.seed)
 
         def serve() -> None:
             while True:
                 end, _ = listener.accept()
                 with end:
-                    feel(end, imu, sender)
+                    serve_motion(end, imu, sender)
 
         Thread(target=serve, daemon=True).start()
         print(f"at {sender.address} motion {motion}", flush=True)
-        answer(sender.tell, sys.stdin, sys.stdout)
+        answer_lines(sender.set_fault, sys.stdin, sys.stdout)
         with sender.lock:
             sender.close()
 

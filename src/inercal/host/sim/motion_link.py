@@ -15,19 +15,19 @@ import numpy as np
 
 from inercal.arrays import Array
 
-NAME = "motion"  # of the socket, in the bench's folder
-_RETRY = 0.05  # s
+SOCKET_NAME = "motion"  # of the socket, in the bench's folder
+_RETRY_INTERVAL = 0.05  # s
 _HEAD = Struct("<ddqqq")  # until, period, first cycle, cycles, axes
-_SENT = Struct("<q")
+_BYTE_COUNT = Struct("<q")
 
 
-class Part(NamedTuple):
+class MotionBlock(NamedTuple):
     """Motion of some servo cycles: `moved` (n, axes, 3) rad, rad/s, rad/s² at their ends."""
 
-    until: float
+    end_time: float
     period: float
-    first: int
-    moved: Array
+    first_cycle: int
+    motion: Array
 
 
 def listen(path: Path) -> tuple[socket.socket, str]:
@@ -48,7 +48,7 @@ def connect(address: str, patience: float) -> socket.socket:
     """
     end = socket.socket(socket.AF_UNIX)
     try:
-        _reach(end, address.removeprefix("unix:"), patience)
+        _retry_connect(end, address.removeprefix("unix:"), patience)
         # The system's own time limit: that of Python asks twice.
         limit = pack("@ll", int(patience), int(patience % 1 * 1e6))
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
@@ -59,7 +59,7 @@ def connect(address: str, patience: float) -> socket.socket:
     return end
 
 
-def _reach(end: socket.socket, path: str, patience: float) -> None:
+def _retry_connect(end: socket.socket, path: str, patience: float) -> None:
     """Connect, as soon as the other process listens."""
     until = monotonic() + patience
     while True:
@@ -69,47 +69,47 @@ def _reach(end: socket.socket, path: str, patience: float) -> None:
         except (FileNotFoundError, ConnectionRefusedError):
             if monotonic() > until:
                 raise
-            sleep(_RETRY)
+            sleep(_RETRY_INTERVAL)
 
 
-def send(end: socket.socket, part: Part) -> None:
+def send(end: socket.socket, part: MotionBlock) -> None:
     """Send a part; raises `OSError` where nobody takes it."""
-    count, axes, _ = part.moved.shape
-    head = _HEAD.pack(part.until, part.period, part.first, count, axes)
-    end.sendall(head + part.moved.tobytes())
+    count, axes, _ = part.motion.shape
+    head = _HEAD.pack(part.end_time, part.period, part.first_cycle, count, axes)
+    end.sendall(head + part.motion.tobytes())
 
 
-def receive(end: socket.socket) -> Part | None:
+def receive(end: socket.socket) -> MotionBlock | None:
     """Wait for a part; None at the end."""
-    head = _exactly(end, _HEAD.size)
+    head = _receive_exactly(end, _HEAD.size)
     if head is None:
         return None
     until, period, first, count, axes = _HEAD.unpack(head)
     moved = np.empty((count, axes, 3))
-    if count and not _fill(end, moved.data.cast("B")):
+    if count and not _fill_buffer(end, moved.data.cast("B")):
         return None
-    return Part(until, period, first, moved)
+    return MotionBlock(until, period, first, moved)
 
 
-def answer(end: socket.socket, sent: int) -> None:
+def send_byte_count(end: socket.socket, sent: int) -> None:
     """Say how many bytes the IMU has sent."""
-    end.sendall(_SENT.pack(sent))
+    end.sendall(_BYTE_COUNT.pack(sent))
 
 
-def answered(end: socket.socket) -> int:
+def receive_byte_count(end: socket.socket) -> int:
     """Wait for the bytes that the IMU has sent; raises `OSError` where it is gone."""
-    data = _exactly(end, _SENT.size)
+    data = _receive_exactly(end, _BYTE_COUNT.size)
     if data is None:
         raise ConnectionResetError("the IMU is gone")
-    return int(_SENT.unpack(data)[0])
+    return int(_BYTE_COUNT.unpack(data)[0])
 
 
-def _exactly(end: socket.socket, size: int) -> bytes | None:
+def _receive_exactly(end: socket.socket, size: int) -> bytes | None:
     data = bytearray(size)
-    return bytes(data) if _fill(end, memoryview(data)) else None
+    return bytes(data) if _fill_buffer(end, memoryview(data)) else None
 
 
-def _fill(end: socket.socket, into: memoryview) -> bool:
+def _fill_buffer(end: socket.socket, into: memoryview) -> bool:
     """Receive until all is full; False at the end of the stream."""
     done = 0
     while done < len(into):

@@ -7,28 +7,28 @@ from argparse import ArgumentParser
 from math import degrees, isfinite, radians
 
 from inercal.host.sim.controller import Controller
-from inercal.host.sim.dynamics import Axis, Table
-from inercal.host.sim.faults import number_in
-from inercal.host.sim.lines import LineSession
-from inercal.host.sim.process import add_pace, pace_of, serve
+from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable
+from inercal.host.sim.faults import parse_number
+from inercal.host.sim.line_session import LineSession
+from inercal.host.sim.simulator_process import add_pace_option, selected_pace, serve
 
-_MOST = {"JOG": 600.0, "VEL": 600.0, "ACL": 200.0}  # °/s, °/s²
+_LIMITS = {"JOG": 600.0, "VEL": 600.0, "ACL": 200.0}  # °/s, °/s²
 
 
 class SimulatedMotor(Controller):
     """A motor that turns the table at up to 600 °/s, from anywhere; its servo is always on."""
 
     def __init__(self):
-        axis = Axis("table", start=1.2, omega=25.0, feedforward=0.9)
-        super().__init__(Table([axis], 1000.0))
+        axis = AxisDynamics("table", start=1.2, omega=25.0, feedforward=0.9)
+        super().__init__(SimulatedTable([axis], 1000.0))
         self.table.state[0].fatal = radians(10.0)
         self.table.enable(0)
 
     def session(self) -> LineSession:
         """Return the controller's side of a new connection."""
-        return LineSession(b"\r", self._line)
+        return LineSession(b"\r", self._answer_line)
 
-    def _line(self, line: str) -> str:
+    def _answer_line(self, line: str) -> str:
         x = self.table.state[0]
         if not x.closed and not line.startswith("P"):
             return "? drive fault\r\n>"
@@ -44,37 +44,37 @@ class SimulatedMotor(Controller):
             case ["HOM"]:
                 x.speed = radians(20.0)
                 self.table.search(0)
-            case ["ACL" | "VEL" | "JOG" | "POS" as what, text] if isfinite(number_in(text)):
+            case ["ACL" | "VEL" | "JOG" | "POS" as what, text] if isfinite(parse_number(text)):
                 value = float(text)
-                if abs(value) > _MOST.get(what, 1e9) or (what in ("ACL", "VEL") and value <= 0):
+                if abs(value) > _LIMITS.get(what, 1e9) or (what in ("ACL", "VEL") and value <= 0):
                     return "? range\r\n>"
-                self._set(what, radians(value))
+                self._set_value(what, radians(value))
             case _:
                 return "? command\r\n>"
         return "\r\n>"
 
-    def _set(self, what: str, value: float) -> None:
+    def _set_value(self, what: str, value: float) -> None:
         x = self.table.state[0]
         if what == "ACL":
             x.acceleration = x.abort = value
         elif what == "VEL":
             x.speed = value
         elif what == "POS":
-            self.table.go(0, value)
+            self.table.move_axis(0, value)
         elif value == 0:
             self.table.halt(0)
         else:
             x.speed = abs(value)
-            self.table.run(0, 1.0 if value > 0 else -1.0)
+            self.table.rotate_axis(0, 1.0 if value > 0 else -1.0)
 
 
 def main() -> None:
     """Serve a simulated motor until standard input ends; see `process.serve`."""
     parser = ArgumentParser(prog="python -m inercal.host.sim.motor", description=__doc__)
     parser.add_argument("--port", type=int, help="of TCP, 0: any free one; else a pseudo-terminal")
-    add_pace(parser)
+    add_pace_option(parser)
     options = parser.parse_args()
-    serve(SimulatedMotor(), pace_of(options), options.port or 0, options.port is None)
+    serve(SimulatedMotor(), selected_pace(options), options.port or 0, options.port is None)
 
 
 if __name__ == "__main__":

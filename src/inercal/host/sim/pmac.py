@@ -14,9 +14,9 @@ from math import tau
 from struct import unpack_from
 
 from inercal.host.sim.controller import Controller
-from inercal.host.sim.dynamics import Axis, Table, three_axes
+from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
 from inercal.host.sim.pmac_commands import Interpreter
-from inercal.host.sim.process import add_pace, pace_of, serve
+from inercal.host.sim.simulator_process import add_pace_option, selected_pace, serve
 
 _CHUNK = 1400
 _WITH_DATA = (0xB0, 0xBF, 0xC6)  # SENDLINE, GETRESPONSE, WRITEBUFFER: the length is that of data
@@ -35,11 +35,11 @@ class SimulatedPmac(Controller):
 
     def __init__(
         self,
-        axes: tuple[Axis, ...] | None = None,
+        axes: tuple[AxisDynamics, ...] | None = None,
         counts_per_turn: int = 3_600_000,
         i10: int = 3713707,
     ):
-        super().__init__(Table(axes or three_axes(), 8388608e3 / i10))
+        super().__init__(SimulatedTable(axes or three_axes(), 8388608e3 / i10))
         self.interpreter = Interpreter(self.table, counts_per_turn / tau, i10)
 
     def session(self) -> "_Session":
@@ -53,46 +53,48 @@ class _Session:
     def __init__(self, interpreter: Interpreter):
         self._interpreter = interpreter
         self._motor = 1  # `#n` stays addressed until the next
-        self._arrived = b""
-        self._rest = b""
+        self._buffer = b""
+        self._unread_reply = b""
 
     def feed(self, data: bytes) -> bytes:
         """As `server.Session.feed`."""
-        self._arrived += data
+        self._buffer += data
         answer = b""
-        while len(self._arrived) >= 8:
-            kind, request, value, _, length = unpack_from(">BBHHH", self._arrived)
+        while len(self._buffer) >= 8:
+            kind, request, value, _, length = unpack_from(">BBHHH", self._buffer)
             size = 8 + (length if kind == 0x40 and request in _WITH_DATA else 0)
-            if len(self._arrived) < size:
+            if len(self._buffer) < size:
                 break
-            packet, self._arrived = self._arrived[8:size], self._arrived[size:]
+            packet, self._buffer = self._buffer[8:size], self._buffer[size:]
             answer += self._answer(kind, request, value, packet)
         return answer
 
     def _answer(self, kind: int, request: int, value: int, packet: bytes) -> bytes:
         match kind, request:
             case 0x40, 0xBF:  # GETRESPONSE
-                reply, self._motor = self._interpreter.line(packet, self._motor)
-                self._rest = reply
+                reply, self._motor = self._interpreter.execute_line(packet, self._motor)
+                self._unread_reply = reply
                 return self._chunk()
             case 0x40, 0xB0:  # SENDLINE
-                self._rest, self._motor = self._interpreter.line(packet, self._motor)
+                self._unread_reply, self._motor = self._interpreter.execute_line(
+                    packet, self._motor
+                )
                 return b"@"
             case 0xC0, 0xC5:  # GETBUFFER; NUL where there is nothing
                 return self._chunk() or b"\x00"
             case 0xC0, 0xC2:  # READREADY
-                return bytes([bool(self._rest), 0])
+                return bytes([bool(self._unread_reply), 0])
             case 0xC0, 0xC4:  # CTRL_RESPONSE; the character in either byte, as hosts differ
-                self._interpreter.control(value >> 8 or value & 0xFF)
+                self._interpreter.execute_control(value >> 8 or value & 0xFF)
                 return b"\x06"
             case 0x40, 0xB3:  # FLUSH
-                self._rest = b""
+                self._unread_reply = b""
                 return b"@"
             case _:
                 return b""
 
     def _chunk(self) -> bytes:
-        chunk, self._rest = self._rest[:_CHUNK], self._rest[_CHUNK:]
+        chunk, self._unread_reply = self._unread_reply[:_CHUNK], self._unread_reply[_CHUNK:]
         return chunk
 
 
@@ -101,9 +103,9 @@ def main() -> None:
     parser = ArgumentParser(prog="python -m inercal.host.sim.pmac", description=__doc__)
     parser.add_argument("--port", type=int, default=0, help="0: any free one, which is printed")
     parser.add_argument("--counts", type=int, default=3_600_000, help="encoder counts in a turn")
-    add_pace(parser)
+    add_pace_option(parser)
     options = parser.parse_args()
-    serve(SimulatedPmac(counts_per_turn=options.counts), pace_of(options), options.port)
+    serve(SimulatedPmac(counts_per_turn=options.counts), selected_pace(options), options.port)
 
 
 if __name__ == "__main__":

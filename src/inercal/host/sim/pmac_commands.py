@@ -12,8 +12,8 @@ from collections.abc import Callable
 from functools import lru_cache, partial
 from math import inf
 
-from inercal.host.sim import _kernel as kernel
-from inercal.host.sim.dynamics import Killed, Report, Table
+from inercal.host.sim import _table_kernel as kernel
+from inercal.host.sim.dynamics import AxisReport, ServoOffError, SimulatedTable
 
 _VALUE = r"[+-]?(?:\$[0-9A-F]+|\d+\.?\d*|\.\d+)"
 _COMMANDS = re.compile(
@@ -33,14 +33,16 @@ _DEFAULTS = {
 }  # fmt: skip
 _IDENTITY = {"version": "1.947", "type": "TURBO2, X4", "cid": "603382"}
 _ADDRESSES = (24,)
-_PARTS = tuple(f"{part / 32:.5f}".rstrip("0").removeprefix("0").rstrip(".") for part in range(32))
-_MOST_LINES = 200  # that are kept as steps
+_FRACTIONS = tuple(
+    f"{part / 32:.5f}".rstrip("0").removeprefix("0").rstrip(".") for part in range(32)
+)
+_MAX_CACHED_LINES = 200  # that are kept as steps
 
-# What one command does: it returns what it says, or raises `_Wrong`.
+# What one command does: it returns what it says, or raises `_CommandError`.
 _Step = Callable[[], str | None]
 
 
-class _Wrong(Exception):
+class _CommandError(Exception):
     """A command cannot be carried out; the number of its error."""
 
     def __init__(self, number: int):
@@ -59,38 +61,38 @@ class Interpreter:
         The servo cycle in 1/8388608 ms.
     """
 
-    def __init__(self, table: Table, counts: float, i10: int):
+    def __init__(self, table: SimulatedTable, counts: float, i10: int):
         self._table, self._counts = table, counts
         self._variables = {3: 2.0, 6: 1.0, 9: 2.0, 10: float(i10)}
         self._variables |= {20: float(0x78400), 21: 0.0, 22: 0.0, 23: 0.0}
         self._programs: dict[tuple[bytes, int], tuple[list[tuple[int, _Step]], int]] = {}
-        self._seen: list[Report] | None = None
+        self._reports: list[AxisReport] | None = None
         for i in range(len(table.axes)):
             self._variables |= {100 * (i + 1) + n: value for n, value in _DEFAULTS.items()}
             self._apply(i)
 
-    def line(self, packet: bytes, motor: int) -> tuple[bytes, int]:
+    def execute_line(self, packet: bytes, motor: int) -> tuple[bytes, int]:
         """Return the whole reply to a command line, and the motor that is addressed after it."""
         if (packet, motor) not in self._programs:
-            if len(self._programs) >= _MOST_LINES:
+            if len(self._programs) >= _MAX_CACHED_LINES:
                 self._programs.clear()
-            self._programs[packet, motor] = self._compiled(packet, motor)
+            self._programs[packet, motor] = self._compile_line(packet, motor)
         program, last = self._programs[packet, motor]
         said = ""
-        self._seen = None
+        self._reports = None
         for addressed, step in program:
             try:
                 text = step()
-            except (_Wrong, Killed) as error:
-                number = error.number if isinstance(error, _Wrong) else _OPEN
+            except (_CommandError, ServoOffError) as error:
+                number = error.number if isinstance(error, _CommandError) else _OPEN
                 return f"{said}\x07ERR{number:03d}\r".encode(), addressed
             if text is None:
-                self._seen = None
+                self._reports = None
             else:
                 said += text + "\r"
         return f"{said}\x06".encode(), last
 
-    def control(self, character: int) -> None:
+    def execute_control(self, character: int) -> None:
         """Carry out ^A (abort all) or ^K (kill all); others do nothing here."""
         for i in range(len(self._table.axes)):
             if character == 0x01:
@@ -100,14 +102,14 @@ class Interpreter:
             elif character == 0x0B:
                 self._table.kill(i)
 
-    def _compiled(self, packet: bytes, motor: int) -> tuple[list[tuple[int, _Step]], int]:
+    def _compile_line(self, packet: bytes, motor: int) -> tuple[list[tuple[int, _Step]], int]:
         """Return the steps of a line, each with the motor addressed, and that after the last."""
         text = packet.decode("latin-1").upper().rstrip("\r\0")
         steps: list[tuple[int, _Step]] = []
         place = 0
         while place < len(text):
             if text[place] in "\x01\x0b":
-                steps.append((motor, partial(self.control, ord(text[place]))))
+                steps.append((motor, partial(self.execute_control, ord(text[place]))))
                 place += 1
                 continue
             match = _COMMANDS.match(text, place)
@@ -118,7 +120,7 @@ class Interpreter:
             elif match is not None:
                 steps.append((motor, self._step(match, motor)))
             if match is None:
-                steps.append((motor, partial(_fail, _UNKNOWN)))
+                steps.append((motor, partial(_raise_error, _UNKNOWN)))
                 break
             place = match.end()
         return steps, motor
@@ -131,7 +133,7 @@ class Interpreter:
             case "system":
                 return lambda: None
             case "program":
-                return partial(_fail, _NO_PROGRAM)
+                return partial(_raise_error, _NO_PROGRAM)
             case "last":
                 asked = range(int(match["first"]), min(int(match["last"]), 8191) + 1)
                 return lambda: "\r".join(map(self._report, asked)) if asked else None
@@ -140,15 +142,17 @@ class Interpreter:
             case "value" | "copy":
                 to, copy = int(match["set"]), match["copy"]
                 if copy is None:
-                    value = _number(match["value"])
+                    value = _parse_number(match["value"])
                     return lambda: self._set(to, value)
                 return lambda: self._set(to, self._variables.get(int(copy), 0.0))
             case "memory":
-                return partial(self._memory, _number(match["memory"]) == 0, bool(match["hex"]))
+                return partial(
+                    self._memory, _parse_number(match["memory"]) == 0, bool(match["hex"])
+                )
             case _ if 1 <= motor <= len(self._table.axes):
                 return self._command(match, motor - 1)
             case _:
-                return _of_none(match["act"])
+                return _missing_motor_step(match["act"])
 
     def _set(self, to: int, value: float) -> None:
         self._variables[to] = value
@@ -161,16 +165,16 @@ class Interpreter:
         return f"{word:X}" if in_hex else str(word - (word >> 23 << 24))
 
     def _command(self, match: re.Match[str], i: int) -> _Step:
-        table, counts, seen = self._table, self._counts, self._see
+        table, counts, seen = self._table, self._counts, self._read_reports
         match match["act"] or match["jog"] or match.lastgroup:
             case "jog_to":
-                goal = _number(match["jog_to"]) / counts
-                return lambda: table.go(i, goal)
+                goal = _parse_number(match["jog_to"]) / counts
+                return lambda: table.move_axis(i, goal)
             case "jog_by":
-                way = _number(match["jog_by"]) / counts
-                return lambda: table.go(i, table.reading(i) + way)
+                way = _parse_number(match["jog_by"]) / counts
+                return lambda: table.move_axis(i, table.reading(i) + way)
             case "+" | "-" as sign:
-                return partial(table.run, i, 1.0 if sign == "+" else -1.0)
+                return partial(table.rotate_axis, i, 1.0 if sign == "+" else -1.0)
             case "/":
                 return partial(self._hold, i)
             case "HM":
@@ -178,21 +182,21 @@ class Interpreter:
             case "K":
                 return partial(table.kill, i)
             case "A":
-                return partial(self.control, 0x01)
+                return partial(self.execute_control, 0x01)
             case "P":
-                return lambda: _fraction(seen()[i].reading * counts)
+                return lambda: _format_fraction(seen()[i].reading * counts)
             case "V":
-                return lambda: _decimal(seen()[i].rate * counts * table.period, 1)
+                return lambda: _format_decimal(seen()[i].rate * counts * table.period, 1)
             case "F":
-                return lambda: _fraction(seen()[i].following_error * counts)
+                return lambda: _format_fraction(seen()[i].following_error * counts)
             case _:
-                return lambda: _status(seen()[i].flags, self._variables[100 * (i + 1)] != 0)
+                return lambda: _status_words(seen()[i].flags, self._variables[100 * (i + 1)] != 0)
 
-    def _see(self) -> list[Report]:
+    def _read_reports(self) -> list[AxisReport]:
         """Return what can be said of the axes, looked up anew after each command that may act."""
-        if self._seen is None:
-            self._seen = self._table.report()
-        return self._seen
+        if self._reports is None:
+            self._reports = self._table.report()
+        return self._reports
 
     def _hold(self, i: int) -> None:
         self._table.enable(i)
@@ -214,7 +218,7 @@ class Interpreter:
         if time > 0:
             x.acceleration = min(x.acceleration, max(float(x.speed) / time, slowest))
         cycles = round(get[base + 21] * 1e-3 / self._table.period)
-        x.smooth = min(max(cycles, 1), 1024) if not self._table.moving(i) else x.smooth
+        x.smooth = min(max(cycles, 1), 1024) if not self._table.is_moving(i) else x.smooth
         x.abort = max(get[base + 15] * 1e6 * to_rad, slowest)
         x.high = get[base + 13] * to_rad if get[base + 13] else inf
         x.low = get[base + 14] * to_rad if get[base + 14] else -inf
@@ -231,21 +235,21 @@ class Interpreter:
         return f"{value:.12g}"
 
 
-def _fail(number: int) -> None:
-    raise _Wrong(number)
+def _raise_error(number: int) -> None:
+    raise _CommandError(number)
 
 
-def _of_none(act: str | None) -> _Step:
+def _missing_motor_step(act: str | None) -> _Step:
     """Return what a command does to a motor that is not there: zeros, or a refusal to move."""
     if act in ("P", "V", "F"):
         return lambda: "0"
     if act == "?":
         return lambda: "0" * 12
-    return partial(_fail, _NO_MOTOR)
+    return partial(_raise_error, _NO_MOTOR)
 
 
 @lru_cache(1024)
-def _status(flags: int, activated: bool) -> str:
+def _status_words(flags: int, activated: bool) -> str:
     """Return the two words of `?`."""
     closed, moving = bool(flags & kernel.CLOSED), bool(flags & kernel.MOVING)
     first = sum(
@@ -274,18 +278,18 @@ def _status(flags: int, activated: bool) -> str:
     return f"{first:06X}{second:06X}"
 
 
-def _number(text: str) -> float:
+def _parse_number(text: str) -> float:
     sign = -1.0 if text.startswith("-") else 1.0
     digits = text.lstrip("+-")
     return sign * (int(digits[1:], 16) if digits.startswith("$") else float(digits))
 
 
-def _fraction(counts: float) -> str:
+def _format_fraction(counts: float) -> str:
     """Round counts to 1/32, as the controller's registers have them."""
     parts = round(counts * 32)
-    return f"{'-' if parts < 0 else ''}{abs(parts) >> 5}{_PARTS[abs(parts) & 31]}"
+    return f"{'-' if parts < 0 else ''}{abs(parts) >> 5}{_FRACTIONS[abs(parts) & 31]}"
 
 
-def _decimal(value: float, digits: int) -> str:
+def _format_decimal(value: float, digits: int) -> str:
     text = f"{value:.{digits}f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text

@@ -1,7 +1,8 @@
 """A simulated device at the end of a real connection: TCP, or a pseudo-terminal.
 
 The device looks at no clock. `pace` says what bench time it is whenever bytes come, and `advance`
-lets time pass from outside: a wall clock (`WallClock`) or grants (`Granted`) pace the same numbers.
+lets time pass from outside: a wall clock (`ScaledClock`) or grants (`ManualClock`) pace the same
+numbers.
 """
 
 import os
@@ -16,8 +17,8 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 from inercal.host.sim.faults import Faults
 
-_TICK = 0.02  # s of wall time after which time passes though nobody asks
-_READ = 4096
+_POLL_INTERVAL = 0.02  # s of wall time after which time passes though nobody asks
+_READ_SIZE = 4096
 _HOST = "127.0.0.1"
 
 
@@ -53,7 +54,7 @@ class Device(Protocol):
 D = TypeVar("D", bound=Device)
 
 
-class WallClock:
+class ScaledClock:
     """Bench time that passes `factor` times as fast as the wall's, from 0."""
 
     def __init__(self, factor: float = 1.0):
@@ -64,7 +65,7 @@ class WallClock:
         return (monotonic() - self._start) * self._factor
 
 
-class Granted:
+class ManualClock:
     """Bench time that stands still but for what it is set to."""
 
     now: float = 0.0
@@ -74,7 +75,7 @@ class Granted:
         return self.now
 
 
-class Server(Generic[D]):
+class SimulatorServer(Generic[D]):
     """Serves `device` on this machine's `port` (0: any free one), or on a pseudo-terminal.
 
     As a context manager it runs in a thread of its own; `address` is what `open_link` opens.
@@ -88,23 +89,23 @@ class Server(Generic[D]):
         terminal: bool = False,
     ):
         self.device = device
-        self.pace = pace or Granted()
+        self.pace = pace or ManualClock()
         self.faults = Faults()
         self.lock = RLock()
         self._stopped = False
-        self._late: list[tuple[float, _Line, bytes]] = []
+        self._delayed_replies: list[tuple[float, _Connection, bytes]] = []
         self._selector = selectors.DefaultSelector()
-        self._poke, self._poked = socket.socketpair()
-        self._lines: set[_Line] = set()
-        self.attend(self._poked, lambda: self._poked.recv(_READ))
+        self._wake_sender, self._wake_receiver = socket.socketpair()
+        self._connections: set[_Connection] = set()
+        self.add_reader(self._wake_receiver, lambda: self._wake_receiver.recv(_READ_SIZE))
         self._listener: socket.socket | None = None
         if terminal:
             line, path = _open_terminal()
             self.address = f"serial:{path}"
-            self._add(line)
+            self._add_connection(line)
         else:
             self._listener = socket.create_server((_HOST, port))
-            self.attend(self._listener, self._accept)
+            self.add_reader(self._listener, self._accept)
             self.port: int = self._listener.getsockname()[1]
             self.address = f"tcp://{_HOST}:{self.port}"
 
@@ -112,23 +113,23 @@ class Server(Generic[D]):
         """Serve until `stop`."""
         try:
             while not self._stopped:
-                for key, _ in self._selector.select(_TICK):
+                for key, _ in self._selector.select(_POLL_INTERVAL):
                     key.data()
-                self._pass()
+                self._advance_time()
         finally:
-            for line in self._lines:
+            for line in self._connections:
                 line.close()
             for key in list(self._selector.get_map().values()):
                 if isinstance(key.fileobj, socket.socket):
                     key.fileobj.close()
-            self._poke.close()
+            self._wake_sender.close()
             self._selector.close()
 
-    def attend(self, end: socket.socket | int, ready: Callable[[], object]) -> None:
+    def add_reader(self, end: socket.socket | int, ready: Callable[[], object]) -> None:
         """Let `run` call `ready` whenever there is something to read at `end`, its to close."""
         self._selector.register(end, selectors.EVENT_READ, ready)
 
-    def forget(self, end: socket.socket | int) -> None:
+    def remove_reader(self, end: socket.socket | int) -> None:
         """Attend to `end` no longer."""
         self._selector.unregister(end)
 
@@ -137,31 +138,33 @@ class Server(Generic[D]):
         self._stopped = True
         # It may have seen that by itself, and be closed already.
         with suppress(OSError):
-            self._poke.send(b".")
+            self._wake_sender.send(b".")
 
     def advance(self, until: float) -> Any:
         """Let bench time pass up to `until`, s, where the pace is granted; return the motion."""
         with self.lock:
-            if isinstance(self.pace, Granted):
+            if isinstance(self.pace, ManualClock):
                 self.pace.now = until
             motion = self.device.advance(until)
-        self._poke.send(b".")
+        self._wake_sender.send(b".")
         return motion
 
     def drop(self) -> None:
         """End all connections as an unplugged cable does."""
         with self.lock:
-            for line in list(self._lines):
-                self._remove(line)
+            for line in list(self._connections):
+                self._remove_connection(line)
 
-    def _pass(self) -> None:
+    def _advance_time(self) -> None:
         """Let time pass to now, and send the late replies that are due."""
         with self.lock:
             self.device.advance(self.pace())
-            if not self._late:
+            if not self._delayed_replies:
                 return
-            due = [late for late in self._late if late[0] <= self.device.time]
-            self._late = [late for late in self._late if late[0] > self.device.time]
+            due = [late for late in self._delayed_replies if late[0] <= self.device.time]
+            self._delayed_replies = [
+                late for late in self._delayed_replies if late[0] > self.device.time
+            ]
             for _, line, reply in due:
                 self._send(line, reply)
 
@@ -169,22 +172,27 @@ class Server(Generic[D]):
         assert self._listener is not None
         connection, _ = self._listener.accept()
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._add(
-            _Line(connection, lambda: connection.recv(_READ), connection.sendall, connection.close)
+        self._add_connection(
+            _Connection(
+                connection,
+                lambda: connection.recv(_READ_SIZE),
+                connection.sendall,
+                connection.close,
+            )
         )
 
-    def _add(self, line: "_Line") -> None:
+    def _add_connection(self, line: "_Connection") -> None:
         line.session = self.device.session()
-        self._lines.add(line)
-        self.attend(line.end, partial(self._serve, line))
+        self._connections.add(line)
+        self.add_reader(line.end, partial(self._serve, line))
 
-    def _remove(self, line: "_Line") -> None:
+    def _remove_connection(self, line: "_Connection") -> None:
         if not line.closed:
-            self.forget(line.end)
-            self._lines.discard(line)
+            self.remove_reader(line.end)
+            self._connections.discard(line)
             line.close()
 
-    def _serve(self, line: "_Line") -> None:
+    def _serve(self, line: "_Connection") -> None:
         with self.lock:
             if line.closed:
                 return
@@ -193,24 +201,24 @@ class Server(Generic[D]):
             except OSError:
                 data = b""
             if not data:
-                self._remove(line)
+                self._remove_connection(line)
                 return
             self.device.advance(self.pace())
             reply = line.session.feed(data)
             if reply and self.faults.delay:
-                self._late.append((self.device.time + self.faults.delay, line, reply))
+                self._delayed_replies.append((self.device.time + self.faults.delay, line, reply))
             elif reply:
                 self._send(line, reply)
 
-    def _send(self, line: "_Line", reply: bytes) -> None:
-        pieces, ends = self.faults.spoil(reply)
+    def _send(self, line: "_Connection", reply: bytes) -> None:
+        pieces, ends = self.faults.apply_faults(reply)
         try:
             for piece in pieces:
                 line.send(piece)
         except OSError:
             ends = True
         if ends:
-            self._remove(line)
+            self._remove_connection(line)
 
     def __enter__(self) -> Self:
         self._thread = Thread(target=self.run, daemon=True)
@@ -222,7 +230,7 @@ class Server(Generic[D]):
         self._thread.join()
 
 
-class _Line:
+class _Connection:
     """One end of a connection: a socket, or the descriptor of a pseudo-terminal."""
 
     session: Session
@@ -248,7 +256,7 @@ class _Line:
             self._close()
 
 
-def _open_terminal() -> tuple[_Line, str]:
+def _open_terminal() -> tuple[_Connection, str]:
     """Return the device's end of a pseudo-terminal, and the path of the host's."""
     import pty
     import tty
@@ -265,4 +273,4 @@ def _open_terminal() -> tuple[_Line, str]:
         os.close(host)
 
     # The host's end stays open here too: else it hangs up whenever no program has it open.
-    return _Line(device, lambda: os.read(device, _READ), send, close), os.ttyname(host)
+    return _Connection(device, lambda: os.read(device, _READ_SIZE), send, close), os.ttyname(host)

@@ -16,9 +16,9 @@ from starlette.requests import cookie_parser
 from inercal.errors import InputError
 
 SESSION, VIEWER = "inercal-session", "inercal-viewer"
-_LEAST = 12  # characters of a token
-_TRIES, _WITHIN = 10, 60.0  # wrong tokens of one address, s
-_ADDRESSES = 1000
+_MIN_TOKEN_LENGTH = 12  # characters of a token
+_MAX_TRIES, _TRY_WINDOW = 10, 60.0  # wrong tokens of one address, s
+_MAX_ADDRESSES = 1000
 
 
 def is_loopback(host: str) -> bool:
@@ -48,47 +48,51 @@ class Access:
     """
 
     def __init__(self, hosts: frozenset[str], token: str | None):
-        if token is not None and len(token) < _LEAST:
-            raise InputError(f"a token of {len(token)} characters; give {_LEAST} or more, or none")
+        if token is not None and len(token) < _MIN_TOKEN_LENGTH:
+            raise InputError(
+                f"a token of {len(token)} characters; give {_MIN_TOKEN_LENGTH} or more, or none"
+            )
         self.session = secrets.token_urlsafe(32)
         self._hosts, self._token = hosts, token
         self.needs_token = token is not None
-        self._wrong: dict[str, deque[float]] = {}
+        self._failed_tries: dict[str, deque[float]] = {}
 
-    def knows_host(self, headers: Mapping[str, str]) -> bool:
+    def allows_host(self, headers: Mapping[str, str]) -> bool:
         """Tell whether the page is called so."""
         return self.needs_token or headers.get("host", "").lower() in self._hosts
 
     @staticmethod
-    def is_own(headers: Mapping[str, str]) -> bool:
+    def is_same_origin(headers: Mapping[str, str]) -> bool:
         """Tell whether a request comes from this page itself."""
         host, origin = headers.get("host", "").lower(), headers.get("origin", "").lower()
         return bool(host) and origin in (f"http://{host}", f"https://{host}")
 
     @staticmethod
-    def is_foreign(headers: Mapping[str, str]) -> bool:
+    def is_cross_site(headers: Mapping[str, str]) -> bool:
         """Tell whether a browser says that the request is of a page from elsewhere."""
         return headers.get("sec-fetch-site", "none") not in ("same-origin", "none")
 
-    def is_known(self, headers: Mapping[str, str]) -> bool:
+    def has_session(self, headers: Mapping[str, str]) -> bool:
         """Tell whether a browser has shown the token before, or need not."""
         shown = cookie(headers, SESSION)
-        return not self.needs_token or (shown is not None and _same(shown, self.session))
+        return not self.needs_token or (
+            shown is not None and _equal_in_constant_time(shown, self.session)
+        )
 
-    def may_try(self, who: str) -> bool:
+    def may_try_token(self, who: str) -> bool:
         """Tell whether an address has not shown too many wrong tokens lately."""
-        tries = self._wrong.get(who)
-        while tries and monotonic() - tries[0] > _WITHIN:
+        tries = self._failed_tries.get(who)
+        while tries and monotonic() - tries[0] > _TRY_WINDOW:
             tries.popleft()
-        return tries is None or len(tries) < _TRIES
+        return tries is None or len(tries) < _MAX_TRIES
 
-    def accepts(self, token: str, who: str) -> bool:
+    def accepts_token(self, token: str, who: str) -> bool:
         """Tell whether that is the token, in a time that says nothing of it."""
-        if self._token is None or _same(token, self._token):
+        if self._token is None or _equal_in_constant_time(token, self._token):
             return True
-        if who not in self._wrong and len(self._wrong) >= _ADDRESSES:
-            del self._wrong[next(iter(self._wrong))]
-        self._wrong.setdefault(who, deque(maxlen=_TRIES)).append(monotonic())
+        if who not in self._failed_tries and len(self._failed_tries) >= _MAX_ADDRESSES:
+            del self._failed_tries[next(iter(self._failed_tries))]
+        self._failed_tries.setdefault(who, deque(maxlen=_MAX_TRIES)).append(monotonic())
         return False
 
 
@@ -103,5 +107,5 @@ def cookie(headers: Mapping[str, str], name: str) -> str | None:
     return cookie_parser(headers.get("cookie", "")).get(cookie_name(headers, name))
 
 
-def _same(one: str, other: str) -> bool:
+def _equal_in_constant_time(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(errors="replace"), other.encode(errors="replace"))

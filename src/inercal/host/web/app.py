@@ -19,28 +19,28 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from inercal.errors import InercalError
 from inercal.host.packets import PRESETS, read_layout
 from inercal.host.web.access import VIEWER, Access, cookie
-from inercal.host.web.gate import Gate, viewer_cookie
+from inercal.host.web.access_middleware import AccessMiddleware, set_viewer_cookie
+from inercal.host.web.device_probe import probe_devices
 from inercal.host.web.hub import Hub
-from inercal.host.web.probing import probe
+from inercal.host.web.json_objects import parse_object
 from inercal.host.web.refusal_log import RefusalLog
-from inercal.host.web.requests import parsed
 from inercal.host.web.viewers import Viewer
 
-_A_SECOND = 20  # messages of a viewer
-_BEAT = 2.0  # s
-_WAITING = 4  # histories that are asked for while one is drawn
-_KINDS = {
+_MESSAGE_RATE = 20  # messages of a viewer
+_HEARTBEAT_INTERVAL = 2.0  # s
+_MAX_WAITING = 4  # histories that are asked for while one is drawn
+_MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "js": "text/javascript; charset=utf-8",
     "css": "text/css; charset=utf-8",
     "svg": "image/svg+xml",
 }
 # A report and a history bring their styles and pictures with them, and run nothing.
-_ALONE = (
+_STANDALONE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_NO_PAGE = b"<!doctype html><title>inercal</title><p>The page's own files are not installed."
+_MISSING_PAGE = b"<!doctype html><title>inercal</title><p>The page's own files are not installed."
 
 
 class Page:
@@ -55,12 +55,12 @@ class Page:
     """
 
     def __init__(self, hub: Hub, register: str | None, refused: RefusalLog):
-        self._hub, self._register, self._refused = hub, register, refused
+        self._hub, self._register, self._refusals = hub, register, refused
         self._version = version("inercal")
-        self._files = dict(_static(files("inercal.host.web").joinpath("static")))
-        self._looking, self._drawing = asyncio.Lock(), asyncio.Lock()
-        self._histories = 0  # that are drawn or wait for it
-        self._drawn: tuple[object, str] = None, ""
+        self._files = dict(_static_files(files("inercal.host.web").joinpath("static")))
+        self._setup_lock, self._drawing_lock = asyncio.Lock(), asyncio.Lock()
+        self._pending_histories = 0  # that are drawn or wait for it
+        self._cached_history: tuple[object, str] = None, ""
 
     def routes(self) -> list[Route | WebSocketRoute]:
         """Return what is served."""
@@ -69,169 +69,169 @@ class Page:
             Route("/static/{name:path}", self.static),
             Route("/api/setup", self.setup),
             Route("/api/probe", self.probe, methods=["POST"]),
-            Route("/runs/{name}/{what}", self.made),
+            Route("/runs/{name}/{what}", self.output_file),
             Route("/history/{sensor}", self.history),
             WebSocketRoute("/live", self.live),
         ]
 
     async def index(self, request: Request) -> Response:
         """Return the page."""
-        content, kind = self._files.get("index.html", (_NO_PAGE, _KINDS["html"]))
+        content, kind = self._files.get("index.html", (_MISSING_PAGE, _MEDIA_TYPES["html"]))
         answer = Response(content, media_type=kind)
-        viewer_cookie(request.headers, answer)
+        set_viewer_cookie(request.headers, answer)
         return answer
 
     async def static(self, request: Request) -> Response:
         """Return one of the page's files."""
         found = self._files.get(request.path_params["name"])
         if found is None:
-            return await self.unknown(request)
+            return await self.not_found(request)
         return Response(found[0], media_type=found[1])
 
     async def setup(self, request: Request) -> Response:
         """Return what there is to choose from."""
-        async with self._looking:
+        async with self._setup_lock:
             content = await asyncio.to_thread(self._setup)
         return JSONResponse(content)
 
     async def probe(self, request: Request) -> Response:
         """Ask the devices, for the operator."""
         who = request.client.host if request.client else "somebody"
-        if not self._hub.people.is_operators(cookie(request.headers, VIEWER)):
-            self._refused(who, "probe: not the operator's browser")
+        if not self._hub.people.is_operator_browser(cookie(request.headers, VIEWER)):
+            self._refusals(who, "probe: not the operator's browser")
             return JSONResponse({"words": "only the operator may ask the devices"}, 403)
         try:
-            asked = parsed(await request.body())
+            asked = parse_object(await request.body())
         except ValueError:
-            self._refused(who, "probe: no JSON object")
+            self._refusals(who, "probe: no JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
-        if self._hub.probing.locked():
+        if self._hub.probe_lock.locked():
             return JSONResponse({"words": "the devices are being asked"}, 409)
-        async with self._hub.probing:
+        async with self._hub.probe_lock:
             try:
-                await self._hub.none_goes_on()
+                await self._hub.require_no_active_run()
             except InercalError as error:
                 return JSONResponse({"words": str(error)}, 409)
             plans = await asyncio.to_thread(self._hub.plans.all)
             name = asked.get("plan")
             plan = plans.get(name) if isinstance(name, str) else None
-            content = await asyncio.to_thread(probe, self._hub.choice, plan, asked)
+            content = await asyncio.to_thread(probe_devices, self._hub.choice, plan, asked)
         return JSONResponse(content)
 
-    async def made(self, request: Request) -> Response:
+    async def output_file(self, request: Request) -> Response:
         """Return the report or the calibration of a run."""
         runs = await asyncio.to_thread(self._hub.runs.all)
         run = runs.get(request.path_params["name"])
         what = request.path_params["what"]
         kinds = {"report": "report.html", "calibration": "calibration.json"}
         if run is None or what not in kinds:
-            return await self.unknown(request)
+            return await self.not_found(request)
         try:
-            content = await asyncio.to_thread(run.made(kinds[what]).read_bytes)
+            content = await asyncio.to_thread(run.output_file(kinds[what]).read_bytes)
         except OSError:
             return PlainTextResponse(f"this run has no {what}\n", 404)
         if what == "calibration":
             return Response(content, media_type="application/json")
-        return HTMLResponse(content, headers={"content-security-policy": _ALONE})
+        return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})
 
     async def history(self, request: Request) -> Response:
         """Return the history of a sensor."""
         named: str = request.path_params["sensor"]
         # No register has a number of more digits, and not every database takes one.
         if not (named.isascii() and named.isdigit() and len(named) < 10):
-            return await self.unknown(request)
-        if self._histories > _WAITING:
+            return await self.not_found(request)
+        if self._pending_histories > _MAX_WAITING:
             who = request.client.host if request.client else "somebody"
-            self._refused(who, f"history: {_WAITING} wait to be drawn")
+            self._refusals(who, f"history: {_MAX_WAITING} wait to be drawn")
             return PlainTextResponse("too many histories are asked for; wait a moment\n", 429)
-        self._histories += 1
+        self._pending_histories += 1
         try:
             # One at a time: figures are drawn with settings of the whole process.
-            async with self._drawing:
+            async with self._drawing_lock:
                 content = await asyncio.to_thread(self._history, int(named))
         except InercalError as error:
             return PlainTextResponse(f"{error}\n", 404)
         finally:
-            self._histories -= 1
-        return HTMLResponse(content, headers={"content-security-policy": _ALONE})
+            self._pending_histories -= 1
+        return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})
 
-    async def unknown(self, request: Request, error: Exception | None = None) -> Response:
+    async def not_found(self, request: Request, error: Exception | None = None) -> Response:
         """Refuse what there is not."""
         who = request.client.host if request.client else "somebody"
-        self._refused(who, f"{request.method} {request.scope['path']}: there is no such thing")
+        self._refusals(who, f"{request.method} {request.scope['path']}: there is no such thing")
         return PlainTextResponse("there is no such thing here\n", 404)
 
     async def live(self, websocket: WebSocket) -> None:
         """Tell somebody of the run, and do what they ask."""
         who = websocket.client.host if websocket.client else "somebody"
-        if self._hub.people.full:
-            self._refused(who, "websocket: too many look on")
+        if self._hub.people.is_full:
+            self._refusals(who, "websocket: too many look on")
             await websocket.close()
             return
         await websocket.accept()
-        viewer = self._hub.come(self._version, cookie(websocket.headers, VIEWER))
-        sending = asyncio.create_task(_send(websocket, viewer))
-        beating = asyncio.create_task(_beat(viewer))
+        viewer = self._hub.add_viewer(self._version, cookie(websocket.headers, VIEWER))
+        sending = asyncio.create_task(_send_messages(websocket, viewer))
+        beating = asyncio.create_task(_send_heartbeats(viewer))
         try:
-            await self._hear(websocket, viewer, who)
+            await self._receive_commands(websocket, viewer, who)
         except WebSocketDisconnect:
             pass
         finally:
-            self._hub.go(viewer)
+            self._hub.remove_viewer(viewer)
             for task in (beating, sending):
                 task.cancel()
                 with suppress(asyncio.CancelledError):
                     await task
 
-    async def _hear(self, websocket: WebSocket, viewer: Viewer, who: str) -> None:
-        times: deque[float] = deque(maxlen=_A_SECOND + 1)
+    async def _receive_commands(self, websocket: WebSocket, viewer: Viewer, who: str) -> None:
+        times: deque[float] = deque(maxlen=_MESSAGE_RATE + 1)
         while True:
             message = await websocket.receive()
             if message["type"] != "websocket.receive":
                 return
             times.append(monotonic())
             if len(times) == times.maxlen and times[-1] - times[0] < 1.0:
-                self._refused(
-                    who, f"viewer {viewer.number}: more than {_A_SECOND} messages a second"
+                self._refusals(
+                    who, f"viewer {viewer.number}: more than {_MESSAGE_RATE} messages a second"
                 )
                 await websocket.close(1008, "too many messages")
                 return
             text = message.get("text")
             if text is None:
-                self._refused(who, f"viewer {viewer.number}: bytes that are no text")
+                self._refusals(who, f"viewer {viewer.number}: bytes that are no text")
                 await websocket.close(1003, "text only")
                 return
             try:
-                await self._hub.do(viewer, parsed(text))
+                await self._hub.execute(viewer, parse_object(text))
             except (InercalError, ValueError) as error:
                 words = str(error) if isinstance(error, InercalError) else "not a JSON object"
-                self._refused(who, f"viewer {viewer.number}: {words}")
+                self._refusals(who, f"viewer {viewer.number}: {words}")
                 viewer.send("refused", json.dumps({"kind": "refused", "words": words}))
 
     def _setup(self) -> dict[str, Any]:
         from inercal.store import Register
 
         hub = self._hub
-        hub.choice.look()
+        hub.choice.refresh()
         trouble, address = "", ""
         sensors: list[dict[str, Any]] = []
         try:
             with Register(self._register) as register:
                 address = register.address
                 for one in register.sensors():
-                    shown = {"id": one.id, "name": one.name}
-                    sensors.append(shown | {"calibrations": one.calibrations, "last": one.last})
+                    summary = {"id": one.id, "name": one.name}
+                    sensors.append(summary | {"calibrations": one.calibrations, "last": one.last})
         except InercalError as error:
             trouble = str(error)
         return {
             "register": address,
             "trouble": trouble,
-            "plans": [plan.shown for plan in hub.plans.all().values()],
+            "plans": [plan.summary for plan in hub.plans.all().values()],
             "sensors": sensors,
             "tables": hub.choice.tables(),
             "imus": hub.choice.imus(),
             "presets": [{"name": p, "protection": read_layout(p).protection} for p in PRESETS],
-            "runs": [run.shown for run in hub.runs.all().values()],
+            "runs": [run.summary for run in hub.runs.all().values()],
         }
 
     def _history(self, sensor: int) -> str:
@@ -241,41 +241,43 @@ class Page:
         with Register(self._register) as register:
             history = register.history(sensor)
         # Figures take seconds to draw, and between two runs all look at the same ones.
-        shows = history.sensor, history.entries, history.left_out
-        if self._drawn[0] != shows:
-            self._drawn = shows, history_page(history)
-        return self._drawn[1]
+        shows = history.sensor, history.entries, history.exclusions
+        if self._cached_history[0] != shows:
+            self._cached_history = shows, history_page(history)
+        return self._cached_history[1]
 
 
-def application(hub: Hub, register: str | None, access: Access, refused: RefusalLog) -> Gate:
+def application(
+    hub: Hub, register: str | None, access: Access, refused: RefusalLog
+) -> AccessMiddleware:
     """Return the page as an ASGI application, behind its gate."""
     page = Page(hub, register, refused)
-    app = Starlette(routes=page.routes(), exception_handlers={404: page.unknown})
-    return Gate(app, access, refused)
+    app = Starlette(routes=page.routes(), exception_handlers={404: page.not_found})
+    return AccessMiddleware(app, access, refused)
 
 
-async def _send(websocket: WebSocket, viewer: Viewer) -> None:
+async def _send_messages(websocket: WebSocket, viewer: Viewer) -> None:
     """Send what there is for a viewer, as fast as it takes it."""
     with suppress(WebSocketDisconnect, RuntimeError):  # gone, or told to go
         while True:
-            await websocket.send_text(await viewer.next())
+            await websocket.send_text(await viewer.next_message())
 
 
-async def _beat(viewer: Viewer) -> None:
+async def _send_heartbeats(viewer: Viewer) -> None:
     """Have a page see that its connection is alive: a dead one looks like a run without news."""
     while True:
-        await asyncio.sleep(_BEAT)
+        await asyncio.sleep(_HEARTBEAT_INTERVAL)
         viewer.send("beat", '{"kind": "beat"}')
 
 
-def _static(folder: Traversable, prefix: str = "") -> "list[tuple[str, tuple[bytes, str]]]":
+def _static_files(folder: Traversable, prefix: str = "") -> "list[tuple[str, tuple[bytes, str]]]":
     """Return the files of the page, by the names that a request may use."""
     found: list[tuple[str, tuple[bytes, str]]] = []
     if not folder.is_dir():
         return found
     for one in folder.iterdir():
         if one.is_dir():
-            found += _static(one, f"{prefix}{one.name}/")
-        elif (kind := _KINDS.get(one.name.rpartition(".")[2])) is not None:
+            found += _static_files(one, f"{prefix}{one.name}/")
+        elif (kind := _MEDIA_TYPES.get(one.name.rpartition(".")[2])) is not None:
             found.append((f"{prefix}{one.name}", (one.read_bytes(), kind)))
     return found

@@ -3,12 +3,12 @@
 from urllib.parse import quote
 
 from inercal.errors import InercalError
-from inercal.host.finish import finish
-from inercal.host.folder import Folder
 from inercal.host.journal import Journal
-from inercal.host.live import Live
+from inercal.host.live_estimator import LiveEstimator
 from inercal.host.registration import RegisterSync
-from inercal.host.web.order import EndMessage, RunRequest, end_message
+from inercal.host.run_completion import finish_run
+from inercal.host.run_folder import RunFolder
+from inercal.host.web.run_request import EndMessage, RunRequest, end_message
 from inercal.store import Register
 
 
@@ -21,51 +21,53 @@ class RunFinalizer:
     Parameters
     ----------
     order : RunRequest
-    made : Folder
+    made : RunFolder
     journal : Journal
     """
 
-    def __init__(self, order: RunRequest, made: Folder, journal: Journal):
-        self._order, self._made, self._journal = order, made, journal
+    def __init__(self, order: RunRequest, made: RunFolder, journal: Journal):
+        self._order, self._folder, self._journal = order, made, journal
         self._register: Register | None = None
         try:
-            self._register = Register(order.register, order.by or None)
+            self._register = Register(order.register, order.requested_by or None)
         except InercalError as error:
-            journal.event("warning", f"the run is not in the register: {error}")
-        self.keeper = RegisterSync(self._register, made.path)
+            journal.record_event("warning", f"the run is not in the register: {error}")
+        self.register_sync = RegisterSync(self._register, made.path)
 
-    def interrupted(self, words: str) -> EndMessage:
+    def interruption_message(self, words: str) -> EndMessage:
         """Return what is told of a run that may go on later."""
         return end_message(
-            self._order, "interrupted", words or "interrupted", history=self._entered()
+            self._order, "interrupted", words or "interrupted", history=self._enter_in_register()
         )
 
-    def finished(self, live: Live | None) -> EndMessage:
+    def complete_run(self, live: LiveEstimator | None) -> EndMessage:
         """Make recording, calibration and report; return what is told of them."""
-        sensor = self._made.run.sensor.name
+        sensor = self._folder.run.sensor.name
         try:
-            outcome, _ = finish(
-                self._made, self._journal, live, lambda: self.keeper.history(sensor)
+            outcome, _ = finish_run(
+                self._folder, self._journal, live, lambda: self.register_sync.history(sensor)
             )
         except InercalError as error:
-            self._journal.event("alarm", str(error))
-            return end_message(self._order, "carried out", str(error), history=self._entered())
+            self._journal.record_event("alarm", str(error))
+            return end_message(
+                self._order, "carried out", str(error), history=self._enter_in_register()
+            )
         name = quote(self._order.name, safe="")
         links = {what: f"/runs/{name}/{what}" for what in ("report", "calibration")}
         verdict = {"level": outcome.verdict.tone, "words": outcome.verdict.word}
         words = outcome.verdict.lines[0]
-        history = self._entered()
+        history = self._enter_in_register()
         return end_message(self._order, "done", words, history=history, verdict=verdict, **links)
 
-    def _entered(self) -> str | None:
+    def _enter_in_register(self) -> str | None:
         """Enter the run as it is; return where its sensor's history is, if it has one."""
-        self.keeper.enter()
-        if self.keeper.trouble:
-            self._journal.event("warning", self.keeper.trouble)
-        if self.keeper.trouble or self._register is None:
+        self.register_sync.update()
+        if self.register_sync.trouble:
+            self._journal.record_event("warning", self.register_sync.trouble)
+        if self.register_sync.trouble or self._register is None:
             return None
         try:
-            sensor = self._register.sensor(self._made.run.sensor.name)
+            sensor = self._register.sensor(self._folder.run.sensor.name)
         except InercalError:
             return None
         return f"/history/{sensor.id}" if sensor.calibrations else None

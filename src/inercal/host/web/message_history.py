@@ -3,8 +3,8 @@
 from collections import deque
 from collections.abc import Generator
 
-_ESTIMATES, _EVENTS = 600, 500
-_SAMPLES = 100  # messages: some ten a second
+_MAX_ESTIMATES, _MAX_EVENTS = 600, 500
+_MAX_SAMPLES = 100  # messages: some ten a second
 
 
 class MessageHistory:
@@ -12,13 +12,13 @@ class MessageHistory:
 
     def __init__(self):
         self._last: dict[str, str] = {}  # by kind, of which only the latest counts
-        self._phase_is_news = False
+        self._phase_is_newest = False
         self._estimates: list[str] = []
-        self._seen, self._stride = 0, 1
-        self._samples: deque[str] = deque(maxlen=_SAMPLES)
-        self._events: deque[str] = deque(maxlen=_EVENTS)
+        self._estimate_count, self._stride = 0, 1
+        self._samples: deque[str] = deque(maxlen=_MAX_SAMPLES)
+        self._events: deque[str] = deque(maxlen=_MAX_EVENTS)
 
-    def keep(self, kind: str, text: str) -> None:
+    def add_message(self, kind: str, text: str) -> None:
         """Keep a message in so far as it counts."""
         match kind:
             case "samples":
@@ -31,11 +31,11 @@ class MessageHistory:
             case _:
                 self._last[kind] = text
                 if kind in ("phase", "state"):
-                    self._phase_is_news = kind == "phase"
+                    self._phase_is_newest = kind == "phase"
 
-    def all(self) -> Generator[str]:
+    def messages(self) -> Generator[str]:
         """Yield what is kept, in the order in which a page can take it."""
-        news = self._phase_is_news
+        news = self._phase_is_newest
         yield from self._latest("plan") if news else self._latest("plan", "phase")
         yield from self._estimates
         if self._estimates and self._last["estimates"] != self._estimates[-1]:
@@ -49,9 +49,9 @@ class MessageHistory:
 
     def _thin(self, text: str) -> None:
         """Keep every so many estimates, evenly over the run."""
-        if self._seen % self._stride == 0:
+        if self._estimate_count % self._stride == 0:
             self._estimates.append(text)
-        self._seen += 1
-        if len(self._estimates) >= _ESTIMATES:
+        self._estimate_count += 1
+        if len(self._estimates) >= _MAX_ESTIMATES:
             self._estimates = self._estimates[::2]
             self._stride *= 2

@@ -5,10 +5,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from inercal.benches.turntable import turntable_of
+from inercal.benches.turntable import require_turntable
 from inercal.errors import InputError
-from inercal.host.record import require_recordable
-from inercal.host.tasks import tasks
+from inercal.host.recording_writer import require_recordable
+from inercal.host.tasks import plan_tasks
 from inercal.runfile import read
 from inercal.runfile.schema import RunSchema
 
@@ -23,12 +23,12 @@ class Plan:
     Parameters
     ----------
     path : Path
-    shown : dict
+    summary : dict
         What the page is told of it; `trouble` says why it can be none.
     """
 
     path: Path
-    shown: dict[str, Any]
+    summary: dict[str, Any]
 
 
 class Plans:
@@ -61,29 +61,29 @@ class Plans:
         now = status.st_mtime_ns, status.st_size
         was, plan = self._read.get(path, (None, None))
         if was != now:
-            plan = _plan(name, path)
+            plan = _read_plan(name, path)
             self._read[path] = now, plan
         return plan
 
 
-def _plan(name: str, path: Path) -> Plan | None:
+def _read_plan(name: str, path: Path) -> Plan | None:
     """Return what a file is as a plan; None for one that is no run file at all."""
-    shown: dict[str, Any] = {
+    summary: dict[str, Any] = {
         "id": name, "file": path.name, "sensor": "", "steps": 0, "seconds": 0.0, "method": "",
         "trouble": "",
     }  # fmt: skip
     try:
         run = read(path)
-        shown |= {"sensor": run.sensor.name, "method": run.method.name}
+        summary |= {"sensor": run.sensor.name, "method": run.method.name}
         require_recordable(run)
-        steps = tasks(turntable_of(run), run.table_steps)
+        steps = plan_tasks(require_turntable(run), run.table_steps)
     except InputError as error:
-        return Plan(path, shown | {"trouble": str(error)}) if _is_meant(path) else None
+        return Plan(path, summary | {"trouble": str(error)}) if _resembles_run_file(path) else None
     seconds = sum(one.approach + one.seconds for one in steps)
-    return Plan(path, shown | {"steps": len(steps), "seconds": round(seconds, 3)})
+    return Plan(path, summary | {"steps": len(steps), "seconds": round(seconds, 3)})
 
 
-def _is_meant(path: Path) -> bool:
+def _resembles_run_file(path: Path) -> bool:
     """Tell whether a file that is no good plan is meant to be a run file, as far as one sees."""
     import tomllib
 

@@ -8,18 +8,18 @@ from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 
-_BURST, _A_SECOND = 20.0, 2.0  # lines
-_LONGEST = 300  # characters
+_MAX_BURST, _LINE_RATE = 20.0, 2.0  # lines
+_MAX_TEXT = 300  # characters
 
 
-def plain(text: str) -> str:
+def escape_control_characters(text: str) -> str:
     r"""Return text on one line, control characters escaped: who asks may write anything.
 
-    >>> plain("a\nb\x1b[2J")
+    >>> escape_control_characters("a\nb\x1b[2J")
     'a\\nb\\x1b[2J'
     """
     made = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-    return made if len(made) <= _LONGEST else f"{made[:_LONGEST]}…"
+    return made if len(made) <= _MAX_TEXT else f"{made[:_MAX_TEXT]}…"
 
 
 class RefusalLog:
@@ -36,31 +36,34 @@ class RefusalLog:
     def __init__(
         self, write: Callable[[str], None] | None = None, now: Callable[[], float] = monotonic
     ):
-        self._write, self._now = write or _to_standard_error, now
-        self._tokens, self._at = _BURST, now()
-        self._unsaid = 0
+        self._write, self._now = write or _write_standard_error, now
+        self._tokens, self._updated_at = _MAX_BURST, now()
+        self._suppressed = 0
 
     def __call__(self, who: object, words: str) -> None:
         """Say that somebody was refused something."""
         at = self._now()
-        self._tokens = min(_BURST, self._tokens + _A_SECOND * (at - self._at))
-        self._at = at
+        self._tokens = min(_MAX_BURST, self._tokens + _LINE_RATE * (at - self._updated_at))
+        self._updated_at = at
         if self._tokens < 1:
-            self._unsaid += 1
+            self._suppressed += 1
             return
         self._tokens -= 1
-        if self._unsaid:
-            self._write(f"inercal: refused: {self._unsaid} more, unsaid")
-            self._unsaid = 0
-        self._write(f"inercal: refused: {plain(str(who))}: {plain(words)}")
+        if self._suppressed:
+            self._write(f"inercal: refused: {self._suppressed} more, unsaid")
+            self._suppressed = 0
+        self._write(
+            f"inercal: refused: {escape_control_characters(str(who))}: "
+            f"{escape_control_characters(words)}"
+        )
 
 
-class Handler(logging.Handler):
+class RefusalHandler(logging.Handler):
     """Says what the web server refuses by itself, and what fails in it: a line each."""
 
     def __init__(self, refused: RefusalLog):
         super().__init__(logging.WARNING)
-        self._refused = refused
+        self._refusals = refused
 
     def emit(self, record: logging.LogRecord) -> None:
         """Say one record."""
@@ -71,9 +74,9 @@ class Handler(logging.Handler):
             frames = traceback.extract_tb(error.__traceback__)
             where = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
             words = f"{words}: {type(error).__name__}{where}: {error}"
-        self._refused("web server", words)
+        self._refusals("web server", words)
 
 
-def _to_standard_error(line: str) -> None:
+def _write_standard_error(line: str) -> None:
     with suppress(OSError):  # the terminal may be gone
         print(line, file=sys.stderr, flush=True)

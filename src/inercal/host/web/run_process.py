@@ -12,9 +12,9 @@ from collections.abc import AsyncGenerator
 from contextlib import suppress
 from subprocess import PIPE, Popen
 
-from inercal.host.web.order import RunRequest
+from inercal.host.web.run_request import RunRequest
 
-_LONGEST = 1 << 20  # bytes of a message
+_MAX_MESSAGE = 1 << 20  # bytes of a message
 
 
 class RunProcess:
@@ -33,9 +33,9 @@ class RunProcess:
         self._process = Popen(command or python, stdin=PIPE, stdout=PIPE, start_new_session=True)
         assert self._process.stdin
         os.set_blocking(self._process.stdin.fileno(), False)
-        self.tell(order.line)
+        self.send_line(order.json_line)
 
-    def tell(self, line: str) -> bool:
+    def send_line(self, line: str) -> bool:
         """Tell the process something; False where it does not hear."""
         assert self._process.stdin
         data = f"{line}\n".encode()
@@ -53,7 +53,7 @@ class RunProcess:
     async def messages(self) -> AsyncGenerator[tuple[str, str]]:
         """Yield kind and text of what the process tells, until it tells no more."""
         assert self._process.stdout
-        reader = asyncio.StreamReader(_LONGEST)
+        reader = asyncio.StreamReader(_MAX_MESSAGE)
         protocol = asyncio.StreamReaderProtocol(reader)
         loop = asyncio.get_running_loop()
         transport, _ = await loop.connect_read_pipe(lambda: protocol, self._process.stdout)
@@ -66,7 +66,7 @@ class RunProcess:
         finally:
             transport.close()
 
-    async def ended(self) -> int:
+    async def wait_for_exit(self) -> int:
         """Return the status of the process, once it has ended."""
         assert self._process.stdin
         with suppress(OSError):

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from inercal.errors import InercalError, InputError
-from inercal.host.folder import JOURNAL
 from inercal.host.journal import Journal
-from inercal.host.web.order import inhabited
+from inercal.host.run_folder import JOURNAL
+from inercal.host.web.run_request import run_in_progress
 from inercal.store import Register
 
 
-class RunThere(NamedTuple):
+class StoredRun(NamedTuple):
     """A run in a folder.
 
     Parameters
@@ -19,20 +19,20 @@ class RunThere(NamedTuple):
     path : Path
     stem : str
         Of its run file, and of what was made.
-    shown : dict
+    summary : dict
         What the page is told of it.
     """
 
     path: Path
     stem: str
-    shown: dict[str, Any]
+    summary: dict[str, Any]
 
     @property
     def state(self) -> str:
         """As of a journal's header, and "running" only where a process drives it."""
-        return self.shown["state"]
+        return self.summary["state"]
 
-    def made(self, kind: str) -> Path:
+    def output_file(self, kind: str) -> Path:
         """Return a file that was made of the run: "report.html", "calibration.json"."""
         return self.path / f"{self.stem}.{kind}"
 
@@ -48,15 +48,15 @@ class Runs:
     def __init__(self, folder: Path):
         self.folder = folder
 
-    def all(self) -> dict[str, RunThere]:
+    def all(self) -> dict[str, StoredRun]:
         """Return them by the names of their folders, the latest first."""
-        found: list[RunThere] = []
+        found: list[StoredRun] = []
         for journal in self.folder.glob(f"*/{JOURNAL}"):
             try:
-                found.append(_run(journal.parent))
+                found.append(_stored_run(journal.parent))
             except InputError:
                 continue  # a journal of another version, or none
-        found.sort(key=lambda one: one.shown["begun"], reverse=True)
+        found.sort(key=lambda one: one.summary["begun"], reverse=True)
         return {one.path.name: one for one in found}
 
     def enter(self, register: str | None) -> list[str]:
@@ -70,39 +70,39 @@ class Runs:
         InercalError
             The register cannot be opened.
         """
-        from inercal.host.registration import enter
+        from inercal.host.registration import register_run
 
         troubles: list[str] = []
         with Register(register) as opened:
             done = {(run.folder, run.begun) for run in opened.runs() if run.state == "done"}
             for name, one in self.all().items():
-                known = (str(one.path.resolve()), one.shown["begun"]) in done
+                known = (str(one.path.resolve()), one.summary["begun"]) in done
                 if one.state == "running" or known:
                     continue
                 try:
-                    enter(opened, one.path)
+                    register_run(opened, one.path)
                 except InercalError as error:
                     troubles.append(f"{name}: {error}")
         return troubles
 
 
-def _run(path: Path) -> RunThere:
+def _stored_run(path: Path) -> StoredRun:
     with Journal(path / JOURNAL) as journal:
         header = journal.header()
-    driven = inhabited(path)
+    driven = run_in_progress(path)
     state = "running" if driven else "interrupted" if header.state == "running" else header.state
     stem = Path(header.run_file).stem
-    shown = {
+    summary = {
         "id": path.name,
-        "sensor": _sensor(path / header.run_file),
+        "sensor": _sensor_name(path / header.run_file),
         "begun": header.begun,
         "state": state,
         "report": (path / f"{stem}.report.html").is_file(),
     }
-    return RunThere(path, stem, shown)
+    return StoredRun(path, stem, summary)
 
 
-def _sensor(run_file: Path) -> str:
+def _sensor_name(run_file: Path) -> str:
     """Return the name of the sensor, without reading all else."""
     try:
         content: Any = tomllib.loads(run_file.read_text(encoding="utf-8"))

@@ -18,27 +18,26 @@ from urllib.parse import quote
 import uvicorn
 
 from inercal.errors import InercalError, InputError
-from inercal.host.log import usable
-from inercal.host.options import ORDINARY
-from inercal.host.options import Options as OfRuns
+from inercal.host.options import DEFAULT_OPTIONS, RunOptions
+from inercal.host.run_log import os_errors_as_input_errors
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.app import application
-from inercal.host.web.choice import Choice
-from inercal.host.web.connections import limited
+from inercal.host.web.connections import limited_protocol
+from inercal.host.web.device_catalogue import DeviceCatalogue
 from inercal.host.web.hub import Hub
 from inercal.host.web.plans import Plans
-from inercal.host.web.refusal_log import Handler, RefusalLog
+from inercal.host.web.refusal_log import RefusalHandler, RefusalLog
 from inercal.host.web.runs import Runs
-from inercal.host.web.viewers import MOST
+from inercal.host.web.viewers import MAX_VIEWERS
 from inercal.store import Register
 
-_MESSAGE = 4096  # bytes of a message of a page
-_GRACE = 2  # s that connections may take to end
-_ANY = ("0.0.0.0", "::")
+_MAX_MESSAGE = 4096  # bytes of a message of a page
+_SHUTDOWN_TIMEOUT = 2  # s that connections may take to end
+_WILDCARD_HOSTS = ("0.0.0.0", "::")
 
 
 @dataclass(frozen=True)
-class Options:
+class ServerOptions:
     """How the page is served.
 
     Parameters
@@ -49,7 +48,7 @@ class Options:
         Address of the register.
     table, imu, clock : str
         Addresses of devices to choose beside those that are found.
-    of_runs : inercal.host.options.Options
+    run_options : inercal.host.options.RunOptions
         Of each run.
     host : str
     port : int
@@ -64,18 +63,18 @@ class Options:
     table: str = ""
     imu: str = ""
     clock: str = ""
-    of_runs: OfRuns = ORDINARY
+    run_options: RunOptions = DEFAULT_OPTIONS
     host: str = "127.0.0.1"
     port: int = 8765
     token: str | None = None
 
 
-class Server(uvicorn.Server):
+class WebServer(uvicorn.Server):
     """The web server, which ends the run before it ends itself."""
 
     def __init__(self, config: uvicorn.Config, hub: Hub):
         super().__init__(config)
-        self._hub, self._asked = hub, 0
+        self._hub, self._signal_count = hub, 0
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def serve(self, sockets: list[socket.socket] | None = None) -> None:
@@ -85,29 +84,29 @@ class Server(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Hear a signal: the first ends it in order, the second at once."""
-        self._asked += 1
-        if self._asked > 1:
+        self._signal_count += 1
+        if self._signal_count > 1:
             self.should_exit = self.force_exit = True
         elif self._loop is not None:
-            self._loop.call_soon_threadsafe(self.end)
+            self._loop.call_soon_threadsafe(self.stop_run_and_exit)
 
-    def end(self) -> None:
+    def stop_run_and_exit(self) -> None:
         """Stop the run, if one goes on, and end when that has ended."""
-        going = self._hub.going
-        if going is not None and self._hub.goes_on:
-            going.stop()
-            say(
+        run_process = self._hub.run_process
+        if run_process is not None and self._hub.is_run_active:
+            run_process.stop()
+            print_notice(
                 "the run is being stopped; this ends when the table is at rest (Ctrl-C again: at "
                 "once; the run is stopped all the same)"
             )
-        self._ending = asyncio.ensure_future(self._end())
+        self._exit_task = asyncio.ensure_future(self._exit_when_idle())
 
-    async def _end(self) -> None:
-        await self._hub.over()
+    async def _exit_when_idle(self) -> None:
+        await self._hub.wait_until_idle()
         self.should_exit = True
 
 
-def serve(options: Options) -> None:
+def serve(options: ServerOptions) -> None:
     """Serve the page until Ctrl-C.
 
     Raises
@@ -116,37 +115,41 @@ def serve(options: Options) -> None:
         A folder, an address, a token or a port that cannot be used.
     """
     refused = RefusalLog()
-    runs = _runs(options)
-    with listening(options.host, options.port) as opened:
+    runs = _registered_runs(options)
+    with listening_socket(options.host, options.port) as opened:
         port = opened.getsockname()[1]
         token = options.token
         if token is None and not is_loopback(options.host):
             token = secrets.token_urlsafe(24)
         names = {options.host, "localhost", "127.0.0.1", "[::1]"} if token is None else set[str]()
-        access = Access(hosts(names, port), token)
-        choice = Choice(options.table, options.imu, options.clock)
-        hub = Hub(Plans(options.plans), runs, choice, options.register, options.of_runs)
-        server = made(hub, options.register, access, refused)
-        host = socket.gethostname() if options.host in _ANY else _bracketed(options.host)
-        say(
+        access = Access(host_header_values(names, port), token)
+        choice = DeviceCatalogue(options.table, options.imu, options.clock)
+        hub = Hub(Plans(options.plans), runs, choice, options.register, options.run_options)
+        server = web_server(hub, options.register, access, refused)
+        host = (
+            socket.gethostname()
+            if options.host in _WILDCARD_HOSTS
+            else _bracketed_host(options.host)
+        )
+        print_notice(
             "a stop on this page is done by programs and is no safety function: that is the "
             "hardware interlock"
         )
-        print(_where(f"http://{host}:{port}/", options.token, token), flush=True)
+        print(_page_address_text(f"http://{host}:{port}/", options.token, token), flush=True)
         asyncio.run(server.serve(sockets=[opened]))
 
 
-def made(hub: Hub, register: str | None, access: Access, refused: RefusalLog) -> Server:
+def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalLog) -> WebServer:
     """Return a server of a hub's page."""
     logger = logging.getLogger("uvicorn.error")
-    logger.handlers[:] = [Handler(refused)]
+    logger.handlers[:] = [RefusalHandler(refused)]
     logger.propagate = False
     config = uvicorn.Config(
         application(hub, register, access, refused),
         loop="asyncio",
-        http=limited(refused),
+        http=limited_protocol(refused),
         ws="websockets-sansio",
-        ws_max_size=_MESSAGE,
+        ws_max_size=_MAX_MESSAGE,
         ws_per_message_deflate=False,
         # A viewer whose link broke is known to be gone within 9 s.
         ws_ping_interval=4,
@@ -157,13 +160,13 @@ def made(hub: Hub, register: str | None, access: Access, refused: RefusalLog) ->
         access_log=False,
         proxy_headers=False,
         server_header=False,
-        backlog=4 * MOST,
-        timeout_graceful_shutdown=_GRACE,
+        backlog=4 * MAX_VIEWERS,
+        timeout_graceful_shutdown=_SHUTDOWN_TIMEOUT,
     )
-    return Server(config, hub)
+    return WebServer(config, hub)
 
 
-def listening(host: str, port: int) -> socket.socket:
+def listening_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens there.
 
     Raises
@@ -179,19 +182,19 @@ def listening(host: str, port: int) -> socket.socket:
         raise InputError(f"--host {host} --port {port}: {words}; another --port?") from None
 
 
-def hosts(names: Iterable[str], port: int) -> frozenset[str]:
+def host_header_values(names: Iterable[str], port: int) -> frozenset[str]:
     """Return what a browser may call this server by, as it says it in Host."""
-    bare = {_bracketed(name).lower() for name in names}
+    bare = {_bracketed_host(name).lower() for name in names}
     own = {f"{name}:{port}" for name in bare}
     return frozenset(own | bare if port == 80 else own)  # that of http is left out
 
 
-def say(words: str) -> None:
+def print_notice(words: str) -> None:
     """Say something to who has started the server."""
     print(f"inercal: {words}", file=sys.stderr, flush=True)
 
 
-def _where(address: str, given: str | None, token: str | None) -> str:
+def _page_address_text(address: str, given: str | None, token: str | None) -> str:
     """Say where the page is: with a token that was made here, and else nobody could know."""
     if token is None:
         return f"the page is at {address}"
@@ -201,11 +204,11 @@ def _where(address: str, given: str | None, token: str | None) -> str:
     return f"the page is at {address} and asks for the token that you gave"
 
 
-def _runs(options: Options) -> Runs:
+def _registered_runs(options: ServerOptions) -> Runs:
     """Return the runs there are, once all of them are in the register."""
     if not options.plans.is_dir():
         raise InputError(f"--plans {options.plans}: there is no such folder")
-    with usable(f"--runs {options.runs}", "made"):
+    with os_errors_as_input_errors(f"--runs {options.runs}", "made"):
         options.runs.mkdir(parents=True, exist_ok=True)
     Register(options.register).close()
     runs = Runs(options.runs)
@@ -214,9 +217,9 @@ def _runs(options: Options) -> Runs:
     except InercalError as error:
         troubles = [str(error)]
     for words in troubles:
-        say(f"not in the register: {words}")
+        print_notice(f"not in the register: {words}")
     return runs
 
 
-def _bracketed(host: str) -> str:
+def _bracketed_host(host: str) -> str:
     return f"[{host}]" if ":" in host and not host.startswith("[") else host

@@ -14,31 +14,31 @@ from threading import Thread
 from typing import Any
 
 from inercal.errors import InercalError
-from inercal.host.web.carry import RunController
-from inercal.host.web.control import Control
-from inercal.host.web.order import RunRequest, cut_short
-from inercal.host.web.publish import Publisher
+from inercal.host.web.command_relay import CommandRelay
+from inercal.host.web.publisher import Publisher
+from inercal.host.web.run_controller import RunController
+from inercal.host.web.run_request import RunRequest, premature_end_message
 
-_MOST = 1 << 16  # bytes of a line
+_MAX_LINE = 1 << 16  # bytes of a line
 
 
-class _Lines:
+class _LineReader:
     """Lines of a descriptor, one by one; a line is complete or none."""
 
     def __init__(self, descriptor: int):
-        self._descriptor, self._came = descriptor, b""
+        self._descriptor, self._buffer = descriptor, b""
 
-    def next(self) -> str | None:
+    def next_line(self) -> str | None:
         """Return the next line, when it is there; None at the end."""
-        while b"\n" not in self._came:
+        while b"\n" not in self._buffer:
             try:
-                data = os.read(self._descriptor, _MOST)
+                data = os.read(self._descriptor, _MAX_LINE)
             except OSError:
                 data = b""
-            if not data or len(self._came) > _MOST:
+            if not data or len(self._buffer) > _MAX_LINE:
                 return None
-            self._came += data
-        line, _, self._came = self._came.partition(b"\n")
+            self._buffer += data
+        line, _, self._buffer = self._buffer.partition(b"\n")
         return line.decode("utf-8", "replace")
 
 
@@ -47,38 +47,40 @@ def main() -> int:
     # What else is printed here must not get between the messages.
     told = os.dup(1)
     os.dup2(2, 1)
-    lines, control = _Lines(0), Control()
+    lines, control = _LineReader(0), CommandRelay()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, control.interrupt)
     try:
-        order = RunRequest.of(lines.next() or "")
+        order = RunRequest.from_json(lines.next_line() or "")
     except InercalError as error:
         print(f"inercal: {error}", file=sys.stderr)
         return 2
 
     def hear() -> None:
-        while (line := lines.next()) is not None:
+        while (line := lines.next_line()) is not None:
             control.command(line)
 
     Thread(target=hear, name="commands", daemon=True).start()
     with Publisher(told) as publisher:
-        end = _end(order, publisher, control)
-        publisher.tell("done", **end)
+        end = _execute_request(order, publisher, control)
+        publisher.publish("done", **end)
     return 0 if end["state"] == "done" else 1
 
 
-def _end(order: RunRequest, publisher: Publisher, control: Control) -> Mapping[str, Any]:
+def _execute_request(
+    order: RunRequest, publisher: Publisher, control: CommandRelay
+) -> Mapping[str, Any]:
     try:
-        return RunController(order, publisher, control).carry_out()
+        return RunController(order, publisher, control).execute()
     except InercalError as error:
-        return cut_short(order, str(error))
+        return premature_end_message(order, str(error))
     except KeyboardInterrupt:
-        return cut_short(order, "stopped before anything moved")
+        return premature_end_message(order, "stopped before anything moved")
     except Exception as error:
         # Told to who looks on; where it comes from stands in the server's log.
         sys.excepthook(*sys.exc_info())  # pyright: ignore[reportArgumentType]
         words = f"the run's process failed: {type(error).__name__}: {error}"
-        return cut_short(order, words)
+        return premature_end_message(order, words)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,8 @@ besides bias and scale factor.
 `ml` compares ‖f̂‖, f̂ the inverse of the sensor's exact model, with the norm that the bench makes,
 weighted by the readings' noise seen along f̂ and by what differs from dwell to dwell; what the whole
 run shares (radius, stretch, rate, tilt, gravity, earth's rate) are nuisances with their stated
-deviations. `series` and `paper` are closed formulas (`inercal.methods.centrifuge_norm.closed`).
+deviations. `series` and `paper` are closed formulas
+(`inercal.methods.centrifuge_norm.closed_formulas`).
 
 Rotating the triad changes no norm: of the misalignments only the non-orthogonality is seen.
 
@@ -21,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.centrifuge.arm import felt_norm
+from inercal.benches.centrifuge.arm_motion import specific_force_norm
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.calibration.forms import Frame
 from inercal.errors import InputError, NotObserved
@@ -29,22 +30,22 @@ from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.keys import CoefficientName
 from inercal.methods import temperature
 from inercal.methods._base import Method
-from inercal.methods.centrifuge_norm import closed
-from inercal.methods.centrifuge_norm.plans import plan
-from inercal.methods.centrifuge_norm.problems import by_norm, by_norm_exact, problem
+from inercal.methods.centrifuge_norm import closed_formulas
+from inercal.methods.centrifuge_norm.arm_plans import plan
+from inercal.methods.centrifuge_norm.problems import exact_bench_norm_problem, norm_problem, problem
 from inercal.methods.centrifuge_norm.remarks import remarks
 from inercal.methods.likelihood_tests import with_tests
-from inercal.methods.observed import NOISE_ALONE, require_observed
+from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.uncertainty import propagate
 
-SIGNS = (
+SIGN_NOTE = (
     "norms do not tell a reversed axis, whose k0 and k2 only change sign, nor two axes exchanged: "
     "compare the sign of each axis with its attitude in one dwell"
 )
-ARMS = (
+LEVER_ARM_NOTE = (
     "without [data] attitude they do not tell lever arms either: 1 µm on a radius of 1 m counts as "
     "up to 1 ppm of k1, and U does not hold it"
 )
@@ -79,16 +80,16 @@ def ml(
     """
     estimate = least_squares(problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
-    notes = [_seen(estimate)]
+    notes = [_observability_note(estimate)]
     if bench.indexing is None:
         known = all(step.attitude is not None for step in steps)
-        notes.append(SIGNS if known else f"{SIGNS}; {ARMS}")
+        notes.append(SIGN_NOTE if known else f"{SIGN_NOTE}; {LEVER_ARM_NOTE}")
     elif observations.mean.ndim == 2:
-        notes.append(_gained(estimate, observations, sensor, bench, steps, priors))
+        notes.append(_attitude_gain_note(estimate, observations, sensor, bench, steps, priors))
     return replace(estimate, notes=(*notes, *estimate.notes))
 
 
-def _gained(
+def _attitude_gain_note(
     estimate: Estimate,
     observations: Observations,
     sensor: Sensor,
@@ -98,7 +99,7 @@ def _gained(
 ) -> str:
     """Say what the attitudes bring beside norms, by the uncertainties as modelled."""
     try:
-        norms = by_norm(observations, sensor, bench, steps, priors)
+        norms = norm_problem(observations, sensor, bench, steps, priors)
         alone = least_squares(replace(norms, candidates=None))
         require_observed(alone, sensor, missing=())
     except NotObserved as error:
@@ -112,7 +113,7 @@ def _gained(
     )
 
 
-def _seen(estimate: Estimate) -> str:
+def _observability_note(estimate: Estimate) -> str:
     """Say what the dwells determine: rank, condition and the direction they see least."""
     singular = estimate.singular_values
     assert estimate.weakest is not None
@@ -139,7 +140,7 @@ class ClosedFormulas:
     """
 
     name: str
-    invert: closed.Invert
+    invert: closed_formulas.SeriesInverse
     weighted: bool = False
 
     def __call__(
@@ -162,17 +163,21 @@ class ClosedFormulas:
         """
         if priors:
             raise InputError(f"estimator {self.name} takes no priors; use ml")
-        temperature.refuse(sensor, self.name, "ml")
+        temperature.refuse_temperature_terms(sensor, self.name, "ml")
         mean = observations.mean
         if mean.ndim != 2:
             raise InputError(f"estimator {self.name} works on one table at a time")
-        singular = closed.require_possible(sensor, mean, self.name)
-        declared = bench.acting(steps, vectors=False)
-        made = felt_norm(bench, steps, {name: np.array(q.value) for name, q in declared.items()})
+        singular = closed_formulas.regression_singular_values(sensor, mean, self.name)
+        declared = bench.acting_parameters(steps, vectors=False)
+        made = specific_force_norm(
+            bench, steps, {name: np.array(q.value) for name, q in declared.items()}
+        )
 
         def formulas(flat: Array) -> Array:
             y = flat.reshape(*flat.shape[:-1], *mean.shape)
-            return closed.coefficients(sensor, y, made.norm, self.invert, weighted=self.weighted)
+            return closed_formulas.coefficients(
+                sensor, y, made.norm, self.invert, weighted=self.weighted
+            )
 
         value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
         if not np.isfinite(value).all():
@@ -184,19 +189,19 @@ class ClosedFormulas:
                 f"estimator {self.name}: the noise is larger than what k2 leaves in the fourth "
                 f"powers of {', '.join(axes)}, whose square root it takes; use series or ml"
             )
-        notes = (NOISE_ALONE, SIGNS)
+        notes = (NOISE_ONLY_NOTE, SIGN_NOTE)
         return with_tests(
-            Estimate.of_formulas(sensor.coefficients, value, spread, singular, notes),
+            Estimate.from_closed_form(sensor.coefficients, value, spread, singular, notes),
             problem(observations, sensor, bench, steps),
-            by_norm_exact(observations, sensor, bench, steps),
+            exact_bench_norm_problem(observations, sensor, bench, steps),
         )
 
 
-series = ClosedFormulas("series", closed.series)
+series = ClosedFormulas("series", closed_formulas.series)
 """By the series' first three coefficients, rows weighted alike."""
-series_weighted = ClosedFormulas("series_weighted", closed.series, weighted=True)
+series_weighted = ClosedFormulas("series_weighted", closed_formulas.series, weighted=True)
 """As `series`, rows weighted by the noise of their squared norms."""
-paper = ClosedFormulas("paper", closed.paper)
+paper = ClosedFormulas("paper", closed_formulas.paper)
 """As the source does, for comparison: k2 from the fourth powers.
 
 A fourth coefficient that is negative has no square root, and is refused; the covariance is not a
@@ -212,12 +217,12 @@ def _frame(bench: Centrifuge) -> Frame:
 METHOD = Method(
     name="centrifuge_norm",
     bench=Centrifuge,
-    finds={"f": ("k0", "k1", "k2")},
+    default_coefficients={"f": ("k0", "k1", "k2")},
     also={"f": ("k3", "koq", "nonorthogonality", "misalignment", "arm", "temperature")},
     needs=("f",),
     plan=plan,
     estimators={"ml": ml, "series": series, "series_weighted": series_weighted, "paper": paper},
-    framed=("ml",),
+    norm_only_estimators=("ml",),
     frame=_frame,
     remarks=remarks,
     source="Wang and Li, Navigation Positioning and Timing 8(6), 2021; IEEE Std 836",

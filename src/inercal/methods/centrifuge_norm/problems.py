@@ -18,17 +18,25 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches import MeanMotion
-from inercal.benches.centrifuge.arm import FeltNorm, felt_norm, felt_vector
+from inercal.benches.centrifuge.arm_motion import (
+    SpecificForceNorm,
+    sensed_motion,
+    specific_force_norm,
+)
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimate import Candidate, Gaussian, Problem
-from inercal.methods import candidates, temperature, vectors
-from inercal.methods.centrifuge_norm.gauge import gauges, known_nulls, require_gauge
-from inercal.observe import NoisyNorm, noisy_norm, norm
+from inercal.methods import candidates, mean_problem, temperature
+from inercal.methods.centrifuge_norm.rotation_gauge import (
+    gauges,
+    require_gauge,
+    rotation_null_directions,
+)
+from inercal.observe import NoisyNormResiduals, noisy_norm_residuals, norm_residuals
 from inercal.parameters import Parameter
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import SI_UNITS, Sensor
-from inercal.sensors.tables import TABLES
+from inercal.sensors.coefficient_tables import TABLES
 
 _Result = TypeVar("_Result")
 
@@ -41,11 +49,11 @@ def problem(
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of `ml`: by vectors where the bench knows its attitudes, else by norms."""
-    build = by_norm if bench.indexing is None else by_vector
+    build = norm_problem if bench.indexing is None else vector_problem
     return build(observations, sensor, bench, steps, priors)
 
 
-def by_norm(
+def norm_problem(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
@@ -66,36 +74,44 @@ def by_norm(
     """
     require_gauge(sensor, priors)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
-    declared = bench.acting(steps, vectors=turning)
-    built = _of_norms(observations, sensor, bench, steps, declared, priors)
-    larger = _larger(sensor, bench, steps, warmed=observations.warmed)
+    declared = bench.acting_parameters(steps, vectors=turning)
+    built = _ungauged_norm_problem(observations, sensor, bench, steps, declared, priors)
+    larger = _extended_sensor(
+        sensor, bench, steps, temperature_varies=observations.temperature_varies
+    )
 
     def extended() -> Problem:
-        return _of_norms(observations, larger, bench, steps, candidates.freed(declared))
+        return _ungauged_norm_problem(
+            observations, larger, bench, steps, candidates.parameters_with_deviations(declared)
+        )
 
-    listed = candidates.of_means(
+    listed = candidates.candidate_function(
         extended,
         built.names,
         larger,
         declared,
         observations.time,
-        families=_nonorthogonality(sensor),
-        told=[name for prior in priors for name in prior.names],
+        families=_nonorthogonality_family(sensor),
+        prior_names=[name for prior in priors for name in prior.names],
     )
 
-    def scored(x: Array) -> list[Candidate]:
-        arms = () if larger.uses("wi", "wp", "wo") else _arms(built, sensor, steps, x)
+    def score_tests(x: Array) -> list[Candidate]:
+        arms = (
+            () if larger.uses("wi", "wp", "wo") else _lever_arm_candidates(built, sensor, steps, x)
+        )
         return [*listed(x), *arms]
 
     return replace(
         built,
         gauges=gauges(sensor),
-        known_nulls=known_nulls(sensor, len(built.names)),
-        candidates=scored,
+        known_nulls=rotation_null_directions(sensor, len(built.names)),
+        candidates=score_tests,
     )
 
 
-def _arms(built: Problem, sensor: Sensor, steps: Sequence[Spin], x: Array) -> list[Candidate]:
+def _lever_arm_candidates(
+    built: Problem, sensor: Sensor, steps: Sequence[Spin], x: Array
+) -> list[Candidate]:
     """Return lever arms along the axes, in attitudes that nobody knows.
 
     An arm l along an axis adds −ω² l (1 − v²) to its reading, v its share of the vertical. Norms
@@ -123,17 +139,19 @@ def _arms(built: Problem, sensor: Sensor, steps: Sequence[Spin], x: Array) -> li
     return [candidate("arm_i", every), *(candidate(names[k], [k]) for k in every)]
 
 
-def by_norm_exact(
+def exact_bench_norm_problem(
     observations: Observations, sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin]
 ) -> Problem:
     """Return the problem of norms with the bench taken as exact: the readings' noise alone."""
     exact = replace(bench, dwell_rate=0.0, dwell_tilt=0.0)
-    declared = exact.acting(steps, vectors=False)
+    declared = exact.acting_parameters(steps, vectors=False)
     known = {name: replace(parameter, sd=0.0) for name, parameter in declared.items()}
-    return _of_norms(observations, sensor, exact, steps, known)
+    return _ungauged_norm_problem(observations, sensor, exact, steps, known)
 
 
-def _larger(sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin], *, warmed: bool) -> Sensor:
+def _extended_sensor(
+    sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin], *, temperature_varies: bool
+) -> Sensor:
     """Return the sensor with all coefficients that norms can show, those of `sensor` first.
 
     Of the misalignments these are the non-orthogonality, which is a name that a user can choose;
@@ -143,13 +161,13 @@ def _larger(sensor: Sensor, bench: Centrifuge, steps: Sequence[Spin], *, warmed:
     turns = bench.platform == "locked" and all(step.attitude is not None for step in steps)
     words = ("nonlinearity", "asymmetry", "cross", *(("rotation", "arm") if turns else ()))
     words += ("nonorthogonality",) if _is_triad(sensor) else ("misalignment",)
-    words += ("temperature",) if warmed else ()
+    words += ("temperature",) if temperature_varies else ()
     shown = sensor.with_coefficients("bias", "scale", *words).coefficients
     more = tuple(name for name in shown if name not in sensor.coefficients)
     return replace(sensor, coefficients=(*sensor.coefficients, *more))
 
 
-def _nonorthogonality(sensor: Sensor) -> dict[str, tuple[str, ...]]:
+def _nonorthogonality_family(sensor: Sensor) -> dict[str, tuple[str, ...]]:
     """Return the family of misalignments that rotate no triad, by the name that a user chooses."""
     if not _is_triad(sensor):
         return {}
@@ -161,7 +179,7 @@ def _is_triad(sensor: Sensor) -> bool:
     return len(i) == 3 and bool(np.allclose(i @ i.T, np.eye(3), atol=1e-9))
 
 
-def _of_norms(
+def _ungauged_norm_problem(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
@@ -172,18 +190,22 @@ def _of_norms(
     """Return the problem of norms for any coefficients, without gauges."""
     p = len(sensor.coefficients)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
-    loose, known = vectors.split(declared)
-    shared = _shared(observations, bench, steps)
-    warmth = temperature.offset(observations, sensor)
+    loose, known = mean_problem.split_parameters(declared)
+    shared = _same_dwell_rows(observations, bench, steps)
+    warmth = temperature.row_offsets(observations, sensor)
 
-    @_kept
-    def compared(x: Array) -> tuple[FeltNorm, MeanMotion | None, NoisyNorm]:
+    @_cache_last_result
+    def compared(x: Array) -> tuple[SpecificForceNorm, MeanMotion | None, NoisyNormResiduals]:
         q = known | {n: x[..., p + k] for k, n in enumerate(loose)}
-        made = felt_norm(bench, steps, q)
-        turned = felt_vector(bench, steps, q) if turning else None
+        made = specific_force_norm(bench, steps, q)
+        turned = sensed_motion(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
         w = None if turned is None else turned.w
-        return made, turned, noisy_norm(sensor, y, covariance, x[..., :p], made.norm, w, warmth)
+        return (
+            made,
+            turned,
+            noisy_norm_residuals(sensor, y, covariance, x[..., :p], made.norm, w, warmth),
+        )
 
     def linearise(x: Array) -> tuple[Array, Array]:
         made, turned, seen = compared(x)
@@ -193,7 +215,7 @@ def _of_norms(
         jacobian = np.empty((*rows, p + len(loose)))
         jacobian[..., :p] = seen.jacobian
         for k, name in enumerate(loose):
-            jacobian[..., p + k] = -made.by[name] if name in made.by else 0.0
+            jacobian[..., p + k] = -made.derivatives[name] if name in made.derivatives else 0.0
             if turned is not None and name in turned.dw:
                 jacobian[..., p + k] += (seen.by_rate * turned.dw[name]).sum(-1)
         return seen.residual, jacobian
@@ -207,33 +229,33 @@ def _of_norms(
             full += made.dwell[..., None] ** 2 * np.eye(len(steps))
         else:
             for name, sd in (("dwell_rate", bench.dwell_rate), ("dwell_tilt", bench.dwell_tilt)):
-                by = sd * made.by[name]
+                by = sd * made.derivatives[name]
                 full = full + shared * (by[..., :, None] * by[..., None, :])
         if observations.drift is not None:
             w = None if turned is None else turned.w
-            at = norm(sensor, observations.mean, x[..., :p], made.norm, w, warmth)
+            at = norm_residuals(sensor, observations.mean, x[..., :p], made.norm, w, warmth)
             along = (at.up[..., None, :] @ at.by_reading)[..., 0, :]
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full
 
-    start = vectors.start(p, loose)
+    start = mean_problem.start_values(p, loose)
     # A norm of tens of g is rounded at a millionth of what it is known to.
     made, _, seen = compared(start)
-    rounding = float(np.max(made.norm / np.sqrt(seen.variance))) * vectors.ROUNDING
+    rounding = float(np.max(made.norm / np.sqrt(seen.variance))) * mean_problem.ROUNDING
     return Problem(
         names=(*sensor.coefficients, *loose),
         start=start,
         linearise=linearise,
         noise=noise,
-        scale=vectors.scale(sensor, loose),
-        priors=vectors.with_bench(loose, priors),
+        scale=mean_problem.parameter_scales(sensor, loose),
+        priors=mean_problem.with_bench_priors(loose, priors),
         wanted=sensor.coefficients,
         observations=observations.labels,
         rounding=rounding,
     )
 
 
-def _shared(
+def _same_dwell_rows(
     observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
 ) -> NDArray[np.bool_] | None:
     """Return which rows are of one dwell, (r, r), where that matters: azimuths share its errors."""
@@ -245,14 +267,14 @@ def _shared(
     return (same | np.eye(len(steps), dtype=bool)) if at_azimuth.any() else None
 
 
-def by_vector(
+def vector_problem(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
     steps: Sequence[Spin],
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
-    """Return the problem of vectors in known attitudes; arguments as of `by_norm`.
+    """Return the problem of vectors in known attitudes; arguments as of `norm_problem`.
 
     Raises
     ------
@@ -272,21 +294,21 @@ def by_vector(
                 blocks[..., k, :, k, :] += by[..., k, :, None] * by[..., k, None, :]
         return blocks.reshape(*c.shape[:-1], r * m, r * m)
 
-    return vectors.problem(
+    return mean_problem.problem(
         observations,
         sensor,
-        bench.acting(steps, vectors=True),
-        lambda q: felt_vector(bench, steps, q),
+        bench.acting_parameters(steps, vectors=True),
+        lambda q: sensed_motion(bench, steps, q),
         priors,
-        dwells=dwells if own else None,
+        dwell_covariance=dwells if own else None,
         gauges=gauges(sensor),
-        timed=True,
-        families=_nonorthogonality(sensor)
+        with_drift_candidate=True,
+        families=_nonorthogonality_family(sensor)
         | {"misalignment": sensor.with_coefficients("misalignment").coefficients},
     )
 
 
-def _kept(work: Callable[[Array], _Result]) -> Callable[[Array], _Result]:
+def _cache_last_result(work: Callable[[Array], _Result]) -> Callable[[Array], _Result]:
     """Return the function with its last result kept: residual and noise are asked for in turn."""
     last: list[tuple[Array, _Result]] = []
 

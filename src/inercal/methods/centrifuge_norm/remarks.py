@@ -7,8 +7,8 @@ who has the original.
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import InputError, NotObserved
 from inercal.methods._base import Fit, Remarks
-from inercal.methods.centrifuge_norm.left_out import left_out
-from inercal.methods.centrifuge_norm.screening import screen
+from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
+from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.plan import Spin
 from inercal.recording import Finding
 
@@ -20,12 +20,12 @@ def remarks(fit: Fit[Centrifuge, Spin]) -> Remarks:
     said: tuple[Finding, ...] = ()
     seen, bench, steps, priors = fit.observations, fit.bench, fit.steps, fit.priors
     try:
-        explained = left_out(seen, fit.sensor, bench, steps, priors)
+        explained = find_omitted_coefficients(seen, fit.sensor, bench, steps, priors)
         if explained.words:
-            said = (Finding("warning", "left out", explained.in_words()),)
-        suspects = screen(seen, explained.sensor, bench, steps, priors, explained.agreement)
+            said = (Finding("warning", "left out", explained.describe()),)
+        suspects = screen_rows(seen, explained.sensor, bench, steps, priors, explained.agreement)
     except NotObserved:
         return Remarks(said)  # the estimator says it better
     except InputError as error:
         return Remarks((*said, Finding("warning", "norm", str(error))))
-    return Remarks((*said, *(Finding("warning", "norm", one.in_words()) for one in suspects)))
+    return Remarks((*said, *(Finding("warning", "norm", one.describe()) for one in suspects)))

@@ -30,21 +30,21 @@ from inercal.arrays import Array
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.errors import InputError
 from inercal.estimate import Cauchy, Estimate, Gaussian, Problem, least_squares
-from inercal.estimate.scores import LEVEL
-from inercal.methods.centrifuge_norm.problems import by_norm
+from inercal.estimate.scores import SIGNIFICANCE_LEVEL
+from inercal.methods.centrifuge_norm.problems import norm_problem
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-_END = 1.5  # threshold of the loss at the end, in deviations
-_STEPS, _STEPS_BETWEEN = 30, 5  # at the last threshold and at those on the way
-_REPAIRED = 4.0  # deviations, and no more than half of those without the repair
-_MANY = 4  # repairs of a row; more are not listed
-_HOPELESS = 1e3  # times the stated noise
-_NORMAL = 1.4826  # deviations per median of |u|
+_FINAL_THRESHOLD = 1.5  # threshold of the loss at the end, in deviations
+_FINAL_ITERATIONS, _INTERMEDIATE_ITERATIONS = 30, 5  # at the last threshold and at those on the way
+_REPAIR_LIMIT = 4.0  # deviations, and no more than half of those without the repair
+_MAX_LISTED_REPAIRS = 4  # repairs of a row; more are not listed
+_INCONSISTENT_SCATTER = 1e3  # times the stated noise
+_MAD_FACTOR = 1.4826  # deviations per median of |u|
 
 
-_WORDS = {
+_REPAIR_WORDS = {
     "sign": "sign of",
     "exchange": "exchange of",
     "decimal": "decimal point of",
@@ -60,15 +60,15 @@ class Repair:
     before: dict[str, float]
     after: dict[str, float]
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return the change: "sign of az: 0.743943 → −0.743943"."""
         names = " and ".join(self.before)
         pairs = [f"{self.before[a]:.9g} → {self.after[a]:.9g}" for a in self.before]
-        return f"{_WORDS[self.kind]} {names}: {', '.join(pairs)}".replace("-", "−")
+        return f"{_REPAIR_WORDS[self.kind]} {names}: {', '.join(pairs)}".replace("-", "−")
 
 
 @dataclass(frozen=True)
-class Suspect:
+class SuspectRow:
     """A row that violates the norm.
 
     Parameters
@@ -89,25 +89,25 @@ class Suspect:
     deviations: float
     repairs: tuple[Repair, ...]
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         """Return the row, how far it is off, and what would repair it."""
         text = f"{self.label}: norm off by {abs(self.residual):.3g} m/s²"
         if not self.repairs:
             return f"{text}; no single change repairs it"
-        if len(self.repairs) > _MANY:
-            kind = _WORDS[self.repairs[0].kind].removesuffix(" of")
+        if len(self.repairs) > _MAX_LISTED_REPAIRS:
+            kind = _REPAIR_WORDS[self.repairs[0].kind].removesuffix(" of")
             return f"{text}; {len(self.repairs)} changes of a single {kind} repair it"
-        return f"{text}; {' or '.join(repair.in_words() for repair in self.repairs)} repairs it"
+        return f"{text}; {' or '.join(repair.describe() for repair in self.repairs)} repairs it"
 
 
-def screen(
+def screen_rows(
     observations: Observations,
     sensor: Sensor,
     bench: Centrifuge,
     steps: Sequence[Spin],
     priors: Sequence[Gaussian] = (),
     found: "Agreement | None" = None,
-) -> tuple[Suspect, ...]:
+) -> tuple[SuspectRow, ...]:
     """Return the rows that violate the norm, in their order.
 
     Parameters
@@ -126,10 +126,10 @@ def screen(
     """
     if observations.mean.ndim != 2:
         raise InputError("rows are screened in one table at a time")
-    found = found or agreement(by_norm(observations, sensor, bench, steps, priors))
+    found = found or row_agreement(norm_problem(observations, sensor, bench, steps, priors))
     fit, noise = found.fit, found.noise
-    bad: list[int] = found.outlying.tolist()
-    if found.hopeless:
+    bad: list[int] = found.outlier_rows.tolist()
+    if found.inconsistent:
         raise InputError(
             f"the rows agree with no norm ({len(bad)} of {len(steps)} stand out, the others "
             f"scatter {noise:.3g} times as much as stated): look at the rates, the radius and the "
@@ -151,30 +151,32 @@ def screen(
             drift=None,
             temperature=None if warmth is None else np.full(len(rows), warmth[k]),
         )
-        one = _row_by_row(by_norm(seen, sensor, bench, [steps[k]] * len(rows), priors))
+        one = _with_independent_rows(
+            norm_problem(seen, sensor, bench, [steps[k]] * len(rows), priors)
+        )
         residual, jacobian = one.linearise(fit.value)
         assert callable(one.noise)
         own = noise * one.noise(fit.value)
         spread = np.einsum("vi,ij,vj->v", jacobian, noise**2 * fit.covariance, jacobian)
         return np.abs(residual) / np.sqrt(own**2 + spread)
 
-    suspects: list[Suspect] = []
+    suspects: list[SuspectRow] = []
     for k in bad:
         written = sensor.to_output(observations.mean[k])
         repairs: tuple[Repair, ...] = ()
-        for changes in _changes(written, sensor.channels):
+        for changes in _single_changes(written, sensor.channels):
             after = np.tile(written, (len(changes), 1))
             for row, change in zip(after, changes, strict=True):
                 for axis, value in change.after.items():
                     row[sensor.channels.index(axis)] = value
             near = misses(sensor.to_si(after), k) < min(
-                _REPAIRED, abs(float(fit.whitened[k])) / noise / 2
+                _REPAIR_LIMIT, abs(float(fit.whitened[k])) / noise / 2
             )
             repairs = tuple(c for c, good in zip(changes, near.tolist(), strict=True) if good)
             if repairs:
                 break
         suspects.append(
-            Suspect(
+            SuspectRow(
                 observations.labels[k],
                 k,
                 float(fit.residual[k]),
@@ -190,32 +192,36 @@ class Agreement(NamedTuple):
 
     fit: Estimate
     noise: float  # scatter of most rows over what is stated, 1 or more
-    outlying: NDArray[np.intp]  # rows whose residual is too large to be the largest of all
+    outlier_rows: NDArray[np.intp]  # rows whose residual is too large to be the largest of all
 
     @property
-    def hopeless(self) -> bool:
+    def inconsistent(self) -> bool:
         """Whether the rows agree with no norm."""
-        return self.noise > _HOPELESS or 2 * len(self.outlying) >= len(self.fit.whitened)
+        return self.noise > _INCONSISTENT_SCATTER or 2 * len(self.outlier_rows) >= len(
+            self.fit.whitened
+        )
 
 
-def agreement(asked: Problem) -> Agreement:
+def row_agreement(asked: Problem) -> Agreement:
     """Return how far the rows of a problem of norms agree, one bad row not tainting others."""
-    asked = replace(_row_by_row(asked), candidates=None)
+    asked = replace(_with_independent_rows(asked), candidates=None)
     fit = least_squares(asked)
     scale = float(np.abs(fit.whitened).max())
     noise = 1.0
-    while scale > _END * noise:
-        last = scale / 2 <= _END * noise
-        scale = max(scale / 2, _END * noise)
-        steps = _STEPS if last else _STEPS_BETWEEN
+    while scale > _FINAL_THRESHOLD * noise:
+        last = scale / 2 <= _FINAL_THRESHOLD * noise
+        scale = max(scale / 2, _FINAL_THRESHOLD * noise)
+        steps = _FINAL_ITERATIONS if last else _INTERMEDIATE_ITERATIONS
         fit = least_squares(replace(asked, start=fit.value), Cauchy(scale), steps)
         # Noise that is stated too small must not make every row a suspect.
-        noise = max(1.0, _NORMAL * float(np.median(np.abs(fit.whitened))))
-    limit = -float(ndtri(LEVEL / 4 / len(fit.whitened)))  # half of the level, both signs
+        noise = max(1.0, _MAD_FACTOR * float(np.median(np.abs(fit.whitened))))
+    limit = -float(
+        ndtri(SIGNIFICANCE_LEVEL / 4 / len(fit.whitened))
+    )  # half of the level, both signs
     return Agreement(fit, noise, np.flatnonzero(np.abs(fit.whitened) > limit * noise))
 
 
-def _row_by_row(asked: Problem) -> Problem:
+def _with_independent_rows(asked: Problem) -> Problem:
     """Return the problem with the deviations of single rows: one bad row must not taint others."""
     stated = asked.noise
     assert callable(stated)
@@ -228,7 +234,7 @@ def _row_by_row(asked: Problem) -> Problem:
     return replace(asked, noise=noise)
 
 
-def _changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
+def _single_changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
     """Yield the single changes of a row, kind by kind, the simplest first."""
     named = dict(zip(channels, written.tolist(), strict=True))
     yield [Repair("sign", {a: v}, {a: -v}) for a, v in named.items() if v]
@@ -243,10 +249,12 @@ def _changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
         for factor in (10.0, 0.1)
         if v
     ]
-    yield [Repair("digit", {a: v}, {a: other}) for a, v in named.items() for other in _digits(v)]
+    yield [
+        Repair("digit", {a: v}, {a: other}) for a, v in named.items() for other in _digit_changes(v)
+    ]
 
 
-def _digits(value: float) -> list[float]:
+def _digit_changes(value: float) -> list[float]:
     """Return the numbers that differ in one digit as written, or by two neighbours exchanged."""
     text = f"{value:.9g}"
     places = [k for k, c in enumerate(text) if c.isdigit()]

@@ -1,16 +1,16 @@
 """Two orthogonal accelerometers on a dividing head: what they feel together is g.
 
 A head of 3″ is 15 µg at the horizon. Two accelerometers at right angles err there in opposite ways,
-so that ‖f̂‖ = g is free of the head; what g² does not tell (`square.NULLS`) an autocollimator does,
-or priors.
+so that ‖f̂‖ = g is free of the head; what g² does not tell (`g_squared.NULL_DIRECTIONS`) an
+autocollimator does, or priors.
 
 * `joint`: all readings, exact, with the head's errors and the biases' drift as nuisances.
 * `patent`: bias and gain from the four cardinal positions, then g² elsewhere.
 * `dual`: g² alone, with priors in the place of the autocollimator.
 * `single`: each accelerometer against the head taken as exact, the conventional tumble test.
 
-The sensor is that of `inercal.benches.dividing_head.bench.mounted`. `joint` and `single` take one
-accelerometer too.
+The sensor is that of `inercal.benches.dividing_head.bench.mounted_sensor`. `joint` and `single`
+take one accelerometer too.
 
 Source: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, rebuilt from
 the physics; IEEE Std 1293 for the tumble test; `joint` is ours.
@@ -22,17 +22,17 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.benches.dividing_head.covariance import by_bench, readings_by_bench
+from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
 from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.estimate.scores import UNSCORED
-from inercal.methods import by_angle, temperature, vectors
+from inercal.estimate.scores import NO_SCORE_TESTS
+from inercal.methods import dividing_head_problem, mean_problem, temperature
 from inercal.methods._base import Method
-from inercal.methods.dual_orthogonal import patent as four
-from inercal.methods.dual_orthogonal import square
-from inercal.methods.dual_orthogonal.common import with_common_angle
-from inercal.methods.dual_orthogonal.together import notes
+from inercal.methods.dual_orthogonal import g_squared
+from inercal.methods.dual_orthogonal import patent_estimator as four
+from inercal.methods.dual_orthogonal.coefficient_sums import notes
+from inercal.methods.dual_orthogonal.common_mounting_angle import with_common_angle
 from inercal.methods.likelihood_tests import with_tests
-from inercal.methods.observed import require_observed
+from inercal.methods.observability import require_observed
 from inercal.plan import Index
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -66,10 +66,12 @@ def joint(
     NotObserved
         Coefficients that these positions leave open.
     """
-    square.require_mounted(sensor, alone=True)
-    vectors.require_rows(observations, sensor, steps)
-    square.require_positions(sensor, steps)
-    estimate = least_squares(by_angle.problem(observations, sensor, bench, steps, priors))
+    g_squared.require_fixture_sensor(sensor, allow_single=True)
+    mean_problem.require_matching_rows(observations, sensor, steps)
+    g_squared.require_enough_positions(sensor, steps)
+    estimate = least_squares(
+        dividing_head_problem.problem(observations, sensor, bench, steps, priors)
+    )
     require_observed(estimate, sensor, missing=())
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
@@ -92,14 +94,16 @@ def patent(
     NotObserved
         Cardinal positions that are missing, too few others, or K3 without a prior.
     """
-    square.require_mounted(sensor)
-    temperature.refuse(sensor, "patent", "joint")
-    vectors.require_rows(observations, sensor, steps)
-    steady = by_angle.drifting(observations, bench, steps)
-    there = by_angle.as_stated(steady, sensor, bench, steps)
-    estimate = four.estimate(there, sensor, bench, steps, priors)
+    g_squared.require_fixture_sensor(sensor)
+    temperature.refuse_temperature_terms(sensor, "patent", "joint")
+    mean_problem.require_matching_rows(observations, sensor, steps)
+    steady = dividing_head_problem.with_drift_covariance(observations, bench, steps)
+    there = dividing_head_problem.readings_at_stated_angles(steady, sensor, bench, steps)
+    estimate = four.two_stage_estimate(there, sensor, bench, steps, priors)
     estimate = with_common_angle(estimate, observations, sensor, bench, steps)
-    estimate = with_tests(estimate, by_angle.problem(observations, sensor, bench, steps, priors))
+    estimate = with_tests(
+        estimate, dividing_head_problem.problem(observations, sensor, bench, steps, priors)
+    )
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
 
@@ -121,14 +125,14 @@ def dual(
     NotObserved
         Combinations of coefficients that g² and the priors leave free, named.
     """
-    square.require_mounted(sensor)
-    temperature.refuse(sensor, "dual", "joint")
-    vectors.require_rows(observations, sensor, steps)
-    square.require_positions(sensor, steps)
-    square.require_told(sensor, bench, steps, priors)
-    steady = by_angle.drifting(observations, bench, steps)
-    asked = square.problem(steady, sensor, bench, steps, priors)
-    estimate = square.with_gravity(asked, least_squares(asked))
+    g_squared.require_fixture_sensor(sensor)
+    temperature.refuse_temperature_terms(sensor, "dual", "joint")
+    mean_problem.require_matching_rows(observations, sensor, steps)
+    g_squared.require_enough_positions(sensor, steps)
+    g_squared.require_determined(sensor, bench, steps, priors)
+    steady = dividing_head_problem.with_drift_covariance(observations, bench, steps)
+    asked = g_squared.problem(steady, sensor, bench, steps, priors)
+    estimate = g_squared.with_gravity_sensitivity(asked, least_squares(asked))
     estimate = with_common_angle(estimate, observations, sensor, bench, steps)
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
 
@@ -151,37 +155,39 @@ def single(
     NotObserved
         Coefficients that these positions leave open.
     """
-    square.require_mounted(sensor, alone=True)
-    vectors.require_rows(observations, sensor, steps)
-    steady = by_angle.drifting(observations, bench, steps)
-    asked = by_angle.problem(steady, sensor, bench, steps, priors, exact=True)
+    g_squared.require_fixture_sensor(sensor, allow_single=True)
+    mean_problem.require_matching_rows(observations, sensor, steps)
+    steady = dividing_head_problem.with_drift_covariance(observations, bench, steps)
+    asked = dividing_head_problem.problem(steady, sensor, bench, steps, priors, exact=True)
     found = least_squares(asked)
     _, rows = asked.linearise(asked.start)
     rows = rows.reshape(-1, *rows.shape[-2:])[0]
     assert not callable(asked.noise)
     weighted = np.asarray(np.linalg.solve(asked.noise, rows), dtype=float)
     gain = found.covariance @ np.swapaxes(weighted, -1, -2)
-    bench_alone = by_bench(sensor, bench, steps)
-    columns = readings_by_bench(sensor, bench, steps)
+    bench_alone = bench_covariance(sensor, bench, steps)
+    columns = reading_sensitivities(sensor, bench, steps)
     estimate = replace(
         found,
         covariance=found.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
         # The residuals hold the head's errors besides their noise: no test of either.
         chi2=np.zeros(found.value.shape[:-1]),
         dof=0,
-        scoring=UNSCORED,
+        scoring=NO_SCORE_TESTS,
         sensitivities={name: -gain @ column for name, column in columns.items()},
     )
-    return with_tests(estimate, by_angle.problem(observations, sensor, bench, steps, priors))
+    return with_tests(
+        estimate, dividing_head_problem.problem(observations, sensor, bench, steps, priors)
+    )
 
 
 METHOD = Method(
     name="dual_orthogonal",
     bench=DividingHead,
-    finds={"f": ("k0", "k1", "delta_o", "k2", "k3", "kip")},
+    default_coefficients={"f": ("k0", "k1", "delta_o", "k2", "k3", "kip")},
     also={"f": ("temperature",)},
     needs=("f",),
-    plan=by_angle.plan,
+    plan=dividing_head_problem.plan,
     estimators={"joint": joint, "patent": patent, "dual": dual, "single": single},
     source="CN101852817A, Harbin Institute of Technology, 2010; IEEE Std 1293",
 )

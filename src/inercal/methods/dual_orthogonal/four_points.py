@@ -24,11 +24,14 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.dividing_head.passes import CARDINAL, near
+from inercal.benches.dividing_head.passes import CARDINAL_ANGLES, matches_any_angle
 from inercal.errors import NotObserved
 from inercal.plan import Index
 
-_LEVEL, _UP = ((0, 2), (3, 1)), ((1, 3), (0, 2))  # of A and B, as indices of CARDINAL
+_LEVEL_ROWS, _VERTICAL_ROWS = (
+    ((0, 2), (3, 1)),
+    ((1, 3), (0, 2)),
+)  # of A and B, as indices of CARDINAL
 
 
 class FourPoints(NamedTuple):
@@ -53,7 +56,7 @@ def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True)
     """
     k0, gain, k2, half, tilt = (np.empty((*y.shape[:-2], 2)) for _ in range(5))
     for k in range(2):
-        u, v, n, m = (y[..., row, k] for row in (*_LEVEL[k], *_UP[k]))
+        u, v, n, m = (y[..., row, k] for row in (*_LEVEL_ROWS[k], *_VERTICAL_ROWS[k]))
         k0[..., k] = (u + v) / 2
         half[..., k], tilt[..., k] = (n - m) / 2, (u - v) / 2
         k2[..., k] = (n + m) / 2 - k0[..., k]
@@ -67,7 +70,7 @@ def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True)
     return FourPoints(k0, gain, k2)
 
 
-def rows(steps: Sequence[Index]) -> Array:
+def averaging_matrix(steps: Sequence[Index]) -> Array:
     """Return the matrix that averages the readings at each cardinal position, (4, r).
 
     Raises
@@ -75,9 +78,13 @@ def rows(steps: Sequence[Index]) -> Array:
     NotObserved
         A cardinal position that was not visited.
     """
-    there = np.array([[near(step.angle, [angle]) for step in steps] for angle in CARDINAL])
+    there = np.array(
+        [[matches_any_angle(step.angle, [angle]) for step in steps] for angle in CARDINAL_ANGLES]
+    )
     lacking = [
-        f"{180 * angle / pi:.0f}°" for k, angle in enumerate(CARDINAL) if not bool(there[k].any())
+        f"{180 * angle / pi:.0f}°"
+        for k, angle in enumerate(CARDINAL_ANGLES)
+        if not bool(there[k].any())
     ]
     if lacking:
         raise NotObserved(

@@ -9,9 +9,9 @@ the first input axis, y in the plane of the first two.
 
 Each kind of rows is judged by its own χ². Where it lies beyond its 95 % bound, the scatter that
 explains it is added to the noise; where it lies below its 1 % bound, the samples hold the hand's
-wobble, and only a share of their scatter is noise (`inercal.estimate.spread`). What the model
-leaves out is tested by the noise before anything is added
-(`inercal.methods.multi_position.suspects`).
+wobble, and only a share of their scatter is noise (`inercal.estimate.residual_scatter`). What the
+model leaves out is tested by the noise before anything is added
+(`inercal.methods.multi_position.rest_candidates`).
 
 Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
 Congress, 2006 (norms); Tedaldi, Pretto, Menegatti, ICRA 2014, 3042–3049 (rotations between rests).
@@ -27,27 +27,27 @@ from inercal.benches import Hand
 from inercal.calibration.forms import Frame
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
-from inercal.estimate.once import Once
+from inercal.estimate.lazy_value import LazyValue
 from inercal.methods._base import Fit, Method, Remarks
-from inercal.methods.multi_position.advice import advice, g_sensitivity
-from inercal.methods.multi_position.coverage import hand_held
-from inercal.methods.multi_position.missing import require_covered
-from inercal.methods.multi_position.rests import Rests
+from inercal.methods.multi_position.advice import advice, g_sensitivity_notes
+from inercal.methods.multi_position.attitude_coverage import hand_held_plan
+from inercal.methods.multi_position.coverage_requirements import require_coverage
+from inercal.methods.multi_position.rest_observations import Rests
 from inercal.methods.multi_position.stages import (
-    Stage,
-    accelerometers,
-    gyros,
-    scored_at,
-    together,
+    FitStage,
+    fit_accelerometers,
+    fit_gyros,
+    fit_jointly,
+    score_tests,
     with_shared_drift,
 )
-from inercal.methods.multi_position.timing import delay
-from inercal.methods.observed import require_observed
+from inercal.methods.multi_position.timing import gyro_delay
+from inercal.methods.observability import require_observed
 from inercal.plan import HandStep
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-_ALIKE = (
+_SIGN_NOTE = (
     "norms at rest do not tell a reversed axis from one that is not, nor two exchanged axes: "
     "compare the sign of each axis with its attitude in one rest"
 )
@@ -82,11 +82,11 @@ def joint(
     NotObserved
         Coefficients that these rests and passages leave open, and what to add.
     """
-    rests = _rests(observations, sensor, bench, priors)
-    last = accelerometers(rests, priors)
+    rests = _checked_rests(observations, sensor, bench, priors)
+    last = fit_accelerometers(rests, priors)
     if rests.passages is not None:
-        last = together(rests, gyros(rests, last, priors), priors)
-    return _finished(rests, last, priors)
+        last = fit_jointly(rests, fit_gyros(rests, last, priors), priors)
+    return _final_estimate(rests, last, priors)
 
 
 def sequential(
@@ -100,38 +100,38 @@ def sequential(
 
     The accelerometers' covariance enters that of the gyros. Parameters and errors as of `joint`.
     """
-    rests = _rests(observations, sensor, bench, priors)
-    last = accelerometers(rests, priors)
+    rests = _checked_rests(observations, sensor, bench, priors)
+    last = fit_accelerometers(rests, priors)
     if rests.passages is not None:
-        last = gyros(rests, last, priors)
-    return _finished(rests, last, priors)
+        last = fit_gyros(rests, last, priors)
+    return _final_estimate(rests, last, priors)
 
 
-def _rests(
+def _checked_rests(
     observations: Observations, sensor: Sensor, bench: Hand, priors: Sequence[Gaussian]
 ) -> Rests:
     if observations.mean.ndim != 2:
         raise InputError("method multi_position works on one recording at a time")
-    if len(sensor.axes) > len(sensor.only("f").axes) and observations.passages is None:
+    if len(sensor.axes) > len(sensor.select_axes("f").axes) and observations.passages is None:
         raise InputError("the gyros need the passages between rests; leave them out, or give them")
     rests = Rests(observations, sensor, bench)
-    require_covered(rests, priors)
+    require_coverage(rests, priors)
     return rests
 
 
-def _finished(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Estimate:
+def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
-    notes = g_sensitivity(rests, estimate)
-    if not rests.warmth.ndim:  # else another temperature may help as well
+    notes = g_sensitivity_notes(rests, estimate)
+    if not rests.temperature_offsets.ndim:  # else another temperature may help as well
         notes += advice(rests, estimate)
     if rests.passages is None:
-        notes += (_ALIKE,)
+        notes += (_SIGN_NOTE,)
     return replace(
         with_shared_drift(rests, estimate),
         notes=notes,
         tests=rests.observations.tests,
-        scoring=Once(lambda: scored_at(rests, last, priors)),
+        scoring=LazyValue(lambda: score_tests(rests, last, priors)),
     )
 
 
@@ -143,7 +143,7 @@ def _remarks(fit: Fit[Hand, Any]) -> Remarks:
     """Return the delay of the gyros, where it is asked for."""
     if not fit.time_offset or not np.all(fit.estimate.converged):
         return Remarks()
-    late = delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)
+    late = gyro_delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)
     text = f"{late.value * 1e3:+.2f} ± {2 * late.sd * 1e3:.2f} ms (k = 2)"
     note = f"the gyros' samples are {text} later than the accelerometers'"
     return Remarks(notes=(note,), conditions={"delay of the gyros": text})
@@ -152,16 +152,16 @@ def _remarks(fit: Fit[Hand, Any]) -> Remarks:
 METHOD = Method(
     name="multi_position",
     bench=Hand,
-    finds={
+    default_coefficients={
         "f": ("bias", "scale", "nonorthogonality"),
         "w": ("bias", "scale", "misalignment"),
     },
     also={"f": ("k2", "k3", "temperature"), "w": ("g", "temperature")},
     needs=("f",),
-    plan=hand_held,
+    plan=hand_held_plan,
     estimators={"joint": joint, "sequential": sequential},
     source="Skog and Händel, IMEKO 2006; Tedaldi, Pretto, Menegatti, ICRA 2014",
-    free=True,
+    unknown_attitudes=True,
     frame=_frame,
     remarks=_remarks,
 )

@@ -23,7 +23,7 @@ Indices = NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _feel(felt: Array, back: Array, zero: Array, output: Array, i: int) -> None:
+def _corrected_motion(felt: Array, back: Array, zero: Array, output: Array, i: int) -> None:
     """Write (f, ω) of sample i to the first six of `felt`."""
     for a in range(6):
         total = zero[a]
@@ -33,7 +33,7 @@ def _feel(felt: Array, back: Array, zero: Array, output: Array, i: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def carry(
+def integrate_passages(
     time: Array,
     output: Array,
     start: Indices,
@@ -83,7 +83,7 @@ def carry(
         for i in range(start[k], stop[k] + 1):
             for j in range(7):
                 last[j] = felt[j]
-            _feel(felt, back, zero, output, i)
+            _corrected_motion(felt, back, zero, output, i)
             if weighted:
                 before, now = now, weight[i]
             if i == start[k]:
@@ -160,7 +160,7 @@ def carry(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def lag(
+def delay_sums(
     time: Array,
     output: Array,
     left: Indices,
@@ -191,7 +191,7 @@ def lag(
         for i in range(left[k], reached[k] + 1):
             for j in range(6):
                 last[j] = felt[j]
-            _feel(felt, back, zero, output, i)
+            _corrected_motion(felt, back, zero, output, i)
             if i > left[k]:
                 # u turns by u × ω; the middle of the step makes it second order.
                 h = 0.5 * (time[i] - time[i - 1])

@@ -8,14 +8,14 @@ from scipy.special import fdtrc
 from inercal.arrays import Array
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate
-from inercal.methods.multi_position.coverage import Errors, next_attitudes
-from inercal.methods.multi_position.missing import attitudes_in_words
-from inercal.methods.multi_position.rests import Rests
-from inercal.units import digits
+from inercal.methods.multi_position.attitude_coverage import GeometryErrors, next_attitudes
+from inercal.methods.multi_position.coverage_requirements import attitudes_in_words
+from inercal.methods.multi_position.rest_observations import Rests
+from inercal.units import format_value_and_uncertainty
 
-_BETTER = 1.5  # times: less gain is not worth the hand's trouble
-_EXTRA = 3  # attitudes advised where a result is weak
-_CHANCE = 1e-3  # that rates without a sensitivity look like it
+_MIN_IMPROVEMENT = 1.5  # times: less gain is not worth the hand's trouble
+_ADVISED_ATTITUDES = 3  # attitudes advised where a result is weak
+_TEST_LEVEL = 1e-3  # that rates without a sensitivity look like it
 
 
 def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
@@ -26,31 +26,41 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     unit_scale = sensor.unit_scale
     # More attitudes do not help against the recording's clock: its part stays as it is.
-    clock = _by_clock(estimate)[:p] / unit_scale
+    clock = _clock_shifts(estimate)[:p] / unit_scale
     covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale)
     covariance -= np.outer(clock, clock)
     sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
-    typical = Errors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
+    expansion_point = GeometryErrors(
+        *(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations"))
+    )
     ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
     before = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     more, after = next_attitudes(
-        sensor, before, ups[-1], rests.bench.gravity.value, typical, enough=0.0, most=_EXTRA
+        sensor,
+        before,
+        ups[-1],
+        rests.bench.gravity.value,
+        expansion_point,
+        target_deviation=0.0,
+        max_attitudes=_ADVISED_ATTITUDES,
     )
     old = np.sqrt(np.diag(covariance) + clock**2) * unit_scale
     new = np.sqrt(np.diag(np.linalg.inv(after)) + clock**2) * unit_scale
     k = int(np.argmax(old / new))
-    if old[k] < _BETTER * new[k]:
+    if old[k] < _MIN_IMPROVEMENT * new[k]:
         return ()
     name = sensor.coefficients[k]
     line = sensor.coefficient(name)
-    sizes_told = [digits(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)]
+    sizes_told = [
+        format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
+    ]
     return (
         f"{name} is known poorly: {attitudes_in_words(more)} would bring its U from "
         f"{sizes_told[0]} to {sizes_told[1]} {line.unit}",
     )
 
 
-def _by_clock(estimate: Estimate) -> Array:
+def _clock_shifts(estimate: Estimate) -> Array:
     """Return what one standard deviation of the clock's error moves each value by."""
     if "timebase" not in estimate.names:
         return np.zeros(len(estimate.names))
@@ -58,7 +68,7 @@ def _by_clock(estimate: Estimate) -> Array:
     return column / np.sqrt(column[estimate.names.index("timebase")])
 
 
-def g_sensitivity(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
+def g_sensitivity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     """Say so where the rates at rest follow gravity and the gyros' model has no term for it.
 
     An F test of the rates' residuals against the attitude, at 0.1 %.
@@ -74,9 +84,11 @@ def g_sensitivity(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     freedom = 3 * (len(up) - 4)
     if freedom < 1:
         return ()
-    alone, with_it = (_left(design, weight * group.residual) for design in (weight, attitude))
+    alone, with_it = (
+        _residual_sum_of_squares(design, weight * group.residual) for design in (weight, attitude)
+    )
     ratio = (alone - with_it) / 9 / (with_it / freedom)
-    if fdtrc(9, freedom, ratio) > _CHANCE:
+    if fdtrc(9, freedom, ratio) > _TEST_LEVEL:
         return ()
     explained = 100 * (1 - with_it / alone)
     return (
@@ -85,6 +97,6 @@ def g_sensitivity(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     )
 
 
-def _left(design: Array, y: Array) -> float:
+def _residual_sum_of_squares(design: Array, y: Array) -> float:
     """Return the sum of squares that a linear model leaves."""
     return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) ** 2))

@@ -26,46 +26,46 @@ from inercal.arrays import Array
 from inercal.errors import NotInvertible
 from inercal.frames import exp_so3, skew
 from inercal.methods import temperature
-from inercal.methods.multi_position._kernels import carry
+from inercal.methods.multi_position._kernels import integrate_passages
 from inercal.motion import Motion
 from inercal.recording import Passages
 from inercal.sensors import Sensor
 
 Indices = NDArray[np.int64]
-_PIECE = 100_000  # samples
-_TIMES = 2  # each leaves a few thousandths of what the one before left
+_CHUNK_SAMPLES = 100_000  # samples
+_ITERATIONS = 2  # each leaves a few thousandths of what the one before left
 
 
-class Affine(NamedTuple):
+class InverseModel(NamedTuple):
     """f and ω of a sample from its output, and how that depends on the coefficients."""
 
-    back: Array  # (6, m), SI per output unit
-    zero: Array  # (6,), SI
-    to_coefficient: Array  # (3, 7, p), of ω per unit of (f, ω, 1)
+    matrix: Array  # (6, m), SI per output unit
+    offset: Array  # (6,), SI
+    coefficient_derivatives: Array  # (3, 7, p), of ω per unit of (f, ω, 1)
 
 
-class Carried(NamedTuple):
+class PassageRotations(NamedTuple):
     """What the corrected rate makes of k passages, and how that depends on it."""
 
     rotation: Array  # (k, 3, 3), R
-    to_coefficient: Array  # (k, 3, p), of ψ
+    coefficient_derivatives: Array  # (k, 3, p), of ψ
     to_bias: Array  # (k, 3, 3), of ψ to a constant rate error, s
     to_timebase: Array  # (k, 3), of ψ to the relative error τ of the clock, rad
     noise: Array  # (k, 3, 3), of ψ by the rate's white noise on the way, rad²
 
 
-class Rotations(NamedTuple):
+class RotationResiduals(NamedTuple):
     """The residuals of k passages; see the module."""
 
     residual: Array  # (k, 2), ρ in rad
-    ahead: Array  # (k, 2, 3), ∂(−ρ)/∂ψ: how the prediction runs ahead of the observation
+    to_end_turn: Array  # (k, 2, 3), ∂(−ρ)/∂ψ: how the prediction runs ahead of the observation
     to_before: Array  # (k, 2, 3), of ρ to f̂ of the rest before
     to_after: Array  # (k, 2, 3), of ρ to f̂ of the rest after
     to_earth: Array  # (k, 2, 3), ∂(−ρ) to what the earth turns, rad
     to_timebase: Array  # (k, 2), ∂(−ρ) to the relative error of the clock, rad
 
 
-def affine(sensor: Sensor, c: Array, dT: float = 0.0) -> Affine:
+def inverse_model(sensor: Sensor, c: Array, dT: float = 0.0) -> InverseModel:
     """Return the inverse of the sensor's model, linear in the motion.
 
     Terms that bend the accelerometers' response are left out: here f serves only to take the
@@ -95,14 +95,14 @@ def affine(sensor: Sensor, c: Array, dT: float = 0.0) -> Affine:
     unit = np.concatenate([np.eye(6), np.zeros((1, 6))])
     design = sensor.design(Motion(unit[:, :3], unit[:, 3:], dT=dT), c)
     design[:6] -= at_rest_design
-    return Affine(
+    return InverseModel(
         inverse / scale,
         -inverse @ (offset / scale + at_rest),
-        -np.einsum("bm,qmp->bqp", inverse[3:], design * _straight(sensor)),
+        -np.einsum("bm,qmp->bqp", inverse[3:], design * _linear_coefficients(sensor)),
     )
 
 
-def affine_each(sensor: Sensor, c: Array, dT: Array) -> Affine:
+def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
     """Return the same at k temperatures, dT (k,) K beyond the reference, with a leading axis."""
     warmth = dT[:, None]
     at_rest, at_rest_design, slope = (
@@ -116,14 +116,14 @@ def affine_each(sensor: Sensor, c: Array, dT: Array) -> Affine:
     unit = np.eye(7, 6)
     design = sensor.design(Motion(unit[:, :3], unit[:, 3:], dT=warmth), c)
     design[:, :6] -= at_rest_design[:, None]
-    return Affine(
+    return InverseModel(
         inverse / scale,
         -(inverse @ (offset / scale + at_rest)[..., None])[..., 0],
-        -np.einsum("kbm,kqmp->kbqp", inverse[:, 3:], design * _straight(sensor)),
+        -np.einsum("kbm,kqmp->kbqp", inverse[:, 3:], design * _linear_coefficients(sensor)),
     )
 
 
-def _straight(sensor: Sensor) -> NDArray[np.bool_]:
+def _linear_coefficients(sensor: Sensor) -> NDArray[np.bool_]:
     """Return which coefficients act on a rate that is linear in the motion, (p,)."""
     felt = ("fi", "fp", "fo", "wi", "wp", "wo")
     return np.array(
@@ -131,7 +131,7 @@ def _straight(sensor: Sensor) -> NDArray[np.bool_]:
     )
 
 
-def at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> Array:
+def output_at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> Array:
     """Return what the sensor would have put out at its reference temperature, (n, m).
 
     Parameters
@@ -144,17 +144,21 @@ def at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> Array:
     dT : (n,) array
         Temperature of each sample minus the reference temperature, K.
     """
-    model, made = affine(sensor, c), np.empty(output.shape)
+    model, made = inverse_model(sensor, c), np.empty(output.shape)
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     # In the reference form each term adds to the reading by itself.
-    names = sensor.coefficients if sensor.form == "tilted" else temperature.coefficients(sensor)
+    names = (
+        sensor.coefficients
+        if sensor.form == "tilted"
+        else temperature.temperature_coefficients(sensor)
+    )
     hot = replace(sensor, coefficients=tuple(names))
     warm = c[[sensor.coefficients.index(name) for name in names]]
-    for start in range(0, len(output), _PIECE):
-        at = slice(start, start + _PIECE)
+    for start in range(0, len(output), _CHUNK_SAMPLES):
+        at = slice(start, start + _CHUNK_SAMPLES)
         made[at] = output[at]
-        for _ in range(_TIMES):
-            felt = made[at] @ model.back.T + model.zero
+        for _ in range(_ITERATIONS):
+            felt = made[at] @ model.matrix.T + model.offset
             here, there = (
                 hot.forward(Motion(felt[:, :3], felt[:, 3:], dT=warmth), warm)
                 for warmth in (dT[at], 0.0)
@@ -163,14 +167,14 @@ def at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> Array:
     return made
 
 
-def carried(
+def passage_rotations(
     passages: Passages,
     sensor: Sensor,
     c: Array,
     white: Array,
     timebase: float = 0.0,
     dT: Array | None = None,
-) -> Carried:
+) -> PassageRotations:
     """Return the rotations that the corrected rate makes.
 
     Parameters
@@ -187,31 +191,37 @@ def carried(
     dT : (n,) array, optional
         Temperature of each sample minus the sensor's reference temperature, K.
     """
-    model, way = affine(sensor, c), passages
+    model, way = inverse_model(sensor, c), passages
     time = way.time * (1 + timebase)
-    output = way.output if dT is None else at_reference(way.output, sensor, c, dT)
+    output = way.output if dT is None else output_at_reference(way.output, sensor, c, dT)
     ends = way.start, way.left, way.reached, way.stop
     white = np.ascontiguousarray(white)
-    turn, sensitivity, noise = carry(
-        time, output, *ends, model.back, model.zero, white, np.zeros(0)
+    turn, sensitivity, noise = integrate_passages(
+        time, output, *ends, model.matrix, model.offset, white, np.zeros(0)
     )
-    to_coefficient = np.einsum("kabq,bqp->kap", sensitivity, model.to_coefficient)
+    coefficient_derivatives = np.einsum("kabq,bqp->kap", sensitivity, model.coefficient_derivatives)
     if dT is not None:
-        _, warmed, _ = carry(time, output, *ends, model.back, model.zero, white, dT)
-        by_kelvin = affine(sensor, c, 1.0).to_coefficient - model.to_coefficient
-        to_coefficient += np.einsum("kabq,bqp->kap", warmed, by_kelvin)
+        _, warmed, _ = integrate_passages(
+            time, output, *ends, model.matrix, model.offset, white, dT
+        )
+        by_kelvin = (
+            inverse_model(sensor, c, 1.0).coefficient_derivatives - model.coefficient_derivatives
+        )
+        coefficient_derivatives += np.einsum("kabq,bqp->kap", warmed, by_kelvin)
     to_timebase = np.einsum("kabb->ka", sensitivity[..., 3:6]) / (1 + timebase)
-    return Carried(turn, to_coefficient, sensitivity[..., 6], to_timebase, noise)
+    return PassageRotations(turn, coefficient_derivatives, sensitivity[..., 6], to_timebase, noise)
 
 
-def rotations(rest: Indices, way: Carried, felt: Array, across: Array, earth: Array) -> Rotations:
+def rotation_residuals(
+    rest: Indices, way: PassageRotations, felt: Array, across: Array, earth: Array
+) -> RotationResiduals:
     """Return the residuals and their derivatives.
 
     Parameters
     ----------
     rest : (k,) array of int
         Where each passage begins.
-    way : Carried
+    way : PassageRotations
     felt : (r, 3) array
         f̂ of each rest, m/s².
     across : (r, 2, 3) array
@@ -227,16 +237,16 @@ def rotations(rest: Indices, way: Carried, felt: Array, across: Array, earth: Ar
     arrived = (turn @ up[before][:, :, None])[..., 0]
     # û × ψ = −[ψ×] û = [û×] ψ; ρ loses what the prediction gains.
     ahead = b @ skew(arrived)
-    return Rotations(
+    return RotationResiduals(
         residual=(b @ (up[after] - arrived)[..., None])[..., 0],
-        ahead=ahead @ e,
-        to_before=-b @ turn @ _to_direction(up[before], length[before]),
-        to_after=b @ _to_direction(up[after], length[after]),
+        to_end_turn=ahead @ e,
+        to_before=-b @ turn @ _direction_jacobian(up[before], length[before]),
+        to_after=b @ _direction_jacobian(up[after], length[after]),
         to_earth=-ahead,
         to_timebase=(ahead @ e @ way.to_timebase[..., None])[..., 0],
     )
 
 
-def _to_direction(up: Array, length: Array) -> Array:
+def _direction_jacobian(up: Array, length: Array) -> Array:
     """Return ∂û/∂f̂, (k, 3, 3)."""
     return (np.eye(3) - up[:, :, None] * up[:, None, :]) / length[:, None, None]

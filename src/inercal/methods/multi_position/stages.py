@@ -1,16 +1,16 @@
 """The fits of multi_position, one after the other, each judged by its own χ².
 
-1. `accelerometers`: norms alone. The scatter of rests that χ² asks for belongs to them.
-2. `gyros`: the rates at rest show bias, sensitivity to acceleration and the bias's wander; then
+1. `fit_accelerometers`: norms alone. The scatter of rests that χ² asks for belongs to them.
+2. `fit_gyros`: the rates at rest show bias, sensitivity to acceleration and the bias's wander; then
    rotations and rates are fitted with the accelerometers as they are. Their covariance P_a is
    carried over (Schmidt's consider filter)::
 
        cov c_g = P + K P_a Kᵀ,   cov(c_g, c_a) = −K P_a,   K = P J_gᵀ J_a   (whitened)
 
-3. `together`: all rows at once, with the scatter found before, started from there.
+3. `fit_jointly`: all rows at once, with the scatter found before, started from there.
 
-`scored_at` tests what the fits leave out by the noise before any scatter is added, which would hide
-it: at the solution by that noise, close to the last stage's.
+`score_tests` tests what the fits leave out by the noise before any scatter is added, which would
+hide it: at the solution by that noise, close to the last stage's.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,28 +24,39 @@ from inercal.estimate import (
     Candidate,
     Estimate,
     Gaussian,
-    Group,
     Problem,
-    Scored,
+    ResidualGroup,
+    ScoreTestSet,
     least_squares,
 )
-from inercal.methods.multi_position.chain import NORM, RATES, noise, whitener
-from inercal.methods.multi_position.rests import Rests, Rows, Scatter
-from inercal.methods.multi_position.scatter import of_norms, of_rates, of_rotations
-from inercal.methods.multi_position.suspects import candidates
-from inercal.methods.multi_position.within import alone, changes, steps
+from inercal.methods.multi_position.rest_candidates import candidates
+from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
+from inercal.methods.multi_position.row_whitening import (
+    NORM_ROW,
+    RATE_ROWS,
+    row_covariance,
+    whitener,
+)
+from inercal.methods.multi_position.scatter import norm_scatter, rate_scatter, rotation_scatter
+from inercal.methods.multi_position.within_rest_changes import (
+    component_candidates,
+    rest_changes,
+    step_candidates,
+)
 from inercal.sensors import G0
 
 Places = NDArray[np.int64]
-_FEW = 6  # steps
-_MANY = 100  # rests, beyond which no axis is scored apart: memory grows with their square
+_COARSE_ITERATIONS = 6  # steps
+_MAX_SCORED_RESTS = (
+    100  # rests, beyond which no axis is scored apart: memory grows with their square
+)
 _ROUNDING = 1e-9  # of χ²: a rotation is the product of hundreds of steps
-_EXACT = 1e-15  # SI; what is known better is exact
-BESIDE = ("g", "earth_1", "earth_2", "earth_up", "timebase")
+_EXACT_LIMIT = 1e-15  # SI; what is known better is exact
+KNOWN_QUANTITIES = ("g", "earth_1", "earth_2", "earth_up", "timebase")
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class FitStage:
     """How far the fits have come.
 
     Parameters
@@ -55,17 +66,17 @@ class Stage:
         All coefficients, g, the earth's rate and the clock's error; what is not fitted yet is
         nominal.
     scatter : Scatter
-    groups : tuple of Group
+    groups : tuple of ResidualGroup
         Judged so far; χ² before any excess.
     """
 
     estimate: Estimate
     x: Array
     scatter: Scatter
-    groups: tuple[Group, ...]
+    groups: tuple[ResidualGroup, ...]
 
 
-def accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> Stage:
+def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
     """Fit the accelerometers to the norms at rest.
 
     Raises
@@ -76,21 +87,21 @@ def accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> Stage:
     alone = Rests(rests.observations, rests.force, rests.bench)
     p = len(rests.force.coefficients)
     x = alone.start()
-    free = _free(alone, np.arange(p), beside=1)
+    free = _free_indices(alone, np.arange(p), known_count=1)
     # The noise is propagated at the nominal model first, then where that has led.
     for _ in range(2):
         x[free] = _fit(alone, free, x, Scatter(), priors).value
-    judged = of_norms(alone, alone.rows(x))
+    judged = norm_scatter(alone, alone.rows(x))
     scatter = Scatter(judged.spread)
     estimate = _fit(alone, free, x, scatter, priors)
     x[free] = estimate.value
-    groups = _groups(alone, alone.rows(x), scatter, [judged[:2]])
+    groups = _residual_groups(alone, alone.rows(x), scatter, [judged[:2]])
     whole = rests.start()
     whole[:p], whole[len(rests.sensor.coefficients)] = x[:p], x[p]
-    return _stage(estimate, whole, scatter, groups)
+    return _fit_stage(estimate, whole, scatter, groups)
 
 
-def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
+def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitStage:
     """Fit the gyros to rates and rotations, with the accelerometers as `first` left them.
 
     Raises
@@ -102,10 +113,10 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
     sensor, p = rests.sensor, len(rests.force.coefficients)
     count = len(sensor.coefficients)
     own = np.arange(p, count)
-    free = np.setdiff1d(_free(rests, own, beside=len(BESIDE)), [count])
+    free = np.setdiff1d(_free_indices(rests, own, known_count=len(KNOWN_QUANTITIES)), [count])
     # The clock's error has its own row, its prior: it takes no degree of freedom.
-    fitted = np.setdiff1d(free, [count + BESIDE.index("timebase")])
-    still = np.array([k for k in own.tolist() if not _turns(rests, k)], dtype=np.int64)
+    fitted = np.setdiff1d(free, [count + KNOWN_QUANTITIES.index("timebase")])
+    still = np.array([k for k in own.tolist() if not _needs_rotation(rests, k)], dtype=np.int64)
     x = first.x.copy()
     rows = rests.rows(x)
     r, k = len(rows.norm.residual), len(rests.passages.rest)
@@ -115,52 +126,68 @@ def gyros(rests: Rests, first: Stage, priors: Sequence[Gaussian]) -> Stage:
         0
     ]
     shown = np.concatenate([still, fitted[own.size :]])
-    rates = of_rates(rests, rests.rows(x), shown)
+    rates = rate_scatter(rests, rests.rows(x), shown)
     scatter = first.scatter._replace(rate=rates.spread)
     # Without its scatter yet, this fit need not go to the last digit.
-    x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_FEW).value
-    rotations = of_rotations(rests, rests.rows(x), shown, fitted, scatter)
+    x[free] = _fit(rests, free, x, scatter, priors, norms=False, most=_COARSE_ITERATIONS).value
+    rotations = rotation_scatter(rests, rests.rows(x), shown, fitted, scatter)
     scatter = scatter._replace(turn=rotations.spread)
     fit = _fit(rests, free, x, scatter, priors, norms=False)
     x[free] = fit.value
     rows = rests.rows(x)
     judged = [(0.0, 0), rates[:2], rotations[:2]]
-    groups = (*first.groups, *_groups(rests, rows, scatter, judged)[1:])
+    groups = (*first.groups, *_residual_groups(rests, rows, scatter, judged)[1:])
     whiten = whitener(rests, rows, scatter, norms=False)
-    estimate = _considered(rests, fit, first.estimate, whiten(rows.jacobian))
-    return _stage(estimate, x, scatter, groups)
+    estimate = _consider_estimate(rests, fit, first.estimate, whiten(rows.jacobian))
+    return _fit_stage(estimate, x, scatter, groups)
 
 
-def together(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Stage:
+def fit_jointly(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> FitStage:
     """Fit everything to all rows at once, started from `last`."""
     x = last.x.copy()
-    free = _free(rests, np.arange(len(rests.sensor.coefficients)), beside=len(BESIDE))
+    free = _free_indices(
+        rests, np.arange(len(rests.sensor.coefficients)), known_count=len(KNOWN_QUANTITIES)
+    )
     estimate = _fit(rests, free, x, last.scatter, priors)
     x[free] = estimate.value
     judged = [(group.chi2, group.dof) for group in last.groups]
-    groups = _groups(rests, rests.rows(x), last.scatter, judged)
-    return _stage(estimate, x, last.scatter, groups)
+    groups = _residual_groups(rests, rests.rows(x), last.scatter, judged)
+    return _fit_stage(estimate, x, last.scatter, groups)
 
 
-def scored_at(rests: Rests, last: Stage, priors: Sequence[Gaussian]) -> Scored:
+def score_tests(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> ScoreTestSet:
     """Return the score tests of what is not estimated, by the noise without what was added to it.
 
     Of all rows; the accelerometers' too, where the gyros were fitted after them.
     """
-    free = _free(rests, np.arange(len(rests.sensor.coefficients)), beside=len(BESIDE))
+    free = _free_indices(
+        rests, np.arange(len(rests.sensor.coefficients)), known_count=len(KNOWN_QUANTITIES)
+    )
     if rests.passages is None:
         free = free[free <= len(rests.sensor.coefficients)]
-    return _fit(rests, free, last.x, last.scatter.shares, priors, most=_FEW, tested=True).scored
+    return _fit(
+        rests,
+        free,
+        last.x,
+        last.scatter.shares,
+        priors,
+        most=_COARSE_ITERATIONS,
+        with_score_tests=True,
+    ).score_tests
 
 
-def _free(rests: Rests, coefficients: Places, beside: int) -> Places:
+def _free_indices(rests: Rests, coefficients: Places, known_count: int) -> Places:
     """Return the places in x that are fitted: coefficients, and what else is not exact."""
     p = len(rests.sensor.coefficients)
-    loose = [p + k for k, known in enumerate(rests.beside[:beside]) if known.sd > _EXACT]
+    loose = [
+        p + k
+        for k, known in enumerate(rests.known_quantities[:known_count])
+        if known.sd > _EXACT_LIMIT
+    ]
     return np.concatenate([coefficients, np.array(loose, dtype=np.int64)])
 
 
-def _turns(rests: Rests, place: int) -> bool:
+def _needs_rotation(rests: Rests, place: int) -> bool:
     """Return whether a coefficient needs turns to be seen."""
     line = rests.sensor.coefficient(rests.sensor.coefficients[place])
     return line.basis.uses("wi", "wp", "wo")
@@ -175,16 +202,16 @@ def _fit(
     *,
     norms: bool = True,
     most: int = 200,
-    tested: bool = False,
+    with_score_tests: bool = False,
 ) -> Estimate:
     """Return the least squares of some places of x, the others as they are.
 
-    `tested` has the score tests of what is left out.
+    `with_score_tests`: it has the score tests of what is left out.
     """
-    names: tuple[str, ...] = (*rests.sensor.coefficients, *BESIDE)
+    names: tuple[str, ...] = (*rests.sensor.coefficients, *KNOWN_QUANTITIES)
     started = rests.rows(x)
     whiten = whitener(rests, started, scatter, norms=norms)
-    changed = changes(rests, started, x, scatter) if tested else None
+    changed = rest_changes(rests, started, x, scatter) if with_score_tests else None
     more = np.zeros(0) if changed is None else changed.residual
 
     def linearise(part: Array) -> tuple[Array, Array]:
@@ -202,18 +229,22 @@ def _fit(
         for one in candidates(rests, rows, moved):
             white = whiten(one.rows)
             if changed is not None:
-                white = np.concatenate([white, changed.below(one)])
+                white = np.concatenate([white, changed.added_columns(one)])
             yield replace(one, rows=white)
-        for one, below in steps(rests, rows, changed) if changed is not None else ():
+        for one, below in step_candidates(rests, rows, changed) if changed is not None else ():
             whole = replace(one, rows=np.concatenate([whiten(one.rows), below]))
-            yield from alone(whole) if len(rests.observations.labels) <= _MANY else (whole,)
+            yield from (
+                component_candidates(whole)
+                if len(rests.observations.labels) <= _MAX_SCORED_RESTS
+                else (whole,)
+            )
 
     places: list[int] = free.tolist()
     chosen = tuple(names[k] for k in places)
     known = [marginal for prior in priors if (marginal := prior.marginal(chosen)) is not None]
     known += [
         Gaussian.independent((name,), quantity.value, quantity.sd)
-        for name, quantity in zip(BESIDE, rests.beside, strict=True)
+        for name, quantity in zip(KNOWN_QUANTITIES, rests.known_quantities, strict=True)
         if name in chosen
     ]
     return least_squares(
@@ -224,20 +255,20 @@ def _fit(
             noise=np.ones(len(whiten(started.residual)) + more.size),
             scale=np.concatenate([rests.sensor.unit_scale, [G0, 1.0, 1.0, 1.0, 1.0]])[free],
             priors=tuple(known),
-            wanted=tuple(name for name in chosen if name not in BESIDE),
+            wanted=tuple(name for name in chosen if name not in KNOWN_QUANTITIES),
             rounding=_ROUNDING,
-            candidates=left_out if tested else None,
+            candidates=left_out if with_score_tests else None,
         ),
         max_iterations=most,
     )
 
 
-def _considered(rests: Rests, fit: Estimate, first: Estimate, jacobian: Array) -> Estimate:
+def _consider_estimate(rests: Rests, fit: Estimate, first: Estimate, jacobian: Array) -> Estimate:
     """Return accelerometers and gyros as one estimate; `jacobian` is whitened, of all x."""
     p, a = len(rests.sensor.coefficients), len(rests.force.coefficients)
     with_g = list(first.names[a:])
     others = [*range(a), *([p] if with_g else [])]
-    free = [*range(a, p), *(p + BESIDE.index(name) for name in fit.names[p - a :])]
+    free = [*range(a, p), *(p + KNOWN_QUANTITIES.index(name) for name in fit.names[p - a :])]
     gain = fit.covariance @ jacobian[:, free].T @ jacobian[:, others]
     cross = gain @ first.covariance
     # In the order accelerometers, g, gyros, earth; then gyros before g.
@@ -275,7 +306,9 @@ def with_shared_drift(rests: Rests, estimate: Estimate) -> Estimate:
     return replace(estimate, covariance=covariance)
 
 
-def _stage(estimate: Estimate, x: Array, scatter: Scatter, groups: tuple[Group, ...]) -> Stage:
+def _fit_stage(
+    estimate: Estimate, x: Array, scatter: Scatter, groups: tuple[ResidualGroup, ...]
+) -> FitStage:
     judged = replace(
         estimate,
         groups=groups,
@@ -285,27 +318,27 @@ def _stage(estimate: Estimate, x: Array, scatter: Scatter, groups: tuple[Group, 
         whitened=np.concatenate([(group.residual / group.sd).ravel() for group in groups]),
         observations=(),
     )
-    return Stage(judged, x, scatter, groups)
+    return FitStage(judged, x, scatter, groups)
 
 
-def _groups(
-    rests: Rests, rows: Rows, scatter: Scatter, judged: Sequence[tuple[float, int]]
-) -> tuple[Group, ...]:
+def _residual_groups(
+    rests: Rests, rows: ResidualRows, scatter: Scatter, judged: Sequence[tuple[float, int]]
+) -> tuple[ResidualGroup, ...]:
     """Return each kind of rows with its scatter as stated; `judged` are χ² and ν of each."""
     labels, r = rests.observations.labels, len(rows.norm.residual)
-    of_rests, of_turns = noise(rests, rows, scatter)
+    of_rests, of_turns = row_covariance(rests, rows, scatter)
     variance = np.diagonal(of_rests, axis1=1, axis2=2)
-    kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], variance[:, [NORM]])]
-    if rows.turns is not None and rests.passages is not None:
+    kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], variance[:, [NORM_ROW]])]
+    if rows.rotations is not None and rests.passages is not None:
         before = rests.passages.rest
         ways = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
         arriving, leaving = variance[before + 1, :2], variance[before, 6:]
         of_ways = arriving + leaving + np.diagonal(of_turns, axis1=1, axis2=2)
         rates = rows.residual[-3 * r :].reshape(r, 3)
-        kinds.append(("rates", "rad/s", labels, rates, variance[:, RATES]))
-        kinds.append(("rotations", "rad", ways, rows.turns.residual, of_ways))
+        kinds.append(("rates", "rad/s", labels, rates, variance[:, RATE_ROWS]))
+        kinds.append(("rotations", "rad", ways, rows.rotations.residual, of_ways))
     return tuple(
-        Group(name, unit, names, residual, np.sqrt(own), chi2, dof, found)
+        ResidualGroup(name, unit, names, residual, np.sqrt(own), chi2, dof, found)
         for (name, unit, names, residual, own), (chi2, dof), found in zip(
             kinds, judged, scatter, strict=False
         )

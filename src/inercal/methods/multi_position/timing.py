@@ -11,17 +11,17 @@ import numpy as np
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate
 from inercal.methods import temperature
-from inercal.methods.multi_position._kernels import lag
-from inercal.methods.multi_position.rotations import affine
-from inercal.observe import norm
+from inercal.methods.multi_position._kernels import delay_sums
+from inercal.methods.multi_position.rotations import inverse_model
+from inercal.observe import norm_residuals
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
-_FEWEST = 5  # passages: of fewer, the scatter says too little
+_MIN_PASSAGES = 5  # passages: of fewer, the scatter says too little
 
 
-def delay(
+def gyro_delay(
     observations: Observations, sensor: Sensor, estimate: Estimate, gravity: float
 ) -> Measured:
     """Return how much later the gyros' samples are than the accelerometers', s.
@@ -45,15 +45,22 @@ def delay(
         Too few passages, or nothing turned.
     """
     way = observations.passages
-    if way is None or len(way.rest) < _FEWEST:
-        raise NotObserved(f"a time offset needs gyros and {_FEWEST} turns between rests")
-    force, c = sensor.only("f"), estimate.value[: len(sensor.coefficients)]
+    if way is None or len(way.rest) < _MIN_PASSAGES:
+        raise NotObserved(f"a time offset needs gyros and {_MIN_PASSAGES} turns between rests")
+    force, c = sensor.select_axes("f"), estimate.value[: len(sensor.coefficients)]
     p, m = len(force.coefficients), len(force.axes)
-    warmth = temperature.offset(observations, sensor)
-    up = norm(force, observations.mean[:, :m], c[:p], np.array([gravity]), dT=warmth).up
-    model = affine(sensor, c, float(np.mean(warmth)))
-    along, square = lag(
-        way.time, way.output, way.left, way.reached, model.back, model.zero, up[way.rest], gravity
+    warmth = temperature.row_offsets(observations, sensor)
+    up = norm_residuals(force, observations.mean[:, :m], c[:p], np.array([gravity]), dT=warmth).up
+    model = inverse_model(sensor, c, float(np.mean(warmth)))
+    along, square = delay_sums(
+        way.time,
+        way.output,
+        way.left,
+        way.reached,
+        model.matrix,
+        model.offset,
+        up[way.rest],
+        gravity,
     )
     if not square.sum() > 0:
         raise NotObserved("a time offset needs turns that move gravity in the body")

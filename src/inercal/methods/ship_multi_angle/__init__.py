@@ -20,24 +20,24 @@ its text. `joint`, `planar_norm` and all covariances are ours.
 from collections.abc import Sequence
 from dataclasses import replace
 
-from inercal.benches.rate_table.bench import RateTable, mountings
-from inercal.benches.rate_table.fixture import Reading, multi_angle_plan, planar_plan
+from inercal.benches.rate_table.bench import RateTable, mounting_names
+from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.methods import prediction_error, vectors
+from inercal.methods import mean_problem, prediction_error
 from inercal.methods._base import Method
-from inercal.methods.observed import require_observed
+from inercal.methods.observability import require_observed
 from inercal.methods.ship_consistency import joint_problem
-from inercal.methods.ship_multi_angle.both import planar_norm
-from inercal.methods.ship_multi_angle.by_norms import damped, global_
-from inercal.methods.ship_planar import planar, require_excited
+from inercal.methods.ship_multi_angle.norm_estimators import damped, global_
+from inercal.methods.ship_multi_angle.vector_norm_estimator import planar_norm
+from inercal.methods.ship_planar import planar, require_excitation
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 
 def plan(
-    seconds: float = 150.0, reading: Reading = "azimuth", one_speed: bool = False
+    seconds: float = 150.0, reading: TiltConvention = "azimuth", one_speed: bool = False
 ) -> tuple[Spin, ...]:
     """Return the nine untilted states, then the sixteen groups.
 
@@ -84,7 +84,7 @@ def joint(
     NotObserved
         Coefficients that these states leave open.
     """
-    vectors.require_rows(observations, sensor, steps)
+    mean_problem.require_matching_rows(observations, sensor, steps)
     asked = joint_problem(observations, sensor, bench, steps, priors)
     try:
         estimate = least_squares(asked)
@@ -92,24 +92,24 @@ def joint(
     except NotObserved:
         if not priors:
             # Where the states are to blame, say what to add.
-            require_excited(bench, steps)
+            require_excitation(bench, steps)
         raise
-    return replace(estimate, notes=(_told(estimate, steps), *estimate.notes))
+    return replace(estimate, notes=(_state_note(estimate, steps), *estimate.notes))
 
 
-def _told(estimate: Estimate, steps: Sequence[Spin]) -> str:
+def _state_note(estimate: Estimate, steps: Sequence[Spin]) -> str:
     """Say what the states determine, what priors did, and what the frame is."""
     told = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
     if left := [one.words for one in estimate.null_directions]:
         told += f"; warning: priors alone decided {'; '.join(left)}"
-    frame = f"the mean of {len(set(mountings(steps)))} mountings by their stated angles"
+    frame = f"the mean of {len(set(mounting_names(steps)))} mountings by their stated angles"
     return f"{told}; the frame is {frame}"
 
 
 METHOD = Method(
     name="ship_multi_angle",
     bench=RateTable,
-    finds={"f": ("k0", "k1", "delta_o", "delta_p")},
+    default_coefficients={"f": ("k0", "k1", "delta_o", "delta_p")},
     also={"f": ("temperature",)},
     needs=("f",),
     plan=plan,
@@ -120,7 +120,7 @@ METHOD = Method(
         "damped": damped,
         "global": global_,
     },
-    framed=("damped", "global"),
+    norm_only_estimators=("damped", "global"),
     remarks=prediction_error.remarks,
     source="Xiao, Liu and Liu, Transducer and Microsystem Technologies 33(10), 2014",
 )

@@ -40,10 +40,13 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.sensors import Noise
 
-SPAN = 1e4  # s, of the flicker's states at least
-_FIRST, _LAST = 0.8, 0.42  # the shortest time, s; the longest, of the span
-_WITHIN, _ENDS = 0.98, 1.17  # of B² ln r/π: all, and both ends beyond that; least deviation
-_UNSTATED = 1.0  # s; of a drift of variance zero
+MIN_FLICKER_SPAN = 1e4  # s, of the flicker's states at least
+_SHORTEST_TIME, _LONGEST_TIME_SHARE = 0.8, 0.42  # the shortest time, s; the longest, of the span
+_VARIANCE_FACTOR, _END_VARIANCE_FACTOR = (
+    0.98,
+    1.17,
+)  # of B² ln r/π: all, and both ends beyond that; least deviation
+_PLACEHOLDER_TIME = 1.0  # s; of a drift of variance zero
 
 
 class Drift(NamedTuple):
@@ -52,12 +55,12 @@ class Drift(NamedTuple):
     times: Array  # (c,) s; infinite for a random walk, the last one
     variance: Array  # (c, 3) SI², stationary; zero for a random walk
     walk: Array  # (3,) SI²/s, of the random walk
-    averaged: bool  # whether a bias is the mean over the run: there is a J for each axis
+    mean_over_run: bool  # whether a bias is the mean over the run: there is a J for each axis
 
     @property
     def size(self) -> int:
         """Number of states."""
-        return 3 * (len(self.times) + self.averaged)
+        return 3 * (len(self.times) + self.mean_over_run)
 
     @property
     def varies(self) -> bool:
@@ -69,7 +72,7 @@ class Drift(NamedTuple):
         if self.size == 3:
             return tuple(f"drift[{axis}]" for axis in axes)
         words = ["walk" if np.isinf(t) else str(k + 1) for k, t in enumerate(self.times)]
-        words += ["noise"] if self.averaged else []
+        words += ["noise"] if self.mean_over_run else []
         return tuple(f"drift[{axis}, {word}]" for word in words for axis in axes)
 
     def covariance(self) -> Array:
@@ -79,15 +82,15 @@ class Drift(NamedTuple):
         for k in range(3):
             own = 3 * np.arange(c) + k
             made[own, own] = self.variance[:, k]
-            if self.averaged:
+            if self.mean_over_run:
                 j = 3 * c + k
                 made[own, j] = made[j, own] = finite * self.variance[:, k]
                 made[j, j] = finite**2 @ self.variance[:, k]
         return made
 
-    def so_far(self, states: Array, elapsed: Array) -> Array:
+    def running_mean(self, states: Array, elapsed: Array) -> Array:
         """Return the mean of the flicker from the start, (e, 3), by states (e, s) at e times, s."""
-        if not self.averaged:
+        if not self.mean_over_run:
             return np.zeros((len(elapsed), 3))
         c = len(self.times)
         each = states.reshape(len(states), c + 1, 3)
@@ -114,7 +117,7 @@ class Drift(NamedTuple):
             Of what the flicker did since.
         """
         c, rows, variance = len(self.times), np.zeros((3, self.size)), np.zeros(3)
-        if not self.averaged or elapsed <= 0:
+        if not self.mean_over_run or elapsed <= 0:
             return rows, variance
         for k in range(3):
             rows[k, 3 * c + k] = 1 / elapsed
@@ -128,7 +131,7 @@ class Drift(NamedTuple):
         return rows, np.maximum(variance, 0.0) / max(elapsed, 1e-300) ** 2
 
 
-def flicker(bias_instability: float, span: float) -> tuple[Array, Array]:
+def flicker_processes(bias_instability: float, span: float) -> tuple[Array, Array]:
     """Return times, s, and variances of Gauss–Markov processes whose sum is flicker, (c,) each.
 
     Parameters
@@ -140,19 +143,19 @@ def flicker(bias_instability: float, span: float) -> tuple[Array, Array]:
         least 1000 s.
     """
     count = ceil(log10(max(span, 1e3)) - 1e-9)
-    times = np.geomspace(_FIRST, _LAST * max(span, 1e3), count)
-    share = np.full(count, _WITHIN * log(times[1] / times[0]) / pi)
-    share[[0, -1]] *= _ENDS
+    times = np.geomspace(_SHORTEST_TIME, _LONGEST_TIME_SHARE * max(span, 1e3), count)
+    share = np.full(count, _VARIANCE_FACTOR * log(times[1] / times[0]) / pi)
+    share[[0, -1]] *= _END_VARIANCE_FACTOR
     return times, bias_instability**2 * share
 
 
-def drift(noises: Sequence[Noise], lasting: float, name: str = "sensor") -> Drift:
+def drift_model(noises: Sequence[Noise], run_duration: float, name: str = "sensor") -> Drift:
     """Return the drift of three biases.
 
     Parameters
     ----------
     noises : sequence of 3 Noise
-    lasting : float
+    run_duration : float
         Of the run, s; below 10⁴ s it makes no difference.
     name : str
         For messages.
@@ -172,17 +175,19 @@ def drift(noises: Sequence[Noise], lasting: float, name: str = "sensor") -> Drif
         if correlation[0]:
             times, variance = correlation[:1], np.square([each])
         else:
-            span = SPAN * 10.0 ** max(ceil(log10(max(lasting, 1.0) / SPAN)), 0)
-            times, unit = flicker(1.0, span)
+            span = MIN_FLICKER_SPAN * 10.0 ** max(
+                ceil(log10(max(run_duration, 1.0) / MIN_FLICKER_SPAN)), 0
+            )
+            times, unit = flicker_processes(1.0, span)
             variance = unit[:, None] * np.square(each)
     if walk.any():
         times, variance = np.append(times, inf), np.concatenate([variance, np.zeros((1, 3))])
     if not times.size:
-        return NONE
-    return Drift(times, variance, walk, averaged=any(each) and not correlation[0])
+        return NO_DRIFT
+    return Drift(times, variance, walk, mean_over_run=any(each) and not correlation[0])
 
 
-NONE = Drift(np.array([_UNSTATED]), np.zeros((1, 3)), np.zeros(3), averaged=False)
+NO_DRIFT = Drift(np.array([_PLACEHOLDER_TIME]), np.zeros((1, 3)), np.zeros(3), mean_over_run=False)
 """Of biases that do not drift."""
 
 

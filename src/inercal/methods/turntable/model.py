@@ -1,7 +1,7 @@
 """What the methods share: the sensor as a filter sees it, what is known at the start.
 
-Before anything is known a coefficient may be as large as `EXPECTED` says; the data must say much
-more of it (`undecided`), or the result would be that guess.
+Before anything is known a coefficient may be as large as `EXPECTED_SIZES` says; the data must say
+much more of it (`undecided_directions`), or the result would be that guess.
 """
 
 from collections.abc import Sequence
@@ -12,29 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import Misalignment, earth, reference
+from inercal.benches.turntable.attitude import (
+    Misalignment,
+    earth_rate_level_frame,
+    reference_attitude,
+)
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.epochs import COARSE, LEAST_REST
+from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS, MIN_REST_SECONDS
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian, NullDirection
-from inercal.estimate.nullspace import echelon
+from inercal.estimate.nullspace import row_echelon_form
 from inercal.keys import CoefficientName
 from inercal.methods import temperature
-from inercal.methods.observed import in_natural_words
-from inercal.methods.turntable.drift import NONE, Drift, drift
+from inercal.methods.observability import direction_in_words
+from inercal.methods.turntable.drift import NO_DRIFT, Drift, drift_model
 from inercal.methods.turntable.terms import BIAS, Terms, terms
 from inercal.parameters import Parameter
 from inercal.recording import Track
 from inercal.sensors import G0, Sensor
-from inercal.sensors.tables import LARGEST
+from inercal.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE
 
 ARCSEC = radians(1 / 3600)
-PERIOD = 0.1  # s between epochs
+EPOCH_PERIOD = 0.1  # s between epochs
 # rad. What rates taken as linear between samples miss, beside kinks, which are in Q; and a readback
 # that is stated as exact would be divided by.
-FLOOR = 0.1 * ARCSEC
+READBACK_NOISE_FLOOR = 0.1 * ARCSEC
 # Standard deviations before the data, SI; of other terms, per their natural size.
-EXPECTED = {
+EXPECTED_SIZES = {
     "bias": radians(1),
     "k0": 30e-3 * G0,
     "scale": 0.02,
@@ -42,13 +46,15 @@ EXPECTED = {
     "delta_o": 0.02,
     "delta_p": 0.02,
 }
-_OTHERS = 1e-3  # of the natural size: 1000 µg/g², 200 °/h/g; of temperature LARGEST of it, 1 mg/K
+_DEFAULT_SIZE = (
+    1e-3  # of the natural size: 1000 µg/g², 200 °/h/g; of temperature LARGEST of it, 1 mg/K
+)
 # Of the variance before: a direction that keeps more was decided by the guess, or owes it a share.
-_DECIDED, _FREE = 0.25, 0.01
+_MAX_DECIDED_SHARE, _MIN_PRIOR_SHARE = 0.25, 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Triad:
+class TriadModel:
     """Three axes of one kind as a filter sees them.
 
     Parameters
@@ -71,51 +77,57 @@ class Triad:
     drift: Drift
 
 
-def lasting(track: Track, planned: float | None) -> float:
+def run_duration(track: Track, planned: float | None) -> float:
     """Return how long a run lasts, s: as planned, or the track's own where no plan is given."""
     return float(track.time[-1] - track.time[0]) if planned is None else planned
 
 
-def triad(sensor: Sensor, kind: str, lasting: float = 0.0, *, drifting: bool = True) -> Triad:
-    """Return the accelerometers ("f") or the gyros ("w") of a sensor in a run of `lasting` s.
+def triad_model(
+    sensor: Sensor, kind: str, run_duration: float = 0.0, *, bias_drift: bool = True
+) -> TriadModel:
+    """Return the accelerometers ("f") or the gyros ("w") of a sensor in a run of `run_duration` s.
 
     Raises
     ------
     InputError
         Other than three axes, terms that a filter does not find, or noise that is not stated.
     """
-    part = sensor.only("f" if kind == "f" else "w")
+    part = sensor.select_axes("f" if kind == "f" else "w")
     noise = [axis.noise for axis in part.axes]
     if not all(one.white > 0 for one in noise):
         which = "accelerometer" if kind == "f" else "gyro"
         raise InputError(f"[sensor.{which}] white: a filter needs the noise; state it")
-    return Triad(
+    return TriadModel(
         part,
         terms(part),
         np.array([sensor.channels.index(name) for name in part.channels]),
         np.array([one.white**2 for one in noise]),
-        drift(noise, lasting, part.name) if drifting else NONE,
+        drift_model(noise, run_duration, part.name) if bias_drift else NO_DRIFT,
     )
 
 
-def expected(part: Triad) -> Array:
+def expected_size(part: TriadModel) -> Array:
     """Return how large each coefficient may be before anything is known, (p,) SI."""
     named = zip(part.sensor.coefficients, part.sensor.unit_scale, strict=True)
-    warm = temperature.coefficients(part.sensor)
+    warm = temperature.temperature_coefficients(part.sensor)
     return np.array(
         [
-            LARGEST * size if n in warm else EXPECTED.get(CoefficientName(n).term, _OTHERS * size)
+            LARGEST_RELATIVE_SIZE * size
+            if n in warm
+            else EXPECTED_SIZES.get(CoefficientName(n).term, _DEFAULT_SIZE * size)
             for n, size in named
         ]
     )
 
 
-def begin(part: Triad, priors: Sequence[Gaussian], coarse: Array) -> tuple[Array, Array]:
+def initial_estimate(
+    part: TriadModel, priors: Sequence[Gaussian], coarse: Array
+) -> tuple[Array, Array]:
     """Return coefficients and their covariance before the data.
 
     Parameters
     ----------
-    part : Triad
+    part : TriadModel
     priors : sequence of Gaussian
         Those on coefficients of these axes come on top of what may be expected.
     coarse : (3,) array
@@ -125,7 +137,7 @@ def begin(part: Triad, priors: Sequence[Gaussian], coarse: Array) -> tuple[Array
     start = np.zeros(len(names))
     biases, t = part.terms.bias, part.terms
     start[biases] = coarse[t.axis[biases]] / t.weights[biases, BIAS]
-    precision = np.diag(expected(part) ** -2.0)
+    precision = np.diag(expected_size(part) ** -2.0)
     pull = np.zeros(len(names))
     for prior in priors:
         if set(prior.names) <= set(names):
@@ -136,7 +148,7 @@ def begin(part: Triad, priors: Sequence[Gaussian], coarse: Array) -> tuple[Array
     return start + covariance @ pull, (covariance + covariance.T) / 2
 
 
-def coarse(bench: Turntable, track: Track, part: Triad) -> Array:
+def coarse_bias(bench: Turntable, track: Track, part: TriadModel) -> Array:
     """Return what the axes read beyond what they felt over the first rest, (3,) SI.
 
     Parameters
@@ -144,7 +156,7 @@ def coarse(bench: Turntable, track: Track, part: Triad) -> Array:
     bench : Turntable
     track : Track
         Of one trial.
-    part : Triad
+    part : TriadModel
 
     Raises
     ------
@@ -153,45 +165,49 @@ def coarse(bench: Turntable, track: Track, part: Triad) -> Array:
     """
     resting = track.hold[track.hold >= 0]
     at = np.flatnonzero(track.hold == resting[0]) if resting.size else resting
-    lasting = float(track.time[at[-1]] - track.time[at[0]]) if at.size else 0.0
-    if lasting < LEAST_REST:
+    run_duration = float(track.time[at[-1]] - track.time[at[0]]) if at.size else 0.0
+    if run_duration < MIN_REST_SECONDS:
         raise InputError(
-            f"the run begins with a rest of {lasting:.3g} s; the filters take the biases' first "
-            f"values from {COARSE:g} s of rest: let the table rest first"
+            f"the run begins with a rest of {run_duration:.3g} s; the filters take the biases' "
+            f"first values from {COARSE_REST_SECONDS:g} s of rest: let the table rest first"
         )
-    at = at[track.time[at] <= track.time[at[0]] + COARSE]
-    mat = reference(bench, track.angles[at[:1]])[0]
-    felt = mat.T @ ([0, 0, bench.gravity.value] if part.terms.first == 1 else earth(bench))
+    at = at[track.time[at] <= track.time[at[0]] + COARSE_REST_SECONDS]
+    mat = reference_attitude(bench, track.angles[at[:1]])[0]
+    felt = mat.T @ (
+        [0, 0, bench.gravity.value] if part.terms.first == 1 else earth_rate_level_frame(bench)
+    )
     return track.reading[at][:, part.channels].mean(axis=0) - part.terms.nominal @ felt
 
 
-def undecided(part: Triad, covariance: Array) -> tuple[NullDirection, ...]:
+def undecided_directions(part: TriadModel, covariance: Array) -> tuple[NullDirection, ...]:
     """Return the directions of the coefficients that neither data nor priors decided.
 
     Parameters
     ----------
-    part : Triad
+    part : TriadModel
     covariance : (p, p) array
         Of the coefficients.
     """
-    return _directions(part, covariance, _DECIDED, np.inf)[1]
+    return _directions_by_variance_share(part, covariance, _MAX_DECIDED_SHARE, np.inf)[1]
 
 
-def guessed(part: Triad, covariance: Array) -> tuple[float, tuple[NullDirection, ...]]:
+def prior_dominated_directions(
+    part: TriadModel, covariance: Array
+) -> tuple[float, tuple[NullDirection, ...]]:
     """Return those that were decided but where the guess has a share, and its largest share.
 
-    Arguments as of `undecided`.
+    Arguments as of `undecided_directions`.
     """
-    return _directions(part, covariance, _FREE, _DECIDED)
+    return _directions_by_variance_share(part, covariance, _MIN_PRIOR_SHARE, _MAX_DECIDED_SHARE)
 
 
-def require_decided(part: Triad, covariance: Array, what: str) -> None:
+def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
     """Refuse coefficients that are not decided, by name.
 
     Parameters
     ----------
     part, covariance
-        As of `undecided`.
+        As of `undecided_directions`.
     what : str
         "gyros" or "accelerometers".
 
@@ -199,7 +215,7 @@ def require_decided(part: Triad, covariance: Array, what: str) -> None:
     ------
     NotObserved
     """
-    free, p = undecided(part, covariance), len(covariance)
+    free, p = undecided_directions(part, covariance), len(covariance)
     if free:
         words = tuple(direction.words for direction in free)
         raise NotObserved(
@@ -210,23 +226,25 @@ def require_decided(part: Triad, covariance: Array, what: str) -> None:
         )
 
 
-def _directions(
-    part: Triad, covariance: Array, above: float, to: float
+def _directions_by_variance_share(
+    part: TriadModel, covariance: Array, above: float, to: float
 ) -> tuple[float, tuple[NullDirection, ...]]:
     """Return the directions that keep such shares of the variance before, and the largest share."""
-    sd = expected(part)
+    sd = expected_size(part)
     share, directions = np.linalg.eigh(covariance / np.outer(sd, sd))
     chosen = (share > above) & (share <= to)
     rows = (sd[:, None] * directions[:, chosen]).T / part.sensor.unit_scale
     names = part.sensor.coefficients
     found: list[NullDirection] = []
-    for move in echelon(rows):
+    for move in row_echelon_form(rows):
         weights: dict[str, float] = {n: float(w) for n, w in zip(names, move, strict=True) if w}
-        found.append(NullDirection(weights, in_natural_words(move, names)))
+        found.append(NullDirection(weights, direction_in_words(move, names)))
     return float(np.max(share, where=chosen, initial=0.0)), tuple(found)
 
 
-def beside(seen: Misalignment, table: Sequence[Parameter], skipped: Sequence[str] = ()) -> Array:
+def table_sensitivity(
+    seen: Misalignment, table: Sequence[Parameter], skipped: Sequence[str] = ()
+) -> Array:
     """Return how φ as it is observed moves with the table's parameters, (e, 3, q), level frame.
 
     Parameters
@@ -246,7 +264,7 @@ def beside(seen: Misalignment, table: Sequence[Parameter], skipped: Sequence[str
     return made
 
 
-def of_gravity(part: Triad) -> Array:
+def gravity_sensitivity(part: TriadModel) -> Array:
     """Return how the coefficients move with a relative error of gravity, (p,)."""
     p = len(part.sensor.coefficients)
     by = np.zeros((3, 3, p))

@@ -11,25 +11,25 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, WARM
+from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 
 Indices = NDArray[np.int64]
 # Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
 # a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
 # standard deviations (25 × 6 variances of a sample) are taken for such.
-KINK, BENT = 0.09, 150.0
+LINEAR_RATE_ERROR, LINEAR_RATE_THRESHOLD = 0.09, 150.0
 # A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2, the half of
 # Bernoulli's second polynomial: none on average and 1/√720 rms. Third differences, whose mean
 # square over s is (a Δt)², are taken for such beyond five standard deviations (25 × 20 variances).
-SUDDEN, JUMPED = 720**-0.5, 500.0
+PARABOLA_ERROR, PARABOLA_THRESHOLD = 720**-0.5, 500.0
 # Of an angle between samples a cubic leaves so much of s (1 − s) times the difference of both
 # second divided differences; rms over where the acceleration begins, computed.
-LEFT_BETWEEN = 0.36
-ALIKE = 3.0  # steps of time: a sample or two may be lost
+CUBIC_ERROR = 0.36
+MAX_STEP_RATIO = 3.0  # steps of time: a sample or two may be lost
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def copy(matrix: Array, out: Array) -> None:
+def copy_matrix(matrix: Array, out: Array) -> None:
     """Write a 3 × 3 matrix; an assignment of slices takes Numba seconds to compile."""
     for i in range(3):
         for j in range(3):
@@ -117,7 +117,9 @@ def _invert(m: Array, out: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def matrix(nominal: Array, axis: Indices, weights: Array, c: Array, first: int, out: Array) -> None:
+def inverse_scale_matrix(
+    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, out: Array
+) -> None:
     """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`)."""
     made = nominal.copy()
     for m in range(axis.size):
@@ -127,28 +129,28 @@ def matrix(nominal: Array, axis: Indices, weights: Array, c: Array, first: int, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def warm_matrix(
+def inverse_scale_matrix_at_temperature(
     nominal: Array, axis: Indices, weights: Array, c: Array, first: int, warmth: float, out: Array
 ) -> None:
     """Write M at a temperature: S has the part that is linear in u ΔT too."""
     made = nominal.copy()
     for m in range(axis.size):
         for k in range(3):
-            by = weights[m, first + k] + warmth * weights[m, WARM + first + k]
+            by = weights[m, first + k] + warmth * weights[m, TEMPERATURE + first + k]
             made[axis[m], k] += c[m] * by
     _invert(made, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def warm(phi: Array, warmth: float) -> None:
+def fill_temperature_terms(phi: Array, warmth: float) -> None:
     """Write what depends on ΔT into φ, by the rest of it."""
     for b in range(BASIS):
-        phi[WARM + b] = warmth * phi[b]
-    phi[WARM + BASIS] = warmth * warmth
+        phi[TEMPERATURE + b] = warmth * phi[b]
+    phi[TEMPERATURE + BASIS] = warmth * warmth
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def fill(phi: Array, f: Array) -> None:
+def fill_force_terms(phi: Array, f: Array) -> None:
     """Write what depends on f into φ."""
     phi[0] = 1.0
     for k in range(3):
@@ -159,14 +161,16 @@ def fill(phi: Array, f: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def taken(weights: Array) -> Indices:
+def used_term_indices(weights: Array) -> Indices:
     """Return which of φ a triad's coefficients take part of, 1 among them: biases drift."""
     size = weights.shape[1]
     return np.array([b for b in range(size) if b == 0 or np.any(weights[:, b] != 0.0)])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sum_up(axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array) -> None:
+def sum_reading_terms(
+    axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array
+) -> None:
     """Write what each of φ adds to the readings of the axes, (BASIS, 3), the drift with 1."""
     for b in used:
         for i in range(3):
@@ -176,7 +180,7 @@ def sum_up(axis: Indices, weights: Array, c: Array, drift: Array, used: Indices,
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def correct(
+def correct_reading(
     reading: Array, m: Array, by: Array, phi: Array, used: Indices, first: int, u: Array
 ) -> None:
     """Write u = M (reading − what is added beside the part linear in u, φ from `first`).
@@ -187,7 +191,7 @@ def correct(
     for j in range(3):
         left = reading[j]
         for b in used:
-            linear = b - WARM if b >= WARM else b
+            linear = b - TEMPERATURE if b >= TEMPERATURE else b
             if linear < first or linear >= first + 3:
                 left -= by[b, j] * phi[b]
         for k in range(3):
@@ -195,7 +199,7 @@ def correct(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_up(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
+def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
     """Add C M φ dt, (BASIS, 3, 3)."""
     for b in used:
         size = phi[b] * dt
@@ -205,7 +209,7 @@ def add_up(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def driven_by(
+def write_transition_columns(
     made: Array,
     axis: Indices,
     weights: Array,
@@ -232,7 +236,7 @@ def driven_by(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def around(times: Array, newest: int, when: float) -> tuple[int, int, float]:
+def bracketing_rows(times: Array, newest: int, when: float) -> tuple[int, int, float]:
     """Return the rows of a ring before and after a time, and its share of the step between.
 
     Parameters
@@ -253,7 +257,7 @@ def around(times: Array, newest: int, when: float) -> tuple[int, int, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def delayed(
+def interpolate_attitude(
     times: Array, past: Array, newest: int, when: float, out: Array, rate: Array, left: Array
 ) -> None:
     """Write the attitude at a time between kept ones, and the body's rate there in the level frame.
@@ -273,11 +277,11 @@ def delayed(
         rad/s; and by how much a sudden acceleration may have bent the way, rad.
     """
     k = times.size
-    before, after, share = around(times, newest, when)
+    before, after, share = bracketing_rows(times, newest, when)
     step = times[after] - times[before]
     left[:] = 0.0
     rate[:] = 0.0
-    copy(past[before], out)
+    copy_matrix(past[before], out)
     if step <= 0:
         return
     rotation_error(past[after], past[before], rate)
@@ -286,8 +290,8 @@ def delayed(
     if 0 < share < 1:
         row, next_row = (before - 1) % k, (after + 1) % k
         h0, h2 = times[before] - times[row], times[next_row] - times[after]
-        early = before != newest and row != newest and alike(h0, step)
-        late = after != newest and alike(h2, step)
+        early = before != newest and row != newest and are_similar_steps(h0, step)
+        late = after != newest and are_similar_steps(h2, step)
         if early:
             rotation_error(past[before], past[row], other)
             for i in range(3):
@@ -297,7 +301,7 @@ def delayed(
             for i in range(3):
                 f = (other[i] / h2 - rate[i] / step) / (step + h2)
                 if early:
-                    left[i] = LEFT_BETWEEN * way * (f - bent[i])
+                    left[i] = CUBIC_ERROR * way * (f - bent[i])
                     f = ((2 - share) * bent[i] + (1 + share) * f) / 3
                 bent[i] = f
     for i in range(3):
@@ -307,19 +311,21 @@ def delayed(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def alike(step: float, other: float) -> bool:
+def are_similar_steps(step: float, other: float) -> bool:
     """Return whether steps of time are of about one size: what bends is told by such alone."""
-    return 0 < step <= ALIKE * other and other <= ALIKE * step
+    return 0 < step <= MAX_STEP_RATIO * other and other <= MAX_STEP_RATIO * step
 
 
 @njit(cache=True, nogil=True)
 def epoch_indices(time: Array, period: float, last: float) -> Indices:
     """Return the samples at which an epoch is due: a period or more after the one before."""
-    return due_in_holds(time, np.zeros(time.size, np.int64), period, last, 0)
+    return epoch_indices_in_holds(time, np.zeros(time.size, np.int64), period, last, 0)
 
 
 @njit(cache=True, nogil=True)
-def due_in_holds(time: Array, hold: Indices, period: float, last: float, number: int) -> Indices:
+def epoch_indices_in_holds(
+    time: Array, hold: Indices, period: float, last: float, number: int
+) -> Indices:
     """Do the same within holds: the first sample of each, then every period."""
     found = np.empty(time.size, np.int64)
     count = 0

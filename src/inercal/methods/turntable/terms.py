@@ -21,8 +21,8 @@ from inercal.sensors import G0, Sensor
 
 BASIS = 13
 BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ
-WARM = BASIS  # where ΔT times all of these begins, and after them ΔT² stands
-WHOLE = 2 * BASIS + 1
+TEMPERATURE = BASIS  # where ΔT times all of these begins, and after them ΔT² stands
+BASIS_WITH_TEMPERATURE = 2 * BASIS + 1
 
 
 class Terms(NamedTuple):
@@ -44,7 +44,7 @@ class Terms(NamedTuple):
         return self.weights.shape[1]
 
     @property
-    def warm(self) -> bool:
+    def has_temperature(self) -> bool:
         """Whether ΔT is among them."""
         return self.size > BASIS
 

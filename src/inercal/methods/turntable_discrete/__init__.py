@@ -17,29 +17,29 @@ from functools import partial
 import numpy as np
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.paths import named
+from inercal.benches.turntable.paths import path_by_name
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem
 from inercal.estimate import least_squares as solve
-from inercal.methods import vectors
+from inercal.methods import mean_problem
 from inercal.methods._base import Method
-from inercal.methods.observed import require_observed
+from inercal.methods.observability import require_observed
 from inercal.methods.turntable.drift import covariance_of_means
-from inercal.methods.turntable.found import remarks
-from inercal.methods.turntable.left_out import families
+from inercal.methods.turntable.fit_remarks import remarks
+from inercal.methods.turntable.score_columns import families
 from inercal.methods.turntable_discrete.mean_motion import (
     AxisAngles,
-    declared,
-    mean,
-    planned,
-    rows,
+    declared_parameters,
+    planned_angles,
     sensed_motion,
+    stack_row_means,
+    time_mean,
 )
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
-_FEWEST = 3  # samples of a row
+_MIN_SAMPLES = 3  # samples of a row
 
 
 def least_squares(
@@ -73,14 +73,14 @@ def least_squares(
     NotObserved
         Coefficients that these steps leave open, by name.
     """
-    vectors.require_rows(observations, sensor, steps)
+    mean_problem.require_matching_rows(observations, sensor, steps)
     if observations.track is None:
         _require_axes(bench, steps)
-        ways = planned(bench, steps)
+        ways = planned_angles(bench, steps)
     else:
-        observations, ways = _followed(observations, observations.track, steps)
-        observations = _read_back(observations, sensor, bench, steps)
-    estimate = solve(problem(_drifting(observations, sensor), sensor, bench, ways, priors))
+        observations, ways = _rows_from_readback(observations, observations.track, steps)
+        observations = _add_readback_noise(observations, sensor, bench, steps)
+    estimate = solve(problem(_with_stated_drift(observations, sensor), sensor, bench, ways, priors))
     require_observed(estimate, sensor, missing=())
     return estimate
 
@@ -89,7 +89,7 @@ def problem(
     observations: Observations,
     sensor: Sensor,
     bench: Turntable,
-    ways: Sequence[AxisAngles],
+    row_angles: Sequence[AxisAngles],
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of all readings but those of accelerometers in rotations.
@@ -100,29 +100,29 @@ def problem(
         (..., r, m) in SI.
     sensor : Sensor
     bench : Turntable
-    ways : sequence of r Way
+    row_angles : sequence of r AxisAngles
         Of the rows.
     priors : sequence of Gaussian
         On coefficients.
     """
-    motion, df, dw = rows(bench, ways)
-    known = {n: p for n, p in declared(bench).items() if n in df or n in dw}
-    whole = vectors.problem(
+    motion, df, dw = stack_row_means(bench, row_angles)
+    known = {n: p for n, p in declared_parameters(bench).items() if n in df or n in dw}
+    whole = mean_problem.problem(
         observations,
         sensor,
         known,
         lambda q: sensed_motion(bench, motion, df, dw, q),
         priors,
-        timed=True,
+        with_drift_candidate=True,
         families=families(bench),
     )
-    turns = np.array([len(way.time) > 1 for way in ways])
+    turns = np.array([len(way.time) > 1 for way in row_angles])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     at = np.flatnonzero(~(turns[:, None] & forces))
-    return vectors.some_rows(whole, at)
+    return mean_problem.row_subset(whole, at)
 
 
-def _read_back(
+def _add_readback_noise(
     observations: Observations, sensor: Sensor, bench: Turntable, steps: Sequence[TableStep]
 ) -> Observations:
     """Return the observations with the readback's white noise σ in their covariance.
@@ -140,7 +140,7 @@ def _read_back(
     return replace(observations, covariance=observations.covariance + added)
 
 
-def _drifting(observations: Observations, sensor: Sensor) -> Observations:
+def _with_stated_drift(observations: Observations, sensor: Sensor) -> Observations:
     """Return the observations with the drift that the sensor states, in place of another."""
     noises = [axis.noise for axis in sensor.axes]
     if not any(one.bias_instability or one.random_walk for one in noises):
@@ -156,7 +156,7 @@ def _drifting(observations: Observations, sensor: Sensor) -> Observations:
     return replace(observations, drift=covariance_of_means(noises, start, stop, run))
 
 
-def _followed(
+def _rows_from_readback(
     observations: Observations, track: Track, steps: Sequence[TableStep]
 ) -> tuple[Observations, list[AxisAngles]]:
     """Return the rows' ways by readback, and rotations' means by trapezoids over the same span."""
@@ -164,7 +164,7 @@ def _followed(
     for r, step in enumerate(steps):
         half = observations.duration[r] / 2
         at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= half * (1 + 1e-9))
-        if at.size < _FEWEST:
+        if at.size < _MIN_SAMPLES:
             raise InputError(f"{step.label}: the track has {at.size} samples in it")
         if isinstance(step, Rotation):
             # A label may begin with the first sample that moves: the one before is at rest.
@@ -174,7 +174,7 @@ def _followed(
             ways.append(AxisAngles(time[:1], angles.mean(axis=-2, keepdims=True)))
         else:
             ways.append(AxisAngles(time, angles))
-            means[..., r, :] = mean(track.reading[..., at, :], time, -2)
+            means[..., r, :] = time_mean(track.reading[..., at, :], time, -2)
     return replace(observations, mean=means), ways
 
 
@@ -190,10 +190,13 @@ def _require_axes(bench: Turntable, steps: Sequence[TableStep]) -> None:
 METHOD = Method(
     name="turntable_discrete",
     bench=Turntable,
-    finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
+    default_coefficients={
+        "f": ("bias", "scale", "misalignment"),
+        "w": ("bias", "scale", "misalignment"),
+    },
     also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
     needs=(),
-    plan=partial(named, path="discrete"),
+    plan=partial(path_by_name, path="discrete"),
     estimators={"least_squares": least_squares},
     remarks=remarks,
     source="IEEE Std 1293 and 1431, multipoint and rate tests on a turntable",

@@ -17,7 +17,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches import MeanMotion
-from inercal.benches.turntable.attitude import misalignment, reference
+from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.earth import earth_rate_up_north
 from inercal.frames import log_so3
@@ -25,7 +25,7 @@ from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.plan import Position, TableStep
 
-_TURN = 361  # points of one turn that is taken from the plan
+_TURN_POINTS = 361  # points of one turn that is taken from the plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +44,14 @@ class AxisAngles:
     angles: Array
 
 
-def declared(bench: Turntable) -> dict[str, Parameter]:
+def declared_parameters(bench: Turntable) -> dict[str, Parameter]:
     """Return the bench's parameters by name, with its latitude, which is exact."""
     meaning = "latitude of the bench"
     latitude = Parameter("latitude", "rad", 0.0, "run", bench.latitude, meaning)
-    return bench.acting() | {"latitude": latitude}
+    return bench.acting_parameters() | {"latitude": latitude}
 
 
-def planned(bench: Turntable, steps: Sequence[TableStep]) -> list[AxisAngles]:
+def planned_angles(bench: Turntable, steps: Sequence[TableStep]) -> list[AxisAngles]:
     """Return the ways that steps ask for; of a rotation one turn at its steady rate.
 
     Parameters
@@ -68,15 +68,15 @@ def planned(bench: Turntable, steps: Sequence[TableStep]) -> list[AxisAngles]:
         if isinstance(step, Position):
             ways.append(AxisAngles(np.zeros(1), now[None]))
             continue
-        turned = np.zeros((_TURN, len(now)))
-        turned[:, step.axis] = np.linspace(0, copysign(2 * pi, step.angle), _TURN)
-        ways.append(AxisAngles(np.linspace(0, 2 * pi / step.rate, _TURN), now + turned))
+        turned = np.zeros((_TURN_POINTS, len(now)))
+        turned[:, step.axis] = np.linspace(0, copysign(2 * pi, step.angle), _TURN_POINTS)
+        ways.append(AxisAngles(np.linspace(0, 2 * pi / step.rate, _TURN_POINTS), now + turned))
         now = now.copy()
         now[step.axis] += step.angle
     return ways
 
 
-def mean(values: Array, time: Array, axis: int) -> Array:
+def time_mean(values: Array, time: Array, axis: int) -> Array:
     """Return the mean over time by trapezoids along an axis; of one sample itself."""
     if len(time) == 1:
         return np.take(values, 0, axis=axis)
@@ -85,7 +85,7 @@ def mean(values: Array, time: Array, axis: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class RowMeans:
     """Means of one row: f and ω, (..., 3), and how they move with the bench's parameters."""
 
     f: Array
@@ -94,7 +94,7 @@ class Row:
     dw: Mapping[str, Array]
 
 
-def row(bench: Turntable, way: AxisAngles) -> Row:
+def row_means(bench: Turntable, way: AxisAngles) -> RowMeans:
     """Return what is felt in one row with the bench as its readback says.
 
     Raises
@@ -102,20 +102,20 @@ def row(bench: Turntable, way: AxisAngles) -> Row:
     InputError
         Angles of another number of axes.
     """
-    time, mat = way.time, reference(bench, way.angles)
-    seen = misalignment(bench, way.angles)
+    time, mat = way.time, reference_attitude(bench, way.angles)
+    seen = linear_misalignment(bench, way.angles)
     up, north = earth_rate_up_north(bench.latitude)
     force, earth = np.array([0, 0, bench.gravity.value]), np.array([0, north, up])
     back = np.swapaxes(mat, -1, -2)
 
     def moved(v: Array) -> Array:
         """Return mean Cᵀ (v × B), (..., 3, q)."""
-        return mean(back @ np.cross(v[:, None], seen.by, axis=-2), time, -3)
+        return time_mean(back @ np.cross(v[:, None], seen.by, axis=-2), time, -3)
 
-    f, w = mean(back @ force, time, -2), mean(back @ earth, time, -2)
+    f, w = time_mean(back @ force, time, -2), time_mean(back @ earth, time, -2)
     by_f, by_w = moved(force), moved(earth)
     northward = np.array([0, -up, north])  # ∂(earth's rate)/∂(latitude)
-    dw = {"latitude": mean(back @ northward, time, -2)}
+    dw = {"latitude": time_mean(back @ northward, time, -2)}
     if len(time) > 1:
         lasting = time[-1] - time[0]
         steps = log_so3(back[..., :-1, :, :] @ mat[..., 1:, :, :])
@@ -131,10 +131,10 @@ def row(bench: Turntable, way: AxisAngles) -> Row:
         w = w + turned
     names = [q.name for q in seen.parameters]
     df = {name: by_f[..., j] for j, name in enumerate(names)} | {"g": f / bench.gravity.value}
-    return Row(f, w, df, dw | {name: by_w[..., j] for j, name in enumerate(names)})
+    return RowMeans(f, w, df, dw | {name: by_w[..., j] for j, name in enumerate(names)})
 
 
-def rows(
+def stack_row_means(
     bench: Turntable, ways: Sequence[AxisAngles]
 ) -> tuple[Motion, dict[str, Array], dict[str, Array]]:
     """Return all rows: the motion, (..., r, 3), ∂f and ∂ω by the bench's parameters.
@@ -144,7 +144,7 @@ def rows(
     InputError
         Angles of another number of axes.
     """
-    made = [row(bench, way) for way in ways]
+    made = [row_means(bench, way) for way in ways]
     zero = np.zeros_like(made[0].f)
 
     def stacked(each: Sequence[Array]) -> Array:
@@ -170,11 +170,11 @@ def sensed_motion(
     ----------
     bench : Turntable
     motion, df, dw
-        As of `rows`.
+        As of `stack_row_means`.
     q : mapping of str to (...) array
         Values by name, SI; those missing are as declared.
     """
-    known = declared(bench)
+    known = declared_parameters(bench)
     f, w = motion.f, motion.w
     for name in (one for one in {**df, **dw} if one in q):
         # The readback is taken as it came: a known delay is off it as much as an unknown one.

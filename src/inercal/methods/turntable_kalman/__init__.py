@@ -20,20 +20,25 @@ delay and the table's errors as states are ours.
 from functools import partial
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.paths import named as named_path
+from inercal.benches.turntable.paths import path_by_name as named_path
 from inercal.methods._base import Method
-from inercal.methods.turntable.found import remarks
-from inercal.methods.turntable_kalman.follow import WAYS, followed
+from inercal.methods.turntable.fit_remarks import remarks
+from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, estimate_by_filters
 from inercal.methods.turntable_kalman.sequential import sequential
 
 METHOD = Method(
     name="turntable_kalman",
     bench=Turntable,
-    finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
+    default_coefficients={
+        "f": ("bias", "scale", "misalignment"),
+        "w": ("bias", "scale", "misalignment"),
+    },
     also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
     needs=("f", "w"),
     plan=named_path,
-    estimators={name: partial(followed, way=way) for name, way in WAYS.items()},
+    estimators={
+        name: partial(estimate_by_filters, config=config) for name, config in FILTER_CONFIGS.items()
+    },
     remarks=remarks,
     source="Liu, Cui, Zhang and Xu, North University of China (MIMU on a turntable)",
     sequential=sequential,

@@ -19,62 +19,62 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.kalman import Steps, keep_rows, update
-from inercal.methods.turntable.drifting import drifted, drifting
+from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
+from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
-    add_up,
-    copy,
-    correct,
-    driven_by,
-    fill,
+    accumulate_sensitivity,
+    copy_matrix,
+    correct_reading,
+    fill_force_terms,
+    fill_temperature_terms,
+    inverse_scale_matrix_at_temperature,
     product,
     rotation_error,
     turn_level,
-    warm,
-    warm_matrix,
+    write_transition_columns,
 )
 from inercal.methods.turntable.terms import FORCE
-from inercal.methods.turntable_kalman._common import (
-    Model,
-    Samples,
+from inercal.methods.turntable_kalman._filter_steps import (
+    FilterSamples,
+    KernelModel,
+    KernelWorkspace,
     Transition,
-    Work,
-    carry,
-    corrected,
-    take,
-    walked,
-    work,
-    write,
+    copy_slice,
+    new_workspace,
+    predict_covariance,
+    update_workspace,
+    white_noise_covariance,
+    write_estimate,
 )
 
 Indices = NDArray[np.int64]
 
 
-class Readback(NamedTuple):
+class VelocityReadback(NamedTuple):
     """At e samples, ascending; the first of each hold is among them."""
 
     epochs: Indices  # (e,)
     attitude: Array  # (e, 3, 3)
-    beside: Array  # (e, 2, q), how φ as it is observed moves with the table's parameters
-    held: Array  # (e, 2) rad², variance of a hold's angles about east and north
+    table_sensitivity: Array  # (e, 2, q), how φ as it is observed moves with the table's parameters
+    hold_variance: Array  # (e, 2) rad², variance of a hold's angles about east and north
     noise: Array  # (e, 2) rad², of the readback's noise
 
 
-class Settings(NamedTuple):
+class VelocitySettings(NamedTuple):
     """Variances beside the model's."""
 
-    still: float  # of velocity at rest, (m/s)²
-    fresh: float  # of φ where a hold begins, rad²
+    velocity_variance: float  # of velocity at rest, (m/s)²
+    hold_attitude_variance: float  # of φ where a hold begins, rad²
 
 
-class State(NamedTuple):
+class VelocityState(NamedTuple):
     """How far the filter has come. What of x is fed back is kept zero."""
 
     c: Array  # (3, 3)
     theta: Array  # (p,)
     x: Array  # (n,)
     p: Array  # (n, n)
-    made: Array  # (size of φ, 3, 3), Σ C M φ Δt since the epoch before
+    sensitivity_integral: Array  # (size of φ, 3, 3), Σ C M φ Δt since the epoch before
     time: Array  # (3,) s, of the sample and of the epoch before, and of the start
     force: Array  # (3,), of the sample before
     velocity: Array  # (3,) m/s
@@ -83,25 +83,25 @@ class State(NamedTuple):
     epochs: int = 0
 
 
-class Run(NamedTuple):
+class VelocityRun(NamedTuple):
     """What every step of the filter is given."""
 
-    samples: Samples
-    readback: Readback
-    model: Model
-    settings: Settings
-    state: State
-    done: Work
+    samples: FilterSamples
+    readback: VelocityReadback
+    model: KernelModel
+    settings: VelocitySettings
+    state: VelocityState
+    workspace: KernelWorkspace
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def accelerometers(
-    samples: Samples,
-    readback: Readback,
-    model: Model,
-    settings: Settings,
-    state: State,
-    steps: Steps,
+def run_accelerometer_filter(
+    samples: FilterSamples,
+    readback: VelocityReadback,
+    model: KernelModel,
+    settings: VelocitySettings,
+    state: VelocityState,
+    steps: FilterSteps,
     history: Array,
 ) -> float:
     """Run the accelerometers' filter over a piece of a recording; return the sum of NIS so far.
@@ -109,73 +109,73 @@ def accelerometers(
     Parameters
     ----------
     samples, readback, model, settings
-    state : State
+    state : VelocityState
         Its arrays are changed in place.
-    steps : Steps
+    steps : FilterSteps
         Written at each epoch.
     history : (e, 6 + 2 n) array
-        As of `gyros`, with five observations.
+        As of `run_gyro_filter`, with five observations.
     """
     x, p, theta = state.x, state.p, state.theta
     count, n = theta.size, x.size
     gm = 6 + count
     table, components, drift = gm + model.size, model.drift.times.size, np.zeros(3)
-    drifting(x, gm, components, drift)
-    run = Run(samples, readback, model, settings, state, work(model, theta, drift))
-    _felt(run)
+    sum_drift_components(x, gm, components, drift)
+    run = VelocityRun(samples, readback, model, settings, state, new_workspace(model, theta, drift))
+    _write_rest_force(run)
     drawn, driven, z, joint = np.zeros(n), np.zeros((6, 6)), np.zeros(5), np.zeros((components, 3))
-    # A literal 0 would have `_carry` compiled a second time, for itself.
+    # A literal 0 would have `_propagate_velocity` compiled a second time, for itself.
     total, first = state.nis, int(np.int64(0))
     for e in range(readback.epochs.size):
         row = e % len(steps.s)
         h, gain = steps.h[row], steps.gain[row]
         to = Transition(steps.a[row], steps.keep[row], driven, drawn, joint)
         here = samples.hold[readback.epochs[e]]
-        first = _carry(first, readback.epochs[e] + 1, run)
+        first = _propagate_velocity(first, readback.epochs[e] + 1, run)
         if here != state.hold[0]:
             state.hold[0] = here
-            _begin(e, run, to)
-            carry(model, gm, to, p)
+            _begin_hold(e, run, to)
+            predict_covariance(model, gm, to, p)
             history[e, :6] = 0.0
             steps.s[row] = 0.0
         else:
             _transition(run, to)
-            carry(model, gm, to, p)
+            predict_covariance(model, gm, to, p)
             _observe(e, run, z, h)
             nis = 0.0
             for k in range(5):
                 history[e, k] = z[k]
                 for j in range(table, n):
                     history[e, k] -= h[k, j] * x[j]
-                variance = settings.still if k < 3 else readback.noise[e, k - 3]
+                variance = settings.velocity_variance if k < 3 else readback.noise[e, k - 3]
                 off, s = update(x, p, h[k], z[k], variance, gain[k])
                 steps.off[row, k], steps.s[row, k] = off, s
                 nis += off * off / s
             history[e, 5] = nis
             total += nis
             _feed_back(run)
-        drifting(x, gm, components, drift)
-        corrected(run.done, model, theta, drift)
-        _felt(run)
+        sum_drift_components(x, gm, components, drift)
+        update_workspace(run.workspace, model, theta, drift)
+        _write_rest_force(run)
         elapsed, made = state.time[1] - state.time[2], history[e, 6:]
-        write(model, elapsed, 6, theta, x, p, made[:n], made[n:])
-        keep_rows(p, steps, row)
-    _carry(first, samples.time.size, run)
+        write_estimate(model, elapsed, 6, theta, x, p, made[:n], made[n:])
+        store_covariance_rows(p, steps, row)
+    _propagate_velocity(first, samples.time.size, run)
     return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _felt(run: Run) -> None:
+def _write_rest_force(run: VelocityRun) -> None:
     """Write φ of the force that is felt at rest, and C M: both stay until the next epoch."""
-    state, done = run.state, run.done
+    state, done = run.state, run.workspace
     for k in range(3):
         done.u[k] = run.model.gravity * state.c[2, k]
-    fill(done.phi, done.u)
+    fill_force_terms(done.phi, done.u)
     product(state.c, done.m, done.cm)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _carry(first: int, end: int, run: Run) -> int:
+def _propagate_velocity(first: int, end: int, run: VelocityRun) -> int:
     """Carry the velocity over a hold's samples, and sum up what drives it.
 
     Return the sample to follow.
@@ -185,9 +185,9 @@ def _carry(first: int, end: int, run: Run) -> int:
     time, forces, hold, warmth = samples
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
     used, m, by, phi, cm, mean, u = (
-        done.used, done.m, done.by, done.phi, done.cm, done.mean, done.u,
+        done.used_terms, done.m, done.reading_terms, done.phi, done.cm, done.mean, done.u,
     )  # fmt: skip
-    c, made, force, velocity = state.c, state.made, state.force, state.velocity
+    c, made, force, velocity = state.c, state.sensitivity_integral, state.force, state.velocity
     gravity, number, now = model.gravity, state.hold[0], state.time[0]
     for i in range(first, end):
         dt = time[i] - now
@@ -196,16 +196,18 @@ def _carry(first: int, end: int, run: Run) -> int:
             for k in range(3):
                 mean[k] = 0.5 * (forces[i, k] + force[k])
             if warmed:
-                warm(phi, warmth[i])
-                warm_matrix(terms.nominal, terms.axis, terms.weights, theta, FORCE, warmth[i], m)
+                fill_temperature_terms(phi, warmth[i])
+                inverse_scale_matrix_at_temperature(
+                    terms.nominal, terms.axis, terms.weights, theta, FORCE, warmth[i], m
+                )
                 product(c, m, cm)
-            correct(mean, m, by, phi, used, FORCE, u)
+            correct_reading(mean, m, by, phi, used, FORCE, u)
             for k in range(3):
                 gain = -gravity if k == 2 else 0.0
                 for j in range(3):
                     gain += c[k, j] * u[j]
                 velocity[k] += gain * dt
-            add_up(cm, phi, dt, used, made)
+            accumulate_sensitivity(cm, phi, dt, used, made)
         for k in range(3):
             force[k] = forces[i, k]
     state.time[0] = now
@@ -213,7 +215,7 @@ def _carry(first: int, end: int, run: Run) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _begin(e: int, run: Run, to: Transition) -> None:
+def _begin_hold(e: int, run: VelocityRun, to: Transition) -> None:
     """Begin a hold: attitude from the table, velocity zero; Φ and Q keep all but what is its own.
 
     The drift goes on.
@@ -221,28 +223,31 @@ def _begin(e: int, run: Run, to: Transition) -> None:
     _samples, readback, model, settings, state, _done = run
     a, keep, driven, drawn, joint = to
     gm = 6 + state.theta.size
-    own = gm + model.size + readback.beside.shape[2]  # where a hold's own error begins
+    own = gm + model.size + readback.table_sensitivity.shape[2]  # where a hold's own error begins
     a[:] = 0.0
     driven[:] = 0.0
     keep[:] = 1.0
     drawn[:] = 0.0
     for k in range(3):
-        driven[k, k], driven[3 + k, 3 + k] = settings.still, settings.fresh
+        driven[k, k], driven[3 + k, 3 + k] = (
+            settings.velocity_variance,
+            settings.hold_attitude_variance,
+        )
     for s in range(own, keep.size):
-        keep[s], drawn[s] = 0.0, readback.held[e, s - own]
+        keep[s], drawn[s] = 0.0, readback.hold_variance[e, s - own]
         state.x[s] = 0.0
     since = state.time[0] - state.time[1]
-    drifted(model.drift, since, gm, state.x, keep, drawn, joint)
+    propagate_drift(model.drift, since, gm, state.x, keep, drawn, joint)
     state.time[1] = state.time[0]
     state.velocity[:] = 0.0
-    state.made[:] = 0.0
-    copy(readback.attitude[e], state.c)
+    state.sensitivity_integral[:] = 0.0
+    copy_matrix(readback.attitude[e], state.c)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _transition(run: Run, to: Transition) -> None:
+def _transition(run: VelocityRun, to: Transition) -> None:
     """Write Φ and Q since the epoch before; begin a new epoch."""
-    model, state, done = run.model, run.state, run.done
+    model, state, done = run.model, run.state, run.workspace
     a, keep, driven, drawn, joint = to
     terms, gravity = model.terms, model.gravity
     since = state.time[0] - state.time[1]
@@ -251,23 +256,32 @@ def _transition(run: Run, to: Transition) -> None:
     a[:] = 0.0
     keep[:] = 1.0
     drawn[:] = 0.0
-    driven_by(state.made, terms.axis, terms.weights, done.used, 1.0, 6, len(joint), a)
-    walked(done.cm, model.white, since, driven)
+    write_transition_columns(
+        state.sensitivity_integral,
+        terms.axis,
+        terms.weights,
+        done.used_terms,
+        1.0,
+        6,
+        len(joint),
+        a,
+    )
+    white_noise_covariance(done.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0
-    drifted(model.drift, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
+    propagate_drift(model.drift, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
     # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is that of a table that stands.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _observe(e: int, run: Run, z: Array, h: Array) -> None:
+def _observe(e: int, run: VelocityRun, z: Array, h: Array) -> None:
     """Write velocity, and what the readback says beyond the attitude, z = h x + noise."""
     _samples, readback, model, _settings, state, done = run
-    beside, off = readback.beside, done.fed
+    beside, off = readback.table_sensitivity, done.scratch
     gm, q, n = 6 + state.theta.size, beside.shape[2], state.x.size
     own = gm + model.size + q
-    take(state.velocity, 0, z[:3])
+    copy_slice(state.velocity, 0, z[:3])
     rotation_error(readback.attitude[e], state.c, off)
     h[:] = 0.0
     for k in range(3):
@@ -282,13 +296,13 @@ def _observe(e: int, run: Run, z: Array, h: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _feed_back(run: Run) -> None:
+def _feed_back(run: VelocityRun) -> None:
     """Correct velocity and attitude, and take in the coefficients."""
-    state, turn = run.state, run.done.turn
+    state, turn = run.state, run.workspace.turn
     x, theta, velocity = state.x, state.theta, state.velocity
     for k in range(3):
         velocity[k] -= x[k]
-    take(x, 3, turn)
+    copy_slice(x, 3, turn)
     x[:6] = 0.0
     turn_level(state.c, turn)
     for s in range(theta.size):

@@ -12,44 +12,44 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.kalman import Steps, keep_rows, update
-from inercal.methods.turntable.drifting import drifted, drifting
+from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
+from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
-    JUMPED,
-    SUDDEN,
-    add_up,
-    alike,
-    copy,
-    correct,
-    driven_by,
-    fill,
+    PARABOLA_ERROR,
+    PARABOLA_THRESHOLD,
+    accumulate_sensitivity,
+    are_similar_steps,
+    copy_matrix,
+    correct_reading,
+    fill_force_terms,
+    fill_temperature_terms,
+    inverse_scale_matrix_at_temperature,
     product,
     rotate,
-    warm,
-    warm_matrix,
+    write_transition_columns,
 )
-from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, WARM
-from inercal.methods.turntable_kalman._common import (
-    Model,
-    Samples,
+from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, TEMPERATURE
+from inercal.methods.turntable_kalman._filter_steps import (
+    FilterSamples,
+    KernelModel,
     Transition,
-    carry,
-    corrected,
-    take,
-    walked,
-    work,
-    write,
+    copy_slice,
+    new_workspace,
+    predict_covariance,
+    update_workspace,
+    white_noise_covariance,
+    write_estimate,
 )
 from inercal.methods.turntable_kalman._readback import (
-    STILL,
-    Readback,
-    Run,
-    Seen,
-    Settings,
-    State,
-    again,
+    REST_RATE_VARIANCES,
+    AttitudeReadback,
+    AttitudeRun,
+    AttitudeSettings,
+    AttitudeState,
+    ReadbackTerms,
     align,
     feed_back,
+    iterate_observation,
     observe,
 )
 
@@ -57,13 +57,13 @@ Indices = NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gyros(
-    samples: Samples,
-    readback: Readback,
-    model: Model,
-    settings: Settings,
-    state: State,
-    steps: Steps,
+def run_gyro_filter(
+    samples: FilterSamples,
+    readback: AttitudeReadback,
+    model: KernelModel,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    steps: FilterSteps,
     history: Array,
 ) -> float:
     """Run the gyros' filter over a piece of a recording; return the sum of NIS so far.
@@ -71,9 +71,9 @@ def gyros(
     Parameters
     ----------
     samples, readback, model, settings
-    state : State
+    state : AttitudeState
         Its arrays are changed in place.
-    steps : Steps
+    steps : FilterSteps
         Written at each epoch.
     history : (e, 4 + 2 n) array
         Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients
@@ -84,33 +84,33 @@ def gyros(
     gm = 3 + count
     fed, components = np.zeros(3), model.drift.times.size
     z, spread = np.zeros(3), np.zeros(3)
-    if settings.closed:
-        drifting(x, gm, components, fed)  # what readings are corrected by
-    run = Run(samples, readback, model, settings, state, work(model, theta, fed))
+    if settings.feedback:
+        sum_drift_components(x, gm, components, fed)  # what readings are corrected by
+    run = AttitudeRun(samples, readback, model, settings, state, new_workspace(model, theta, fed))
     joint = np.zeros((components, 3))
     drawn, driven = np.zeros(n), np.zeros((3, 3))
-    # A literal 0 would have `_carry` compiled a second time, for itself.
+    # A literal 0 would have `_propagate_attitude` compiled a second time, for itself.
     total, first = state.nis, int(np.int64(0))
     for e in range(readback.epochs.size):
         row = e % len(steps.s)
-        seen, gain = Seen(z, spread, steps.h[row]), steps.gain[row]
+        seen, gain = ReadbackTerms(z, spread, steps.h[row]), steps.gain[row]
         to = Transition(steps.a[row], steps.keep[row], driven, drawn, joint)
-        first = _carry(first, readback.epochs[e] + 1, run)
+        first = _propagate_attitude(first, readback.epochs[e] + 1, run)
         _transition(run, to)
-        lost = state.lost[0]
+        lost = state.alignment_due[0]
         if lost:
             align(e, run, to)
-        if settings.closed:
-            _turned_by_earth(settings, x, to.a)
+        if settings.feedback:
+            _propagate_azimuth_error(settings, x, to.a)
         else:
-            _follow(x, to.a)
-        carry(model, gm, to, p)
+            _propagate_error(x, to.a)
+        predict_covariance(model, gm, to, p)
         if lost:
             history[e, :4] = 0.0
             steps.s[row] = 0.0
         else:
             observe(e, run, fed, x, p, seen)
-            again(e, run, fed, seen, gain)
+            iterate_observation(e, run, fed, seen, gain)
             nis = 0.0
             for k in range(3):
                 history[e, k] = z[k]
@@ -123,36 +123,47 @@ def gyros(
                 nis += off * off / s
             history[e, 3] = nis
             total += nis
-            if settings.closed:
+            if settings.feedback:
                 feed_back(run, fed)
-        if settings.closed:
-            drifting(x, gm, components, fed)
-        corrected(run.done, model, theta, fed)
+        if settings.feedback:
+            sum_drift_components(x, gm, components, fed)
+        update_workspace(run.workspace, model, theta, fed)
         elapsed, made = state.time[1] - state.time[2], history[e, 4:]
-        write(model, elapsed, 3, theta, x, p, made[:n], made[n:])
-        keep_rows(p, steps, row)
-    _carry(first, samples.time.size, run)
+        write_estimate(model, elapsed, 3, theta, x, p, made[:n], made[n:])
+        store_covariance_rows(p, steps, row)
+    _propagate_attitude(first, samples.time.size, run)
     return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _carry(first: int, end: int, run: Run) -> int:
+def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
     """Carry the attitude over samples, and sum up what drives φ; return the sample to follow."""
     # Each field of a tuple that is asked for counts references: once here, not at each sample.
     samples, _readback, model, settings, state, done = run
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
     used, m, by, phi, cm, half, mean, u, turn, fed = done
-    c, made, before, times, past = state.c, state.made, state.rates, state.times, state.past
+    c, made, before, times, past = (
+        state.c,
+        state.sensitivity_integral,
+        state.rates,
+        state.times,
+        state.attitudes,
+    )
     earth, white, gravity, gap = model.earth, model.white, model.gravity, settings.gap
-    newest, now, kinks, lost = state.newest[0], state.time[0], state.bent[0], state.lost[0]
-    sums, step, ended = state.sums, state.time[3], state.time[4]
+    newest, now, kinks, lost = (
+        state.newest_row[0],
+        state.time[0],
+        state.acceleration_variance[0],
+        state.alignment_due[0],
+    )
+    sums, step, ended = state.sensitivity_integrals, state.time[3], state.time[4]
     squares, warmed = used[-1] >= SQUARE, warmth.size > 0
     for i in range(first, end):
         dt = time[i] - now
         if dt > gap:
             lost, ended = True, time[i]
-        bends = alike(dt, step)
+        bends = are_similar_steps(dt, step)
         for k in range(3):
             phi[FORCE + k] = gravity * c[2, k]
             bend = 0.0
@@ -162,14 +173,16 @@ def _carry(first: int, end: int, run: Run) -> int:
             mean[k] = 0.5 * (rates[i, k] + before[0, k]) - bend * dt * dt / 12
             bent = (bend - before[2, k]) * dt * dt
             before[2, k] = bend
-            if bent * bent * dt > JUMPED * white[k]:
-                kinks += (SUDDEN * bent * dt) ** 2
+            if bent * bent * dt > PARABOLA_THRESHOLD * white[k]:
+                kinks += (PARABOLA_ERROR * bent * dt) ** 2
         if squares:
-            fill(phi, phi[FORCE : FORCE + 3])
+            fill_force_terms(phi, phi[FORCE : FORCE + 3])
         if warmed:
-            warm(phi, warmth[i])
-            warm_matrix(terms.nominal, terms.axis, terms.weights, theta, RATE, warmth[i], m)
-        correct(mean, m, by, phi, used, RATE, u)
+            fill_temperature_terms(phi, warmth[i])
+            inverse_scale_matrix_at_temperature(
+                terms.nominal, terms.axis, terms.weights, theta, RATE, warmth[i], m
+            )
+        correct_reading(mean, m, by, phi, used, RATE, u)
         # The way within the step, against the level frame; half of it first.
         for k in range(3):
             around_earth = 0.0
@@ -183,15 +196,15 @@ def _carry(first: int, end: int, run: Run) -> int:
             # would do as well but for their noise: the angle's random walk is made of it, and scale
             # factors would be found from the two.
             beyond = u[k] - around_earth
-            still = hold[i] >= 0 or beyond * beyond * dt < STILL * white[k]
+            still = hold[i] >= 0 or beyond * beyond * dt < REST_RATE_VARIANCES * white[k]
             phi[RATE + k] = around_earth if still else u[k]
             if warmed:
-                phi[WARM + RATE + k] = warmth[i] * phi[RATE + k]
-        copy(c, half)
+                phi[TEMPERATURE + RATE + k] = warmth[i] * phi[RATE + k]
+        copy_matrix(c, half)
         rotate(half, fed)
         rotate(c, turn)
         product(half, m, cm)
-        add_up(cm, phi, dt, used, made)
+        accumulate_sensitivity(cm, phi, dt, used, made)
         now, step, newest = time[i], dt, (newest + 1) % times.size
         times[newest] = now
         for k in range(3):
@@ -200,46 +213,54 @@ def _carry(first: int, end: int, run: Run) -> int:
                 past[newest, k, j] = c[k, j]
                 for b in used:
                     sums[newest, b, k, j] = made[b, k, j]
-    state.newest[0], state.time[0], state.bent[0], state.lost[0] = newest, now, kinks, lost
+    state.newest_row[0], state.time[0], state.acceleration_variance[0], state.alignment_due[0] = (
+        newest,
+        now,
+        kinks,
+        lost,
+    )
     state.time[3], state.time[4] = step, ended
     return end
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _transition(run: Run, to: Transition) -> None:
+def _transition(run: AttitudeRun, to: Transition) -> None:
     """Write Φ and Q since the epoch before; begin a new epoch."""
     _samples, _readback, model, settings, state, done = run
     earth, terms, bent, made, sums = (
-        model.earth, model.terms, state.bent[0], state.made, state.sums,
+        model.earth, model.terms, state.acceleration_variance[0],
+        state.sensitivity_integral, state.sensitivity_integrals,
     )  # fmt: skip
     a, keep, driven, drawn, joint = to
     since = state.time[0] - state.time[1]
     state.time[1] = state.time[0]
     for row in range(len(sums)):
-        for b in done.used:
+        for b in done.used_terms:
             for k in range(3):
                 for j in range(3):
                     sums[row, b, k, j] -= made[b, k, j]
     a[:] = 0.0
-    driven_by(made, terms.axis, terms.weights, done.used, -1.0, 3, len(joint), a)
-    walked(done.cm, model.white, since, driven)
+    write_transition_columns(
+        made, terms.axis, terms.weights, done.used_terms, -1.0, 3, len(joint), a
+    )
+    white_noise_covariance(done.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = 1.0
         driven[k, k] += bent
-    state.bent[0] = 0.0
-    drifted(model.drift, since, 3 + terms.axis.size, state.x, keep, drawn, joint)
+    state.acceleration_variance[0] = 0.0
+    propagate_drift(model.drift, since, 3 + terms.axis.size, state.x, keep, drawn, joint)
     # −[ω_ie×] within an epoch.
     a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
     a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
-    if settings.late[2] >= 0:
+    if settings.timing_states[2] >= 0:
         # The level frame is the table's: turned clockwise it sees the earth's rate go west.
-        a[0, settings.late[2]] = earth[1] * since
+        a[0, settings.timing_states[2]] = earth[1] * since
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _turned_by_earth(settings: Settings, x: Array, a: Array) -> None:
+def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array) -> None:
     """Carry φ by the azimuth as estimated so far: the attitude goes by that as stated."""
-    azimuth = settings.late[2]
+    azimuth = settings.timing_states[2]
     if azimuth < 0:
         return
     moved = np.zeros(3)
@@ -247,15 +268,15 @@ def _turned_by_earth(settings: Settings, x: Array, a: Array) -> None:
         moved[k] = a[k, azimuth] * (x[azimuth] - settings.azimuth)
         for j in range(3):
             moved[k] += a[k, j] * x[j]
-    take(moved, 0, x[:3])
+    copy_slice(moved, 0, x[:3])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(x: Array, a: Array) -> None:
+def _propagate_error(x: Array, a: Array) -> None:
     """Carry φ that is not fed back."""
     moved = np.zeros(3)
     for k in range(3):
         moved[k] = x[k]
         for s in range(x.size):
             moved[k] += (a[k, s] - (1.0 if s == k else 0.0)) * x[s]
-    take(moved, 0, x[:3])
+    copy_slice(moved, 0, x[:3])

@@ -17,94 +17,104 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import update
-from inercal.methods.turntable.drifting import drifting
+from inercal.methods.turntable.drift_propagation import sum_drift_components
 from inercal.methods.turntable.strapdown import (
-    around,
-    copy,
-    delayed,
+    bracketing_rows,
+    copy_matrix,
+    interpolate_attitude,
     product,
     rotation_error,
     turn_level,
 )
-from inercal.methods.turntable_kalman._common import Model, Samples, Transition, Work, take
+from inercal.methods.turntable_kalman._filter_steps import (
+    FilterSamples,
+    KernelModel,
+    KernelWorkspace,
+    Transition,
+    copy_slice,
+)
 
 Indices = NDArray[np.int64]
-STRAIGHT = 1e-4  # s: within that a way does not bend by more than 0.04″, even at 1000 °/s²
-ITERATIONS, SAME = 10, 1e-6  # of a delay, s
-STILL = 20.0  # variances of a sample, within which a rate is noise
+MAX_LINEAR_DELAY = 1e-4  # s: within that a way does not bend by more than 0.04″, even at 1000 °/s²
+MAX_ITERATIONS, DELAY_TOLERANCE = 10, 1e-6  # of a delay, s
+REST_RATE_VARIANCES = 20.0  # variances of a sample, within which a rate is noise
 
 
-class Readback(NamedTuple):
+class AttitudeReadback(NamedTuple):
     """At e samples, ascending."""
 
     epochs: Indices  # (e,)
-    behind: Array  # (e,) s, how much older than the sample it is by its stamp
+    age: Array  # (e,) s, how much older than the sample it is by its stamp
     attitude: Array  # (e, 3, 3)
-    beside: Array  # (e, 3, q), how φ as it is observed moves with the table's parameters
+    table_sensitivity: Array  # (e, 3, q), how φ as it is observed moves with the table's parameters
 
 
-class Settings(NamedTuple):
+class AttitudeSettings(NamedTuple):
     """How the two are compared."""
 
     variance: float  # of the attitude by readback, rad²
-    aligned: float  # of φ at an alignment, rad²
+    alignment_variance: float  # of φ at an alignment, rad²
     gap: float  # s, a step of time beyond which the attitude is taken from readback anew
-    late: Indices  # (3,), where latency, clock and azimuth stand among the states; -1 is not there
+    timing_states: (
+        Indices  # (3,), where latency, clock and azimuth stand among the states; -1 is not there
+    )
     delay: float  # s, latency where it is no state
-    closed: bool  # whether what is found is fed back
+    feedback: bool  # whether what is found is fed back
     azimuth: float  # rad, that the model's earth rate is of
 
 
-class State(NamedTuple):
+class AttitudeState(NamedTuple):
     """How far the filter has come. What of x is fed back is kept zero."""
 
     c: Array  # (3, 3)
     theta: Array  # (p,)
     x: Array  # (n,)
     p: Array  # (n, n)
-    made: Array  # (size of φ, 3, 3), Σ C M φ Δt since the epoch before
+    sensitivity_integral: Array  # (size of φ, 3, 3), Σ C M φ Δt since the epoch before
     # (5,) s: of the sample and of the epoch before, where the clock began, the step that led to the
     # sample before, and where the last gap ended
     time: Array
     rates: Array  # (3, 3), of the last two samples, the newer first, and how they bent, rad/s³
-    bent: Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
-    lost: NDArray[np.bool_]  # (1,), whether an alignment is due
+    acceleration_variance: (
+        Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
+    )
+    alignment_due: NDArray[np.bool_]  # (1,), whether an alignment is due
     # (k,), (k, 3, 3) and (k, size of φ, 3, 3), a ring: attitude of the last samples, and −G from
     # the epoch before
     times: Array
-    past: Array
-    sums: Array
-    newest: Indices  # (1,), their row of the sample before
+    attitudes: Array
+    sensitivity_integrals: Array
+    newest_row: Indices  # (1,), their row of the sample before
     # Of the last samples time and readback, which comes later than they; or of those that wait for
     # theirs time, rates and hold.
-    tail: Array
+    pending_samples: Array
     nis: float = 0.0
     epochs: int = 0
 
 
-class Run(NamedTuple):
+class AttitudeRun(NamedTuple):
     """What every step of the filter is given."""
 
-    samples: Samples
-    readback: Readback
-    model: Model
-    settings: Settings
-    state: State
-    done: Work
+    samples: FilterSamples
+    readback: AttitudeReadback
+    model: KernelModel
+    settings: AttitudeSettings
+    state: AttitudeState
+    workspace: KernelWorkspace
 
 
-class Seen(NamedTuple):
+class ReadbackTerms(NamedTuple):
     """What a readback says beyond the attitude, z = h x + noise."""
 
     z: Array  # (3,) rad
-    spread: Array  # (3,) rad², variance beside that of the readback
+    extra_variance: Array  # (3,) rad², variance beside that of the readback
     h: Array  # (3, n)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _stamp(e: int, run: Run, x: Array, p: Array) -> tuple[float, float]:
+def _readback_time(e: int, run: AttitudeRun, x: Array, p: Array) -> tuple[float, float]:
     """Return when a readback was taken, by the sensor's clock, s, and the variance of that."""
-    state, late = run.state, run.settings.late
+    state, late = run.state, run.settings.timing_states
     lasting = state.time[0] - state.time[2]
     delay, variance = run.settings.delay, 0.0
     if late[0] >= 0:
@@ -115,24 +125,24 @@ def _stamp(e: int, run: Run, x: Array, p: Array) -> tuple[float, float]:
         variance += p[late[1], late[1]] * lasting * lasting
     if late[0] >= 0 and late[1] >= 0:
         variance += 2 * p[late[0], late[1]] * lasting
-    when: float = state.time[0] - run.readback.behind[e] - delay
+    when: float = state.time[0] - run.readback.age[e] - delay
     return when, float(variance)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def align(e: int, run: Run, to: Transition) -> None:
+def align(e: int, run: AttitudeRun, to: Transition) -> None:
     """Take the attitude from the first readback of after a gap.
 
     φ is lost, in Φ and Q too, all else is kept.
     """
-    state, done = run.state, run.done
-    when, variance = _stamp(e, run, state.x, state.p)
+    state, done = run.state, run.workspace
+    when, variance = _readback_time(e, run, state.x, state.p)
     if when < state.time[4]:
         return
-    state.lost[0] = False
-    then, rate, turn = done.half, done.fed, done.turn
-    delayed(state.times, state.past, state.newest[0], when, then, rate, turn)
-    spread = run.settings.aligned
+    state.alignment_due[0] = False
+    then, rate, turn = done.half, done.scratch, done.turn
+    interpolate_attitude(state.times, state.attitudes, state.newest_row[0], when, then, rate, turn)
+    spread = run.settings.alignment_variance
     for k in range(3):
         spread += rate[k] * rate[k] * variance
     # All that was carried since is turned alike.
@@ -142,10 +152,10 @@ def align(e: int, run: Run, to: Transition) -> None:
             for k in range(3):
                 onto[i, j] += run.readback.attitude[e, i, k] * then[j, k]
     product(onto, state.c, then)
-    copy(then, state.c)
-    for row in range(len(state.past)):
-        product(onto, state.past[row], then)
-        copy(then, state.past[row])
+    copy_matrix(then, state.c)
+    for row in range(len(state.attitudes)):
+        product(onto, state.attitudes[row], then)
+        copy_matrix(then, state.attitudes[row])
     to.a[:] = 0.0
     to.driven[:] = 0.0
     for k in range(3):
@@ -153,32 +163,37 @@ def align(e: int, run: Run, to: Transition) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def observe(e: int, run: Run, fed: Array, x: Array, p: Array, seen: Seen) -> None:
+def observe(e: int, run: AttitudeRun, fed: Array, x: Array, p: Array, seen: ReadbackTerms) -> None:
     """Write what the readback says beyond the attitude when it was taken, about x of covariance p.
 
     Its variance is larger where the way bends. `fed` is the drift that is fed back.
     """
-    readback, model, state, done = run.readback, run.model, run.state, run.done
-    (z, spread, h), late, beside = seen, run.settings.late, readback.beside
-    times, past, sums, newest = state.times, state.past, state.sums, state.newest[0]
+    readback, model, state, done = run.readback, run.model, run.state, run.workspace
+    (z, spread, h), late, beside = seen, run.settings.timing_states, readback.table_sensitivity
+    times, past, sums, newest = (
+        state.times,
+        state.attitudes,
+        state.sensitivity_integrals,
+        state.newest_row[0],
+    )
     axis, weights, used, then, rate, turn = (
-        model.terms.axis, model.terms.weights, done.used, done.half, done.fed, done.turn,
+        model.terms.axis, model.terms.weights, done.used_terms, done.half, done.scratch, done.turn,
     )  # fmt: skip
     gm, lasting = 3 + axis.size, state.time[0] - state.time[2]
     own, components = gm + model.size, model.drift.times.size  # where the table's begin
-    when, variance = _stamp(e, run, x, p)
-    delayed(times, past, newest, when, then, rate, turn)
+    when, variance = _readback_time(e, run, x, p)
+    interpolate_attitude(times, past, newest, when, then, rate, turn)
     for k in range(3):
         spread[k] = turn[k] * turn[k]
     # The noise of rates at rest is no motion: it would tell the delay from what never moved.
     noise = max(model.white[0], model.white[1], model.white[2])
     for k in range(3):
-        if rate[k] * rate[k] * state.time[3] < STILL * noise:
+        if rate[k] * rate[k] * state.time[3] < REST_RATE_VARIANCES * noise:
             rate[k] = 0.0
-    if variance > STRAIGHT * STRAIGHT:
-        _curved(run, p, when, variance, spread)
+    if variance > MAX_LINEAR_DELAY * MAX_LINEAR_DELAY:
+        _add_delay_curvature(run, p, when, variance, spread)
     rotation_error(readback.attitude[e], then, z)
-    before, after, share = around(times, newest, when)
+    before, after, share = bracketing_rows(times, newest, when)
     h[:] = 0.0
     for k in range(3):
         h[k, k] = 1.0
@@ -204,40 +219,44 @@ def observe(e: int, run: Run, fed: Array, x: Array, p: Array, seen: Seen) -> Non
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def again(e: int, run: Run, fed: Array, seen: Seen, gain: Array) -> None:
+def iterate_observation(
+    e: int, run: AttitudeRun, fed: Array, seen: ReadbackTerms, gain: Array
+) -> None:
     """Take z = h x about the delay that it leads to, where little was known of that (iterated).
 
     Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton on what is most probable.
     """
     state, (z, spread, h) = run.state, seen
-    when, variance = _stamp(e, run, state.x, state.p)
-    if variance <= STRAIGHT * STRAIGHT:
+    when, variance = _readback_time(e, run, state.x, state.p)
+    if variance <= MAX_LINEAR_DELAY * MAX_LINEAR_DELAY:
         return
-    for _ in range(ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         x, p, before = state.x.copy(), state.p.copy(), when
         for k in range(3):
             update(x, p, h[k], z[k], run.settings.variance + spread[k], gain[k])
         observe(e, run, fed, x, p, seen)
-        when, _v = _stamp(e, run, x, p)
-        if abs(when - before) < SAME:
+        when, _v = _readback_time(e, run, x, p)
+        if abs(when - before) < DELAY_TOLERANCE:
             return
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _curved(run: Run, p: Array, when: float, variance: float, spread: Array) -> None:
+def _add_delay_curvature(
+    run: AttitudeRun, p: Array, when: float, variance: float, spread: Array
+) -> None:
     """Add the mean squares of what is of second order in a delay that is hardly known.
 
     Of α δτ²/2 that is 3/4 (α σ²)², of δω δτ, with the error of the rate by the coefficients, no
     more than 3 σ² var(ω).
     """
-    model, state, done = run.model, run.state, run.done
-    then, sd, newest = done.half, np.sqrt(variance), state.newest[0]
+    model, state, done = run.model, run.state, run.workspace
+    then, sd, newest = done.half, np.sqrt(variance), state.newest_row[0]
     other, one, two, unused = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
-    delayed(state.times, state.past, newest, when + sd, other, unused, two)
+    interpolate_attitude(state.times, state.attitudes, newest, when + sd, other, unused, two)
     rotation_error(other, then, one)
-    delayed(state.times, state.past, newest, when - sd, other, unused, two)
+    interpolate_attitude(state.times, state.attitudes, newest, when - sd, other, unused, two)
     rotation_error(other, then, two)
-    before, after, _ = around(state.times, newest, when)
+    before, after, _ = bracketing_rows(state.times, newest, when)
     step = state.times[after] - state.times[before]
     axis, weights = model.terms.axis, model.terms.weights
     row = np.zeros(axis.size)
@@ -246,9 +265,12 @@ def _curved(run: Run, p: Array, when: float, variance: float, spread: Array) -> 
         if step <= 0:
             continue
         row[:] = 0.0
-        for b in done.used:
+        for b in done.used_terms:
             for t in range(axis.size):
-                moved = state.sums[after, b, k, axis[t]] - state.sums[before, b, k, axis[t]]
+                moved = (
+                    state.sensitivity_integrals[after, b, k, axis[t]]
+                    - state.sensitivity_integrals[before, b, k, axis[t]]
+                )
                 row[t] += weights[t, b] * moved / step
         for s in range(axis.size):
             for t in range(axis.size):
@@ -256,16 +278,22 @@ def _curved(run: Run, p: Array, when: float, variance: float, spread: Array) -> 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def feed_back(run: Run, fed: Array) -> None:
+def feed_back(run: AttitudeRun, fed: Array) -> None:
     """Turn the attitude, now and as it was, by φ, and take in the coefficients.
 
     `fed` is the drift that was fed back before.
     """
-    model, state, done = run.model, run.state, run.done
-    x, theta, past, sums, turn = state.x, state.theta, state.past, state.sums, done.turn
-    axis, weights, used = model.terms.axis, model.terms.weights, done.used
+    model, state, done = run.model, run.state, run.workspace
+    x, theta, past, sums, turn = (
+        state.x,
+        state.theta,
+        state.attitudes,
+        state.sensitivity_integrals,
+        done.turn,
+    )
+    axis, weights, used = model.terms.axis, model.terms.weights, done.used_terms
     by = np.zeros((sums.shape[1], 3))  # what each of φ adds to readings anew
-    drifting(x, 3 + axis.size, model.drift.times.size, turn)
+    sum_drift_components(x, 3 + axis.size, model.drift.times.size, turn)
     for j in range(3):
         by[0, j] = turn[j] - fed[j]
     for b in used:
@@ -278,7 +306,7 @@ def feed_back(run: Run, fed: Array) -> None:
                 for j in range(3):
                     turn[k] -= sums[row, b, k, j] * by[b, j]
         turn_level(past[row], turn)
-    take(x, 0, turn)
+    copy_slice(x, 0, turn)
     x[:3] = 0.0
     turn_level(state.c, turn)
     for s in range(theta.size):

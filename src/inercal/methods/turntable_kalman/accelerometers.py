@@ -16,77 +16,81 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import Misalignment, misalignment, reference
+from inercal.benches.turntable.attitude import Misalignment, linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import Course, Gaussian
-from inercal.estimate.kalman import Steps
+from inercal.estimate import FilterHistory, Gaussian
+from inercal.estimate.kalman import FilterSteps
 from inercal.methods.turntable import model, strapdown
-from inercal.methods.turntable.model import beside
+from inercal.methods.turntable.model import table_sensitivity
 from inercal.methods.turntable_kalman import _accelerometers
-from inercal.methods.turntable_kalman._accelerometers import Readback, Settings, State
-from inercal.methods.turntable_kalman.filter import TILT, Filter, copied
+from inercal.methods.turntable_kalman._accelerometers import (
+    VelocityReadback,
+    VelocitySettings,
+    VelocityState,
+)
+from inercal.methods.turntable_kalman.filter import TILT, Filter, copy_state
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
-STILL = 1e-5  # m/s, how far velocity at rest is known to be zero: 1 µm in 0.1 s
-_ALIGNED = 5e-4  # rad, sd of φ where a hold begins
-_COMMON = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
+REST_VELOCITY_SD = 1e-5  # m/s, how far velocity at rest is known to be zero: 1 µm in 0.1 s
+_ALIGNMENT_SD = 5e-4  # rad, sd of φ where a hold begins
+_BASE_PARAMETERS = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
 
 
 @dataclass(frozen=True, eq=False)
-class Accelerometers(Filter[State]):
+class AccelerometerFilter(Filter[VelocityState]):
     """The filter of one sensor on one table.
 
     Parameters
     ----------
-    part, bench, prior, first, table
+    triad, bench, prior, initial_values, table
         As of `Filter`.
-    holds : bool
+    hold_errors : bool
         Whether the error of each hold's angles is a state.
-    readback : float or None
+    readback_sd : float or None
         Standard deviation of the attitude by readback within a hold, rad; None is the bench's noise
         about each axis of the table.
-    still : float
+    velocity_sd : float
         Standard deviation of the velocity at rest, m/s.
     """
 
-    holds: bool
-    readback: float | None
-    still: float
+    hold_errors: bool
+    readback_sd: float | None
+    velocity_sd: float
 
     name: ClassVar[str] = "accelerometers"
     unit: ClassVar[str] = "m/s"
-    before: ClassVar[tuple[str, ...]] = ("v_e", "v_n", "v_u", *TILT)
+    leading_states: ClassVar[tuple[str, ...]] = ("v_e", "v_n", "v_u", *TILT)
     rows: ClassVar[int] = 5
 
     @classmethod
-    def of(
+    def from_track(
         cls,
         sensor: Sensor,
         bench: Turntable,
         track: Track,
         priors: Sequence[Gaussian] = (),
         *,
-        drifting: bool = True,
+        bias_drift: bool = True,
         table: Literal["whole", "lean", "exact"] = "whole",
-        readback: float | None = None,
-        still: float = STILL,
-        lasting: float | None = None,
-    ) -> "Accelerometers":
+        readback_sd: float | None = None,
+        velocity_sd: float = REST_VELOCITY_SD,
+        run_duration: float | None = None,
+    ) -> "AccelerometerFilter":
         """Return the filter, with first values from the rest that a track begins with.
 
         Parameters
         ----------
         sensor, bench, track, priors
-            As of `Gyros.of`.
-        drifting : bool
+            As of `GyroFilter.from_track`.
+        bias_drift : bool
             Whether biases drift.
         table : "whole", "lean" or "exact"
             Which of the table's errors are states: all; the base's lean and an error of each hold;
             none.
-        readback, still : float
+        readback_sd, velocity_sd : float
             rad, m/s; None is the bench's noise.
-        lasting : float, optional
+        run_duration : float, optional
             As planned, s; None is the track's.
 
         Raises
@@ -94,49 +98,52 @@ class Accelerometers(Filter[State]):
         InputError
             A sensor that a filter does not take, or no rest to begin with.
         """
-        part = model.triad(sensor, "f", model.lasting(track, lasting), drifting=drifting)
-        first, prior = model.begin(part, priors, model.coarse(bench, track, part))
-        seen = misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
+        part = model.triad_model(
+            sensor, "f", model.run_duration(track, run_duration), bias_drift=bias_drift
+        )
+        first, prior = model.initial_estimate(part, priors, model.coarse_bias(bench, track, part))
+        seen = linear_misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
         kept = tuple(
             q
             for q in seen
-            if q.sd > 0 and (q.name in _COMMON or (table == "whole" and q.name != "azimuth"))
+            if q.sd > 0
+            and (q.name in _BASE_PARAMETERS or (table == "whole" and q.name != "azimuth"))
         )
         kept = () if table == "exact" else kept
-        return cls(part, bench, prior, first, kept, table == "lean", readback, still)
+        return cls(part, bench, prior, first, kept, table == "lean", readback_sd, velocity_sd)
 
     @property
-    def varying(self) -> tuple[str, ...]:
+    def time_varying_states(self) -> tuple[str, ...]:
         """Names of the states that vary with time and that a hold says something of."""
-        return (*TILT[:2], *self.drifting, *self.own)
+        return (*TILT[:2], *self.bias_drift, *self.hold_states)
 
     @property
-    def own(self) -> tuple[str, ...]:
+    def hold_states(self) -> tuple[str, ...]:
         """Names of the error of each hold's angles."""
-        return ("hold_x", "hold_y") if self.holds else ()
+        return ("hold_x", "hold_y") if self.hold_errors else ()
 
     @property
-    def observed(self) -> int:
+    def tested_components(self) -> int:
         """How many components of an epoch are tested."""
         # At rest a readback that is stated as exact is: what it leaves of the floor tests nothing.
-        return 3 if self.readback is None and self.bench.white == 0 else self.rows
+        return 3 if self.readback_sd is None and self.bench.white == 0 else self.rows
 
     @property
-    def shared(self) -> Array:
+    def shared_covariance(self) -> Array:
         """Part of the coefficients' covariance that no innovation shows, (p, p): gravity's."""
         g = self.bench.gravity
-        along = model.of_gravity(self.part) * g.sd / g.value
+        along = model.gravity_sensitivity(self.triad) * g.sd / g.value
         return np.outer(along, along)
 
-    def start(self, track: Track) -> State:
+    def start(self, track: Track) -> VelocityState:
         """Return the state before the first sample of a track."""
         covariance = self.covariance(0.0)
-        return State(
+        return VelocityState(
             c=np.eye(3),
-            theta=self.first.copy(),
+            theta=self.initial_values.copy(),
             x=np.zeros(len(covariance)),
             p=covariance,
-            made=np.zeros((self.part.terms.size, 3, 3)),
+            sensitivity_integral=np.zeros((self.triad.terms.size, 3, 3)),
             time=np.full(3, track.time[0]),
             force=np.zeros(3),
             velocity=np.zeros(3),
@@ -144,58 +151,58 @@ class Accelerometers(Filter[State]):
         )
 
     def with_steps(
-        self, state: State, track: Track, smooth: Sequence[str] = ()
-    ) -> tuple[State, Course, Steps]:
+        self, state: VelocityState, track: Track, smooth: Sequence[str] = ()
+    ) -> tuple[VelocityState, FilterHistory, FilterSteps]:
         """Return as `Filter.with_steps`."""
-        after = copied(state)
-        epochs = strapdown.due_in_holds(
-            track.time, track.hold, model.PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
+        after = copy_state(state)
+        epochs = strapdown.epoch_indices_in_holds(
+            track.time, track.hold, model.EPOCH_PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
         )
-        steps, history = self.room(epochs.size, smooth)
-        nis = _accelerometers.accelerometers(
+        steps, history = self.allocate_steps(epochs.size, smooth)
+        nis = _accelerometers.run_accelerometer_filter(
             self.samples(track),
             self._readback(epochs, track.angles[epochs]),
-            self.known(),
-            Settings(self.still**2, _ALIGNED**2),
+            self.kernel_model(),
+            VelocitySettings(self.velocity_sd**2, _ALIGNMENT_SD**2),
             after,
             steps,
             history,
         )
-        return self.after(after, nis, track.time[epochs], steps, history, smooth)
+        return self.step_result(after, nis, track.time[epochs], steps, history, smooth)
 
-    def _readback(self, epochs: NDArray[np.int64], angles: Array) -> Readback:
+    def _readback(self, epochs: NDArray[np.int64], angles: Array) -> VelocityReadback:
         """Return what the kernel is told of the readback (e, k) at epochs."""
         e, q = len(angles), len(self.table)
         if not e:  # as long as the table moves
             shapes = (e, 3, 3), (e, 2, q), (e, 2), (e, 2)
-            return Readback(epochs, *(np.zeros(shape) for shape in shapes))
-        seen = misalignment(self.bench, angles)
-        return Readback(
+            return VelocityReadback(epochs, *(np.zeros(shape) for shape in shapes))
+        seen = linear_misalignment(self.bench, angles)
+        return VelocityReadback(
             epochs,
-            reference(self.bench, angles),
+            reference_attitude(self.bench, angles),
             # Of one layout whatever e is: a kernel is compiled for each.
-            np.ascontiguousarray(beside(seen, self.table)[:, :2]),
-            self._held(angles),
-            self._noise(seen, angles),
+            np.ascontiguousarray(table_sensitivity(seen, self.table)[:, :2]),
+            self._hold_variance(angles),
+            self._readback_variance(seen, angles),
         )
 
-    def _held(self, angles: Array) -> Array:
+    def _hold_variance(self, angles: Array) -> Array:
         """Return the variance about east and north of what a hold's angles are off by, (e, 2)."""
-        if not self.holds:
+        if not self.hold_errors:
             return np.zeros((len(angles), 2))  # no state of its own
-        seen = misalignment(self.bench, angles)
+        seen = linear_misalignment(self.bench, angles)
         variance = np.array(
-            [0.0 if q.name in (*_COMMON, "azimuth") else q.sd**2 for q in seen.parameters]
+            [0.0 if q.name in (*_BASE_PARAMETERS, "azimuth") else q.sd**2 for q in seen.parameters]
         )
         return (seen.by[..., :2, :] ** 2) @ variance
 
-    def _noise(self, seen: Misalignment, angles: Array) -> Array:
+    def _readback_variance(self, seen: Misalignment, angles: Array) -> Array:
         """Return the variance about east and north of the readback's noise, (e, 2)."""
-        if self.readback is not None:
-            return np.full((len(angles), 2), self.readback**2)
+        if self.readback_sd is not None:
+            return np.full((len(angles), 2), self.readback_sd**2)
         # Sine and cosine of a harmonic turn about an axis as noise does; their squares add up to 1.
         if not self.bench.harmonics:
-            seen = misalignment(replace(self.bench, harmonics=(1.0,)), angles)
+            seen = linear_misalignment(replace(self.bench, harmonics=(1.0,)), angles)
         waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin1", "cos1"))]
         share = np.sum(seen.by[..., :2, waves] ** 2, axis=-1)
-        return np.maximum(self.bench.white**2 * share, model.FLOOR**2)
+        return np.maximum(self.bench.white**2 * share, model.READBACK_NOISE_FLOOR**2)

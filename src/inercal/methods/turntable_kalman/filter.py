@@ -16,28 +16,30 @@ from scipy.linalg import block_diag
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import Course, Smoothed
-from inercal.estimate.kalman import Steps, smoothed, steps
+from inercal.estimate import FilterHistory, SmoothedStates
+from inercal.estimate.kalman import FilterSteps, allocate_steps, smoother_corrections
 from inercal.methods import temperature
-from inercal.methods.turntable.model import Triad, earth
+from inercal.methods.turntable.model import TriadModel, earth_rate_level_frame
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_kalman import _accelerometers, _readback
-from inercal.methods.turntable_kalman._common import Model, Samples
+from inercal.methods.turntable_kalman._filter_steps import FilterSamples, KernelModel
 from inercal.parameters import Parameter
 from inercal.recording import Track
 
-_NUMBERS = ("nis", "epochs")  # of a state; all else is an array
-S = TypeVar("S", _accelerometers.State, _readback.State)
+_SCALAR_FIELDS = ("nis", "epochs")  # of a state; all else is an array
+S = TypeVar("S", _accelerometers.VelocityState, _readback.AttitudeState)
 TILT = ("phi_e", "phi_n", "phi_u")
 """φ: how far the attitude that a filter went by is off, about east, north and up."""
 
 
-class Found(NamedTuple):
+class FilterEstimate(NamedTuple):
     """What a filter has found so far: its states' values from the coefficients on."""
 
     value: Array  # (s,)
     covariance: Array  # (s, s)
-    shared: Array  # (p, p), part of the coefficients' that no innovation shows: gravity's
+    shared_covariance: (
+        Array  # (p, p), part of the coefficients' that no innovation shows: gravity's
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,29 +48,29 @@ class Filter(ABC, Generic[S]):
 
     Parameters
     ----------
-    part : Triad
+    triad : TriadModel
     bench : Turntable
     prior : (p, p) array
         Covariance of the coefficients before the data.
-    first : (p,) array
+    initial_values : (p,) array
         Coefficients before the data.
     table : tuple of q Parameter
         Of the states after the drift.
     """
 
-    part: Triad
+    triad: TriadModel
     bench: Turntable
     prior: Array
-    first: Array
+    initial_values: Array
     table: tuple[Parameter, ...]
 
     name: ClassVar[str]
     unit: ClassVar[str]  # of the first three innovations
-    before: ClassVar[tuple[str, ...]]  # states before the coefficients
+    leading_states: ClassVar[tuple[str, ...]]  # states before the coefficients
     rows: ClassVar[int]  # observations of an epoch
 
     @property
-    def own(self) -> tuple[str, ...]:
+    def hold_states(self) -> tuple[str, ...]:
         """Names of the states of each hold."""
         return ()
 
@@ -76,44 +78,44 @@ class Filter(ABC, Generic[S]):
     def states(self) -> tuple[str, ...]:
         """Names of the states."""
         table = (q.name for q in self.table)
-        coefficients = self.part.sensor.coefficients
-        return (*self.before, *coefficients, *self._drift, *table, *self.own)
+        coefficients = self.triad.sensor.coefficients
+        return (*self.leading_states, *coefficients, *self._drift, *table, *self.hold_states)
 
     @property
     def _drift(self) -> tuple[str, ...]:
         """Names of the states of the biases' drift."""
-        return self.part.drift.names([axis.name for axis in self.part.sensor.axes])
+        return self.triad.drift.names([axis.name for axis in self.triad.sensor.axes])
 
     @property
-    def drifting(self) -> tuple[str, ...]:
+    def bias_drift(self) -> tuple[str, ...]:
         """Names of the biases' drift as it is drawn, one an axis; none without drift."""
-        axes = self.part.sensor.axes if self.part.drift.varies else ()
+        axes = self.triad.sensor.axes if self.triad.drift.varies else ()
         return tuple(f"drift[{axis.name}]" for axis in axes)
 
     @property
     @abstractmethod
-    def varying(self) -> tuple[str, ...]:
+    def time_varying_states(self) -> tuple[str, ...]:
         """Names of the states that vary with time and that the data say something of."""
 
     @property
-    def observed(self) -> int:
+    def tested_components(self) -> int:
         """How many components of an epoch are tested."""
         return self.rows
 
     @property
-    def shared(self) -> Array:
+    def shared_covariance(self) -> Array:
         """Part of the coefficients' covariance that no innovation shows, (p, p)."""
-        return np.zeros((len(self.first), len(self.first)))
+        return np.zeros((len(self.initial_values), len(self.initial_values)))
 
     @abstractmethod
     def start(self, track: Track) -> S:
         """Return the state before the first sample of a track."""
 
-    def begin(self, track: Track) -> "Running[S]":
+    def begin(self, track: Track) -> "RunningFilter[S]":
         """Return the filter before the first sample of a track."""
-        return Running(self, self.start(track))
+        return RunningFilter(self, self.start(track))
 
-    def step(self, state: S, track: Track, smooth: Sequence[str] = ()) -> tuple[S, Course]:
+    def step(self, state: S, track: Track, smooth: Sequence[str] = ()) -> tuple[S, FilterHistory]:
         """Return the state after the samples of a track, and the course through them.
 
         Parameters
@@ -122,30 +124,30 @@ class Filter(ABC, Generic[S]):
         track : Track
             The samples that follow.
         smooth : sequence of str
-            States whose course is smoothed by all of the track, as `varying`.
+            States whose course is smoothed by all of the track, as `time_varying_states`.
         """
         return self.with_steps(state, track, smooth)[:2]
 
     @abstractmethod
     def with_steps(
         self, state: S, track: Track, smooth: Sequence[str] = ()
-    ) -> tuple[S, Course, Steps]:
+    ) -> tuple[S, FilterHistory, FilterSteps]:
         """Return the same, and what the filter did at each epoch where a state is smoothed."""
 
-    def found(self, state: S) -> Found:
+    def estimate(self, state: S) -> FilterEstimate:
         """Return what the filter has found, with biases as means over the run so far."""
-        at, p = len(self.before), len(self.first)
+        at, p = len(self.leading_states), len(self.initial_values)
         value, covariance = state.x[at:].copy(), state.p[at:, at:].copy()
         value[:p] += state.theta
-        if self.part.drift.averaged:
+        if self.triad.drift.mean_over_run:
             sample, epoch, start = state.time[:3].tolist()
-            by, variance = self.averaging(sample - start, sample - epoch)
+            by, variance = self.mean_bias_transform(sample - start, sample - epoch)
             by = by[at:, at:] + np.eye(len(value))
             value, covariance = by @ value, by @ covariance @ by.T + np.diag(variance[at:])
-        covariance[:p, :p] += self.shared
-        return Found(value, covariance, self.shared)
+        covariance[:p, :p] += self.shared_covariance
+        return FilterEstimate(value, covariance, self.shared_covariance)
 
-    def averaging(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
+    def mean_bias_transform(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
         """Return how biases as means over the run depend on the states, and what varies them more.
 
         Parameters
@@ -160,9 +162,9 @@ class Filter(ABC, Generic[S]):
         variance : (n,) array
             Of what the drift did since the states were predicted.
         """
-        part, n, at = self.part, len(self.states), len(self.before)
+        part, n, at = self.triad, len(self.states), len(self.leading_states)
         by, variance = np.zeros((n, n)), np.zeros(n)
-        first = at + len(self.first)
+        first = at + len(self.initial_values)
         rows, beyond = part.drift.mean(elapsed, since)
         for m in np.flatnonzero(part.terms.bias):
             i, weight = part.terms.axis[m], part.terms.weights[m, BIAS]
@@ -177,28 +179,33 @@ class Filter(ABC, Generic[S]):
         """
         return np.asarray(
             block_diag(
-                before * np.eye(len(self.before)),
+                before * np.eye(len(self.leading_states)),
                 self.prior,
-                self.part.drift.covariance(),
+                self.triad.drift.covariance(),
                 np.diag([one.sd**2 for one in self.table]),
-                np.zeros((len(self.own), len(self.own))),
+                np.zeros((len(self.hold_states), len(self.hold_states))),
             )
         )
 
-    def known(self) -> Model:
+    def kernel_model(self) -> KernelModel:
         """Return what a kernel knows of the triad, and of where it is."""
-        part, bench = self.part, self.bench
-        return Model(
-            part.terms, part.white, part.drift, part.drift.size, earth(bench), bench.gravity.value
+        part, bench = self.triad, self.bench
+        return KernelModel(
+            part.terms,
+            part.white,
+            part.drift,
+            part.drift.size,
+            earth_rate_level_frame(bench),
+            bench.gravity.value,
         )
 
-    def samples(self, track: Track) -> Samples:
+    def samples(self, track: Track) -> FilterSamples:
         """Return the samples of a track as a kernel takes them."""
-        reading = np.ascontiguousarray(track.reading[:, self.part.channels])
-        warmth = temperature.along(track, self.part.sensor)
-        return Samples(track.time, reading, track.hold, warmth)
+        reading = np.ascontiguousarray(track.reading[:, self.triad.channels])
+        warmth = temperature.sample_offsets(track, self.triad.sensor)
+        return FilterSamples(track.time, reading, track.hold, warmth)
 
-    def room(self, epochs: int, smooth: Sequence[str]) -> tuple[Steps, Array]:
+    def allocate_steps(self, epochs: int, smooth: Sequence[str]) -> tuple[FilterSteps, Array]:
         """Return room for what a kernel does at each epoch, with a way back, and its history."""
         states = self.states
         wanted = np.zeros((len(smooth), len(states)))
@@ -206,21 +213,29 @@ class Filter(ABC, Generic[S]):
             if name in states:
                 row[states.index(name)] = 1.0
             else:
-                self._bias_of(name, row)
+                self._write_bias_weights(name, row)
         history = np.zeros((epochs, self.rows + 1 + 2 * len(states)))
-        return steps(epochs, len(states), len(self.before), self.rows, wanted), history
+        return allocate_steps(
+            epochs, len(states), len(self.leading_states), self.rows, wanted
+        ), history
 
-    def _bias_of(self, name: str, row: Array) -> None:
+    def _write_bias_weights(self, name: str, row: Array) -> None:
         """Write how a bias, its constant and the components of its drift, depends on the states."""
-        terms, at = self.part.terms, len(self.before)
-        i = [axis.name for axis in self.part.sensor.axes].index(name[len("drift[") : -1])
-        row[at + len(self.first) + i + 3 * np.arange(len(self.part.drift.times))] = 1.0
+        terms, at = self.triad.terms, len(self.leading_states)
+        i = [axis.name for axis in self.triad.sensor.axes].index(name[len("drift[") : -1])
+        row[at + len(self.initial_values) + i + 3 * np.arange(len(self.triad.drift.times))] = 1.0
         for m in np.flatnonzero(terms.bias & (terms.axis == i)):
             row[at + m] = terms.weights[m, BIAS]
 
-    def after(
-        self, state: S, nis: float, time: Array, made: Steps, history: Array, smooth: Sequence[str]
-    ) -> tuple[S, Course, Steps]:
+    def step_result(
+        self,
+        state: S,
+        nis: float,
+        time: Array,
+        made: FilterSteps,
+        history: Array,
+        smooth: Sequence[str],
+    ) -> tuple[S, FilterHistory, FilterSteps]:
         """Return the state after the epochs that a kernel has gone over, their course and steps.
 
         The states before the coefficients are in the way back alone. Of flicker a bias is the mean
@@ -236,70 +251,70 @@ class Filter(ABC, Generic[S]):
         time : (e,) array
             s, of the epochs.
         made, history
-            As of `room`, written.
+            As of `allocate_steps`, written.
         smooth : sequence of str
         """
-        k, n, m = len(self.before), state.x.size, self.rows
+        k, n, m = len(self.leading_states), state.x.size, self.rows
         taken = int((history[:, m] > 0).sum())
         state = state._replace(nis=nis, epochs=state.epochs + taken)
         value, variance = history[:, m + 1 : m + 1 + n], history[:, m + 1 + n :]
         found = None
         if smooth:
-            found = self._back(smooth, time - float(state.time[2]), value, made, state.p)
-        course = Course(
+            found = self._smoothed_course(smooth, time - float(state.time[2]), value, made, state.p)
+        course = FilterHistory(
             self.name, self.states[k:], time, value[:, k:], np.sqrt(variance[:, k:]),
             history[:, :m], history[:, m], found,
         )  # fmt: skip
         return state, course, made
 
-    def _back(
-        self, smooth: Sequence[str], elapsed: Array, value: Array, made: Steps, p: Array
-    ) -> Smoothed:
+    def _smoothed_course(
+        self, smooth: Sequence[str], elapsed: Array, value: Array, made: FilterSteps, p: Array
+    ) -> SmoothedStates:
         """Return the way back from a covariance p, some s after the filter's start."""
-        part, at = self.part, len(self.before)
+        part, at = self.triad, len(self.leading_states)
         value, against = value.copy(), np.zeros(made.wanted.shape)
-        if part.drift.averaged and elapsed.size:
-            first = at + len(self.first)
-            mean = part.drift.so_far(value[:, first : first + part.drift.size], elapsed)
+        if part.drift.mean_over_run and elapsed.size:
+            first = at + len(self.initial_values)
+            mean = part.drift.running_mean(value[:, first : first + part.drift.size], elapsed)
             for m in np.flatnonzero(part.terms.bias):
                 weight = part.terms.weights[m, BIAS]
                 value[:, at + m] -= mean[:, part.terms.axis[m]] / weight
-            whole = np.eye(len(self.states)) + self.averaging(float(elapsed[-1]))[0]
+            whole = np.eye(len(self.states)) + self.mean_bias_transform(float(elapsed[-1]))[0]
             for row, weights, name in zip(against, made.wanted, smooth, strict=True):
                 if name.startswith("drift["):
                     row[at:first] = weights[at:first]
                     row[:] = row @ whole
-        added, spread = smoothed(made, against, p)
+        added, spread = smoother_corrections(made, against, p)
         # What is known exactly is the difference of equal variances: rounding may leave it below 0.
         std = np.sqrt(np.maximum(spread, 0.0))
         last = against @ value[-1] if elapsed.size else 0.0
-        return Smoothed(tuple(smooth), value @ made.wanted.T + added - last, std)
+        return SmoothedStates(tuple(smooth), value @ made.wanted.T + added - last, std)
 
 
 @dataclass
-class Running(Generic[S]):
+class RunningFilter(Generic[S]):
     """A filter, and the state that it has come to."""
 
-    made: Filter[S]
+    filter: Filter[S]
     state: S
 
-    def step(self, track: Track, smooth: Sequence[str] = ()) -> tuple[Course, Steps]:
+    def step(self, track: Track, smooth: Sequence[str] = ()) -> tuple[FilterHistory, FilterSteps]:
         """Take in the samples that follow; return as `Filter.with_steps`."""
-        self.state, course, made = self.made.with_steps(self.state, track, smooth)
+        self.state, course, made = self.filter.with_steps(self.state, track, smooth)
         return course, made
 
     @property
-    def found(self) -> Found:
+    def estimate(self) -> FilterEstimate:
         """What the filter has found so far."""
-        return self.made.found(self.state)
+        return self.filter.estimate(self.state)
 
     @property
     def components(self) -> int:
         """How many components of innovations were tested so far."""
-        return self.made.observed * self.state.epochs
+        return self.filter.tested_components * self.state.epochs
 
 
-def copied(state: S) -> S:
+def copy_state(state: S) -> S:
     """Return a state of its own, which a kernel may change in place."""
-    arrays: dict[str, Array] = {k: v for k, v in state._asdict().items() if k not in _NUMBERS}
+    arrays: dict[str, Array] = {k: v for k, v in state._asdict().items() if k not in _SCALAR_FIELDS}
     return state._replace(**{name: array.copy() for name, array in arrays.items()})

@@ -13,31 +13,33 @@ import numpy as np
 from scipy.special import chdtri
 
 from inercal.arrays import Array
-from inercal.estimate import Course, Group
-from inercal.estimate.spread import Spread
-from inercal.methods.turntable.model import PERIOD, Triad
-from inercal.methods.turntable_kalman.checks import Checked
+from inercal.estimate import FilterHistory, ResidualGroup
+from inercal.estimate.residual_scatter import ScatterModel
+from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel
+from inercal.methods.turntable_kalman.filter_tests import InnovationTestData
 from inercal.recording import Observations, Track
 
-_LEVEL = 0.95
-_LESS = 0.9  # of NIS as stated: noise is seldom known to 5 %, and what is less does no harm
+_CONFIDENCE_LEVEL = 0.95
+_MIN_NIS_RATIO = (
+    0.9  # of NIS as stated: noise is seldom known to 5 %, and what is less does no harm
+)
 
 
-class Filtered(NamedTuple):
+class FilterResult(NamedTuple):
     """What one filter made of one track; coefficients come first."""
 
-    part: Triad
+    triad: TriadModel
     names: tuple[str, ...]
     value: Array
     covariance: Array
-    course: Course
+    course: FilterHistory
     nis: float  # sum over its components
     components: int  # observed
-    least: float  # NIS a component where all is as stated, at least
+    minimum_nis: float  # NIS a component where all is as stated, at least
     unit: str
-    tests: str  # why NIS does not test what was stated; empty where it does
-    shared: Array  # (p, p), part of the covariance that no innovation shows: gravity's
-    checked: Checked | None = None  # where its steps were kept
+    untested_reason: str  # why NIS does not test what was stated; empty where it does
+    shared_covariance: Array  # (p, p), part of the covariance that no innovation shows: gravity's
+    test_data: InnovationTestData | None = None  # where its steps were kept
 
     @property
     def sd(self) -> float:
@@ -47,20 +49,20 @@ class Filtered(NamedTuple):
         return float(np.sqrt(np.mean(z**2) / ratio)) if z.size and ratio else 1.0
 
 
-def least(track: Track) -> float:
+def minimum_nis(track: Track) -> float:
     """Return how small NIS may be: by trapezoids an epoch of n samples has the noise of n − ½."""
     step = float(np.median(np.diff(track.time))) if track.time.size > 1 else 0.0
-    return 1 - 0.5 * min(step / PERIOD, 1.0)
+    return 1 - 0.5 * min(step / EPOCH_PERIOD, 1.0)
 
 
-def excess(one: Filtered) -> float:
+def variance_inflation(one: FilterResult) -> float:
     """Return what the innovations enlarge variances by."""
-    if one.components == 0 or one.nis <= chdtri(one.components, 1 - _LEVEL):
+    if one.components == 0 or one.nis <= chdtri(one.components, 1 - _CONFIDENCE_LEVEL):
         return 1.0
     return one.nis / one.components
 
 
-def group(one: Filtered, observations: Observations) -> Group:
+def residual_group(one: FilterResult, observations: Observations) -> ResidualGroup:
     """Return mean innovations by step of the run."""
     kept = one.course.nis > 0
     time, z = one.course.time[kept], one.course.innovation[kept, :3]
@@ -76,7 +78,7 @@ def group(one: Filtered, observations: Observations) -> Group:
             means.append(z[at].mean(axis=0))
             counts.append(int(at.sum()))
     residual = np.array(means).reshape(-1, 3)
-    return Group(
+    return ResidualGroup(
         name=f"innovations of the {one.course.name}' filter, mean of each step",
         unit=one.unit,
         labels=tuple(labels),
@@ -85,20 +87,20 @@ def group(one: Filtered, observations: Observations) -> Group:
         sd=one.sd / np.sqrt(np.array(counts, dtype=float))[:, None] * np.ones(3),
         chi2=one.nis,
         dof=one.components,
-        spread=Spread(excess=one.sd * float(np.sqrt(excess(one) - 1))),
-        enlarged=excess(one) > 1,
+        spread=ScatterModel(excess=one.sd * float(np.sqrt(variance_inflation(one) - 1))),
+        enlarged=variance_inflation(one) > 1,
     )
 
 
-def innovations_in_words(one: Filtered) -> str:
+def describe_innovations(one: FilterResult) -> str:
     """Say how the innovations agree with what was stated."""
     mean = one.nis / max(one.components, 1)
     said = f"{one.course.name}: the innovations' NIS is {mean:.2f} a component"
-    if excess(one) > 1:
+    if variance_inflation(one) > 1:
         return f"{said} (1 is as stated): beyond what noise and table allow"
-    if one.tests:
-        return f"{said}: {one.tests}, so it tests nothing"
-    if one.nis < _LESS * one.least * chdtri(one.components, _LEVEL):
+    if one.untested_reason:
+        return f"{said}: {one.untested_reason}, so it tests nothing"
+    if one.nis < _MIN_NIS_RATIO * one.minimum_nis * chdtri(one.components, _CONFIDENCE_LEVEL):
         return (
             f"{said} (1 is as stated): less than stated; noise or table are better than that, and "
             "the uncertainties too large"

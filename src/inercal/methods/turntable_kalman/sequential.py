@@ -11,19 +11,25 @@ from math import inf
 import numpy as np
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.epochs import COARSE
-from inercal.benches.turntable.simulation import seconds_on_turntable
+from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
+from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.estimate import Gaussian
 from inercal.methods._base import PartialEstimate
 from inercal.methods.turntable_kalman import _accelerometers, _readback
-from inercal.methods.turntable_kalman.filter import Running
-from inercal.methods.turntable_kalman.follow import split_priors
-from inercal.methods.turntable_kalman.ways import KINDS, WAYS, FilterConfig
+from inercal.methods.turntable_kalman.combined_estimate import split_priors
+from inercal.methods.turntable_kalman.filter import RunningFilter
+from inercal.methods.turntable_kalman.filter_config import (
+    FILTER_CONFIGS,
+    FILTER_KINDS,
+    FilterConfig,
+)
 from inercal.plan import TableStep
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
-_Running = Running[_readback.State] | Running[_accelerometers.State]
+_AnyRunningFilter = (
+    RunningFilter[_readback.AttitudeState] | RunningFilter[_accelerometers.VelocityState]
+)
 
 
 def sequential(
@@ -53,8 +59,10 @@ def sequential(
     InputError
         A prior that joins gyros and accelerometers, or steps that the table cannot follow.
     """
-    lasting = seconds_on_turntable(bench, steps)
-    return FilterPair(sensor, bench, WAYS[estimator], split_priors(sensor, priors), lasting)
+    run_duration = turntable_path_duration(bench, steps)
+    return FilterPair(
+        sensor, bench, FILTER_CONFIGS[estimator], split_priors(sensor, priors), run_duration
+    )
 
 
 class FilterPair:
@@ -64,10 +72,10 @@ class FilterPair:
     ----------
     sensor : Sensor
     bench : Turntable
-    way : FilterConfig
+    config : FilterConfig
     priors : sequence of Gaussian
         Each of gyros or of accelerometers.
-    lasting : float
+    run_duration : float
         Of the run as planned, s.
     """
 
@@ -75,15 +83,15 @@ class FilterPair:
         self,
         sensor: Sensor,
         bench: Turntable,
-        way: FilterConfig,
+        config: FilterConfig,
         priors: Sequence[Gaussian],
-        lasting: float,
+        run_duration: float,
     ):
-        self._sensor, self._bench, self._way = sensor, bench, way
-        self._priors, self._lasting = priors, lasting
-        self._waiting: list[Track] = []
-        self._rests = inf  # when the first rest began
-        self._filters: dict[str, _Running] = {}
+        self._sensor, self._bench, self._config = sensor, bench, config
+        self._priors, self._run_duration = priors, run_duration
+        self._pending_tracks: list[Track] = []
+        self._rest_start = inf  # when the first rest began
+        self._filters: dict[str, _AnyRunningFilter] = {}
 
     def feed(self, track: Track) -> None:
         """Take in the samples that follow.
@@ -97,31 +105,33 @@ class FilterPair:
             for one in self._filters.values():
                 one.step(track)
             return
-        self._waiting.append(track)
-        if self._rests == inf and (track.hold >= 0).any():
-            self._rests = float(track.time[track.hold >= 0][0])
-        if track.time[-1] > self._rests + COARSE:
-            self._begin(_joined(self._waiting))
-            self._waiting = []
+        self._pending_tracks.append(track)
+        if self._rest_start == inf and (track.hold >= 0).any():
+            self._rest_start = float(track.time[track.hold >= 0][0])
+        if track.time[-1] > self._rest_start + COARSE_REST_SECONDS:
+            self._begin(_join_tracks(self._pending_tracks))
+            self._pending_tracks = []
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
         """Return what each filter has found; empty before the first rest has lasted 20 s."""
-        return {kind: _of_coefficients(one) for kind, one in self._filters.items()}
+        return {kind: _partial_estimate(one) for kind, one in self._filters.items()}
 
     def _begin(self, track: Track) -> None:
-        given = self._sensor, self._bench, track, self._priors, self._lasting
+        given = self._sensor, self._bench, track, self._priors, self._run_duration
         kinds = {axis.measures for axis in self._sensor.axes}
         filters = {
-            kind: self._way.filter(kind, *given).begin(track) for kind in KINDS if kind in kinds
+            kind: self._config.filter(kind, *given).begin(track)
+            for kind in FILTER_KINDS
+            if kind in kinds
         }
         for one in filters.values():
             one.step(track)
         self._filters = filters
 
 
-def _of_coefficients(one: _Running) -> PartialEstimate:
+def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
     """Return the coefficients, which are the first of what a filter has found."""
-    names, found = one.made.part.sensor.coefficients, one.found
+    names, found = one.filter.triad.sensor.coefficients, one.estimate
     p = len(names)
     return PartialEstimate(
         names,
@@ -132,7 +142,7 @@ def _of_coefficients(one: _Running) -> PartialEstimate:
     )
 
 
-def _joined(tracks: Sequence[Track]) -> Track:
+def _join_tracks(tracks: Sequence[Track]) -> Track:
     return Track(
         np.concatenate([one.time for one in tracks]),
         np.concatenate([one.reading for one in tracks]),

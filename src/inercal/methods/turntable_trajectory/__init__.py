@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.paths import named
+from inercal.benches.turntable.paths import path_by_name
 from inercal.errors import InputError
-from inercal.estimate import Candidate, Estimate, Gaussian, Problem, Test
+from inercal.estimate import Candidate, Estimate, Gaussian, ModelTest, Problem
 from inercal.estimate import least_squares as solve
-from inercal.estimate.innovations import grouped, means_of_residuals
-from inercal.methods import temperature, vectors
+from inercal.estimate.innovations import group_innovations, residual_mean_test
+from inercal.methods import mean_problem, temperature
 from inercal.methods._base import Method
-from inercal.methods.turntable import left_out, model
-from inercal.methods.turntable.found import remarks
-from inercal.methods.turntable.left_out import Column
+from inercal.methods.turntable import model, score_columns
+from inercal.methods.turntable.fit_remarks import remarks
+from inercal.methods.turntable.score_columns import ConstantColumn
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows, parameters
 from inercal.plan import TableStep
@@ -70,20 +70,20 @@ def trajectory(
     """
     if observations.track is None:
         raise InputError("a trajectory follows a recording; means of positions are not enough")
-    track = temperature.steady(observations.track)
+    track = temperature.with_steady_temperature(observations.track)
     lead = track.reading.shape[:-2]
     spans = np.column_stack([observations.time, observations.duration])
-    return stacked(
+    return stack_estimates(
         [
             # Of several trials the first one's steps are tested.
-            solved(sensor, bench, track.trial(*k), priors, steps=None if any(k) else spans)
+            solve_trial(sensor, bench, track.trial(*k), priors, steps=None if any(k) else spans)
             for k in np.ndindex(*lead)
         ],
         lead,
     )
 
 
-def solved(
+def solve_trial(
     sensor: Sensor,
     bench: Turntable,
     track: Track,
@@ -109,16 +109,16 @@ def solved(
     InputError, NotObserved
         As of `trajectory`.
     """
-    parts = tuple(_parts(sensor, bench, track, epochs))
+    parts = tuple(_row_sets(sensor, bench, track, epochs))
     asked = problem(sensor, bench, parts, priors)
     estimate = solve(asked)
     if steps is not None:
         _, jacobian = asked.linearise(estimate.value)
         estimate = replace(estimate, tests=_tests(estimate, jacobian, parts, steps))
-    estimate = averaged(estimate, sensor, bench, parts)
+    estimate = with_mean_biases(estimate, sensor, bench, parts)
     for part in parts:
-        at = [sensor.coefficients.index(name) for name in part.part.sensor.coefficients]
-        model.require_decided(part.part, estimate.covariance[np.ix_(at, at)], part.what)
+        at = [sensor.coefficients.index(name) for name in part.triad.sensor.coefficients]
+        model.require_decided(part.triad, estimate.covariance[np.ix_(at, at)], part.triad_name)
     return estimate
 
 
@@ -137,13 +137,13 @@ def problem(
     parts : sequence of RotationRows or StaticRows
         What gyros and accelerometers leave.
     priors : sequence of Gaussian
-        On coefficients, beside those of `model.EXPECTED`.
+        On coefficients, beside those of `model.EXPECTED_SIZES`.
     """
     loose = {one.name: one for one in parameters(bench)}
     p, q = len(sensor.coefficients), len(loose)
-    own = [_places(part, sensor) for part in parts]
+    own = [_coefficient_indices(part, sensor) for part in parts]
     expected = [
-        Gaussian.independent(one.part.sensor.coefficients, 0.0, model.expected(one.part))
+        Gaussian.independent(one.triad.sensor.coefficients, 0.0, model.expected_size(one.triad))
         for one in parts
     ]
 
@@ -152,7 +152,7 @@ def problem(
         residuals: list[Array] = []
         jacobians: list[Array] = []
         for part, at in zip(parts, own, strict=True):
-            whole, _, _ = part.whitened(x[at], nuisances)
+            whole, _, _ = part.whiten(x[at], nuisances)
             jacobian = np.zeros((len(whole), p + q))
             jacobian[:, np.concatenate([at, np.arange(p, p + q)])] = whole[:, 1:]
             residuals.append(whole[:, 0])
@@ -161,44 +161,45 @@ def problem(
 
     def candidates(x: Array) -> list[Candidate]:
         nuisances = dict(zip(loose, x[p:].tolist(), strict=True))
-        found: list[tuple[tuple[Column, ...], Array]] = []
-        drifts: list[tuple[tuple[Column, ...], Array]] = []
+        found: list[tuple[tuple[ConstantColumn, ...], Array]] = []
+        drifts: list[tuple[tuple[ConstantColumn, ...], Array]] = []
         by = np.eye(p + q)
         for part, at in zip(parts, own, strict=True):
-            columns, beside = part.left_out(x[at])
-            whole, drift, _ = part.whitened(x[at], nuisances, beside)
+            columns, beside = part.omitted_columns(x[at])
+            whole, drift, _ = part.whiten(x[at], nuisances, beside)
             end = whole.shape[1] - len(columns)
             for k, one in enumerate(columns):
                 if one.name in loose:  # as it was estimated, but for its prior
                     same = end - q + list(loose).index(one.name)
                     whole[:, end + k], drift[:, end + k] = whole[:, same], drift[:, same]
             found.append((columns, whole[:, end:]))
-            mean = _means(part, at, drift, p + q)
+            mean = _mean_drift_by_coefficient(part, at, drift, p + q)
             by[:, at] -= mean[:, 1 : 1 + at.size]
             by[:, p:] -= mean[:, end - q : end]
             drifts.append((columns, mean[:, end:]))
-        columns, rows = left_out.together(found)
+        columns, rows = score_columns.stack_columns(found)
         # One below the other; both parts move what is each one's own.
-        moved = left_out.together(drifts)[1].reshape(len(parts), p + q, -1).sum(axis=0)
-        # The estimate takes its mean drift in after all (`averaged`), as it will these shifts.
+        moved = score_columns.stack_columns(drifts)[1].reshape(len(parts), p + q, -1).sum(axis=0)
+        # The estimate takes its mean drift in after all (`with_mean_biases`), as it will these
+        # shifts.
         before = np.asarray(np.linalg.solve(by, moved), dtype=float)
-        return left_out.candidates(columns, rows, before)
+        return score_columns.candidates(columns, rows, before)
 
-    start = vectors.start(p, loose)
+    start = mean_problem.start_values(p, loose)
     return Problem(
         names=(*sensor.coefficients, *loose),
         start=start,
         linearise=linearise,
         noise=np.ones(len(linearise(start)[0])),
-        scale=vectors.scale(sensor, loose),
-        priors=(*expected, *vectors.with_bench(loose, priors)),
+        scale=mean_problem.parameter_scales(sensor, loose),
+        priors=(*expected, *mean_problem.with_bench_priors(loose, priors)),
         wanted=sensor.coefficients,
         rounding=_ROUNDING,
         candidates=candidates,
     )
 
 
-def averaged(
+def with_mean_biases(
     estimate: Estimate, sensor: Sensor, bench: Turntable, parts: Sequence[RotationRows | StaticRows]
 ) -> Estimate:
     """Return the estimate of one trial with biases as means over the run (`turntable.drift`).
@@ -217,11 +218,11 @@ def averaged(
     p = len(sensor.coefficients)
     nuisances = dict(zip(estimate.names[p:], estimate.value[p:].tolist(), strict=True))
     for part in parts:
-        at, t = _places(part, sensor), part.part.terms
-        _, drift, covariance = part.whitened(estimate.value[at], nuisances)
+        at, t = _coefficient_indices(part, sensor), part.triad.terms
+        _, drift, covariance = part.whiten(estimate.value[at], nuisances)
         biases = np.flatnonzero(t.bias)
         axis, weight = t.axis[biases], t.weights[biases, BIAS]
-        mean = _means(part, at, drift, len(by))
+        mean = _mean_drift_by_coefficient(part, at, drift, len(by))
         value += mean[:, 0]
         by[:, np.concatenate([at, np.arange(p, len(by))])] -= mean[:, 1:]
         beyond[np.ix_(at[biases], at[biases])] = covariance[np.ix_(axis, axis)] / np.outer(
@@ -231,13 +232,17 @@ def averaged(
         estimate,
         value=value,
         covariance=by @ estimate.covariance @ by.T + beyond,
-        scoring=estimate.scoring.then(lambda scored: scored.shifting(lambda shift: by @ shift)),
+        scoring=estimate.scoring.then(
+            lambda score_tests: score_tests.with_shifts(lambda shift: by @ shift)
+        ),
     )
 
 
-def _means(part: RotationRows | StaticRows, at: Indices, drift: Array, count: int) -> Array:
+def _mean_drift_by_coefficient(
+    part: RotationRows | StaticRows, at: Indices, drift: Array, count: int
+) -> Array:
     """Return what the mean drift of each bias, (3, m), adds to it, (count, m)."""
-    t, made = part.part.terms, np.zeros((count, drift.shape[1]))
+    t, made = part.triad.terms, np.zeros((count, drift.shape[1]))
     biases = np.flatnonzero(t.bias)
     axis, weight = t.axis[biases], t.weights[biases, BIAS]
     made[at[biases]] = drift[axis] / weight[:, None]
@@ -246,12 +251,12 @@ def _means(part: RotationRows | StaticRows, at: Indices, drift: Array, count: in
 
 def _tests(
     estimate: Estimate, jacobian: Array, parts: Sequence[RotationRows | StaticRows], steps: Array
-) -> tuple[Test, ...]:
+) -> tuple[ModelTest, ...]:
     """Return the tests of mean residuals in each step, of gyros and of accelerometers."""
-    made: list[Test] = []
+    made: list[ModelTest] = []
     first = 0
     for part in parts:
-        time, p = part.stamps, jacobian.shape[1]
+        time, p = part.row_times, jacobian.shape[1]
         rows = slice(first, first + 3 * time.size)
         first = rows.stop
         group = np.full(time.size, -1)
@@ -259,33 +264,39 @@ def _tests(
             group[np.abs(time - middle) <= seconds / 2] = number
         residual = estimate.whitened[rows].reshape(-1, 3)
         group[~residual.any(axis=1)] = -1  # across a gap
-        z = grouped(residual, group)
+        z = group_innovations(residual, group)
         if not z.size:
             continue
-        slope = grouped(jacobian[rows].reshape(-1, 3 * p), group).reshape(-1, p)
-        name = f"mean residuals of the {part.what} in each step"
-        made.append(means_of_residuals(z.ravel(), slope, estimate.covariance, name))
+        slope = group_innovations(jacobian[rows].reshape(-1, 3 * p), group).reshape(-1, p)
+        name = f"mean residuals of the {part.triad_name} in each step"
+        made.append(residual_mean_test(z.ravel(), slope, estimate.covariance, name))
     return tuple(made)
 
 
-def _parts(
+def _row_sets(
     sensor: Sensor, bench: Turntable, track: Track, epochs: Indices | None
 ) -> list[RotationRows | StaticRows]:
-    kinds, lasting = {axis.measures for axis in sensor.axes}, model.lasting(track, None)
+    kinds, run_duration = {axis.measures for axis in sensor.axes}, model.run_duration(track, None)
     made: list[RotationRows | StaticRows] = []
     if "w" in kinds:
-        made.append(RotationRows.of(model.triad(sensor, "w", lasting), bench, track, epochs))
+        made.append(
+            RotationRows.from_track(
+                model.triad_model(sensor, "w", run_duration), bench, track, epochs
+            )
+        )
     if "f" in kinds:
-        made.append(StaticRows.of(model.triad(sensor, "f", lasting), bench, track))
+        made.append(
+            StaticRows.from_track(model.triad_model(sensor, "f", run_duration), bench, track)
+        )
     return made
 
 
-def _places(part: RotationRows | StaticRows, sensor: Sensor) -> Indices:
-    names = part.part.sensor.coefficients
+def _coefficient_indices(part: RotationRows | StaticRows, sensor: Sensor) -> Indices:
+    names = part.triad.sensor.coefficients
     return np.array([sensor.coefficients.index(name) for name in names], dtype=np.int64)
 
 
-def stacked(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Estimate:
+def stack_estimates(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Estimate:
     """Return the estimates of trials as one, with leading axes of trials."""
     if not lead:
         return estimates[0]
@@ -301,10 +312,13 @@ def stacked(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Estimate:
 METHOD = Method(
     name="turntable_trajectory",
     bench=Turntable,
-    finds={"f": ("bias", "scale", "misalignment"), "w": ("bias", "scale", "misalignment")},
+    default_coefficients={
+        "f": ("bias", "scale", "misalignment"),
+        "w": ("bias", "scale", "misalignment"),
+    },
     also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
     needs=(),
-    plan=named,
+    plan=path_by_name,
     estimators={"trajectory": trajectory},
     remarks=remarks,
     source="Generalised least squares (Aitken 1935), whitened by innovations (Kailath 1968)",

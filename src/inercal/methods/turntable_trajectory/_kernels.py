@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.estimate.kalman import predict
 from inercal.methods.turntable.drift import Drift
-from inercal.methods.turntable.drifting import drifted, predict_drift
+from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.strapdown import (
-    BENT,
-    KINK,
-    copy,
-    fill,
-    matrix,
+    LINEAR_RATE_ERROR,
+    LINEAR_RATE_THRESHOLD,
+    copy_matrix,
+    fill_force_terms,
+    fill_temperature_terms,
+    inverse_scale_matrix,
+    inverse_scale_matrix_at_temperature,
     product,
     rotate,
     rotation_error,
-    warm,
-    warm_matrix,
 )
-from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, WARM
+from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, TEMPERATURE
 
 Indices = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -84,24 +84,26 @@ def increments(
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
     turn, fed = np.zeros(3), np.zeros(3)
-    matrix(nominal, axis, weights, theta, RATE, m)
+    inverse_scale_matrix(nominal, axis, weights, theta, RATE, m)
     columns[:], drifting[:], driven[:] = 0.0, 0.0, 0.0
     for e in range(epochs.size - 1):
-        copy(reference[e], c)
+        copy_matrix(reference[e], c)
         for i in range(epochs[e] + 1, epochs[e + 1] + 1):
             dt = time[i] - time[i - 1]
             for k in range(3):
                 phi[FORCE + k] = gravity * c[2, k]
-            fill(phi, phi[FORCE : FORCE + 3])
+            fill_force_terms(phi, phi[FORCE : FORCE + 3])
             if warmed:
-                warm(phi, warmth[i])
-                warm_matrix(nominal, axis, weights, theta, RATE, warmth[i], m)
+                fill_temperature_terms(phi, warmth[i])
+                inverse_scale_matrix_at_temperature(
+                    nominal, axis, weights, theta, RATE, warmth[i], m
+                )
             for k in range(3):
                 move[k] = 0.5 * (rates[i, k] + rates[i - 1, k])
                 wrong[k] = 0.0
             for s in range(count):
                 for b in range(size_of_phi):
-                    linear = b - WARM if b >= WARM else b
+                    linear = b - TEMPERATURE if b >= TEMPERATURE else b
                     if linear < RATE or linear >= SQUARE:
                         wrong[axis[s]] += theta[s] * weights[s, b] * phi[b]
             for k in range(3):
@@ -110,7 +112,7 @@ def increments(
                     u[k] += m[k, j] * (move[j] - wrong[j])
                 phi[RATE + k] = u[k]
                 if warmed:
-                    phi[WARM + RATE + k] = warmth[i] * u[k]
+                    phi[TEMPERATURE + RATE + k] = warmth[i] * u[k]
             for k in range(3):
                 around = 0.0
                 for j in range(3):
@@ -119,7 +121,7 @@ def increments(
                 coning = rates[i - 1, j1] * rates[i, j2] - rates[i - 1, j2] * rates[i, j1]
                 turn[k] = (u[k] - around) * dt + coning * dt * dt / 12
                 fed[k] = 0.5 * turn[k]
-            copy(c, half)
+            copy_matrix(c, half)
             rotate(half, fed)
             rotate(c, turn)
             product(half, m, cm)
@@ -136,15 +138,15 @@ def increments(
                         driven[e, k, j] += cm[k, b] * noise[b] * cm[j, b] * dt
                 if i > 1:
                     bent = rates[i, k] - 2 * rates[i - 1, k] + rates[i - 2, k]
-                    if bent * bent > BENT * noise[k] / dt:
+                    if bent * bent > LINEAR_RATE_THRESHOLD * noise[k] / dt:
                         for j in range(3):
-                            driven[e, j, j] += (KINK * bent * dt) ** 2
+                            driven[e, j, j] += (LINEAR_RATE_ERROR * bent * dt) ** 2
         rotation_error(reference[e + 1], c, apart_by[e])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _copy(rows: Array, out: Array) -> None:
-    """Write rows to the first of `out`, number by number as `copy` does."""
+def _copy_rows(rows: Array, out: Array) -> None:
+    """Write rows to the first of `out`, number by number as `copy_matrix` does."""
     for k in range(rows.shape[0]):
         for j in range(rows.shape[1]):
             out[k, j] = rows[k, j]
@@ -212,10 +214,10 @@ def whiten(
         a[0, 1], a[0, 2], a[1, 2] = earth[2] * dt, -earth[1] * dt, earth[0] * dt
         a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
         np.dot(a, x, before)
-        _copy(before, x)
-        drifted(drift, dt, 3, x, keep, drawn, joint)
+        _copy_rows(before, x)
+        propagate_drift(drift, dt, 3, x, keep, drawn, joint)
         predict(p, a, keep, driven[e], drawn)
-        predict_drift(drift, 3, joint, p)
+        add_drift_cross_covariance(drift, 3, joint, p)
         if lost[e]:
             # φ is lost; drift goes on.
             total[:], x[:3], rows[e] = 0.0, 0.0, 0.0
@@ -223,7 +225,7 @@ def whiten(
             for k in range(3):
                 p[k, k] = readback
             continue
-        _copy(total, before)
+        _copy_rows(total, before)
         for k in range(3):
             for c in range(m):
                 total[k, c] = rows[e, k, c]
@@ -231,7 +233,7 @@ def whiten(
                     total[k, c] += a[k, j] * before[j, c]
         s = p[:3, :3] + readback * np.eye(3)
         inverse: Array = np.linalg.inv(np.linalg.cholesky(s)).astype(np.float64)
-        copy(inverse, root)
+        copy_matrix(inverse, root)
         off = total - x[:3]
         np.dot(root, off, rows[e])
         np.dot(np.ascontiguousarray(p[:, :3]), root.T @ root, gain)
@@ -245,7 +247,7 @@ def whiten(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def whiten_each(
+def whiten_independent_axes(
     time: Array, rows: Array, white: Array, drift: Drift, start: Array, begun: float
 ) -> tuple[Array, Array]:
     """Whiten means of axes that drift each by itself, in place.
@@ -274,9 +276,9 @@ def whiten_each(
     a, driven = np.zeros((0, n)), np.zeros((0, 0))
     ph, last, off = np.zeros(n), begun, np.zeros(m)
     for e in range(time.size):
-        drifted(drift, time[e] - last, 0, x, keep, drawn, joint)
+        propagate_drift(drift, time[e] - last, 0, x, keep, drawn, joint)
         predict(p, a, keep, driven, drawn)
-        predict_drift(drift, 0, joint, p)
+        add_drift_cross_covariance(drift, 0, joint, p)
         last = time[e]
         for k in range(3):
             ph[:] = 0.0

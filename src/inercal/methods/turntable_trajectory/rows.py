@@ -18,23 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import earth as earth_rate
-from inercal.benches.turntable.attitude import misalignment, reference
+from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_rate
+from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.epochs import GAP
+from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
 from inercal.errors import InputError
 from inercal.frames import log_so3, skew
 from inercal.methods import temperature
-from inercal.methods.turntable import left_out, model, strapdown
-from inercal.methods.turntable.left_out import Column, Epochs
+from inercal.methods.turntable import model, score_columns, strapdown
+from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn
 from inercal.methods.turntable_trajectory import _kernels
 from inercal.motion import Motion
-from inercal.observe import vector
+from inercal.observe import vector_residuals
 from inercal.parameters import Parameter
 from inercal.recording import Track
 
 Indices = NDArray[np.int64]
-_BLOCK = 1.0  # s of rest that make one mean
+_AVERAGING_TIME = 1.0  # s of rest that make one mean
 
 
 def parameters(bench: Turntable) -> tuple[Parameter, ...]:
@@ -42,7 +42,7 @@ def parameters(bench: Turntable) -> tuple[Parameter, ...]:
     return tuple(q for q in bench.parameters if q.sd > 0 and not q.name.startswith("lever_"))
 
 
-def _off(parameter: Parameter, q: Mapping[str, float]) -> float:
+def _departure(parameter: Parameter, q: Mapping[str, float]) -> float:
     return q[parameter.name] - parameter.value
 
 
@@ -52,7 +52,7 @@ class RotationRows:
 
     Parameters
     ----------
-    part : Triad
+    triad : TriadModel
     bench : Turntable
     table : tuple of q Parameter
         Nuisances, in the order of columns.
@@ -63,17 +63,17 @@ class RotationRows:
         How each nuisance turns the attitude there, rad, level frame; those of time are zero.
     """
 
-    part: model.Triad
+    triad: model.TriadModel
     bench: Turntable
     table: tuple[Parameter, ...]
     track: Track
     epochs: Indices
     by: Array
-    what = "gyros"
+    triad_name = "gyros"
 
     @classmethod
-    def of(
-        cls, part: model.Triad, bench: Turntable, track: Track, epochs: Indices | None = None
+    def from_track(
+        cls, part: model.TriadModel, bench: Turntable, track: Track, epochs: Indices | None = None
     ) -> "RotationRows":
         """Return the rows of one trial; epochs are ten a second unless they are given.
 
@@ -84,16 +84,18 @@ class RotationRows:
         """
         if epochs is None:
             first = float(track.time[0])
-            epoch_indices = strapdown.epoch_indices(track.time, model.PERIOD * (1 - 1e-6), first)
+            epoch_indices = strapdown.epoch_indices(
+                track.time, model.EPOCH_PERIOD * (1 - 1e-6), first
+            )
             epochs = np.concatenate([[0], epoch_indices])
         if epochs.size < len("ab"):
             raise InputError(f"a recording of {track.time.size} samples has no way to follow")
         table = parameters(bench)
         # φ as it is observed falls as the true attitude gets ahead of the readback.
-        by = -model.beside(misalignment(bench, track.angles[epochs]), table)
+        by = -model.table_sensitivity(linear_misalignment(bench, track.angles[epochs]), table)
         return cls(part, bench, table, track, epochs, by)
 
-    def whitened(
+    def whiten(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return whitened residual and Jacobian, (3 e, 1 + p + q + c), and the drift they leave.
@@ -108,9 +110,9 @@ class RotationRows:
         q : mapping of str to float
             The bench's parameters by name, SI.
         beside : (e, 3, c) array, optional
-            Further columns, not whitened; see `left_out`.
+            Further columns, not whitened; see `omitted_columns`.
         """
-        track, terms, n = self.track, self.part.terms, self.epochs.size - 1
+        track, terms, n = self.track, self.triad.terms, self.epochs.size - 1
         time = track.time[self.epochs]
         known = {one.name: one.value for one in self.bench.parameters} | dict(q)
         stamp = time + known["latency"] + known["clock"] * (time - track.time[0])
@@ -120,12 +122,13 @@ class RotationRows:
         rotation_error, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
         drifting, driven = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
         _kernels.increments(
-            track.time, np.ascontiguousarray(track.reading[:, self.part.channels]), self.epochs,
+            track.time, np.ascontiguousarray(track.reading[:, self.triad.channels]), self.epochs,
             self._attitude(stamp), terms.nominal, terms.axis, terms.weights, theta, earth,
-            self.bench.gravity.value, self.part.white, temperature.along(track, self.part.sensor),
+            self.bench.gravity.value, self.triad.white,
+            temperature.sample_offsets(track, self.triad.sensor),
             rotation_error, columns, drifting, driven,
         )  # fmt: skip
-        by = self._by(stamp, time - track.time[0])
+        by = self._sensitivity_at(stamp, time - track.time[0])
         since = np.diff(time)
         within = skew(earth) @ by[:-1] * since[:, None, None]
         made[:, :, 1 : 1 + p] = columns
@@ -135,11 +138,11 @@ class RotationRows:
         made[:, :, 0] = rotation_error
         for k, one in enumerate(self.table):
             if one.name not in ("latency", "clock"):  # the reference has those in it
-                made[:, :, 0] -= made[:, :, 1 + p + k] * _off(one, q)
-        drift = self.part.drift
+                made[:, :, 0] -= made[:, :, 1 + p + k] * _departure(one, q)
+        drift = self.triad.drift
         x, covariance = _kernels.whiten(
             since, made, drifting, driven, self.bench.white**2, drift, drift.covariance(), earth,
-            self._lost,
+            self._increments_across_gaps,
         )  # fmt: skip
         mean, variance = drift.mean(*self._elapsed)
         return (
@@ -152,36 +155,38 @@ class RotationRows:
         end = float(self.track.time[-1])
         return end - float(self.track.time[0]), end - float(self.track.time[self.epochs[-1]])
 
-    def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
-        """Return columns of what is left out, (e, 3, c), for `whitened`."""
+    def omitted_columns(self, theta: Array) -> tuple[tuple[ConstantColumn, ...], Array]:
+        """Return columns of what is left out, (e, 3, c), for `whiten`."""
         time, angles = self.track.time[self.epochs], self.track.angles[self.epochs]
-        warmth = temperature.at(self.track, self.part.sensor, time)
-        found, first = left_out.of_gyros(Epochs(self.part, self.bench, theta, time, angles, warmth))
-        seen = np.concatenate([first[None], found.seen])
+        warmth = temperature.offsets_at_times(self.track, self.triad.sensor, time)
+        found, first = score_columns.gyro_columns(
+            ColumnInputs(self.triad, self.bench, theta, time, angles, warmth)
+        )
+        seen = np.concatenate([first[None], found.observed_effects])
         since = np.diff(time)[:, None, None]
         within = skew(earth_rate(self.bench)) @ seen[:-1] * since
         # φ goes on, but for the earth's turn.
-        made = [found.driven, seen[1:] - seen[:-1] + within]
-        return found.all, np.concatenate(made, axis=-1)
+        made = [found.driving_effects, seen[1:] - seen[:-1] + within]
+        return found.columns, np.concatenate(made, axis=-1)
 
     @property
-    def stamps(self) -> Array:
+    def row_times(self) -> Array:
         """Times of the rows, (e,) s."""
         return self.track.time[self.epochs[1:]]
 
     @property
-    def _lost(self) -> NDArray[np.bool_]:
+    def _increments_across_gaps(self) -> NDArray[np.bool_]:
         """Return on which ways samples are missing that rates cannot be carried over, (e,)."""
-        missing = (np.diff(self.track.time) > GAP).astype(np.int64)
+        missing = (np.diff(self.track.time) > MAX_GAP_SECONDS).astype(np.int64)
         return np.add.reduceat(missing[: self.epochs[-1]], self.epochs[:-1]) > 0
 
     def _attitude(self, stamp: Array) -> Array:
         """Return the attitude that the readback says by its stamps, (e + 1, 3, 3)."""
         time = self.track.time
         angles: list[Array] = [np.interp(stamp, time, axis) for axis in self.track.angles.T]
-        return reference(self.bench, np.stack(angles, axis=-1))
+        return reference_attitude(self.bench, np.stack(angles, axis=-1))
 
-    def _by(self, stamp: Array, since: Array) -> Array:
+    def _sensitivity_at(self, stamp: Array, since: Array) -> Array:
         """Return how all nuisances turn the attitude, those of time by the table's rate there."""
         names = [one.name for one in self.table]
         if not {"latency", "clock"} & set(names):
@@ -202,11 +207,11 @@ class StaticRows:
 
     Parameters
     ----------
-    part : Triad
+    triad : TriadModel
     bench : Turntable
     table : tuple of q Parameter
         Nuisances, in the order of columns.
-    run : (float, float)
+    time_span : (float, float)
         Begin and end of the track, s.
     time : (e,) array
         Of the middle of each mean, s.
@@ -214,39 +219,39 @@ class StaticRows:
         m/s².
     white : (e, 3) array
         Variance of each, (m/s²)².
-    felt : (e, 3) array
+    sensed_force : (e, 3) array
         By readback and declared gravity, m/s².
     by : (e, 3, q) array
         How it moves with each nuisance.
     angles : (e, k) array
         Readback, rad.
-    warmth : (e,) array or None
+    temperature_offset : (e,) array or None
         Temperature minus the sensor's reference temperature, K, where it was recorded.
-    warmed : bool
+    temperature_varies : bool
         Whether it varies.
     """
 
-    part: model.Triad
+    triad: model.TriadModel
     bench: Turntable
     table: tuple[Parameter, ...]
-    run: tuple[float, float]
+    time_span: tuple[float, float]
     time: Array
     reading: Array
     white: Array
-    felt: Array
+    sensed_force: Array
     by: Array
     angles: Array
-    warmth: Array | None = None
-    warmed: bool = False
-    what = "accelerometers"
+    temperature_offset: Array | None = None
+    temperature_varies: bool = False
+    triad_name = "accelerometers"
 
     @property
-    def stamps(self) -> Array:
+    def row_times(self) -> Array:
         """Times of the rows, (e,) s."""
         return self.time
 
     @classmethod
-    def of(cls, part: model.Triad, bench: Turntable, track: Track) -> "StaticRows":
+    def from_track(cls, part: model.TriadModel, bench: Turntable, track: Track) -> "StaticRows":
         """Return the rows of one trial.
 
         Raises
@@ -259,7 +264,7 @@ class StaticRows:
         at = np.flatnonzero(track.hold >= 0)
         first = np.concatenate([[True], np.diff(track.hold[at]) != 0])
         begun = track.time[at][np.maximum.accumulate(np.where(first, np.arange(at.size), 0))]
-        number = np.floor((track.time[at] - begun) / _BLOCK + 1e-9)
+        number = np.floor((track.time[at] - begun) / _AVERAGING_TIME + 1e-9)
         starts = np.flatnonzero(first | np.concatenate([[True], np.diff(number) != 0]))
         count = np.diff(np.concatenate([starts, [at.size]]))[:, None]
         time, angles, reading = (
@@ -268,8 +273,8 @@ class StaticRows:
         )
         step = float(np.median(np.diff(track.time)))
         table = parameters(bench)
-        seen = misalignment(bench, angles)
-        back = np.swapaxes(reference(bench, angles), -1, -2)
+        seen = linear_misalignment(bench, angles)
+        back = np.swapaxes(reference_attitude(bench, angles), -1, -2)
         force = np.array([0.0, 0.0, bench.gravity.value])
         felt = back @ force
         made, names = np.zeros((len(starts), 3, len(table))), [q.name for q in seen.parameters]
@@ -283,30 +288,32 @@ class StaticRows:
         run = float(track.time[0]), float(track.time[-1])
         warmth = track.temperature_offset(part.sensor.reference_temperature)
         if warmth is None:
-            temperature.along(track, part.sensor)  # refuses coefficients that need one
+            temperature.sample_offsets(track, part.sensor)  # refuses coefficients that need one
         else:
             warmth = np.add.reduceat(warmth[at], starts) / count[:, 0]
         return cls(
             part, bench, table, run, time[:, 0], reading, white, felt, made, angles, warmth,
-            track.warmed,
+            track.temperature_varies,
         )  # fmt: skip
 
-    def whitened(
+    def whiten(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
         """Return whitened residual, Jacobian and the mean drift; as of `RotationRows`."""
-        off = np.array([_off(one, q) for one in self.table])
-        motion = Motion(self.felt + self.by @ off)
-        if self.warmth is not None:
-            motion = replace(motion, dT=self.warmth)
-        residual, jacobian = vector(self.part.sensor, self.reading, theta, motion, self.by, None)
+        off = np.array([_departure(one, q) for one in self.table])
+        motion = Motion(self.sensed_force + self.by @ off)
+        if self.temperature_offset is not None:
+            motion = replace(motion, dT=self.temperature_offset)
+        residual, jacobian = vector_residuals(
+            self.triad.sensor, self.reading, theta, motion, self.by, None
+        )
         e = len(self.time)
         made = np.concatenate([residual[:, None], jacobian], axis=1).reshape(e, 3, -1)
         if beside is not None:
             made = np.concatenate([made, beside], axis=-1)
         made = np.ascontiguousarray(made)
-        drift, (begun, end) = self.part.drift, self.run
-        x, covariance = _kernels.whiten_each(
+        drift, (begun, end) = self.triad.drift, self.time_span
+        x, covariance = _kernels.whiten_independent_axes(
             self.time, made, self.white, drift, drift.covariance(), begun
         )
         mean, variance = drift.mean(end - begun, end - float(self.time[-1]))
@@ -314,8 +321,8 @@ class StaticRows:
             made.reshape(3 * e, -1), mean @ x, mean @ covariance @ mean.T + np.diag(variance)
         )  # fmt: skip
 
-    def left_out(self, theta: Array) -> tuple[tuple[Column, ...], Array]:
-        """Return columns of what is left out, (e, 3, c), for `whitened`."""
-        warmth = self.warmth if self.warmed else None
-        epochs = Epochs(self.part, self.bench, theta, self.time, self.angles, warmth)
-        return left_out.of_means(epochs)
+    def omitted_columns(self, theta: Array) -> tuple[tuple[ConstantColumn, ...], Array]:
+        """Return columns of what is left out, (e, 3, c), for `whiten`."""
+        warmth = self.temperature_offset if self.temperature_varies else None
+        epochs = ColumnInputs(self.triad, self.bench, theta, self.time, self.angles, warmth)
+        return score_columns.static_mean_columns(epochs)

@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from inercal.store.tables import metadata
+from inercal.store.register_tables import metadata
 
 
 def migrate() -> None:

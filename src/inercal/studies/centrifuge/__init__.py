@@ -5,34 +5,36 @@ words, and the claims that it judges, stand in the TOML file of the section's na
 """
 
 from inercal.studies.centrifuge import (
-    bench,
+    bench_effects,
     efficiency,
     equations,
     misalignment,
     table1,
     table2,
-    taylor,
+    taylor_orders,
 )
-from inercal.studies.centrifuge.trials import SHARE, repeat
-from inercal.studies.section import Say, Study
-from inercal.studies.words import study_of
+from inercal.studies.centrifuge.centrifuge_trials import ML_TRIAL_RATIO, repeat_experiment
+from inercal.studies.section_texts import build_study
+from inercal.studies.study_content import MessageCallback, Study
 
 
-def run(trials: int, seed: int, say: Say) -> Study:
+def run(trials: int, seed: int, say: MessageCallback) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
     say("Table 1: screening the printed outputs")
     first = table1.section()
     say(f"repeating the experiment {trials} times")
-    repeated = repeat(trials, seed)
-    clean = repeated.clean["paper"]
+    repeated = repeat_experiment(trials, seed)
+    clean = repeated.noise_free["paper"]
     second = table2.section(repeated)
     say("Fig. 4: misalignments")
     fourth = misalignment.section(clean)
     say("Taylor orders and equations")
-    orders, printed = taylor.section(), equations.section(repeated)
+    orders, printed = taylor_orders.section(), equations.section(repeated)
     say("bounds and plans")
     bounds = efficiency.section(repeated)
     say("Table 3: lever arms, earth's rate, acceleration")
-    third = bench.section(clean, repeated.bound, max(trials // SHARE, 20), seed)
+    third = bench_effects.section(clean, repeated.bound, max(trials // ML_TRIAL_RATIO, 20), seed)
     sections = (first, second, fourth, third, orders, printed, bounds)
-    return study_of(__name__, sections, trials=trials, of_ml=len(repeated.error["ml"]), seed=seed)
+    return build_study(
+        __name__, sections, trials=trials, of_ml=len(repeated.error["ml"]), seed=seed
+    )

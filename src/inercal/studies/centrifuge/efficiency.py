@@ -5,68 +5,73 @@ from dataclasses import replace
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.methods.centrifuge_norm import closed
-from inercal.methods.centrifuge_norm.plans import RATES
+from inercal.methods.centrifuge_norm import closed_formulas
+from inercal.methods.centrifuge_norm.arm_plans import RATES
 from inercal.plan import Spin
-from inercal.studies.centrifuge.experiment import (
+from inercal.studies.centrifuge.centrifuge_trials import ESTIMATORS, CentrifugeTrials
+from inercal.studies.centrifuge.simulated_centrifuge import (
     AXES,
     BENCH,
     QUANTITIES,
     TRUTH,
-    by_ml,
+    ml_estimate,
     outputs,
-    stated,
+    stated_deviations,
     steps,
 )
-from inercal.studies.centrifuge.trials import ESTIMATORS, Trials
-from inercal.studies.claim import shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
-from inercal.studies.words import words_of
+from inercal.studies.claim import format_significant
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
-WORDS = words_of("inercal.studies.centrifuge", "efficiency")
+TEXT = read_section_text("inercal.studies.centrifuge", "efficiency")
 
-TERMS = 13
+TERM_COUNT = 13
 _SINGULAR = 1e-10
 
 
-def rank(spins: tuple[Spin, ...]) -> tuple[int, float]:
+def rank_and_condition(spins: tuple[Spin, ...]) -> tuple[int, float]:
     """Return the rank of the thirteen columns of (15), and their scaled condition number."""
-    rows = closed.design(outputs(TRUTH, spins))
+    rows = closed_formulas.regression_matrix(outputs(TRUTH, spins))
     singular = np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[1]
     return int(np.sum(singular > _SINGULAR * singular[0])), float(singular[0] / singular[-1])
 
 
-def weakest(spins: tuple[Spin, ...]) -> str:
+def least_observable_terms(spins: tuple[Spin, ...]) -> str:
     """Return the three terms of (15) that the dwells tell apart worst, in words."""
-    rows = closed.design(outputs(TRUTH, spins))
+    rows = closed_formulas.regression_matrix(outputs(TRUTH, spins))
     vector = np.abs(np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[2][-1])
     terms = ["1", *(f"N_{axis}{power}" for power in ("", "²", "³", "⁴") for axis in AXES)]
     largest: list[int] = np.argsort(-vector)[:3].tolist()
     return ", ".join(terms[k] for k in largest)
 
 
-def known_attitudes() -> Array:
+def known_attitude_bound() -> Array:
     """Return the Cramér–Rao bound of S, b, D, (3, 3), where the attitudes are known exactly."""
     spins = steps()
-    return stated(by_ml(outputs(TRUTH, spins), spins, replace(BENCH, indexing=0.0)))
+    return stated_deviations(
+        ml_estimate(outputs(TRUTH, spins), spins, replace(BENCH, indexing=0.0))
+    )
 
 
-def full_circle() -> Array:
+def full_circle_bound() -> Array:
     """Return the bound of S, b, D, (3, 3), of as many dwells all round the circle."""
     spins = steps("full-circle")
-    return stated(by_ml(outputs(TRUTH, spins), spins))
+    return stated_deviations(ml_estimate(outputs(TRUTH, spins), spins))
 
 
-def section(trials: Trials) -> Section:
+def section(trials: CentrifugeTrials) -> StudySection:
     """Return the section of efficiency and of the counting rule."""
-    known, round_ = known_attitudes(), full_circle()
+    known, round_ = known_attitude_bound(), full_circle_bound()
     once = steps(rates=RATES[:1]) * 3
     twice, thrice = steps(rates=RATES[:2]), steps()
     ranks = {
-        "half circle, one rate, each dwell three times": (once, *rank(once)),
-        "half circle, two rates": (twice, *rank(twice)),
-        "half circle, three rates, as printed": (thrice, *rank(thrice)),
-        "full circle, three rates": (steps("full-circle"), *rank(steps("full-circle"))),
+        "half circle, one rate, each dwell three times": (once, *rank_and_condition(once)),
+        "half circle, two rates": (twice, *rank_and_condition(twice)),
+        "half circle, three rates, as printed": (thrice, *rank_and_condition(thrice)),
+        "full circle, three rates": (
+            steps("full-circle"),
+            *rank_and_condition(steps("full-circle")),
+        ),
     }
     _, of_once, _ = ranks["half circle, one rate, each dwell three times"]
     _, of_twice, _ = ranks["half circle, two rates"]
@@ -77,26 +82,28 @@ def section(trials: Trials) -> Section:
         "bound: full circle, norms": round_,
     }
     ratio = trials.std("ml") / trials.bound
-    fewest = len(twice) if of_twice == TERMS else len(thrice)
+    fewest = len(twice) if of_twice == TERM_COUNT else len(thrice)
     findings = (
-        WORDS.judge("enough", of_once, 0.0,
-            f"{len(once)} dwells at one rate have rank {of_once} of {TERMS}"),
-        WORDS.judge("needed", fewest, 0.0,
-            f"{len(twice)} dwells at two rates have rank {of_twice} of {TERMS}: the rates and "
+        TEXT.judge("enough", of_once, 0.0,
+            f"{len(once)} dwells at one rate have rank {of_once} of {TERM_COUNT}"),
+        TEXT.judge("needed", fewest, 0.0,
+            f"{len(twice)} dwells at two rates have rank {of_twice} of {TERM_COUNT}: the rates and "
             "the attitudes decide, and the condition number says how well"),
     )  # fmt: skip
     heads = [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES]
     best = trials.bound / round_
     chi2, n = trials.chi2, len(trials.chi2)
-    return WORDS.section(
+    return TEXT.section(
         findings,
         (
-            Table("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
-                  [(name, [shown(x, 3) for x in value.ravel()]) for name, value in sets.items()]),
-            Table("What the plans determine of the 13 terms of (13)", "plan",
+            StudyTable("Standard deviations of S (V/g), b (g) and D (1/g)", "", heads,
+                  [(name, [format_significant(x, 3) for x in value.ravel()])
+                   for name, value in sets.items()]),
+            StudyTable("What the plans determine of the 13 terms of (13)", "plan",
                   ("dwells", "rank", "scaled\ncondition number", "worst told\napart"),
                   [(name, [str(len(spins)), str(r),
-                           *((shown(c, 3), weakest(spins)) if r == TERMS else ("singular", ""))])
+                           *((format_significant(c, 3), least_observable_terms(spins))
+                             if r == TERM_COUNT else ("singular", ""))])
                    for name, (spins, r, c) in ranks.items()]),
         ),
         (
@@ -105,9 +112,9 @@ def section(trials: Trials) -> Section:
                 "Standard deviations over the Cramér–Rao bound of the printed design, by norms "
                 "alone; 1 is the best that its data allow.",
                 [
-                    Panel("", "", "σ / bound",
-                          [Line(name.removesuffix(", scatter").removeprefix("bound: "),
-                                np.arange(9.0), (value / trials.bound).ravel(), joined=False)
+                    StudyPanel("", "", "σ / bound",
+                          [Curve(name.removesuffix(", scatter").removeprefix("bound: "),
+                                np.arange(9.0), (value / trials.bound).ravel(), connected=False)
                            for name, value in sets.items() if name != "bound: norms"],
                           names=heads),
                 ],
@@ -119,8 +126,8 @@ def section(trials: Trials) -> Section:
         expected=2 / np.sqrt(2 * n),
         chi2=chi2.mean(),
         dof=trials.dof,
-        least_worse=shown(float((trials.std('paper') / trials.bound)[2].min())),
-        most_worse=shown(float((trials.std('paper') / trials.bound)[2].max())),
+        least_worse=format_significant(float((trials.std('paper') / trials.bound)[2].min())),
+        most_worse=format_significant(float((trials.std('paper') / trials.bound)[2].max())),
         better_scale=best[0, 1],
         better_bend=best[2, 1]
     )  # fmt: skip

@@ -10,73 +10,75 @@ from itertools import product
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.methods.centrifuge_norm import closed, ml
-from inercal.studies.centrifuge import experiment
-from inercal.studies.centrifuge.experiment import (
+from inercal.methods.centrifuge_norm import closed_formulas, ml
+from inercal.studies.centrifuge import simulated_centrifuge
+from inercal.studies.centrifuge.simulated_centrifuge import (
     BENCH,
     TRUTH,
     UNITS,
     G,
-    Triad,
-    as_printed,
-    by_formulas,
-    by_ml,
-    leaning,
-    non_orthogonal,
+    SimulatedTriad,
+    closed_form_estimate,
+    coefficients_as_printed,
+    misaligned_triad,
+    ml_estimate,
+    non_orthogonal_triad,
     outputs,
-    regression,
+    regress_squared_norms,
+    rotated_triad,
     steps,
-    turned,
 )
-from inercal.studies.claim import shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
-from inercal.studies.words import words_of
+from inercal.studies.claim import format_significant
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
-WORDS = words_of("inercal.studies.centrifuge", "misalignment")
+TEXT = read_section_text("inercal.studies.centrifuge", "misalignment")
 
 ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
 
 
 @dataclass(frozen=True, eq=False)
-class Ignored:
+class IgnoredMisalignment:
     """Errors of S, b, D, (5, 3, 3), over the angles, by estimator and by what was found of Φ."""
 
-    lean: dict[str, Array]
+    non_orthogonality: dict[str, Array]
     turn: dict[str, Array]
 
 
-def symmetric_ml(device: Triad) -> Array:
+def symmetric_ml_errors(device: SimulatedTriad) -> Array:
     """Return the errors of S, b, D, (3, 3), with the symmetric part of Φ estimated besides."""
-    spins, made = steps(), experiment.sensor("misalignment", symmetric=True)
-    found = ml(experiment.observations(outputs(device, spins), made), made, BENCH, spins)
+    spins, made = steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
+    found = ml(simulated_centrifuge.observations(outputs(device, spins), made), made, BENCH, spins)
     named = dict(zip(found.names, found.value.tolist(), strict=True))
-    nine = [named[name] for name in experiment.sensor().coefficients]
-    return as_printed(np.array(nine)) - TRUTH.values
+    nine = [named[name] for name in simulated_centrifuge.sensor().coefficients]
+    return coefficients_as_printed(np.array(nine)) - TRUTH.values
 
 
-def _errors(device: Triad) -> dict[str, Array]:
+def _estimator_errors(device: SimulatedTriad) -> dict[str, Array]:
     spins = steps()
     output = outputs(device, spins)
     return {
-        "paper": by_formulas(closed.paper, output, spins) - TRUTH.values,
-        "series": by_formulas(closed.series, output, spins) - TRUTH.values,
-        "ml": as_printed(by_ml(output, spins).value) - TRUTH.values,
-        "ml, Φ found": symmetric_ml(device),
+        "paper": closed_form_estimate(closed_formulas.paper, output, spins) - TRUTH.values,
+        "series": closed_form_estimate(closed_formulas.series, output, spins) - TRUTH.values,
+        "ml": coefficients_as_printed(ml_estimate(output, spins).value) - TRUTH.values,
+        "ml, Φ found": symmetric_ml_errors(device),
     }
 
 
-def ignored() -> Ignored:
+def ignored_misalignment_errors() -> IgnoredMisalignment:
     """Return what misalignments over the range of Fig. 4 do."""
 
-    def over(devices: list[Triad]) -> dict[str, Array]:
-        found = [_errors(device) for device in devices]
+    def over(devices: list[SimulatedTriad]) -> dict[str, Array]:
+        found = [_estimator_errors(device) for device in devices]
         return {name: np.stack([one[name] for one in found]) for name in found[0]}
 
     gammas = ANGLES.tolist()
-    return Ignored(over([non_orthogonal(g) for g in gammas]), over([turned(g) for g in gammas]))
+    return IgnoredMisalignment(
+        over([non_orthogonal_triad(g) for g in gammas]), over([rotated_triad(g) for g in gammas])
+    )
 
 
-def shares(gamma: float) -> tuple[float, Array]:
+def norm_change_shares(gamma: float) -> tuple[float, Array]:
     """Return how the change of |f|² by a non-orthogonality is made up.
 
     It is, to the first order, Σ −2γ·2 uᵢ uⱼ with u = (N − b)/S: products NᵢNⱼ, which (13) lacks,
@@ -92,7 +94,7 @@ def shares(gamma: float) -> tuple[float, Array]:
     """
     spins = steps()
     norm2 = (np.array([s.rate for s in spins]) ** 2 / G) ** 2 + 1
-    straight, leaning = outputs(TRUTH, spins), outputs(non_orthogonal(gamma), spins)
+    straight, leaning = outputs(TRUTH, spins), outputs(non_orthogonal_triad(gamma), spins)
     n, b = straight / TRUTH.scale, TRUTH.bias / TRUTH.scale
     pairs = ((0, 1), (0, 2), (1, 2))
     parts = (
@@ -101,13 +103,16 @@ def shares(gamma: float) -> tuple[float, Array]:
         np.array(sum(b[i] * b[j] for i, j in pairs)),
     )
     rms = np.array([np.sqrt(np.mean(np.square(part))) for part in parts])
-    size = np.sqrt(np.mean(closed.design(straight) ** 2, axis=0))
-    change = np.abs(regression(leaning, norm2) - regression(straight, norm2)) * size
+    size = np.sqrt(np.mean(closed_formulas.regression_matrix(straight) ** 2, axis=0))
+    change = (
+        np.abs(regress_squared_norms(leaning, norm2) - regress_squared_norms(straight, norm2))
+        * size
+    )
     groups = change[1:].reshape(4, 3).sum(axis=1)
     return float(rms[1] / rms.sum()), groups / groups.sum()
 
 
-def least(gamma: float) -> tuple[int, Array]:
+def least_pattern_errors(gamma: float) -> tuple[int, Array]:
     """Return how many patterns of Φ's symmetric part there are, and the least errors, (3,).
 
     Each pair of axes leans by γ, by −γ or not at all; of each pattern the largest |ΔS|, |Δb| and
@@ -118,18 +123,18 @@ def least(gamma: float) -> tuple[int, Array]:
     for xy, xz, yz in product((-1, 0, 1), repeat=3):
         if xy or xz or yz:
             phi = np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-            output = outputs(leaning(gamma * phi), spins)
-            error = by_formulas(closed.paper, output, spins) - TRUTH.values
+            output = outputs(misaligned_triad(gamma * phi), spins)
+            error = closed_form_estimate(closed_formulas.paper, output, spins) - TRUTH.values
             found.append(np.nanmax(np.abs(error), axis=-1))
     return len(found), np.min(found, axis=0)
 
 
-def worst(errors: Array) -> Array:
+def largest_axis_errors(errors: Array) -> Array:
     """Return the largest |ΔS|, |Δb|, |ΔD| at each angle, (5, 3); axes without a root left out."""
     return np.nanmax(np.abs(errors), axis=-1)
 
 
-def section(clean: Array) -> Section:
+def section(clean: Array) -> StudySection:
     """Return the section of Fig. 4.
 
     Parameters
@@ -137,81 +142,91 @@ def section(clean: Array) -> Section:
     clean : (3, 3) array
         Errors of `paper` without misalignment.
     """
-    found = ignored()
-    paper, exact = worst(found.lean["paper"]), worst(found.lean["ml"])
+    found = ignored_misalignment_errors()
+    paper, exact = (
+        largest_axis_errors(found.non_orthogonality["paper"]),
+        largest_axis_errors(found.non_orthogonality["ml"]),
+    )
     rest = np.abs(clean).max(axis=1)
-    share, folded = shares(ANGLES[0])
-    patterns, at_least = least(ANGLES[0])
-    rootless = int(np.isnan(found.lean["paper"]).any(axis=(1, 2)).sum())
-    turn = worst(found.turn["paper"] - clean).max()
+    share, folded = norm_change_shares(ANGLES[0])
+    patterns, at_least = least_pattern_errors(ANGLES[0])
+    rootless = int(np.isnan(found.non_orthogonality["paper"]).any(axis=(1, 2)).sum())
+    turn = largest_axis_errors(found.turn["paper"] - clean).max()
     small = [
-        WORDS.judge(
+        TEXT.judge(
             f"small_{q}", paper[:, k].max(), rest[k],
-            f"(16) to (22) err by {shown(paper[:, k].min())} to {shown(paper[:, k].max())} "
-            f"{UNITS[q]} over the range, ml with nine parameters by {shown(exact[:, k].min())} to "
-            f"{shown(exact[:, k].max())}; of {patterns} patterns of leaning axes the kindest makes "
-            f"{shown(at_least[k])} at 2·10⁻⁴ rad",
+            f"(16) to (22) err by {format_significant(paper[:, k].min())} to "
+            f"{format_significant(paper[:, k].max())} {UNITS[q]} over the range, ml with nine "
+            f"parameters by {format_significant(exact[:, k].min())} to "
+            f"{format_significant(exact[:, k].max())}; of {patterns} patterns of leaning axes the "
+            f"kindest makes {format_significant(at_least[k])} at 2·10⁻⁴ rad",
         )
         for k, q in enumerate("SbD")
     ]  # fmt: skip
     ratio = paper[:, :2] / paper[:, 1:]
-    relative = np.nanmax(np.abs(found.lean["paper"]) / TRUTH.values, axis=-1)
+    relative = np.nanmax(np.abs(found.non_orthogonality["paper"]) / TRUTH.values, axis=-1)
     ordering = [
-        WORDS.judge(claim, ratio[:, k].mean(), np.ptp(ratio[:, k]) / 2,
-            f"it lies between {shown(ratio[:, k].min())} and {shown(ratio[:, k].max())} over the "
-            f"range; relative to the coefficients at 2·10⁻⁴ rad: S {shown(relative[0, 0])}, "
-            f"b {shown(relative[0, 1])}, D {shown(relative[0, 2])}")
+        TEXT.judge(claim, ratio[:, k].mean(), np.ptp(ratio[:, k]) / 2,
+            f"it lies between {format_significant(ratio[:, k].min())} and "
+            f"{format_significant(ratio[:, k].max())} over the range; relative to the coefficients "
+            f"at 2·10⁻⁴ rad: S {format_significant(relative[0, 0])}, "
+            f"b {format_significant(relative[0, 1])}, D {format_significant(relative[0, 2])}")
         for k, claim in enumerate(("first", "second"))
     ]  # fmt: skip
     growth = np.diff(paper, axis=0) / paper[:-1]
-    grows = WORDS.judge("grows", growth.min(), 0.0,
+    grows = TEXT.judge("grows", growth.min(), 0.0,
         f"the largest errors of S, b and D grow by {growth.min():.0%} to {growth.max():.0%} from "
         "each angle to the next",
     )  # fmt: skip
     powers = zip(folded, ("first", "second", "third", "fourth"), strict=True)
-    mainly = WORDS.judge("mainly", share, 0.0,
+    mainly = TEXT.judge("mainly", share, 0.0,
         "misalignments change |f|² by products of two outputs, which (13) does not have; the first "
         f"powers make {share:.1%} of it, and the regression folds the products into all powers, "
         + ", ".join(f"{x:.0%} into the {name}" for x, name in powers),
     )  # fmt: skip
-    return WORDS.section(
+    return TEXT.section(
         (*small, grows, *ordering, mainly),
         (_table(found),),
         (_chart(found),),
         rootless=rootless,
         angles=len(ANGLES),
-        turn=shown(turn),
-        recovered=shown(worst(found.lean["ml, Φ found"]).max()),
+        turn=format_significant(turn),
+        recovered=format_significant(
+            largest_axis_errors(found.non_orthogonality["ml, Φ found"]).max()
+        ),
     )
 
 
-def _table(found: Ignored) -> Table:
+def _table(found: IgnoredMisalignment) -> StudyTable:
     rows: list[tuple[str, list[str]]] = []
-    for what, errors in (("non-orthogonality", found.lean), ("rotation", found.turn)):
+    for what, errors in (("non-orthogonality", found.non_orthogonality), ("rotation", found.turn)):
         for name, values in errors.items():
-            largest = worst(values)
-            cells = [shown(x) for k in range(3) for x in (largest[0, k], largest[-1, k])]
+            largest = largest_axis_errors(values)
+            cells = [
+                format_significant(x) for k in range(3) for x in (largest[0, k], largest[-1, k])
+            ]
             rows.append((f"{what}: {name}", cells))
     heads = [f"|Δ{q}| at\n{g}" for q in "SbD" for g in ("2·10⁻⁴ rad", "10⁻³ rad")]
-    return Table(
+    return StudyTable(
         "Largest errors of S (V/g), b (g) and D (1/g) over the axes that have a root",
         "misalignment, estimator", heads, rows,
     )  # fmt: skip
 
 
-def _chart(found: Ignored) -> Chart:
-    def lines(k: int) -> list[Line]:
+def _chart(found: IgnoredMisalignment) -> Chart:
+    def lines(k: int) -> list[Curve]:
         kept = ("paper", "series", "ml")
-        return [Line(name, ANGLES * 1e4, worst(found.lean[name])[:, k]) for name in kept] + [
-            Line("claimed", ANGLES[[0, -1]] * 1e4, np.full(2, 1e-8))
-        ]
+        return [
+            Curve(name, ANGLES * 1e4, largest_axis_errors(found.non_orthogonality[name])[:, k])
+            for name in kept
+        ] + [Curve("claimed", ANGLES[[0, -1]] * 1e4, np.full(2, 1e-8))]
 
     return Chart(
         "misalignment",
         "Largest errors of S, b and D when a non-orthogonality of γ is ignored, by estimator, and "
         "the bound that the source claims. The printed figure is not readable to digits.",
         [
-            Panel("", "γ, 10⁻⁴ rad", f"largest |Δ{q}|, {UNITS[q]}", lines(k))
+            StudyPanel("", "γ, 10⁻⁴ rad", f"largest |Δ{q}|, {UNITS[q]}", lines(k))
             for k, q in enumerate("SbD")
         ],
     )  # fmt: skip

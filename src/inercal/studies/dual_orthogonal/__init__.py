@@ -6,35 +6,43 @@ that it judges, stand in the TOML file of the section's name.
 """
 
 from inercal.studies.dual_orthogonal import (
-    accuracy,
-    allocation,
-    four_points,
-    head,
-    observation,
-    step,
+    cardinal_points,
+    error_allocation,
+    head_error,
+    method_accuracy,
+    squared_observation,
+    step_angle,
 )
-from inercal.studies.section import Say, Study
-from inercal.studies.words import study_of
+from inercal.studies.section_texts import build_study
+from inercal.studies.study_content import MessageCallback, Study
 
 SHARE = 4  # one trial of each further question for so many of the table of methods
 
 
-def run(trials: int, seed: int, say: Say) -> Study:
+def run(trials: int, seed: int, say: MessageCallback) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
     fewer = max(trials // SHARE, 20)
     say(f"the methods, {trials} trials each")
-    compared = accuracy.compare(trials, seed)
+    compared = method_accuracy.compare_methods(trials, seed)
     say("heads of several sizes")
-    heads = head.section(head.compare(fewer, seed))
+    heads = head_error.section(head_error.compare_heads(fewer, seed))
     say("error allocation")
-    budget = allocation.section(fewer, seed)
+    budget = error_allocation.section(fewer, seed)
     say("g² and the four points")
-    seen, points = observation.section(fewer, seed), four_points.section(trials, seed)
+    seen, points = squared_observation.section(fewer, seed), cardinal_points.section(trials, seed)
     say("steps")
-    steps = step.section(fewer // 2, seed)
-    return study_of(
+    steps = step_angle.section(fewer // 2, seed)
+    return build_study(
         __name__,
-        (accuracy.section(compared), heads, accuracy.faces(compared), steps, budget, points, seen),
+        (
+            method_accuracy.section(compared),
+            heads,
+            method_accuracy.faces_section(compared),
+            steps,
+            budget,
+            points,
+            seen,
+        ),
         trials=trials,
         fewest=fewer // 2,
         fewer=fewer,

@@ -6,25 +6,32 @@ the page that shows it. Its words, and the claims that it judges, stand in the T
 section's name.
 """
 
-from inercal.studies.section import Say, Study
-from inercal.studies.ship_model import check, damping, estimators, optimiser, planar, rank
-from inercal.studies.words import study_of
+from inercal.studies.section_texts import build_study
+from inercal.studies.ship_model import (
+    damping,
+    equation_rank,
+    estimators,
+    optimiser,
+    planar,
+    wave_check,
+)
+from inercal.studies.study_content import MessageCallback, Study
 
 SHARE, SEARCHES = 4, 500  # trials for one device of the tables, and of the searches
 
 
-def run(trials: int, seed: int, say: Say) -> Study:
+def run(trials: int, seed: int, say: MessageCallback) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
     devices, searches = max(trials // SHARE, 20), max(trials // SEARCHES, 3)
     say(f"estimators on {devices} devices")
-    found = estimators.compare(devices, seed)
+    found = estimators.compare_estimators(devices, seed)
     say("the planar calibration")
-    sections = [planar.section(found), rank.section(), damping.section(found)]
+    sections = [planar.section(found), equation_rank.section(), damping.section(found)]
     say(f"global searches of {searches} devices")
-    searched = optimiser.compare(found.case, searches, seed)
+    searched = optimiser.compare_searches(found.case, searches, seed)
     sections.append(optimiser.section(searched))
-    reached = optimiser.few([one.off["default"] / 1e-3 for one in searched])
+    reached = optimiser.median_of_few([one.vector_error["default"] / 1e-3 for one in searched])
     sections.append(estimators.section(found, reached, searches))
     say("the model in waves")
-    sections.append(check.section(found))
-    return study_of(__name__, sections, devices=devices, searches=searches, seed=seed)
+    sections.append(wave_check.section(found))
+    return build_study(__name__, sections, devices=devices, searches=searches, seed=seed)

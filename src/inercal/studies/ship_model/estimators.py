@@ -7,47 +7,47 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.methods.ship_multi_angle import damped, joint, planar, planar_norm
-from inercal.methods.ship_multi_angle.norms import residual, rows
-from inercal.sensors.affine import IDEAL, Affine
-from inercal.studies.claim import shown
-from inercal.studies.section import Section, Table
-from inercal.studies.ship_model.experiment import (
+from inercal.methods.ship_multi_angle.norm_equations import norm_jacobian, norm_residuals
+from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel
+from inercal.studies.claim import format_significant
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.ship_model.simulated_rate_table import (
     MILLI,
     SENSOR,
-    Case,
-    Median,
-    median,
-    model_of,
+    MedianEstimate,
+    ShipModelCase,
+    median_estimate,
+    model_from_estimate,
     norm_rms,
     simulate,
     vector_rms,
 )
-from inercal.studies.words import words_of
+from inercal.studies.study_content import StudySection, StudyTable
 
-WORDS = words_of("inercal.studies.ship_model", "estimators")
+TEXT = read_section_text("inercal.studies.ship_model", "estimators")
 
 ESTIMATORS = {"planar": planar, "damped": damped, "planar_norm": planar_norm, "joint": joint}
-NONE, NAIVE = "uncalibrated", "Gauss–Newton"
-_STEPS, _LOST = 20, 1e6  # of θ
-_WORDS = {
-    NONE: "M = 1, p = 0",
+UNCALIBRATED, UNDAMPED = "uncalibrated", "Gauss–Newton"
+_STEPS, _DIVERGED = 20, 1e6  # of θ
+_DESCRIPTIONS = {
+    UNCALIBRATED: "M = 1, p = 0",
     "planar": "9 untilted states, as vectors",
     "damped": "norms of 16 groups, from planar",
-    NAIVE: "the same equations, not damped",
+    UNDAMPED: "the same equations, not damped",
     "planar_norm": "untilted as vectors, tilted as norms",
     "joint": "all 25 as vectors, mountings uncertain",
 }
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class EstimatorComparison:
     """What each estimator makes of the same devices."""
 
-    case: Case
+    case: ShipModelCase
     seed: int
-    models: Mapping[str, Affine]
+    models: Mapping[str, AffineModel]
 
-    def vectors(self, name: str) -> Array:
+    def vector_errors(self, name: str) -> Array:
         """Return the rms error on fresh poses, (trials,) g."""
         return vector_rms(self.models[name], self.case.device, self.seed)
 
@@ -56,57 +56,65 @@ class Compared:
         return norm_rms(self.models[name], self.case)
 
 
-def compare(trials: int, seed: int) -> Compared:
+def compare_estimators(trials: int, seed: int) -> EstimatorComparison:
     """Return the estimates of so many devices."""
     case = simulate(trials, seed)
-    models = {NONE: Affine.of(np.broadcast_to(IDEAL, (trials, 12)))}
+    models = {UNCALIBRATED: AffineModel.of(np.broadcast_to(IDENTITY_PARAMETERS, (trials, 12)))}
     for name, estimator in ESTIMATORS.items():
-        models[name] = model_of(estimator(case.seen, SENSOR, case.bench, case.steps))
-    models[NAIVE] = naive(case, models["planar"])
-    return Compared(case, seed, models)
+        models[name] = model_from_estimate(
+            estimator(case.observations, SENSOR, case.bench, case.steps)
+        )
+    models[UNDAMPED] = undamped_model(case, models["planar"])
+    return EstimatorComparison(case, seed, models)
 
 
-def naive(case: Case, start: Affine) -> Affine:
+def undamped_model(case: ShipModelCase, start: AffineModel) -> AffineModel:
     """Return where undamped steps lead: what rounding leaves of a null direction is divided by.
 
     It hangs on the rounding of the machine; a device that runs away is left where it went.
     """
-    a = case.readings[..., case.groups, :]
+    a = case.readings[..., case.group_rows, :]
     theta = start.theta.copy()
     for _ in range(_STEPS):
-        here = np.flatnonzero(np.abs(theta).max(-1) < _LOST)
-        model = Affine.of(theta[here])
-        back = np.asarray(np.linalg.pinv(rows(model, a[here]), rcond=0.0), dtype=float)
-        off = residual(model, a[here], case.square)
+        here = np.flatnonzero(np.abs(theta).max(-1) < _DIVERGED)
+        model = AffineModel.of(theta[here])
+        back = np.asarray(np.linalg.pinv(norm_jacobian(model, a[here]), rcond=0.0), dtype=float)
+        off = norm_residuals(model, a[here], case.squared_norm)
         theta[here] -= (back @ off[..., None])[..., 0]
-    return Affine.of(theta)
+    return AffineModel.of(theta)
 
 
-def section(found: Compared, searched: Median, devices: int) -> Section:
+def section(found: EstimatorComparison, searched: MedianEstimate, devices: int) -> StudySection:
     """Return the section of the table; the optimiser reaches `searched`, mg, of so many devices."""
-    apart = found.vectors(NAIVE)
-    lost = float(np.mean(apart > 10 * found.vectors("planar")))
+    apart = found.vector_errors(UNDAMPED)
+    lost = float(np.mean(apart > 10 * found.vector_errors("planar")))
     table: list[tuple[str, list[str]]] = []
-    for name, words in _WORDS.items():
-        vector = median(found.vectors(name) / MILLI)
+    for name, words in _DESCRIPTIONS.items():
+        vector = median_estimate(found.vector_errors(name) / MILLI)
         # Undamped, no two machines have the same figures.
-        digits = 1 if name == NAIVE else 3
-        norm = shown(median(found.norms(name) / MILLI).value, digits)
-        cells = [norm, *(shown(x, digits) for x in (vector.value, vector.high))]
+        digits = 1 if name == UNDAMPED else 3
+        norm = format_significant(median_estimate(found.norms(name) / MILLI).value, digits)
+        cells = [
+            norm,
+            *(format_significant(x, digits) for x in (vector.value, vector.percentile_95)),
+        ]
         table.append((f"{name}: {words}", cells))
-    of_search = shown(searched.value), shown(searched.high)
+    of_search = format_significant(searched.value), format_significant(searched.percentile_95)
     table.append(
         (f"global: the same norms, {devices} devices and the largest", ["as damped", *of_search])
     )
-    best, plain = (median(found.vectors(name) / MILLI) for name in ("joint", "planar"))
-    return WORDS.section(
+    best, plain = (
+        median_estimate(found.vector_errors(name) / MILLI) for name in ("joint", "planar")
+    )
+    return TEXT.section(
         (),
         (
-            Table("Errors, mg: rms of the groups' norms, and rms as a vector on 300 fresh poses",
+            StudyTable("Errors, mg: rms of the groups' norms, and rms as a vector on 300 fresh "
+                       "poses",
                   "estimator", ("norms, median", "vectors, median", "vectors, 95 %"),
                   table),
         ),
-        joint=shown(best.value),
-        planar=shown(plain.value),
+        joint=format_significant(best.value),
+        planar=format_significant(plain.value),
         lost=lost,
     )  # fmt: skip

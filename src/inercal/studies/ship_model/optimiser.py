@@ -5,70 +5,78 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inercal.methods.ship_multi_angle.evolution import GOAL, Bounds, Found, Options, search
-from inercal.methods.ship_multi_angle.norms import damped
-from inercal.methods.ship_planar import level
-from inercal.sensors.affine import Affine
-from inercal.studies.claim import shown
-from inercal.studies.section import Chart, Line, Panel, Section, Table
-from inercal.studies.ship_model.experiment import (
+from inercal.methods.ship_multi_angle.global_search import (
+    GOAL,
+    Bounds,
+    SearchOptions,
+    SearchResult,
+    search,
+)
+from inercal.methods.ship_multi_angle.norm_equations import damped_solution
+from inercal.methods.ship_planar import fit_level_states
+from inercal.sensors.affine import AffineModel
+from inercal.studies.claim import format_significant
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.ship_model.simulated_rate_table import (
     MILLI,
-    Case,
-    Median,
-    errors,
-    fresh,
-    length,
+    MedianEstimate,
+    ShipModelCase,
+    calibration_errors,
     norm_rms,
+    random_pose_forces,
+    rms_length,
     vector_rms,
 )
-from inercal.studies.words import words_of
+from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
-WORDS = words_of("inercal.studies.ship_model", "optimiser")
+TEXT = read_section_text("inercal.studies.ship_model", "optimiser")
 
 BOUNDS = {"default": Bounds(), "wide": Bounds(scale=1.0, cross=1.0, bias=1.0)}
-_WORDS = {"default": "±10 %, ±0.2 g", "wide": "±100 %, ±1 g"}
+_BOUNDS_TEXTS = {"default": "±10 %, ±0.2 g", "wide": "±100 %, ±1 g"}
 _SECONDS, _GENERATIONS = 30.0, 400
 _WITHIN = 0.01
 
 
-class Searched(NamedTuple):
+class OptimiserComparison(NamedTuple):
     """One device: both searches, the damped solution, and how far each is off, g."""
 
-    found: dict[str, Found]
-    off: dict[str, float]
-    apart: float  # of the default search and the damped solution
-    ratio: float  # of their sums of squares
+    searches: dict[str, SearchResult]
+    vector_error: dict[str, float]
+    solution_distance: float  # of the default search and the damped solution
+    cost_ratio: float  # of their sums of squares
     norm: float  # rms error of their norms
     largest: dict[str, float]  # relative error as a vector in a fresh pose
 
 
-def compare(case: Case, devices: int, seed: int) -> list[Searched]:
+def compare_searches(case: ShipModelCase, devices: int, seed: int) -> list[OptimiserComparison]:
     """Return what becomes of the first devices."""
     # Chance decides the null directions: each search has its own.
-    return [_one(case.one(k), seed, 1000 * seed + k) for k in range(devices)]
+    return [_search_device(case.single_device(k), seed, 1000 * seed + k) for k in range(devices)]
 
 
-def _one(case: Case, seed: int, chance: int) -> Searched:
-    a, poses = case.readings[case.groups], fresh(seed)
-    start = level(case.readings[case.level], case.nominal[case.level]).model
-    done = damped(a, case.square, start)
+def _search_device(case: ShipModelCase, seed: int, chance: int) -> OptimiserComparison:
+    a, poses = case.readings[case.group_rows], random_pose_forces(seed)
+    start = fit_level_states(case.readings[case.level_rows], case.nominal[case.level_rows]).model
+    done = damped_solution(a, case.squared_norm, start)
     found = {
-        name: search(a, case.square, Options(bounds, chance, _SECONDS), generations=_GENERATIONS)
+        name: search(
+            a, case.squared_norm, SearchOptions(bounds, chance, _SECONDS), generations=_GENERATIONS
+        )
         for name, bounds in BOUNDS.items()
     }
 
     force = np.linalg.norm(poses, axis=-1)
 
-    def off(model: Affine) -> float:
+    def off(model: AffineModel) -> float:
         return float(vector_rms(model, case.device, seed))
 
-    def read(model: Affine):
-        return errors(model, case.device, poses)
+    def read(model: AffineModel):
+        return calibration_errors(model, case.device, poses)
 
-    return Searched(
+    return OptimiserComparison(
         found,
         {name: off(one.model) for name, one in found.items()} | {"damped": off(done.model)},
-        float(length(read(found["default"].model) - read(done.model))),
+        float(rms_length(read(found["default"].model) - read(done.model))),
         found["default"].cost / float(done.cost),
         float(norm_rms(done.model, case)),
         {
@@ -78,49 +86,51 @@ def _one(case: Case, seed: int, chance: int) -> Searched:
     )
 
 
-def few(values: Sequence[float]) -> Median:
+def median_of_few(values: Sequence[float]) -> MedianEstimate:
     """Return the median of few values, its error by their scatter, and the largest."""
     e = np.array(values)
     # Of few normal values the median scatters 1.25 times as much as the mean.
-    return Median(
+    return MedianEstimate(
         float(np.median(e)), float(1.25 * e.std(ddof=1) / np.sqrt(len(e))), float(e.max())
     )
 
 
-def section(searched: Sequence[Searched]) -> Section:
+def section(searched: Sequence[OptimiserComparison]) -> StudySection:
     """Return the section of the optimiser."""
-    off = {name: few([one.off[name] for one in searched]) for name in BOUNDS}
+    off = {name: median_of_few([one.vector_error[name] for one in searched]) for name in BOUNDS}
     largest = {name: 100 * max(one.largest[name] for one in searched) for name in BOUNDS}
-    ratio = few([one.ratio for one in searched])
-    apart = few([one.apart / MILLI for one in searched])
+    ratio = median_of_few([one.cost_ratio for one in searched])
+    apart = median_of_few([one.solution_distance / MILLI for one in searched])
     norm = float(np.median([one.norm for one in searched])) / MILLI
-    worst = max(one.found["default"].worst for one in searched)
-    goals = ", ".join(str(one.found["default"].goal or "none") for one in searched)
+    worst = max(one.searches["default"].worst for one in searched)
+    goals = ", ".join(str(one.searches["default"].goal or "none") for one in searched)
     findings = [
-        WORDS.judge("met", 100 * worst, 0.0,
+        TEXT.judge("met", 100 * worst, 0.0,
             f"of {len(searched)} devices, polished; before that met at generations {goals}"),
-        *(WORDS.judge(f"far_{name}", largest[name], 0.0,
-                f"rms {shown(off[name].value)} g in the median, up to {shown(off[name].high)} g, "
-                "where the norms err by no more than "
-                f"{shown(100 * max(w.found[name].worst for w in searched))} %")
+        *(TEXT.judge(f"far_{name}", largest[name], 0.0,
+                f"rms {format_significant(off[name].value)} g in the median, up to "
+                f"{format_significant(off[name].percentile_95)} g, where the norms err by no more "
+                f"than {format_significant(100 * max(w.searches[name].worst for w in searched))} %")
           for name in BOUNDS),
-        WORDS.judge("same", ratio.value, np.hypot(ratio.u, _WITHIN / 2),
+        TEXT.judge("same", ratio.value, np.hypot(ratio.u, _WITHIN / 2),
             "1 % counts as similar; they have one least sum, and reach it"),
-        WORDS.judge("verifies", apart.value, norm,
-            f"u is the {shown(norm)} mg by which either errs in the norms; a triad turned "
-            "by any rotation has the same sum, so that two programs can agree on it and both "
-            "be wrong"),
+        TEXT.judge("verifies", apart.value, norm,
+            f"u is the {format_significant(norm)} mg by which either errs in the norms; a triad "
+            "turned by any rotation has the same sum, so that two programs can agree on it and "
+            "both be wrong"),
     ]  # fmt: skip
     rows = [
-        (f"{k + 1}", [f"{one.ratio:.6f}", shown(one.norm / MILLI), shown(one.off["damped"] / MILLI),
-                      shown(one.off["default"] / MILLI), shown(one.off["wide"] / MILLI),
-                      shown(one.apart / MILLI)])
+        (f"{k + 1}", [f"{one.cost_ratio:.6f}", format_significant(one.norm / MILLI),
+                      format_significant(one.vector_error["damped"] / MILLI),
+                      format_significant(one.vector_error["default"] / MILLI),
+                      format_significant(one.vector_error["wide"] / MILLI),
+                      format_significant(one.solution_distance / MILLI)])
         for k, one in enumerate(searched)
     ]  # fmt: skip
-    return WORDS.section(
+    return TEXT.section(
         findings,
         (
-            Table("Device by device, mg; sums of squares as a ratio", "device",
+            StudyTable("Device by device, mg; sums of squares as a ratio", "device",
                   ("sum, optimiser\nover damped", "norms", "vectors,\ndamped",
                    "vectors,\noptimiser", "vectors,\nwide bounds", "optimiser\nto damped"), rows),
         ),
@@ -128,23 +138,23 @@ def section(searched: Sequence[Searched]) -> Section:
     )  # fmt: skip
 
 
-def _history(one: Searched) -> Chart:
-    def lines(what: str) -> list[Line]:
+def _history(one: OptimiserComparison) -> Chart:
+    def lines(what: str) -> list[Curve]:
         return [
-            Line(_WORDS[name], np.array([float(g.number) for g in found.history]),
+            Curve(_BOUNDS_TEXTS[name], np.array([float(g.number) for g in found.history]),
                  np.array([100 * g.worst if what == "worst" else g.cost for g in found.history]))
-            for name, found in one.found.items()
+            for name, found in one.searches.items()
         ]  # fmt: skip
 
-    last = float(max(len(found.history) for found in one.found.values()))
-    goal = Line("goal", np.array([1.0, last]), np.full(2, 100 * GOAL))
+    last = float(max(len(found.history) for found in one.searches.values()))
+    goal = Curve("goal", np.array([1.0, last]), np.full(2, 100 * GOAL))
     return Chart(
         "history",
         "The optimiser's history on one device, as the source's Fig. 6: the best member after each "
         "generation, before polishing. The goal is met long before the end, and says nothing of "
         "the coefficients.",
         [
-            Panel("", "generation", "largest error of a norm, %", [*lines("worst"), goal]),
-            Panel("", "generation", "sum of squares, g⁴", lines("cost")),
+            StudyPanel("", "generation", "largest error of a norm, %", [*lines("worst"), goal]),
+            StudyPanel("", "generation", "sum of squares, g⁴", lines("cost")),
         ],
     )

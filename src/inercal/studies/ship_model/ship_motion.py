@@ -24,11 +24,11 @@ from inercal.frames import exp_so3
 from inercal.sensors import G0
 
 _COMPONENTS = 60
-_BAND = (0.6, 1.8)  # of ω_p; a model does not follow waves much shorter than itself
+_FREQUENCY_BAND = (0.6, 1.8)  # of ω_p; a model does not follow waves much shorter than itself
 
 
 @dataclass(frozen=True)
-class Swing:
+class OscillationParameters:
     """One motion: amplitude, m or rad; period, s; and phase in regular waves, rad."""
 
     amplitude: float
@@ -37,32 +37,42 @@ class Swing:
 
 
 @dataclass(frozen=True)
-class Waves:
+class WaveConditions:
     """How a model moves, and where on it the accelerometer sits, m."""
 
-    heave: Swing
-    pitch: Swing
-    roll: Swing
+    heave: OscillationParameters
+    pitch: OscillationParameters
+    roll: OscillationParameters
     place: tuple[float, float, float]
     regular: bool
 
 
-PLACE = (1.2, 0.1, 0.15)  # m
-REGULAR = Waves(
-    Swing(0.04, 1.6), Swing(radians(3), 1.6, pi / 2), Swing(radians(8), 1.6, 1.0), PLACE, True
+SENSOR_POSITION = (1.2, 0.1, 0.15)  # m
+REGULAR_WAVES = WaveConditions(
+    OscillationParameters(0.04, 1.6),
+    OscillationParameters(radians(3), 1.6, pi / 2),
+    OscillationParameters(radians(8), 1.6, 1.0),
+    SENSOR_POSITION,
+    True,
 )
-IRREGULAR = Waves(Swing(0.04, 1.6), Swing(radians(3), 1.5), Swing(radians(8), 2.2), PLACE, False)
+IRREGULAR_WAVES = WaveConditions(
+    OscillationParameters(0.04, 1.6),
+    OscillationParameters(radians(3), 1.5),
+    OscillationParameters(radians(8), 2.2),
+    SENSOR_POSITION,
+    False,
+)
 """Of a model of 4 m in waves of 4 m and 0.1 m height, and in a sea of that significant height."""
 
 
-def course(swing: Swing, t: Array, seed: int | None = None) -> Array:
+def motion_derivatives(swing: OscillationParameters, t: Array, seed: int | None = None) -> Array:
     """Return a motion and its first two derivatives at t (n,), (3, n); irregular with a seed."""
     peak = 2 * pi / swing.period
     if seed is None:
         w, amplitude, phase = np.array([peak]), np.array([swing.amplitude]), swing.phase
     else:
         rng = np.random.default_rng(seed)
-        edges = peak * np.linspace(*_BAND, _COMPONENTS + 1)
+        edges = peak * np.linspace(*_FREQUENCY_BAND, _COMPONENTS + 1)
         # Anywhere in its band: evenly spaced ones would repeat within minutes.
         w = rng.uniform(edges[:-1], edges[1:])
         power = w**-5 * np.exp(-1.25 * (peak / w) ** 4)
@@ -74,7 +84,7 @@ def course(swing: Swing, t: Array, seed: int | None = None) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class SpecificForce:
+class ShipMotion:
     """Heave, pitch and roll with their derivatives, (3, n) each, and specific force, (n, 3)."""
 
     heave: Array
@@ -85,14 +95,14 @@ class SpecificForce:
     @property
     def attitude(self) -> Array:
         """R, model to basin, (n, 3, 3)."""
-        return _turn(1, self.pitch[0]) @ _turn(0, self.roll[0])
+        return _axis_rotation(1, self.pitch[0]) @ _axis_rotation(0, self.roll[0])
 
 
-def feel(waves: Waves, t: Array, seed: int = 0) -> SpecificForce:
+def simulate_ship_motion(waves: WaveConditions, t: Array, seed: int = 0) -> ShipMotion:
     """Return the motion at t (n,) s and what the accelerometer feels."""
     seeds = (None,) * 3 if waves.regular else (3 * seed, 3 * seed + 1, 3 * seed + 2)
     swings = (waves.heave, waves.pitch, waves.roll)
-    heave, pitch, roll = (course(s, t, k) for s, k in zip(swings, seeds, strict=True))
+    heave, pitch, roll = (motion_derivatives(s, t, k) for s, k in zip(swings, seeds, strict=True))
     c, s = np.cos(roll[0]), np.sin(roll[0])
     rate = np.stack([roll[1], pitch[1] * c, -pitch[1] * s], axis=-1)
     turning = np.stack(
@@ -104,12 +114,12 @@ def feel(waves: Waves, t: Array, seed: int = 0) -> SpecificForce:
         axis=-1,
     )
     place = np.array(waves.place)
-    made = SpecificForce(heave, pitch, roll, np.zeros((len(t), 3)))
+    made = ShipMotion(heave, pitch, roll, np.zeros((len(t), 3)))
     # Rᵀ (0, 0, z'' + g) is the last row of R.
     held = made.attitude[:, 2] * (heave[2] + G0)[:, None]
     f = held + np.cross(turning, place) + np.cross(rate, np.cross(rate, place))
-    return SpecificForce(heave, pitch, roll, f)
+    return ShipMotion(heave, pitch, roll, f)
 
 
-def _turn(axis: int, angle: Array) -> Array:
+def _axis_rotation(axis: int, angle: Array) -> Array:
     return exp_so3(angle[:, None] * np.eye(3)[axis])

@@ -6,24 +6,24 @@ comes out, and the section of the page that shows it. Its words, and the claims 
 stand in the TOML file of the section's name.
 """
 
-from inercal.studies.section import Say, Study
-from inercal.studies.turntable import accuracy, duration, failures, states
-from inercal.studies.turntable import trials as of_devices
-from inercal.studies.words import study_of
+from inercal.studies.section_texts import build_study
+from inercal.studies.study_content import MessageCallback, Study
+from inercal.studies.turntable import duration, failures, printed_accuracy, state_models
+from inercal.studies.turntable import turntable_trials as of_devices
 
 SHARE, FEWEST = 250, 6  # trials for one device, which is half an hour of samples; devices
 
 
-def run(trials: int, seed: int, say: Say) -> Study:
+def run(trials: int, seed: int, say: MessageCallback) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
     devices = max(trials // SHARE, FEWEST)
-    found = of_devices.run(devices, seed, say)
-    return study_of(
+    found = of_devices.run_filters(devices, seed, say)
+    return build_study(
         __name__,
         (
-            accuracy.section(found),
+            printed_accuracy.section(found),
             duration.section(found),
-            states.section(found),
+            state_models.section(found),
             failures.section(found),
         ),
         devices=devices,

@@ -1,62 +1,78 @@
 """Where the method fails: what the source leaves unsaid and a user has to know."""
 
-from inercal.studies.claim import shown
-from inercal.studies.section import Section, Table
-from inercal.studies.turntable.accuracy import FULL, OWN
-from inercal.studies.turntable.experiment import LATENCY
-from inercal.studies.turntable.score import Score, score
-from inercal.studies.turntable.trials import (
-    BOTH_WAYS,
-    FELT,
-    FELT_OWN,
-    FELT_STATES,
-    LATE_15,
-    LATE_19,
-    OPEN,
-    REST,
-    Trials,
+from inercal.studies.claim import format_significant
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.study_content import StudySection, StudyTable
+from inercal.studies.turntable.filter_score import FilterScore, score_filter
+from inercal.studies.turntable.printed_accuracy import FULL_STATES, OWN_PATH
+from inercal.studies.turntable.simulated_turntable import LATENCY
+from inercal.studies.turntable.turntable_trials import (
+    DELAYED_15_STATES,
+    DELAYED_19_STATES,
+    G_SENSITIVE_FULL,
+    G_SENSITIVE_MODELLED,
+    G_SENSITIVE_OWN_PATH,
+    OPEN_LOOP,
+    REST_ALONE,
+    TURNS_BOTH_WAYS,
+    TurntableTrials,
 )
-from inercal.studies.words import words_of
 
-WORDS = words_of("inercal.studies.turntable", "failures")
-ALONE = "19 states, own path"
-_ROWS = (OWN, OPEN, FELT_OWN, FELT, FELT_STATES, LATE_15, LATE_19)
+TEXT = read_section_text("inercal.studies.turntable", "failures")
+NINETEEN_STATES = "19 states, own path"
+_ROWS = (
+    OWN_PATH,
+    OPEN_LOOP,
+    G_SENSITIVE_OWN_PATH,
+    G_SENSITIVE_FULL,
+    G_SENSITIVE_MODELLED,
+    DELAYED_15_STATES,
+    DELAYED_19_STATES,
+)
 
 
-def section(found: Trials) -> Section:
+def section(found: TurntableTrials) -> StudySection:
     """Return the section of the failures."""
-    made = {name: score(runs, "g") for name, runs in found.gyros.items()}
-    lost, own, felt = made[OPEN], made[OWN], made[FELT_OWN]
+    made = {name: score_filter(runs, "g") for name, runs in found.gyros.items()}
+    lost, own, felt = made[OPEN_LOOP], made[OWN_PATH], made[G_SENSITIVE_OWN_PATH]
     findings = (
-        WORDS.judge("fed_back", *lost.worst["misalignment"],
+        TEXT.judge("fed_back", *lost.largest_axis["misalignment"],
             f"a raw bias of 0.3 °/s turns the attitude away until first-order equations hold no "
-            f"more; fed back it is {shown(own.worst['misalignment'].value)}″"),
-        WORDS.judge("ends", float(max(found.decided)), 0.0,
+            f"more; fed back it is {format_significant(own.largest_axis['misalignment'].value)}″"),
+        TEXT.judge("ends", float(max(found.decided_at_ends)), 0.0,
             "after whole turns all that misalignments did has gone again: all six are lost, and "
             "continuous attitudes it must be"),
-        WORDS.judge("enough", *felt.worst["misalignment"],
-            f"bias {shown(felt.bias.value)} °/min and NEES {shown(felt.nees.value)} besides; "
-            "with nine more states and the whole recording "
-            f"{shown(made[FELT_STATES].worst['misalignment'].value)}″"),
-        WORDS.judge("on_time", *made[LATE_15].worst["misalignment"],
-            f"NEES {shown(made[LATE_15].nees.value)}; with the delay as a state "
-            f"{shown(made[LATE_19].worst['misalignment'].value)}″"),
+        TEXT.judge("enough", *felt.largest_axis["misalignment"],
+            f"bias {format_significant(felt.bias.value)} °/min and NEES "
+            f"{format_significant(felt.nees.value)} besides; with nine more states and the whole "
+            "recording "
+            f"{format_significant(made[G_SENSITIVE_MODELLED].largest_axis['misalignment'].value)}″"),
+        TEXT.judge("on_time", *made[DELAYED_15_STATES].largest_axis["misalignment"],
+            f"NEES {format_significant(made[DELAYED_15_STATES].nees.value)}; with the delay as a "
+            "state "
+            f"{format_significant(made[DELAYED_19_STATES].largest_axis['misalignment'].value)}″"),
     )  # fmt: skip
-    return WORDS.section(
+    return TEXT.section(
         findings,
         (_table(made),),
         latency_ms=LATENCY / 1e-3,
-        rest=shown(made[REST].bias.value),
-        alone=shown(made[ALONE].bias.value),
-        both=shown(made[BOTH_WAYS].bias.value),
-        whole=shown(made[FULL].bias.value),
+        rest=format_significant(made[REST_ALONE].bias.value),
+        alone=format_significant(made[NINETEEN_STATES].bias.value),
+        both=format_significant(made[TURNS_BOTH_WAYS].bias.value),
+        whole=format_significant(made[FULL_STATES].bias.value),
     )
 
 
-def _table(made: dict[str, Score]) -> Table:
+def _table(made: dict[str, FilterScore]) -> StudyTable:
     rows = [
-        (name, [shown(x.value) for x in (one.bias, one.scale, one.misalignment, one.nees)])
+        (
+            name,
+            [
+                format_significant(x.value)
+                for x in (one.bias, one.scale, one.misalignment, one.nees)
+            ],
+        )
         for name, one in ((name, made[name]) for name in _ROWS)
     ]
-    return Table("Gyros: RMS of the errors where something is left out", "filter",
+    return StudyTable("Gyros: RMS of the errors where something is left out", "filter",
                  ("bias, °/min", "scale, ppm", "misalignment, ″", "NEES"), rows)  # fmt: skip

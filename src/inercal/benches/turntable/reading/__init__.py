@@ -1,5 +1,5 @@
 """From a recording on a turntable to the track that its methods follow."""
 
-from inercal.benches.turntable.reading.run import observe
+from inercal.benches.turntable.reading.track_observation import observe
 
 __all__ = ["observe"]

@@ -18,15 +18,15 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.rates import (
-    Rough,
+from inercal.benches.turntable.reading.implied_rates import (
+    RateRegression,
+    fit_rates,
+    gyro_rates,
     half_window,
-    of_gyros,
-    of_table,
-    offsets,
-    rough,
+    local_offsets,
+    table_rates,
 )
-from inercal.recording import GAP, Finding, Track
+from inercal.recording import GAP_FACTOR, Finding, Track
 from inercal.sensors import Sensor
 
 _ALONE = 10.0  # times the usual difference between readback and gyros over one step
@@ -40,7 +40,7 @@ _MOVING = np.radians(5)  # rad/s, of turns
 _TURNING = np.radians(0.05)  # rad/s
 
 
-class Slip(NamedTuple):
+class SampleSlip(NamedTuple):
     """Samples lost after sample `first` and before `last`; negative: as many too many."""
 
     first: int
@@ -49,7 +49,7 @@ class Slip(NamedTuple):
     row: bool  # with their readback
 
 
-def slipped(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
+def slip_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
     """Return a warning for each slip: when, and how many samples.
 
     Parameters
@@ -61,7 +61,7 @@ def slipped(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ..
     bench : Turntable
     """
     found: list[Finding] = []
-    for slip in slips(track, sensor, bench):
+    for slip in find_slips(track, sensor, bench):
         count = round(abs(slip.samples))
         some = f"{count} sample{'s' * (count > 1)} {'lost' if slip.samples > 0 else 'too many'}"
         start, stop = track.time[slip.first], track.time[slip.last]
@@ -78,43 +78,43 @@ def slipped(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ..
     return tuple(found)
 
 
-def slips(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Slip, ...]:
-    """Return the slips that `slipped` tells of, in their order."""
+def find_slips(track: Track, sensor: Sensor, bench: Turntable) -> tuple[SampleSlip, ...]:
+    """Return the slips that `slip_findings` tells of, in their order."""
     gyros = [axis.measures == "w" for axis in sensor.axes]
     if sum(gyros) != 3 or track.time.size < 100:
         return ()
     reading = track.reading[:, gyros]
-    table, read = of_table(bench, track.time, track.angles), of_gyros(track.time, reading)
-    known = rough(read.rate, table.rate)
+    table, read = table_rates(bench, track.time, track.angles), gyro_rates(track.time, reading)
+    known = fit_rates(read.rate, table.rate)
     fastest = float(np.percentile(np.linalg.norm(table.change, axis=-1), 99.9))
-    rows = _rows(track.time, reading, track.angles, bench, known, fastest)
+    rows = _readback_slips(track.time, reading, track.angles, bench, known, fastest)
     turning = np.linalg.norm(table.rate, axis=-1) > _MOVING
-    left = np.linalg.norm(known.left(read.rate, table.rate)[turning], axis=-1)
+    left = np.linalg.norm(known.residual_rates(read.rate, table.rate)[turning], axis=-1)
     speed = np.linalg.norm(table.rate[turning], axis=-1)
     if turning.any() and np.median(left / speed) > _SHAPED:
         return tuple(rows)  # the two do not turn alike: offsets in time tell nothing
-    local = offsets(table, read, known)
+    local = local_offsets(table, read, known)
     h = half_window(track.time)
     # A row lost within a change of rate moves that one's offset alone.
     spoilt = [
         any(first - h <= one.first - h <= last + h for one in rows) for first, last in local.spans
     ]
     kept = ~np.array(spoilt, dtype=np.bool_)
-    steps = _steps(local.time[kept], local.value[kept], local.sd[kept], track.time)
+    steps = _offset_steps(local.time[kept], local.value[kept], local.sd[kept], track.time)
     spans = local.spans[kept] + h
     # It may lie within one of the changes itself.
-    alone = [Slip(int(spans[k, 0]), int(spans[j, 1]), n, False) for k, j, n in steps]
+    alone = [SampleSlip(int(spans[k, 0]), int(spans[j, 1]), n, False) for k, j, n in steps]
     return tuple(sorted([*rows, *alone]))
 
 
-def _rows(
+def _readback_slips(
     time: Array,
     reading: Array,
     angles: Array,
     bench: Turntable,
-    known: Rough,
+    known: RateRegression,
     fastest: float,
-) -> list[Slip]:
+) -> list[SampleSlip]:
     """Return the steps over which the readback alone goes on by more or fewer than one."""
     dt = np.diff(time)
     usual = float(np.median(dt))
@@ -124,7 +124,7 @@ def _rows(
     w = (reading[1:] + reading[:-1]) / 2 - known.bias
     size = np.linalg.norm(w, axis=-1)
     more = (np.sum(v * w, axis=-1) / np.maximum(size, 1e-12) - size) * dt  # rad
-    moving = (size > _TURNING) & (dt < GAP * usual)
+    moving = (size > _TURNING) & (dt < GAP_FACTOR * usual)
     more[~moving] = 0.0
     # Beyond both neighbours: where latency or bias makes a difference, it is theirs as well.
     before, after = np.roll(more, 1), np.roll(more, -1)
@@ -133,19 +133,21 @@ def _rows(
     noise = _NORMAL * float(np.median(np.abs(more[moving] - before[moving]))) if moving.any() else 0
     # One step of a readback that is rounded, up and down.
     stepped = np.abs(np.diff(angles, axis=0))
-    quantum = 2 * float(stepped[stepped > _DUST].min(initial=np.inf))
-    quantum = quantum if quantum < _COARSEST else 0.0
-    least = np.maximum(_ALONE * noise + fastest * usual**2, size * usual / 2) + quantum
+    resolution = 2 * float(stepped[stepped > _DUST].min(initial=np.inf))
+    resolution = resolution if resolution < _COARSEST else 0.0
+    least = np.maximum(_ALONE * noise + fastest * usual**2, size * usual / 2) + resolution
     # Where the table begins or ends to turn, a readback that is late looks like samples lost.
     speed = np.linalg.norm(v, axis=-1)
     steady = np.minimum(np.roll(speed, 2), np.roll(speed, -2)) > size / 2
     steady &= np.maximum(np.roll(speed, 2), np.roll(speed, -2)) < 2 * size
     at = np.flatnonzero((np.abs(alone) > least) & moving & steady)
     share = (more - (before + after) / 2)[at] / (size * usual)[at]
-    return [Slip(int(k), int(k) + 1, float(n), True) for k, n in zip(at, share, strict=True)]
+    return [SampleSlip(int(k), int(k) + 1, float(n), True) for k, n in zip(at, share, strict=True)]
 
 
-def _steps(time: Array, value: Array, sd: Array, sampled: Array) -> list[tuple[int, int, float]]:
+def _offset_steps(
+    time: Array, value: Array, sd: Array, sampled: Array
+) -> list[tuple[int, int, float]]:
     """Return between which local offsets the clocks come apart by samples, and by how many."""
     if time.size < 3:
         return []

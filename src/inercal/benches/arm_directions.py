@@ -1,0 +1,24 @@
+"""Directions of what an arm or a table that turns makes accelerometers feel."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.plan import Spin
+
+
+def outward_and_up_directions(steps: Sequence[Spin]) -> tuple[Array, Array]:
+    """Return `out` and `up` of each step in the body, (r, 3) each.
+
+    Raises
+    ------
+    InputError
+        A step of unknown attitude.
+    """
+    known = [step.attitude for step in steps if step.attitude is not None]
+    if len(known) < len(steps):
+        lacking = next(step.label for step in steps if step.attitude is None)
+        raise InputError(f"{lacking}: its attitude on the arm is not known")
+    return np.array([a.out for a in known]), np.array([a.up for a in known])

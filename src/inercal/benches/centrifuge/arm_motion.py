@@ -1,0 +1,234 @@
+"""What a sensor feels on a centrifuge's arm that turns steadily about the vertical.
+
+A sensor on the arm feels the arm's centripetal acceleration and gravity, at right angles but for a
+tilt τ of gravity against the arm. With `out` and `up` in the body, from the spindle outwards and
+along it::
+
+    a = R (1 + s a₀) (ω (1 + ρ) + Ω sin φ)²,   a₀ = R ω² nominal
+    f = −(a + g τ) out + g √(1 − τ²) up         locked to the arm: and turns with it, ω along up
+    n² = a² + 2 a g τ + g²                      whatever the attitude
+
+with R the static radius, s the arm's stretch, ω the rate against the ground as stated, counted
+counter-clockwise seen from above, ρ its relative error, Ω sin φ the earth's rate along the spindle.
+
+The spindle leans by λ₁ where the arm's azimuth α is 0 and by λ₂ where it is 90°: this adds
+λ₁ cos α + λ₂ sin α to τ. The earth's level rate e adds 2 e ω R to gravity once a turn (Coriolis),
+the same as a tilt of 2 (e₁ cos α + e₂ sin α)/ω. Over whole turns neither is felt. On a platform
+that turns against the arm the sensor keeps its attitude to the ground and feels the arm go round:
+one row of observations is then one azimuth, and both count.
+
+The body is turned from its nominal attitude by mounting angles m of the whole run and, within
+them, by the indexing errors e of each attitude: v_body = exp(m) exp(e) v_nominal. No norm feels it.
+
+Rate and tilt may differ from dwell to dwell besides, by `dwell_rate` and `dwell_tilt`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import cos, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.contract import MeanMotion
+from inercal.earth import EARTH_RATE
+from inercal.frames import exp_so3, left_jacobian, skew
+from inercal.motion import Motion
+from inercal.plan import Attitude, Spin
+
+if TYPE_CHECKING:
+    from inercal.benches.centrifuge.bench import Centrifuge
+
+
+@dataclass(frozen=True, eq=False)
+class SpecificForceNorm:
+    """Norm of specific force in each dwell, and how it depends on the bench.
+
+    Parameters
+    ----------
+    norm : (..., r) array
+        n, m/s².
+    derivatives : mapping of str to (..., r) array
+        ∂n by each of the bench's parameters that a norm depends on, dwell to dwell included.
+    dwell : (..., r) array
+        Standard deviation of n by what differs from dwell to dwell, m/s².
+    """
+
+    norm: Array
+    derivatives: Mapping[str, Array]
+    dwell: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _ArmMotion:
+    """Centripetal acceleration, tilt and rate of each dwell, (..., r), with derivatives."""
+
+    a: Array
+    tilt: Array
+    total_rate: Array
+    total_rate_derivatives: Mapping[str, Array]
+    a_derivatives: Mapping[str, Array]
+    tilt_derivatives: Mapping[str, Array]
+
+
+def _arm_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> _ArmMotion:
+    w = bench.sense * np.array([step.rate for step in steps])
+    zero = np.zeros(())
+    labels = [step.label for step in steps]
+    own = {name: _parameter_by_label(q, name, labels) for name in ("dwell_rate", "dwell_tilt")}
+    radius, stretch, rate, tilt = (
+        q[name][..., None] for name in ("radius", "stretch", "rate", "tilt")
+    )
+    if bench.latitude is None:
+        earth, up, by_place = "earth_up", q["earth_up"][..., None], np.ones(1)
+    else:
+        place = q["latitude"][..., None]
+        earth, up, by_place = "latitude", EARTH_RATE * np.sin(place), EARTH_RATE * np.cos(place)
+    nominal = bench.radius.value * w**2
+    grown = 1 + stretch * nominal
+    turned = w * (1 + rate + own["dwell_rate"]) + up
+    by_turned = 2 * radius * grown * turned
+    cosine, sine = np.array([_mean_azimuth_components(step, bench.sense) for step in steps]).T
+    lean, level = (
+        [q.get(f"{name}{k}", zero)[..., None] for k in (1, 2)] for name in ("lean", "level")
+    )
+    coriolis = 2 / np.where(w == 0, np.inf, w)
+    return _ArmMotion(
+        a=radius * grown * turned**2,
+        tilt=tilt
+        + own["dwell_tilt"]
+        + (lean[0] + coriolis * level[0]) * cosine
+        + (lean[1] + coriolis * level[1]) * sine,
+        total_rate=turned,
+        total_rate_derivatives={"rate": w, "dwell_rate": w, earth: by_place},
+        a_derivatives={
+            "radius": grown * turned**2,
+            "stretch": radius * nominal * turned**2,
+            "rate": by_turned * w,
+            "dwell_rate": by_turned * w,
+            earth: by_turned * by_place,
+        },
+        tilt_derivatives={
+            "tilt": np.ones(1),
+            "dwell_tilt": np.ones(1),
+            "lean1": cosine,
+            "lean2": sine,
+            "level1": coriolis * cosine,
+            "level2": coriolis * sine,
+        },
+    )
+
+
+def _mean_azimuth_components(step: Spin, sense: int) -> tuple[float, float]:
+    """Return the mean cosine and sine of the arm's azimuth in the dwell."""
+    if step.azimuth is not None:
+        return cos(step.azimuth), sin(step.azimuth)
+    swept = sense * step.rate * step.seconds
+    if swept == 0:
+        return 0.0, 0.0
+    return sin(swept) / swept, (1 - cos(swept)) / swept
+
+
+def _parameter_by_label(q: Mapping[str, Array], name: str, labels: Sequence[str]) -> Array:
+    """Return a parameter of the steps or attitudes of these labels, (..., r); zero if missing."""
+    values = [q.get(f"{name}[{label}]", np.zeros(())) for label in labels]
+    return np.stack(np.broadcast_arrays(*values), axis=-1)
+
+
+def specific_force_norm(
+    bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]
+) -> SpecificForceNorm:
+    """Return the norm that each dwell makes.
+
+    Parameters
+    ----------
+    bench : Centrifuge
+    steps : sequence of r Spin
+    q : mapping of str to (...) array
+        The bench's parameters by full name, SI; `nuisances` lists them. Those of attitudes play no
+        part, and those of lean and dwells are zero where they are missing.
+    """
+    arm, g = _arm_motion(bench, steps, q), q["g"][..., None]
+    n = np.sqrt(arm.a**2 + 2 * arm.a * g * arm.tilt + g**2)
+    by_a, by_tilt = (arm.a + g * arm.tilt) / n, arm.a * g / n
+    by = {"g": (arm.a * arm.tilt + g) / n}
+    by |= {name: by_a * slope for name, slope in arm.a_derivatives.items()}
+    by |= {name: by_tilt * slope for name, slope in arm.tilt_derivatives.items()}
+    dwell = np.hypot(by["dwell_rate"] * bench.dwell_rate, by["dwell_tilt"] * bench.dwell_tilt)
+    return SpecificForceNorm(n, by, dwell)
+
+
+def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
+    """Return the mean motion of each dwell in its attitude, with derivatives.
+
+    "dwell_rate" and "dwell_tilt" are of each row's own.
+
+    Parameters
+    ----------
+    bench, steps, q
+        As of `specific_force_norm`; mounting and indexing are zero where they are missing.
+
+    Raises
+    ------
+    InputError
+        A step of unknown attitude.
+    """
+    arm, g = _arm_motion(bench, steps, q), q["g"][..., None]
+    out, up = outward_and_up_directions(steps)
+    tilt = arm.tilt[..., None]
+    root, pull = np.sqrt(1 - tilt**2), g[..., None]
+    nominal = -(arm.a[..., None] + pull * tilt) * out + pull * root * up
+    zero = np.zeros(())
+    named = attitude_names(steps)
+    names = [named[step.attitude] for step in steps]
+
+    index = np.stack(
+        np.broadcast_arrays(*(_parameter_by_label(q, f"index_{a}", names) for a in "xyz")), axis=-1
+    )
+    mount = np.stack(np.broadcast_arrays(*(q.get(f"mount_{a}", zero) for a in "xyz")), axis=-1)
+    outer = exp_so3(mount)[..., None, :, :]
+    whole = outer @ exp_so3(index)
+    f = _rotate(whole, nominal)
+    df = {"g": _rotate(whole, root * up - tilt * out)}
+    df |= {
+        name: _rotate(whole, -slope[..., None] * out) for name, slope in arm.a_derivatives.items()
+    }
+    by_tilt = _rotate(whole, -pull * (out + tilt / root * up))
+    df |= {name: slope[..., None] * by_tilt for name, slope in arm.tilt_derivatives.items()}
+    mounted_by, indexed_by = left_jacobian(mount)[..., None, :, :], left_jacobian(index)
+
+    def by_attitude(turned: Array, inner: Array) -> dict[str, Array]:
+        """Return the derivatives of a vector by mounting and indexing."""
+        by_mount = -skew(turned) @ mounted_by
+        by_index = -outer @ skew(inner) @ indexed_by
+        found: dict[str, Array] = {}
+        for k, a in enumerate("xyz"):
+            found[f"mount_{a}"] = by_mount[..., k]
+            for name in named.values():
+                own = np.array([n == name for n in names])
+                found[f"index_{a}[{name}]"] = np.where(own[:, None], by_index[..., k], 0.0)
+        return found
+
+    inner = exp_so3(index)
+    df |= by_attitude(f, _rotate(inner, nominal))
+    if bench.platform != "locked":
+        return MeanMotion(Motion(f, np.zeros_like(f)), df)
+    along = _rotate(whole, np.broadcast_to(up, f.shape))
+    rate = arm.total_rate[..., None]
+    dw = {name: slope[..., None] * along for name, slope in arm.total_rate_derivatives.items()}
+    dw |= by_attitude(rate * along, rate * _rotate(inner, np.broadcast_to(up, f.shape)))
+    return MeanMotion(Motion(f, rate * along), df, dw)
+
+
+def attitude_names(steps: Sequence[Spin]) -> dict[Attitude | None, str]:
+    """Return the name of each attitude: the label of the first step that has it."""
+    named: dict[Attitude | None, str] = {}
+    for step in steps:
+        named.setdefault(step.attitude, step.label)
+    return named
+
+
+def _rotate(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]

@@ -1,0 +1,286 @@
+"""A kind of bench: all that the rest of the package knows of it.
+
+One object of this type, registered under `inercal.benches`, is a kind of bench. Its functions
+return data: what is drawn and printed, report and terminal draw and print.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+
+from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
+from inercal.benches.operator_sheet import Sheet
+from inercal.benches.report_data import (
+    Columns,
+    MeasuredDirection,
+    Plot,
+    ReportInput,
+    describe_row,
+    specific_force_directions,
+)
+from inercal.data import DataSection, EstimatorInput, Source
+from inercal.errors import InputError
+from inercal.plan import Step
+from inercal.recording import Recording
+from inercal.section_settings import BenchSection
+from inercal.sensors import Noise, Readout, Sensor, imu, triad
+from inercal.units import Measured
+
+if TYPE_CHECKING:
+    from inercal.segments import RestDetection  # the kernels load with the readers
+
+B = TypeVar("B", bound=Bench)
+D = TypeVar("D", bound=DataSection)
+Output = tuple[Readout, Noise]
+Plan = Callable[[], tuple[Step, ...]]
+Simulate = Callable[
+    [B, Sequence[Any], float, np.random.Generator, int, Sensor, bool], SensorSimulation
+]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A known effect that a bench corrects for.
+
+    Parameters
+    ----------
+    name : str
+    field : str
+        Of the bench, that holds its value.
+    absent : Measured or float
+        The field's value without the effect.
+    unit, per : str and float
+        The value as printed: unit, and how many of it one SI unit is.
+    affects_rates : bool
+        Whether gyros alone feel it.
+    """
+
+    name: str
+    field: str
+    absent: Measured | float
+    unit: str
+    per: float
+    affects_rates: bool = False
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """What reports and messages call things on a kind of bench.
+
+    Parameters
+    ----------
+    row : str
+        One row of the observations, "state or mounting".
+    turning_device : str
+        What turns the sensor, "table".
+    rows : str
+        The rows at rates, "states".
+    attitudes : str
+        Heading of the table of rows.
+    components : str
+        What components of the bench's errors are, where that is to be said.
+    unjudged : str
+        What residuals show where the rows leave no degrees of freedom.
+    """
+
+    row: str = "position or turn"
+    turning_device: str = "arm"
+    rows: str = "rows"
+    attitudes: str = "Attitudes covered"
+    components: str = "Components 1 and 2 are at right angles to the nominal direction."
+    unjudged: str = ""
+
+
+def accept_any_budget(bench: Any, steps: Sequence[Any]) -> str:
+    """Refuse no budget."""
+    return ""
+
+
+def total_step_duration(bench: Any, steps: Sequence[Step]) -> float:
+    """Return how long steps last one after the other, s."""
+    return sum(step.seconds for step in steps)
+
+
+def import_when_called(module: str, function: str) -> Callable[..., Any]:
+    """Return a function of a module that is imported when the function is called.
+
+    What finds sections in recordings comes with compiled kernels, which plans do without.
+
+    Parameters
+    ----------
+    module, function : str
+        Full name of the module, and the function's name in it.
+    """
+
+    def call(*arguments: Any) -> Any:
+        return getattr(import_module(module), function)(*arguments)
+
+    return call
+
+
+def simulate_without_sensor(
+    perform: Callable[..., SimulatedMotion], *, in_hand: bool = False
+) -> Simulate[Any]:
+    """Return `Kind.simulate` of a bench whose simulation asks for no sensor.
+
+    Parameters
+    ----------
+    perform : callable
+        From bench, steps, samples per second, generator and number of trials to the motion.
+    in_hand : bool
+        Whether `perform` takes the keyword `carried` too: the sensor may stay in a hand.
+    """
+
+    def simulate(
+        bench: Any,
+        steps: Sequence[Any],
+        rate_hz: float,
+        rng: np.random.Generator,
+        trials: int,
+        sensor: Sensor,
+        carried: bool,
+    ) -> SensorSimulation:
+        more = {"carried": carried} if in_hand else {}
+        return SensorSimulation(perform(bench, steps, rate_hz, rng, trials, **more), sensor)
+
+    return simulate
+
+
+def three_axis_sensor(
+    name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
+) -> Sensor:
+    """Return a triad, or an IMU where gyros are stated; without coefficients.
+
+    Parameters
+    ----------
+    name : str
+    columns : tuple of str or int
+        [data] accelerometer.
+    accelerometer, gyro : tuple of Readout and Noise
+        Of each axis.
+
+    Raises
+    ------
+    InputError
+        Another number of columns than three.
+    """
+    if len(columns) != len("xyz"):
+        raise InputError(f"[data] accelerometer: {len(columns)} columns; name three, of x, y, z")
+    return triad(name, "f", "a", *accelerometer) if gyro is None else imu(name, accelerometer, gyro)
+
+
+def keep_plan(options: Mapping[str, Any], bench: Any, folder: Path, plan: Plan) -> Plan:
+    """Return the method's plan as it is."""
+    return plan
+
+
+def keep_recording(recording: Recording, sensor: Sensor, bench: Any) -> Recording:
+    """Return the recording as it is."""
+    return recording
+
+
+def no_files(run: Source[Any], done: SimulatedMotion, rng: np.random.Generator) -> dict[str, Any]:
+    """Return no further files."""
+    return {}
+
+
+def no_plots(shown: ReportInput) -> tuple[Plot, ...]:
+    """Return no plots."""
+    return ()
+
+
+def no_tables(run: Source[Any], shown: ReportInput) -> dict[str, Columns]:
+    """Return no tables."""
+    return {}
+
+
+@dataclass(frozen=True)
+class Kind(Generic[B, D]):
+    """A kind of bench.
+
+    Parameters
+    ----------
+    name : str
+        [bench] kind.
+    bench : type
+        A dataclass, `Bench`.
+    section : type
+        [bench] of a run file, a `BenchSection` with the key `kind`.
+    data : type
+        [data] of a run file, a `DataSection`.
+    build : callable
+        From the section, and the folder in which files lie that it names, to the bench.
+    steps : tuple of type
+        The kinds of steps that it carries out.
+    observe : callable
+        From a run to what an estimator needs: a recording or a table of means is read.
+    simulate : callable
+        From bench, steps, samples per second, generator, number of trials, sensor, and whether the
+        sensor stays in the hand between steps.
+    seconds : callable
+        From bench and steps to how long they last at most, s; by default one after the other.
+    words : Vocabulary
+    effects : tuple of Effect
+        That a budget lists.
+    refuses_budget : callable
+        Returns why a budget of a plan is not possible; "" where it is.
+    rows_of_table : bool
+        Whether a table of means says which states there are, not the method's plan: a budget then
+        asks for a plan.
+    sampled : bool
+        Whether methods follow every sample on it, and do not take means of steps.
+    sensor : callable
+        What stands on the bench, from its name, [data] accelerometer, readout and noise.
+    plan : callable
+        From the keys of [method] that say something of the plan, the bench and the run file's
+        folder, and the method's plan, to the plan of a run.
+    audit : callable
+        What is to be noticed in a recording before anything is made of it.
+    files : callable
+        Recordings that a simulation writes beside the first, by the names in [data].
+    sheet : callable or None
+        What the operator does; None where plans are fixed.
+    rests : callable or None
+        The rests that were found in a recording that was refused; None of a bench without rests.
+    directions : callable
+        The measured direction of each row; none are drawn where there is none.
+    plots : callable
+        Further figures of the report.
+    row : callable
+        What a row was, in words.
+    tables : callable
+        Tables beside the calibration, by what they hold: "states".
+    """
+
+    name: str
+    bench: type[B]
+    section: type[BenchSection]
+    data: type[D]
+    build: Callable[[Any, Path], B]
+    steps: tuple[type, ...]
+    observe: Callable[[Source[D]], EstimatorInput]
+    simulate: Simulate[B]
+    seconds: Callable[[B, Sequence[Any]], float] = total_step_duration
+    words: Vocabulary = Vocabulary()
+    effects: tuple[Effect, ...] = ()
+    refuses_budget: Callable[[B, Sequence[Any]], str] = accept_any_budget
+    rows_of_table: bool = False
+    sampled: bool = False
+    sensor: Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor] = (
+        three_axis_sensor
+    )
+    plan: Callable[[Mapping[str, Any], B, Path, Plan], Plan] = keep_plan
+    audit: Callable[[Recording, Sensor, B], Recording] = keep_recording
+    files: Callable[[Source[D], SimulatedMotion, np.random.Generator], dict[str, Recording]] = (
+        no_files
+    )
+    sheet: Callable[[Source[D]], Sheet] | None = None
+    rests: "Callable[[Source[D], Recording], RestDetection] | None" = None
+    directions: Callable[[ReportInput], tuple[MeasuredDirection, ...]] = specific_force_directions
+    plots: Callable[[ReportInput], tuple[Plot, ...]] = no_plots
+    row: Callable[[Step, ReportInput, int], str] = describe_row
+    tables: Callable[[Source[D], ReportInput], Mapping[str, Columns]] = no_tables

@@ -1,0 +1,173 @@
+"""What a kind of bench shows of a calibration, as data: directions, plots and tables.
+
+Drawing and printing are the report's: a bench gives numbers and words.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import acos, nan
+from typing import Any, Protocol
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.calibration import Calibration
+from inercal.estimate import Estimate
+from inercal.motion import Motion
+from inercal.parameters import Parameter
+from inercal.plan import Step
+from inercal.recording import Mark, Observations, Recording
+from inercal.sensors import G0
+
+Columns = Mapping[str, Sequence[str] | Sequence[float] | Sequence[int]]
+
+
+class ReportInput(Protocol):
+    """A calibration as a bench sees it; the pipeline's outcome is one."""
+
+    @property
+    def calibration(self) -> Calibration:
+        """The result."""
+        ...
+
+    @property
+    def estimate(self) -> Estimate:
+        """With the bench's nuisances and the residuals."""
+        ...
+
+    @property
+    def observations(self) -> Observations:
+        """One row a step."""
+        ...
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Of each row."""
+        ...
+
+    @property
+    def bench(self) -> Any:
+        """Of the kind that shows."""
+        ...
+
+    @property
+    def recording(self) -> Recording | None:
+        """None of means."""
+        ...
+
+    @property
+    def marks(self) -> tuple[Mark, ...]:
+        """Of the recording."""
+        ...
+
+    @property
+    def expected(self) -> Mapping[str, Parameter]:
+        """The bench's parameters as they were stated, by full name."""
+        ...
+
+    def sensed_motion(self, w: Array | None = None) -> Motion:
+        """Return what the means say was felt, by the calibration."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredDirection:
+    """One row as it was measured.
+
+    Parameters
+    ----------
+    step : Step
+    unit_vector : (3,) array
+        Unit vector in the sensor's frame: up in a hold, the axis of a turn, the specific force
+        where the bench turns.
+    deviation_angle : float
+        Angle from the nominal direction, rad; NaN where that is not known.
+    """
+
+    step: Step
+    unit_vector: Array
+    deviation_angle: float
+
+
+def measured_direction(step: Step, vector: Array, nominal: Array | None) -> MeasuredDirection:
+    """Return the direction of a vector, and how far it is off the nominal one, if that is known."""
+    unit = vector / np.linalg.norm(vector)
+    if nominal is None:
+        return MeasuredDirection(step, unit, nan)
+    cosine = unit @ nominal / np.linalg.norm(nominal)
+    return MeasuredDirection(step, unit, acos(float(np.clip(cosine, -1.0, 1.0))))
+
+
+def specific_force_directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
+    """Return the direction of the specific force in each row, against that of the bench as set."""
+    made, sensed = shown.bench.mean_motion(shown.steps, {}).motion, shown.sensed_motion()
+    return tuple(
+        measured_direction(step, sensed.f[k], made.f[k]) for k, step in enumerate(shown.steps)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Points of a panel.
+
+    Parameters
+    ----------
+    x, y : (n,) arrays
+        In the units that the panel's labels name.
+    name : str
+    sd : (n,) array, optional
+        Drawn as ±2.
+    hollow : bool
+        Drawn as what is compared with.
+    """
+
+    x: Array
+    y: Array
+    name: str
+    sd: Array | None = None
+    hollow: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel of a plot; panels of a plot have one height and one scale."""
+
+    title: str
+    x: str
+    series: tuple[Series, ...]
+    ticks: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A figure of the report.
+
+    Parameters
+    ----------
+    name : str
+        Of the figure, one word.
+    title : str
+        What it shows, for those who do not see it.
+    text : str
+        What stands above it.
+    y : str
+        Label of the panels' common axis.
+    panels : tuple of Panel
+    """
+
+    name: str
+    title: str
+    text: str
+    y: str
+    panels: tuple[Panel, ...] = ()
+
+
+def describe_row(step: Step, shown: ReportInput, row: int) -> str:
+    """Return what a step was."""
+    return step.describe()
+
+
+def describe_spin(step: Step, shown: ReportInput, row: int) -> str:
+    """Return what a state at a rate was, and the norm that was read in it."""
+    force = float(np.linalg.norm(shown.observations.mean[row, :3])) / G0
+    return f"{step.describe()}; reads {force:.4g} g"

@@ -1,0 +1,170 @@
+"""Moves of a turntable's axes, from rest to rest, as pieces of constant jerk.
+
+An axis speeds up to a rate, keeps it and slows down alike. Without a limit of jerk its rate is a
+trapezoid; with one its acceleration is, and its rate an S-curve::
+
+    t_a = v/a,             way 2 · v t_a/2                         trapezoid
+    t_j = min(a/j, √(v/j)),  t_a = v/(j t_j) − t_j,  way v (2 t_j + t_a)   S-curve
+
+are the times of acceleration and of its ramps, and the way to speed up to v and slow down. What is
+left of the angle is turned at v; an angle too small for that is turned at the largest v that fits.
+
+Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer
+2008, 3.2 (trapezoidal velocity) and 3.4 (double S velocity).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isfinite, sqrt
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+
+
+@dataclass(frozen=True)
+class AxisMotionLimits:
+    """What an axis can do.
+
+    Parameters
+    ----------
+    rate : float
+        rad/s.
+    acceleration : float
+        rad/s².
+    jerk : float or None
+        rad/s³; None is no limit: the rate is a trapezoid.
+
+    Raises
+    ------
+    InputError
+        A limit that is not > 0 and finite.
+    """
+
+    rate: float
+    acceleration: float
+    jerk: float | None = None
+
+    def __post_init__(self) -> None:
+        for what, unit in (("rate", "rad/s"), ("acceleration", "rad/s²"), ("jerk", "rad/s³")):
+            size = getattr(self, what)
+            if size is not None and not (isfinite(size) and size > 0):
+                raise InputError(f"turntable: limit of {what} is {size} {unit}; give it > 0")
+
+
+@dataclass(frozen=True, eq=False)
+class AxisProfile:
+    """Where one axis is at any time: pieces of constant jerk, at rest before and after.
+
+    Parameters
+    ----------
+    start : (p,) array
+        Time at which each piece starts, s, rising.
+    state : (p, 4) array
+        Angle, rate, acceleration there, and the jerk from there on: rad, s.
+    """
+
+    start: Array
+    state: Array
+
+    def evaluate(self, time: Array) -> tuple[Array, Array, Array]:
+        """Return angle, rate and acceleration at times (n,), three (n,) arrays: rad, s."""
+        piece = np.maximum(np.searchsorted(self.start, time, side="right") - 1, 0)
+        t = np.maximum(time - self.start[piece], 0.0)
+        angle, rate, acceleration, jerk = self.state[piece].T
+        return (
+            angle + t * (rate + t * (acceleration / 2 + t * jerk / 6)),
+            rate + t * (acceleration + t * jerk / 2),
+            acceleration + t * jerk,
+        )
+
+
+def stationary_profile(angle: float) -> AxisProfile:
+    """Return the course of an axis that stays at an angle, rad."""
+    return AxisProfile(np.zeros(1), np.array([[angle, 0.0, 0.0, 0.0]]))
+
+
+def move_profile(angle: float, limits: AxisMotionLimits) -> tuple[float, AxisProfile]:
+    """Return how long a move from rest to rest takes, s, and its course from 0.
+
+    Parameters
+    ----------
+    angle : float
+        rad, signed.
+    limits : AxisMotionLimits
+        None is exceeded; the move is the fastest of its kind within them.
+    """
+    size = abs(angle)
+    if size == 0:
+        return 0.0, stationary_profile(0.0)
+    v = _largest_rate(size, limits)
+    ramp = _ramp_time(v, limits)
+    if limits.jerk is None:
+        steady = v / limits.acceleration
+        way = v * steady
+        up = [(steady, limits.acceleration, 0.0)]
+        down = [(steady, -limits.acceleration, 0.0)]
+    else:
+        # The rate that the two ramps make between them is at most v, by rounding too.
+        steady = max(v / (limits.jerk * ramp) - ramp, 0.0)
+        way = v * (2 * ramp + steady)
+        top, j = limits.jerk * ramp, limits.jerk
+        up = [(ramp, 0.0, j), (steady, top, 0.0), (ramp, top, -j)]
+        down = [(ramp, 0.0, -j), (steady, -top, 0.0), (ramp, -top, j)]
+    cruise = max(size - way, 0.0) / v
+    pieces = [*up, (cruise, 0.0, 0.0), *down]
+    return _join_pieces([p for p in pieces if p[0] > 0], angle)
+
+
+def _ramp_time(v: float, limits: AxisMotionLimits) -> float:
+    """Return how long acceleration rises on the way to the rate v, s."""
+    if limits.jerk is None:
+        return 0.0
+    return min(limits.acceleration / limits.jerk, sqrt(v / limits.jerk))
+
+
+def _largest_rate(size: float, limits: AxisMotionLimits) -> float:
+    """Return the largest rate that an angle leaves room for, rad/s."""
+    a, j = limits.acceleration, limits.jerk
+    if j is None:
+        return min(limits.rate, sqrt(size * a))
+    # v (a/j + v/a) = size where the acceleration is reached, 2 v √(v/j) = size where it is not.
+    v = a / 2 * (sqrt((a / j) ** 2 + 4 * size / a) - a / j)
+    if v < a**2 / j:
+        v = j * (size / (2 * j)) ** (2 / 3)
+    return min(limits.rate, v)
+
+
+def _join_pieces(
+    pieces: Sequence[tuple[float, float, float]], angle: float
+) -> tuple[float, AxisProfile]:
+    """Return the course of pieces of a duration, an acceleration at start and a jerk."""
+    start, way, rate = 0.0, 0.0, 0.0
+    rows: list[tuple[float, float, float, float, float]] = []
+    for duration, acceleration, jerk in pieces:
+        rows.append((start, way, rate, acceleration, jerk))
+        way += duration * (rate + duration * (acceleration / 2 + duration * jerk / 6))
+        rate += duration * (acceleration + duration * jerk / 2)
+        start += duration
+    rows.append((start, abs(angle), 0.0, 0.0, 0.0))  # exactly, whatever rounding has left
+    made = np.array(rows)
+    return start, AxisProfile(made[:, 0], np.copysign(1.0, angle) * made[:, 1:])
+
+
+def join_profiles(moves: Sequence[tuple[float, float, AxisProfile]], angle: float) -> AxisProfile:
+    """Return the course of an axis through its moves.
+
+    Parameters
+    ----------
+    moves : sequence of (start, angle, AxisProfile)
+        When each starts, s, from where, rad, and its course; in order, none before the last ended.
+    angle : float
+        Where the axis stands at first, rad.
+    """
+    first = stationary_profile(angle)
+    starts, states = [first.start], [first.state]
+    for start, origin, course in moves:
+        starts.append(course.start + start)
+        states.append(course.state + np.array([origin, 0.0, 0.0, 0.0]))
+    return AxisProfile(np.concatenate(starts), np.concatenate(states))

@@ -1,0 +1,146 @@
+"""Whether the gyros see the earth turn as latitude and azimuth say, before anything is filtered.
+
+In hold k of attitude C_k, scale and misalignment taken from the turns, gyros read::
+
+    w_k = b + C_kᵀ e + G C_kᵀ u        u up; G is left out unless the method looks for it
+
+The biases b and the earth's rate e, in the level frame that goes by the stated azimuth, follow by
+weighted least squares; drift beyond the stated noise shows in what is left and enlarges their
+covariance. An azimuth that is off by δ turns e by δ about the vertical.
+"""
+
+from math import atan2, degrees, hypot, pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.implied_rates import fit_rates, gyro_rates, table_rates
+from inercal.earth import EARTH_RATE
+from inercal.errors import InputError
+from inercal.recording import Finding, Track
+from inercal.sensors import G0, Sensor
+
+_AXES = 3
+_CLEAR, _ODD = 100.0, 30.0  # χ² of three components
+_FAR = 0.3  # of the earth's rate: less harms little
+_NEAR_UNIT = 0.2
+_FELT = np.radians(20) / 3600 / G0  # of G, as far as gyros on a table feel gravity
+
+
+def check_earth_rate(
+    where: str, track: Track, sensor: Sensor, bench: Turntable
+) -> tuple[Finding, ...]:
+    """Return a warning where the gyros see another rate of the earth than stated.
+
+    Parameters
+    ----------
+    where : str
+        What a complaint begins with.
+    track : Track
+        Of one trial, (n, m) readings.
+    sensor : Sensor
+        Without three gyros the earth's rate is not looked at.
+    bench : Turntable
+
+    Raises
+    ------
+    InputError
+        It is the earth's rate beyond doubt, but at another azimuth or latitude.
+    """
+    gyros = [axis.measures == "w" for axis in sensor.axes]
+    made = (
+        _measured_earth_rate(track, sensor, bench, np.array(gyros)) if sum(gyros) == _AXES else None
+    )
+    if made is None:
+        return ()
+    seen, covariance = made
+    stated = earth_rate_level_frame(bench)
+    # The stated azimuth has its deviation, which turns the horizontal part.
+    aside = np.array([stated[1], 0.0, 0.0]) * bench.azimuth.sd
+    off = seen - stated
+    chi2 = float(off @ np.linalg.solve(covariance + np.outer(aside, aside), off))
+    if chi2 < _ODD or np.linalg.norm(off) < _FAR * EARTH_RATE:
+        return ()
+    sd = np.sqrt(np.diagonal(covariance))
+    told = ", ".join(
+        f"{degrees(x) * 3600:.1f} ± {2 * degrees(s) * 3600:.1f} °/h {name} "
+        f"[{degrees(e) * 3600:.1f}]"
+        for name, x, s, e in zip(("east", "north", "up"), seen, sd, stated, strict=True)
+    )
+    words = f"the gyros in the holds, biases apart, see the earth turn by {told.replace('-', '−')}"
+    size = float(np.linalg.norm(seen))
+    if chi2 > _CLEAR and abs(size / EARTH_RATE - 1) < _FAR:
+        raise InputError(
+            f"{where}: {words} (k = 2), not as stated in brackets: "
+            f"{_describe_implied_place(seen, bench)}; look at [bench] azimuth and latitude (south "
+            "is negative) and at the zero of the outer axis' readback"
+        )
+    words += " (k = 2); in brackets as latitude and azimuth say: look at these in [bench], at "
+    words += "drift beyond the gyros' bias_instability, and at g-sensitivity"
+    return (Finding("warning", "earth", words),)
+
+
+def _describe_implied_place(seen: Array, bench: Turntable) -> str:
+    """Return the azimuth and latitude at which it would be as seen."""
+    east, north, up = seen.tolist()
+    azimuth = bench.azimuth.value + atan2(-east, north)
+    azimuth = degrees(pi - (pi - azimuth) % (2 * pi))
+    latitude = degrees(atan2(up, hypot(east, north)))
+    text = (
+        f"it would be so at azimuth {azimuth:.0f}° and latitude {latitude:.0f}°, and stated are "
+        f"{degrees(bench.azimuth.value):.3g}° and {degrees(bench.latitude):.3g}°"
+    )
+    return text.replace("-", "−")
+
+
+def _measured_earth_rate(
+    track: Track, sensor: Sensor, bench: Turntable, gyros: NDArray[np.bool_]
+) -> tuple[Array, Array] | None:
+    """Return the earth's rate in the level frame and its covariance; None where it is not seen."""
+    reading = track.reading[:, gyros]
+    held = track.hold >= 0
+    count = np.bincount(track.hold[held])
+    if count.size < _AXES or not count.all():
+        return None
+    mean = np.stack(
+        [np.bincount(track.hold[held], axis) / count for axis in reading[held].T], axis=-1
+    )
+    middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in range(count.size)]
+    back = np.swapaxes(reference_attitude(bench, track.angles[middles]), -1, -2)
+    turned = fit_rates(
+        gyro_rates(track.time, reading).rate, table_rates(bench, track.time, track.angles).rate
+    ).matrix
+    if np.abs(turned - np.eye(_AXES)).max() < _NEAR_UNIT:
+        mean = mean @ np.linalg.inv(turned).T
+    noise = [axis.noise for axis in sensor.axes if axis.measures == "w"]
+    white = float(np.mean([one.white**2 for one in noise]))
+    drift = float(np.mean([one.bias_instability**2 for one in noise]))
+    seconds = count * float(np.median(np.diff(track.time)))
+    sd = np.sqrt(white / seconds + drift)
+    if not sd.all():
+        return None
+    design = np.concatenate([np.broadcast_to(np.eye(3), back.shape), back], axis=-1)
+    if any(axis.measures == "w" and _has_g_sensitivity(sensor, axis.name) for axis in sensor.axes):
+        up = back[:, :, 2] * bench.gravity.value
+        design = np.concatenate([design, np.kron(np.eye(3), up[:, None, :])], axis=-1)
+    rows = (design / sd[:, None, None]).reshape(-1, design.shape[-1])
+    wanted = (mean / sd[:, None]).reshape(-1)
+    known = np.zeros(rows.shape[-1])
+    known[6:] = 1 / _FELT**2
+    # Biases may be anything; of the earth's rate no component exceeds it.
+    known[3:6] = 1 / (3 * EARTH_RATE) ** 2
+    covariance = np.linalg.inv(rows.T @ rows + np.diag(known))
+    x = np.asarray(covariance @ (rows.T @ wanted), dtype=float)
+    freedom = rows.shape[0] - 6
+    left = float(np.sum((wanted - rows @ x) ** 2)) / max(freedom, 1)
+    return x[3:6], np.asarray(covariance[3:6, 3:6] * max(left, 1.0), dtype=float)
+
+
+def _has_g_sensitivity(sensor: Sensor, axis: str) -> bool:
+    return any(
+        name.startswith(f"{axis}.") and sensor.coefficient(name).group == "g"
+        for name in sensor.coefficients
+    )

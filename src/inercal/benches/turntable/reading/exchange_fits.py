@@ -1,0 +1,238 @@
+"""How readings fit a turntable's readback as it stands, and with columns or signs exchanged.
+
+All is judged on means of 0.1 s: of the readings, and of the motion that the readback implies there
+(`inercal.benches.turntable.attitude.motion` at the table's nominal values). Three readings y fit a
+motion p as well as an honest sensor may if the cost is small::
+
+    J = min over D, b of  Σ|y − (I + D) p − b|² / (0.05² S) + Σ D² / 0.1²
+
+with S the readings' sum of squares about their mean. Scale factors of 5 % and misalignments of 5°
+come to about 5; any bias is free. An axis reversed or exchanged costs more than a hundred.
+"""
+
+from dataclasses import replace
+from itertools import permutations, product
+from json import dumps
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.bench import Turntable
+from inercal.recording import GAP_FACTOR, Track
+from inercal.sensors import G0, Sensor
+
+MAX_SOUND_COST = 30.0
+"""Largest cost of an honest sensor."""
+_BLOCK = 0.1  # s
+_MOST = 4000  # blocks; more tell no more
+_MISFIT, _HONEST = 0.05, 0.1
+_LEAST = {"w": np.radians(1), "f": 0.05 * G0}  # of the readings' changes, rad/s or m/s²
+
+
+class SignedPermutation(NamedTuple):
+    """Columns in another order, each with a sign: new[i] = signs[i] · old[order[i]]."""
+
+    order: tuple[int, ...]
+    signs: tuple[int, ...]
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether all stays as it is."""
+        return self.order == tuple(range(len(self.order))) and min(self.signs) > 0
+
+    def reorder(self, columns: Array) -> Array:
+        """Return columns (..., k) so exchanged."""
+        return columns[..., list(self.order)] * np.array(self.signs, dtype=float)
+
+    def signed_names(self, names: tuple[str, ...]) -> str:
+        """Return the columns' names in this order with their signs, as a run file has them."""
+        each = (
+            names[k] if sign > 0 else names[k][1:] if names[k].startswith("-") else f"-{names[k]}"
+            for k, sign in zip(self.order, self.signs, strict=True)
+        )
+        return dumps(list(each), ensure_ascii=False)
+
+
+def identity_permutation(k: int) -> SignedPermutation:
+    """Return k columns as they are."""
+    return SignedPermutation(tuple(range(k)), (1,) * k)
+
+
+def signed_permutations(k: int) -> tuple[SignedPermutation, ...]:
+    """Return all orders and signs of k columns, the straight one first."""
+    return tuple(
+        SignedPermutation(o, s) for o in permutations(range(k)) for s in product((1, -1), repeat=k)
+    )
+
+
+class BlockMeans(NamedTuple):
+    """Means of 0.1 s: s, rad and rad/s of the k axes, rad/s and m/s² of gyros, accelerometers."""
+
+    time: Array  # (b,)
+    angles: Array  # (b, k)
+    rates: Array  # (b, k)
+    readings: dict[str, Array]  # (b, m) by "f" and "w"
+    step: float  # s between samples
+
+    @property
+    def is_still(self) -> NDArray[np.bool_]:
+        """Whether the readback stands, (b,): in any unit, each axis against its fastest."""
+        speed = np.abs(self.rates)
+        fastest = np.percentile(speed, 99.5, axis=0)
+        # An axis that never turns only has noise.
+        return np.all(speed <= np.maximum(0.02 * fastest, 1e-3 * fastest.max()), axis=-1)
+
+    def subsample(self) -> "BlockMeans":
+        """Return as many blocks as tell enough, all over the run."""
+        at = slice(None, None, -(-self.time.size // _MOST))
+        readings = {kind: y[at] for kind, y in self.readings.items()}
+        return BlockMeans(self.time[at], self.angles[at], self.rates[at], readings, self.step)
+
+
+def block_means(track: Track, sensor: Sensor) -> BlockMeans:
+    """Return the means over one trial's track, (n, m) readings, without those across gaps."""
+    step = float(np.median(np.diff(track.time)))
+    size = max(round(_BLOCK / step), 1)
+    first = np.arange(0, track.time.size - size, size)
+    last = first + size
+    span = track.time[last] - track.time[first]
+    whole = span < (size + GAP_FACTOR - 1) * step
+    turned = (track.angles[last] - track.angles[first]) / span[:, None]
+    mean = np.add.reduceat(track.reading[: last[-1]], first, axis=0) / size
+    readings = {
+        kind: mean[whole][:, [axis.measures == kind for axis in sensor.axes]] for kind in "fw"
+    }
+    middle = (track.angles[first] + track.angles[last]) / 2
+    return BlockMeans(track.time[first][whole], middle[whole], turned[whole], readings, step)
+
+
+class Moments(NamedTuple):
+    """Sums of products about the means, of readings y and of what they should be, p: (3, 3)."""
+
+    yy: Array
+    yp: Array
+    pp: Array
+    minimum_sum: float  # of what p should change by, squared and summed
+
+    def cost(self, way: SignedPermutation) -> float:
+        """Return J with the readings exchanged by `way`."""
+        at = list(way.order)
+        yp = self.yp[at] * np.array(way.signs)[:, None]
+        whole = max(float(np.trace(self.yy)), self.minimum_sum)
+        pull = whole * (_MISFIT / _HONEST) ** 2
+        d = np.linalg.solve(self.pp + pull * np.eye(len(at)), (yp - self.pp).T).T
+        a = d + np.eye(len(at))
+        left = np.trace(self.yy) - 2 * np.sum(a * yp) + np.sum((a @ self.pp) * a)
+        return float(left / whole / _MISFIT**2 + np.sum(d**2) / _HONEST**2)
+
+    def factors(self) -> Array:
+        """Return how many times as much as it should each reading changes, (3,)."""
+        return np.diagonal(self.yp @ np.linalg.pinv(self.pp, rcond=1e-3)).copy()
+
+
+def moments(
+    bench: Turntable, sensor: Sensor, made: BlockMeans, way: SignedPermutation, times: float = 1.0
+) -> dict[str, Moments]:
+    """Return the moments by "f" and "w" of a sensor's triads.
+
+    Parameters
+    ----------
+    bench : Turntable
+    sensor : Sensor
+    made : BlockMeans
+    way : SignedPermutation
+        How the readback's columns are exchanged.
+    times : float
+        What the readback is multiplied by.
+    """
+    angles, rates = times * way.reorder(made.angles), times * way.reorder(made.rates)
+    felt = motion(bench, angles, rates, np.zeros_like(rates), {})
+    found: dict[str, Moments] = {}
+    for kind, u in (("f", felt.f), ("w", felt.w)):
+        axes = np.array([axis.i for axis in sensor.axes if axis.measures == kind])
+        if len(axes) != 3:
+            continue
+        y, p = (x - x.mean(axis=0) for x in (made.readings[kind], u @ axes.T))
+        found[kind] = Moments(y.T @ y, y.T @ p, p.T @ p, len(y) * _LEAST[kind] ** 2)
+    return found
+
+
+class ExchangeFit(NamedTuple):
+    """Exchanges that make readings and readback agree, and their largest cost."""
+
+    cost: float
+    readback: SignedPermutation
+    gyro: SignedPermutation
+    accelerometer: SignedPermutation
+
+
+def find_exchanges(bench: Turntable, sensor: Sensor, made: BlockMeans) -> tuple[ExchangeFit, ...]:
+    """Return the exchanges that explain the readings, the simplest ones alone.
+
+    Simple is: the readback's columns alone, one triad's alone, both triads' alike (the IMU is
+    mounted otherwise); then each triad's own; then all together.
+
+    Parameters
+    ----------
+    bench : Turntable
+    sensor : Sensor
+    made : BlockMeans
+        Some.
+    """
+    by = {
+        table: moments(bench, sensor, made, table) for table in signed_permutations(len(bench.axes))
+    }
+    for found in (_simple_exchanges(by), [_best_exchange(*next(iter(by.items())))]):
+        sound = [fit for fit in found if fit.cost <= MAX_SOUND_COST]
+        if sound:
+            return tuple(sorted(sound))
+    every = min(_best_exchange(table, of) for table, of in by.items())
+    return (every,) if every.cost <= MAX_SOUND_COST else ()
+
+
+def alternative_axis_orders(
+    bench: Turntable, sensor: Sensor, made: BlockMeans
+) -> tuple[tuple[float, str], ...]:
+    """Return the orders of axes, with their costs, by which all fits as its columns stand.
+
+    Parameters
+    ----------
+    bench : Turntable
+    sensor : Sensor
+    made : BlockMeans
+        Some.
+    """
+    k = len(bench.axes)
+    found: list[tuple[float, str]] = []
+    for axes in map("".join, permutations("xyz", k)):
+        if axes != bench.axes:
+            by = moments(replace(bench, axes=axes), sensor, made, identity_permutation(k))
+            found.append((max(m.cost(identity_permutation(3)) for m in by.values()), axes))
+    return tuple(sorted(one for one in found if one[0] <= MAX_SOUND_COST))
+
+
+def _simple_exchanges(by: dict[SignedPermutation, dict[str, Moments]]) -> list[ExchangeFit]:
+    """Return the best of those that exchange the columns of one thing."""
+    ways, (table, of) = signed_permutations(3), next(iter(by.items()))
+    same = ways[0]
+    w, f = ([of[kind].cost(way) if kind in of else 0.0 for way in ways] for kind in "wf")
+    tables = [
+        ExchangeFit(max(m.cost(same) for m in each.values()), one, same, same)
+        for one, each in by.items()
+    ]
+    gyros = [ExchangeFit(max(w[k], f[0]), table, way, same) for k, way in enumerate(ways)]
+    forces = [ExchangeFit(max(w[0], f[k]), table, same, way) for k, way in enumerate(ways)]
+    both = [ExchangeFit(max(w[k], f[k]), table, way, way) for k, way in enumerate(ways)]
+    return [min(some) for some in (tables, gyros, forces, both)]
+
+
+def _best_exchange(table: SignedPermutation, of: dict[str, Moments]) -> ExchangeFit:
+    """Return the best that exchanges each triad by itself."""
+    best = {
+        kind: min((m.cost(way), way) for way in signed_permutations(3)) for kind, m in of.items()
+    }
+    ways = [best[kind][1] if kind in best else identity_permutation(3) for kind in "wf"]
+    return ExchangeFit(max(cost for cost, _ in best.values()), table, ways[0], ways[1])

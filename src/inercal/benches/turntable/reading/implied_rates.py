@@ -1,0 +1,152 @@
+"""The rate that a turntable's readback implies beside the gyros', and how late one is to the other.
+
+Both are means over the same short window, of the gyros' readings by integral and of the readback by
+difference, so that the window cancels. Readings w fit the readback's rate v, late by δ, as::
+
+    w(t) = A v(t + δ) + b   ⇒   δ ≈ Σ (A v̇) · (w − A v − b) / Σ |A v̇|²
+
+over a stretch where the rate changes. A and b hold bias, scale and misalignment roughly and are
+fitted over the whole run. Positive δ: the readback says at t + δ what the gyros say at t.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.bench import Turntable
+from inercal.recording import GAP_FACTOR
+
+_HALF = 0.02  # s, half a window
+_CHANGING = 0.1  # of the largest change of rate
+_NEAR = 0.1  # s: stretches nearer than this are one
+_FEWEST = 3  # samples of a stretch
+
+
+class WindowedRates(NamedTuple):
+    """Means over windows: s, rad/s, and how the rate changes, rad/s²."""
+
+    time: Array  # (n,)
+    rate: Array  # (n, 3)
+    change: Array  # (n, 3)
+    is_complete: NDArray[np.bool_]  # (n,) whether no gap is near
+
+
+def half_window(time: Array) -> int:
+    """Return half a window in samples."""
+    return max(round(_HALF / float(np.median(np.diff(time)))), 1)
+
+
+def table_rates(bench: Turntable, time: Array, angles: Array) -> WindowedRates:
+    """Return the body's rate by the readback.
+
+    Parameters
+    ----------
+    bench : Turntable
+    time : (n,) array
+        s.
+    angles : (n, k) array
+        rad.
+    """
+    h = half_window(time)
+    turned = (angles[2 * h :] - angles[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
+    rate = motion(bench, angles[h:-h], turned, np.zeros_like(turned), {}).w
+    return _differentiate_rates(time, rate, h)
+
+
+def gyro_rates(time: Array, reading: Array) -> WindowedRates:
+    """Return the gyros' readings (n, 3), rad/s, as means over the same windows."""
+    h = half_window(time)
+    part = np.diff(time)[:, None] * (reading[1:] + reading[:-1]) / 2
+    whole = np.concatenate([np.zeros((1, reading.shape[-1])), np.cumsum(part, axis=0)])
+    rate = (whole[2 * h :] - whole[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
+    return _differentiate_rates(time, rate, h)
+
+
+def _differentiate_rates(time: Array, rate: Array, h: int) -> WindowedRates:
+    middle, step = time[h:-h], float(np.median(np.diff(time)))
+    change = np.zeros_like(rate)
+    spans = (middle[2 * h :] - middle[: -2 * h])[:, None]
+    change[h:-h] = (rate[2 * h :] - rate[: -2 * h]) / spans
+    clean = np.ones(middle.size, np.bool_)
+    for k in np.flatnonzero(np.diff(time) > GAP_FACTOR * step):
+        clean[max(k - 3 * h, 0) : k + h + 1] = False
+    return WindowedRates(middle, rate, change, clean)
+
+
+class RateRegression(NamedTuple):
+    """Readings are `matrix` @ rate + `bias`, (3, 3) and (3,), but for `sd` rad/s."""
+
+    matrix: Array
+    bias: Array
+    sd: float
+
+    def residual_rates(self, reading: Array, rate: Array) -> Array:
+        """Return what readings (n, 3) are beyond a rate (n, 3)."""
+        return reading - rate @ self.matrix.T - self.bias
+
+
+def fit_rates(reading: Array, rate: Array) -> RateRegression:
+    """Return how readings (n, 3) follow a rate (n, 3), by least squares."""
+    means = reading.mean(axis=0), rate.mean(axis=0)
+    y, p = reading - means[0], rate - means[1]
+    back = np.asarray(np.linalg.pinv(p.T @ p, rcond=1e-6, hermitian=True), dtype=float)
+    matrix = np.asarray((y.T @ p) @ back, dtype=float)
+    bias = np.asarray(means[0] - matrix @ means[1], dtype=float)
+    return RateRegression(matrix, bias, float(np.std(y - p @ matrix.T)))
+
+
+class LocalOffsets(NamedTuple):
+    """How late the readback is by each stretch where the rate changes."""
+
+    time: Array  # (e,) s, of the stretches' middles
+    value: Array  # (e,) s
+    sd: Array  # (e,) s
+    spans: NDArray[np.int64]  # (e, 2) first and last sample of each
+
+
+def local_offsets(
+    table: WindowedRates, gyros: WindowedRates, known: RateRegression
+) -> LocalOffsets:
+    """Return local offsets with their standard deviations.
+
+    Parameters
+    ----------
+    table, gyros : WindowedRates
+        At the same times.
+    known : RateRegression
+    """
+    spans = _changing_stretches(table)
+    h = half_window(table.time)
+    left = known.residual_rates(gyros.rate, table.rate)
+    driven = table.change @ known.matrix.T
+    # Windows overlap: so many neighbouring residuals are one.
+    alike, least = 2.0 * h + 1, float(np.median(np.abs(left))) ** 2
+    value, sd = np.zeros(len(spans)), np.zeros(len(spans))
+    for k, (first, last) in enumerate(spans):
+        a, r = driven[first : last + 1], left[first : last + 1]
+        weight = np.sum(a**2)
+        value[k] = np.sum(a * r) / weight
+        noise = float(np.sum((r - value[k] * a) ** 2)) / r.size
+        sd[k] = np.sqrt(alike * max(noise, least) / weight)
+    return LocalOffsets(table.time[spans].mean(axis=1), value, sd, spans)
+
+
+def _changing_stretches(table: WindowedRates) -> NDArray[np.int64]:
+    """Return first and last sample of stretches where the rate changes, none with a gap."""
+    size = np.linalg.norm(table.change, axis=-1)
+    step = float(np.median(np.diff(table.time)))
+    at = np.flatnonzero(size > _CHANGING * np.percentile(size, 99.9))
+    if not at.size:
+        return np.zeros((0, 2), np.int64)
+    cut = np.flatnonzero(np.diff(at) > max(_NEAR / step, 1.5))
+    first = np.concatenate([at[:1], at[cut + 1]])
+    last = np.concatenate([at[cut], at[-1:]])
+    found = np.stack([first, last], axis=-1)
+    clean = [
+        last - first >= _FEWEST and table.is_complete[first : last + 1].all()
+        for first, last in found
+    ]
+    return found[np.array(clean, dtype=np.bool_)]

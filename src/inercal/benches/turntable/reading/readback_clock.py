@@ -1,0 +1,307 @@
+"""The readback of a turntable that has a clock of its own, brought to the IMU's times.
+
+The table's clock says T = t + o + d (t − t₀) when the IMU's says t, with t₀ its first sample. Both
+are found from where rates change: each such stretch gives a local offset with its standard
+deviation (`rates`), and o and d follow by weighted least squares. A
+latency of the readback is part of o: after `align_readback` none is left beyond its standard
+deviation.
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from inercal.arrays import Array
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.implied_rates import (
+    LocalOffsets,
+    WindowedRates,
+    fit_rates,
+    gyro_rates,
+    local_offsets,
+    table_rates,
+)
+from inercal.errors import InputError
+
+MAX_CLOCK_OFFSET = 1.0  # s, of the offset
+MAX_CLOCK_DRIFT = 1e-3  # of the relative rate of the clocks
+_GRID = 0.02  # s of the first search
+_MOVING = np.radians(1)  # rad/s
+_PAUSE = 0.5  # s: moves nearer than this are looked at together
+_MARGIN = 0.2  # s beyond what offset and drift may make
+_ROUNDS = 6
+_FEWEST = 20  # samples
+_HUBER = 1.5  # standard deviations beyond which an offset weighs less
+_MIDDLE = 0.6745  # standard deviations: the median of normal sizes
+_ALIKE = 0.2  # of the readings' changes; what is left if they belong together is far less
+_ALIKE_SPEEDS = 0.9  # correlation
+_STANDS = np.radians(0.1)  # rad/s
+_BEYOND = 2.0  # s of IMU times before or after the readback's
+
+
+class ClockMismatch(InputError):
+    """Readback and gyros turn when the other does, but not alike; or the readback stands still.
+
+    Parameters
+    ----------
+    message : str
+    angles : (n, k) array
+        Readback at the IMU's times as near as speeds alone tell, rad: columns that are exchanged
+        show in it.
+    """
+
+    def __init__(self, message: str, angles: Array) -> None:
+        super().__init__(message)
+        self.angles = angles
+
+
+@dataclass(frozen=True, eq=False)
+class ClockAlignment:
+    """The readback at the IMU's times.
+
+    Parameters
+    ----------
+    angles : (n, k) array
+        rad.
+    offset, drift : float
+        o, s, and d, relative: T = t + o + d (t − t₀).
+    offset_sd, drift_sd, correlation : float
+        Standard deviations, enlarged where the local offsets scatter more than they say, and their
+        correlation.
+    time, local, local_sd : (e,) arrays
+        Local offsets T − t by the stretches where rates change, s, at IMU times.
+    """
+
+    angles: Array
+    offset: float
+    drift: float
+    offset_sd: float
+    drift_sd: float
+    correlation: float
+    time: Array
+    local: Array
+    local_sd: Array
+
+
+def align_readback(
+    bench: Turntable,
+    time: Array,
+    rates: Array,
+    table_time: Array,
+    angles: Array,
+    about: float = 0.0,
+) -> ClockAlignment:
+    """Return the readback at the IMU's times, found from both rates.
+
+    Parameters
+    ----------
+    bench : Turntable
+    time : (n,) array
+        s, the IMU's.
+    rates : (n, 3) array
+        Gyros' readings, rad/s, rough in bias, scale and misalignment.
+    table_time : (r,) array
+        s, the readback's own clock; rates within 1000 ppm are found.
+    angles : (r, k) array
+        Readback, rad, counted on over whole turns.
+    about : float
+        s; offsets within ±1 s of it are found.
+
+    Returns
+    -------
+    Aligned
+        Angles by cubic interpolation; before the first and after the last reading as these say.
+
+    Raises
+    ------
+    InputError
+        Times that do not grow, fewer than two changes of rate, a readback that lacks more than 2 s
+        at either end of the readings, or begins or ends in a turn; or no offset at which
+        both turn at the same times.
+    NotAlike
+        They do, but not alike: columns or units are others.
+    """
+    for name, clock in (("time", time), ("the readback's time", table_time)):
+        if clock.size < _FEWEST:
+            raise InputError(f"{name}: {clock.size} samples; {_FEWEST} are needed at least")
+        if (np.diff(clock) <= 0).any():
+            raise InputError(f"{name} does not grow from sample to sample; look at its column")
+    origin, shift = float(time[0]), float(time[0]) + about
+    reach = MAX_CLOCK_OFFSET + MAX_CLOCK_DRIFT * float(time[-1] - time[0])
+    _require_span(time + about, table_time, reach)
+    time, table_time = time - origin, table_time - shift
+    table, gyros = table_rates(bench, table_time, angles), gyro_rates(time, rates)
+    if (near := _search(table, gyros)) is None:
+        raise ClockMismatch(
+            "the readback's clock: by the readback the table never turned, and nothing tells an "
+            "offset; look at its columns and unit",
+            _interpolate_angles(table_time, angles, time),
+        )
+    refined = _refine_alignment(table, gyros, near)
+    if refined is None:
+        words = (
+            "the readback's clock: at no offset within ±1 s do readback and gyros turn alike; do "
+            "both belong to one run, and are columns and units, that of time too, as stated?"
+        )
+        if not _motions_coincide(table, gyros, near):
+            raise InputError(words)
+        raise ClockMismatch(
+            words, _interpolate_angles(table_time, angles, time + near[1] + near[0] * time)
+        )
+    late, covariance, found = refined
+    said = np.asarray(time + late[1] + late[0] * time, dtype=float)
+    _require_span(said + shift, table_time + shift, 0.0)
+    for end, beyond in ((0, said[0] < table_time[0]), (-1, said[-1] > table_time[-1])):
+        if beyond and np.linalg.norm(table.rate[end]) > _STANDS:
+            raise InputError(
+                f"the readback {'begins' if end == 0 else 'ends'} while the table turns and has "
+                "nothing for the readings beyond; cut the readings"
+            )
+    drift_sd, offset_sd = sqrt(covariance[0, 0]), sqrt(covariance[1, 1])
+    return ClockAlignment(
+        _interpolate_angles(table_time, angles, said),
+        float(late[1]) + about,
+        float(late[0]),
+        offset_sd,
+        drift_sd,
+        float(covariance[0, 1]) / (offset_sd * drift_sd),
+        found.time + origin,
+        found.value + about,
+        found.sd,
+    )
+
+
+def _require_span(said: Array, table_time: Array, reach: float) -> None:
+    """Refuse readings whose times, by the table's clock but for `reach`, the readback lacks."""
+    slack = reach + _BEYOND
+    if table_time[0] - slack <= said[0] and said[-1] <= table_time[-1] + slack:
+        return
+    raise InputError(
+        f"the readback runs from {table_time[0]:.6g} s to {table_time[-1]:.6g} s, the readings "
+        f"from {said[0]:.6g} s to {said[-1]:.6g} s of the table's clock; cut the readings, or "
+        'state by how much its clock is ahead, within 1 s, such as [bench] latency = "12.5 s"'
+    )
+
+
+def _refine_alignment(
+    table: WindowedRates, gyros: WindowedRates, late: Array
+) -> tuple[Array, Array, LocalOffsets] | None:
+    """Return drift and offset, (2,), their covariance, and the local offsets T − t.
+
+    None where the rates are not alike.
+    """
+    for _ in range(_ROUNDS - 1):
+        late = _fit_line(_local_offsets(table, gyros, late)[0])[0]
+    found, left = _local_offsets(table, gyros, late)
+    swing = float(np.std(gyros.rate - gyros.rate.mean(axis=0)))
+    return None if left > _ALIKE * swing else (*_fit_line(found), found)
+
+
+def _local_offsets(
+    table: WindowedRates, gyros: WindowedRates, late: Array
+) -> tuple[LocalOffsets, float]:
+    """Return local offsets T − t about a line, and what rates beyond them are, rad/s."""
+    said = np.asarray(gyros.time + late[1] + late[0] * gyros.time)
+    here = _resample_rates(table, said)
+    few = (
+        "the readback's clock: fewer than two changes of rate; its offset and rate against the "
+        "sensor's clock take moves at the beginning and at the end of a run"
+    )
+    if np.count_nonzero(here.is_complete) < _FEWEST:
+        raise InputError(few)
+    known = fit_rates(gyros.rate[here.is_complete], here.rate[here.is_complete])
+    found = local_offsets(here, gyros, known)
+    if len(found.time) < 2:
+        raise InputError(few)
+    time = (found.time - late[1]) / (1 + late[0])  # from the table's clock to the IMU's
+    value = found.value + late[1] + late[0] * time
+    return LocalOffsets(time, value, found.sd, found.spans), known.sd
+
+
+def _interpolate_angles(table_time: Array, angles: Array, said: Array) -> Array:
+    """Return angles by Hermite's cubics with slopes of central differences."""
+    slopes = np.gradient(angles, table_time, axis=0)
+    within = np.clip(said, table_time[0], table_time[-1])
+    return np.asarray(CubicHermiteSpline(table_time, angles, slopes)(within))
+
+
+def _resample_rates(table: WindowedRates, said: Array) -> WindowedRates:
+    """Return the readback's rates at times of its clock."""
+    rate, change = np.empty((said.size, 3)), np.empty((said.size, 3))
+    for k in range(3):
+        rate[:, k] = np.interp(said, table.time, table.rate[:, k])
+        change[:, k] = np.interp(said, table.time, table.change[:, k])
+    whole = np.interp(said, table.time, table.is_complete) > 0.999
+    whole &= (said >= table.time[0]) & (said <= table.time[-1])
+    return WindowedRates(said, rate, change, whole)
+
+
+def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
+    """Return drift and offset, (2,), from the speeds of each move; good to some 10 ms.
+
+    None where nothing moves.
+    """
+    speed = np.linalg.norm(table.rate, axis=-1)
+    size = np.linalg.norm(gyros.rate - np.median(gyros.rate, axis=0), axis=-1)
+    at = np.flatnonzero(speed > _MOVING)
+    if not at.size:
+        return None
+    cut = np.flatnonzero(np.diff(table.time[at]) > _PAUSE)
+    moves = zip(
+        table.time[np.concatenate([at[:1], at[cut + 1]])],
+        table.time[np.concatenate([at[cut], at[-1:]])],
+        strict=True,
+    )
+    middles, lates = [0.0], [0.0]
+    reach = MAX_CLOCK_OFFSET + _MARGIN
+    for k, (first, last) in enumerate(moves):
+        middle = (first + last) / 2
+        reach = (
+            (MAX_CLOCK_OFFSET if k == 0 else 0.0)
+            + _MARGIN
+            + 2 * MAX_CLOCK_DRIFT * (middle - middles[-1])
+        )
+        t = np.arange(first - _PAUSE, last + _PAUSE, _GRID)
+        seen = np.asarray(np.interp(t, table.time, speed), dtype=float)
+        tried = lates[-1] + np.arange(-reach, reach + _GRID, _GRID)
+        miss = [_signal_mismatch(gyros.time, size, t - late, seen) for late in tried.tolist()]
+        middles.append(middle)
+        lates.append(float(tried[np.argmin(miss)]))
+    if len(middles) < 4:
+        return np.array([0.0, np.median(lates[1:])])
+    line = np.polyfit(np.array(middles[1:]) - np.array(lates[1:]), lates[1:], 1)
+    return np.asarray(line, dtype=float)
+
+
+def _motions_coincide(table: WindowedRates, gyros: WindowedRates, late: Array) -> bool:
+    """Return whether one turns when the other does, whatever about."""
+    said = gyros.time + late[1] + late[0] * gyros.time
+    speeds = [np.linalg.norm(one.rate, axis=-1) for one in (_resample_rates(table, said), gyros)]
+    return float(np.corrcoef(*speeds)[0, 1]) > _ALIKE_SPEEDS
+
+
+def _signal_mismatch(time: Array, size: Array, at: Array, seen: Array) -> float:
+    """Return how far a signal at some times is from one seen there."""
+    return float(np.linalg.norm(np.interp(at, time, size) - seen))
+
+
+def _fit_line(found: LocalOffsets) -> tuple[Array, Array]:
+    """Return slope and value at zero, (2,), and their covariance, enlarged by what scatters.
+
+    Offsets that stand alone, as a lost sample makes them, are weighed down (Huber).
+    """
+    whole = np.stack([found.time, np.ones_like(found.time)], axis=-1)
+    sd, line, covariance = found.sd, np.zeros(2), np.eye(2)
+    for _ in range(_ROUNDS):
+        design = whole / sd[:, None]
+        covariance = np.asarray(np.linalg.inv(design.T @ design), dtype=float)
+        line = covariance @ design.T @ (found.value / sd)
+        left = np.abs(found.value - whole @ line) / found.sd
+        usual = max(float(np.median(left)) / _MIDDLE, 1.0)
+        sd = found.sd * np.maximum(left / (_HUBER * usual), 1.0) ** 0.5
+    excess = float(np.sum(((found.value - whole @ line) / sd) ** 2)) / max(found.time.size - 2, 1)
+    return line, covariance * max(excess, 1.0)

@@ -1,0 +1,179 @@
+"""What single samples and columns of a turntable's recording show, before motions are compared.
+
+Readings at the end of their range, one row that is far from both its neighbours, a readback that
+stands while the gyros turn, or that repeats each value: in later checks all of them look like a
+wrong unit or an exchanged column.
+"""
+
+from collections.abc import Sequence
+from math import degrees, radians
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.recording import Finding, Recording, Track
+from inercal.segments.attitudes import FLAWS
+from inercal.sensors import G0, Sensor
+
+_TURNING = radians(1)  # rad/s
+_LASTING = 1.0  # s that gyros turn while the readback stands
+_FLAT = 0.3  # s of gyros at one value while the table turns, all together
+_ALONE = {"f": 0.3 * G0, "w": radians(5)}  # beyond both neighbours, and
+_SIGMAS = 30.0  # times the usual second difference
+_JUMP = radians(10)  # of a readback beyond both neighbours
+_REPEATED = 0.6  # of the steps while the table turns
+_NORMAL = 1.4826
+_NAMED = 3  # spikes
+
+
+def require_range(where: str, recording: Recording, track: Track, sensor: Sensor) -> None:
+    """Refuse gyros that are at the end of their range while the table turns.
+
+    Raises
+    ------
+    InputError
+        With the channel, how much of it and where first.
+    """
+    turning = _largest_axis_rate(track) > _TURNING
+    step = float(np.median(np.diff(track.time)))
+    names = [axis.name for axis in sensor.axes if axis.measures == "w"]
+    for name in names:
+        flaws = [
+            f
+            for f in recording.findings
+            if f.what in FLAWS and f.channel == name and f.start is not None and f.stop is not None
+        ]
+        flat = np.zeros(turning.size, np.bool_)
+        for flaw in flaws:
+            flat[flaw.start : flaw.stop] = True
+        seconds = float((flat & turning).sum()) * step
+        if seconds > _FLAT:
+            raise InputError(
+                f"{where}: {flaws[0].message}, and so for {seconds:.3g} s in all while the table "
+                "turns: it is at the end of its range; turn slower, or take a wider range"
+            )
+
+
+def require_readback(where: str, recording: Recording, angles: Array, names: Sequence[str]) -> None:
+    """Refuse a row whose readback is far from that of both rows beside it.
+
+    Parameters
+    ----------
+    where : str
+        What a complaint begins with.
+    recording : Recording
+    angles : (n, k) array
+        Readback, rad.
+    names : sequence of k str
+        Its columns.
+
+    Raises
+    ------
+    InputError
+        With the row, the time and the column.
+    """
+    for name, column in zip(names, angles.T, strict=True):
+        k = _isolated_samples(column, _JUMP)
+        if k.size:
+            row, rest = int(k[0]), k.size - 1
+            more = f" (and {rest} more such rows)" if rest else ""
+            raise InputError(
+                f"{where}: {recording.where(row)} ({recording.time[row]:.6g} s): {name} reads back "
+                f"{degrees(column[row]):.6g}° between {degrees(column[row - 1]):.6g}° and "
+                f"{degrees(column[row + 1]):.6g}°{more}: take the row out"
+            )
+
+
+def require_turning(where: str, track: Track, sensor: Sensor, names: Sequence[str]) -> None:
+    """Refuse a readback that stands while the gyros turn.
+
+    Raises
+    ------
+    InputError
+        With the axes that never move or stand from some time on.
+    """
+    gyros = [axis.measures == "w" for axis in sensor.axes]
+    if not any(gyros):
+        return
+    step = float(np.median(np.diff(track.time)))
+    size = max(round(0.2 / step), 2)
+    w = track.reading[:, gyros]
+    first = np.arange(0, track.time.size - size, size)
+    mean = np.add.reduceat(w, first, axis=0)[:-1] / size
+    moved = np.abs(np.diff(track.angles[first], axis=0))
+    still = moved.max(axis=-1) < 1e-4 * size * step
+    if not still.any():
+        return
+    bias = np.median(mean[still], axis=0)
+    lost = still & (np.linalg.norm(mean - bias, axis=-1) > _TURNING)
+    if lost.sum() * size * step < _LASTING or np.ptp(track.angles, axis=0).max() < 1e-3:
+        return
+    never: list[str] = []
+    stand: list[str] = []
+    for name, column in zip(names, moved.T, strict=True):
+        at = np.flatnonzero(column > 1e-4 * size * step)
+        if not at.size:
+            never.append(f"{name} never moves")
+        elif lost[at[-1] + 1 :].sum() * size * step > _LASTING:
+            stand.append(f"{name} stands from {track.time[first[at[-1] + 1]]:.4g} s on")
+    begun = track.time[first[int(np.argmax(lost))]]
+    raise InputError(
+        f"{where}: the readback stands for {lost.sum() * size * step:.3g} s in which the gyros "
+        f"turn, first at {begun:.4g} s: {', '.join(never or stand) or 'look at its columns'}"
+    )
+
+
+def spike_findings(recording: Recording, sensor: Sensor) -> tuple[Finding, ...]:
+    """Return a warning for each reading that is far from those beside it."""
+    found: list[Finding] = []
+    for axis in sensor.axes:
+        column = recording.data[:, recording.channels.index(axis.name)]
+        si = (column - axis.readout.offset) / axis.readout.scale
+        for k in _isolated_samples(si, _ALONE[axis.measures])[:_NAMED].tolist():
+            text = (
+                f"{axis.name} reads {column[k]:.5g} {axis.readout.unit} in {recording.where(k)} "
+                f"({recording.time[k]:.6g} s), between {column[k - 1]:.5g} and "
+                f"{column[k + 1]:.5g}: take the row out"
+            )
+            found.append(Finding("warning", "outlier", text, axis.name, k, k + 1))
+    return tuple(found)
+
+
+def repeated_readback_finding(track: Track) -> Finding | None:
+    """Return a warning if the readback repeats each value while the table turns."""
+    turning = (_largest_axis_rate(track) > _TURNING)[1:]
+    if turning.sum() < 1 / _REPEATED:
+        return None
+    same = np.asarray(~np.diff(track.angles, axis=0).any(axis=-1), dtype=np.bool_)
+    if float(same[turning].sum() / turning.sum()) < _REPEATED:
+        return None
+    step = float(np.median(np.diff(track.time)))
+    own = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))
+    text = (
+        f"the readback repeats its values while the table turns, as one of {own:.3g} Hz beside "
+        f"readings of {1 / step:.4g} Hz: it is late by another time in each row; record it with "
+        "its own times, [data] table_file, or each row with a readback of its own"
+    )
+    return Finding("warning", "readback", text)
+
+
+def _largest_axis_rate(track: Track) -> Array:
+    """Return the fastest axis' speed by readback over half a second about each sample, rad/s."""
+    step = float(np.median(np.diff(track.time)))
+    h = max(round(0.25 / step), 1)
+    at = np.arange(track.time.size)
+    low, high = np.maximum(at - h, 0), np.minimum(at + h, track.time.size - 1)
+    turned = np.abs(track.angles[high] - track.angles[low]).max(axis=-1)
+    return turned / (track.time[high] - track.time[low])
+
+
+def _isolated_samples(column: Array, least: float) -> NDArray[np.int64]:
+    """Return the samples that lie beyond both neighbours, while these are as usual."""
+    before, after = column[1:-1] - column[:-2], column[1:-1] - column[2:]
+    beyond = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+    usual = _NORMAL * float(np.median(np.abs(before - after)))
+    apart = np.abs(column[2:] - column[:-2])
+    lonely = (beyond > max(least, _SIGMAS * usual)) & (apart < 0.5 * beyond)
+    return np.flatnonzero(lonely) + 1

@@ -1,0 +1,320 @@
+"""What a turntable's readback and the readings show to be wrong, before anything is filtered.
+
+Units, signs and the order of columns: by the rate vector that the readback implies against the
+gyros', and by the direction of gravity against the accelerometers'. An honest sensor passes:
+scale factors within 5 %, misalignments of 5°, biases of 1 °/s and 100 mg.
+"""
+
+from math import degrees, pi, radians
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.turntable.attitude import motion, reference_attitude
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.exchange_fits import (
+    MAX_SOUND_COST,
+    BlockMeans,
+    ExchangeFit,
+    alternative_axis_orders,
+    block_means,
+    find_exchanges,
+    identity_permutation,
+    moments,
+)
+from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS as WITHOUT
+from inercal.errors import InputError
+from inercal.recording import GAP_FACTOR, Finding, Track
+from inercal.sensors import Sensor
+
+_STILL = 1e-3  # rad; no run worth following turns less, in any unit
+_TURNS = radians(1)  # rad/s that gyros read beyond their bias where a table turns
+_SIZE = 1.2  # times or one over it: no usable scale factor is further off
+_SPHERE = 4  # readings that determine a centre and a radius
+_ALL_ROUND = 0.3  # least spread of attitudes over the largest, for that
+_WEIGHT = (0.7, 1.4)  # times g, of the norm at rest
+_USUAL = (0.9, 1.1)
+_NEAR = 1.1  # of a factor that is a unit's
+_NAMED = 5  # gaps
+_ATTITUDES, _APART = 6, radians(10)
+_TURNED = 2 * pi  # rad about each axis of the body
+
+
+class ColumnNames(NamedTuple):
+    """Names of the columns as the user knows them."""
+
+    accelerometer: tuple[str, ...]
+    gyro: tuple[str, ...]
+    readback: tuple[str, ...]
+
+
+def check_track(
+    where: str, track: Track, sensor: Sensor, bench: Turntable, columns: ColumnNames | None = None
+) -> tuple[Finding, ...]:
+    """Return what is odd with a track: gaps, too few attitudes or turns.
+
+    Parameters
+    ----------
+    where : str
+        What a complaint begins with, such as the run file's path.
+    track : Track
+        Readings (..., n, m) in SI in the order of the sensor's axes; of several trials each is
+        looked at.
+    sensor : Sensor
+        Triads of accelerometers and gyros; without one of them it is left out.
+    bench : Turntable
+    columns : ColumnNames, optional
+        For messages; without them the names of the sensor's and the table's axes.
+
+    Raises
+    ------
+    InputError
+        A table that never moved; readback, gyros or accelerometers in another unit, exchanged or
+        reversed: one line with what would fit.
+    """
+    if columns is None:
+        by = {kind: tuple(a.name for a in sensor.axes if a.measures == kind) for kind in "fw"}
+        columns = ColumnNames(by["f"], by["w"], bench.names)
+    odd: tuple[Finding, ...] = ()
+    few: tuple[Finding, ...] = ()
+    for index in np.ndindex(track.reading.shape[:-2]):
+        one = track.trial(*index)
+        made = block_means(one, sensor)
+        _require_motion(where, one, made)
+        odd = odd or _check_gravity_norm(where, made, bench)
+        _require_rate_ratio(where, made.subsample(), sensor, bench, columns)
+        _require_axes(where, made.subsample(), sensor, bench, columns)
+        few = few or (*_attitude_findings(one, bench), *_turn_findings(made, bench))
+    return (*_gap_findings(track.time), *odd, *few)
+
+
+def _rate_beyond_bias(made: BlockMeans) -> Array:
+    """Return the size of what the gyros read beyond what they read at rest, (b,) rad/s."""
+    w = made.readings["w"]
+    bias = np.median(w[made.is_still], axis=0) if made.is_still.any() else np.median(w, axis=0)
+    return np.linalg.norm(w - bias, axis=-1)
+
+
+def _require_motion(where: str, track: Track, made: BlockMeans) -> None:
+    if np.ptp(track.angles, axis=0).max() > _STILL:
+        return
+    gyros = made.readings["w"]
+    fastest = float(np.percentile(_rate_beyond_bias(made), 99)) if gyros.size else 0.0
+    if fastest > _TURNS:
+        raise InputError(
+            f"{where}: the readback stands still while the gyros turn at {degrees(fastest):.3g} "
+            "°/s: look at the readback's columns and unit"
+        )
+    raise InputError(
+        f"{where}: the table never moved, by its readback; a calibration takes holds in several "
+        "attitudes and turns about all axes"
+    )
+
+
+def _check_gravity_norm(where: str, made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
+    """Refuse accelerometers whose norm at rest is far from g, and warn where it is not near."""
+    if made.readings["f"].shape[-1] != 3 or not made.is_still.any():
+        return ()
+    times = _size_at_rest(made.readings["f"][made.is_still]) / bench.gravity.value
+    if not _WEIGHT[0] < times < _WEIGHT[1]:
+        raise InputError(
+            f"{where}: [data] accelerometer: at rest the readings' norm is {times:.3g} times "
+            f"gravity, {bench.gravity.value:.4g} m/s²; look at the unit and the scale in "
+            "[sensor.accelerometer]"
+        )
+    if _USUAL[0] < times < _USUAL[1]:
+        return ()
+    text = (
+        f"specific force at rest is {times:.3g} times gravity, {bench.gravity.value:.4g} m/s²: is "
+        "the nominal scale right?"
+    )
+    return (Finding("warning", "units", text),)
+
+
+def _size_at_rest(force: Array) -> float:
+    """Return the size of readings (n, 3) at rest in several attitudes, biases taken out.
+
+    Readings at rest lie near a sphere about the biases, |f|² = 2 c·f + R² − |c|². Where the
+    attitudes do not determine its centre, the median norm stands for its radius.
+    """
+    centred = force - force.mean(axis=0)
+    spread = np.linalg.svd(centred, compute_uv=False)
+    if len(force) < _SPHERE or spread[-1] < _ALL_ROUND * spread[0]:
+        return float(np.median(np.linalg.norm(force, axis=-1)))
+    columns = np.concatenate([2 * force, np.ones((len(force), 1))], axis=-1)
+    solved = np.asarray(np.linalg.lstsq(columns, (force**2).sum(-1), rcond=None)[0], dtype=float)
+    return float(np.sqrt(max(solved[3] + solved[:3] @ solved[:3], 0.0)))
+
+
+def _require_rate_ratio(
+    where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
+) -> None:
+    """Refuse rates of the readback that are not as large as the gyros'."""
+    if made.readings["w"].shape[-1] != 3:
+        return
+    by = _rate_ratios(made)
+    off = {k: times for k, times in by.items() if not 1 / _SIZE < times < _SIZE}
+    if not off:
+        return
+    times = float(np.median(list(off.values())))
+    alike = max(off.values()) < _NEAR**2 * min(off.values())
+    if len(off) < len(by) or not alike:
+        told = ", ".join(f"{columns.readback[k]} {times:.3g}" for k, times in by.items())
+        raise InputError(
+            f"{where}: while one axis of the table turns the gyros read so many times what its "
+            f"readback implies: {told}; look at the unit of each column of the readback, and at "
+            "the gyros' scales"
+        )
+
+    def falls(size: float) -> bool:
+        """Whether gravity's direction is as the readback says when multiplied."""
+        fit = moments(bench, sensor, made, identity_permutation(len(bench.axes)), size).get("f")
+        return fit is not None and fit.cost(identity_permutation(3)) <= MAX_SOUND_COST
+
+    said = f"{where}: the gyros read {times:.4g} times the rate that the readback implies"
+    gyros, readback = (
+        _describe_unit_error(times, "°/s", "rad/s"),
+        _describe_unit_error(1 / times, "°", "rad"),
+    )
+    paces = (
+        "look at the unit and the scale in [sensor.gyro], and at [data] time or rate: "
+        f"{describe_sampling(made.time, made.step)}"
+    )
+    of_gyros = f"[data] gyro: {gyros or paces}"
+    of_table = f"[data] table: {readback or 'look at its unit'}"
+    if falls(1.0):
+        raise InputError(f"{said}, and gravity agrees with the readback: {of_gyros}")
+    if falls(times):
+        raise InputError(f"{said}, and gravity agrees with the gyros: {of_table}")
+    raise InputError(f"{said}: either {of_gyros}; or {of_table}")
+
+
+def describe_sampling(time: Array, step: float | None = None) -> str:
+    """Say how long a recording lasts and how its samples follow one another by their times."""
+    lasting, step = time[-1] - time[0], step or float(np.median(np.diff(time)))
+    return f"by them it lasts {lasting:.6g} s, with {step:.3g} s from sample to sample"
+
+
+def _rate_ratios(made: BlockMeans) -> dict[int, float]:
+    """Return the gyros' rate over the readback's by the axis that turns alone."""
+    speed, size = np.abs(made.rates), _rate_beyond_bias(made)
+    fastest = np.percentile(speed, 99.5, axis=0)
+    found: dict[int, float] = {}
+    for k in range(speed.shape[-1]):
+        others = np.delete(speed, k, axis=-1).max(axis=-1, initial=0.0)
+        alone = (speed[:, k] > fastest[k] / 3) & (others < speed[:, k] / 30) & ~made.is_still
+        if alone.sum() >= 5:
+            found[k] = float(np.median(size[alone] / speed[alone, k]))
+    return found
+
+
+def _describe_unit_error(times: float, large: str, small: str) -> str:
+    """Say in which unit something is that reads so many times what it should."""
+    one = degrees(1)
+    if one / _NEAR < times < one * _NEAR:
+        return f"it is in {large}, taken as {small}; state its unit"
+    if 1 / one / _NEAR < times < _NEAR / one:
+        return f"it is in {small}, taken as {large}; state its unit"
+    return ""
+
+
+def _require_axes(
+    where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
+) -> None:
+    """Refuse columns that are exchanged or reversed, and axes of another size."""
+    by = moments(bench, sensor, made, identity_permutation(len(bench.axes)))
+    off = {kind: m for kind, m in by.items() if m.cost(identity_permutation(3)) > MAX_SOUND_COST}
+    if not off:
+        return
+    found = [
+        (fit.cost, _describe_exchange(fit, columns))
+        for fit in find_exchanges(bench, sensor, made)[:2]
+    ]
+    found += [
+        (cost, f'[bench] axes = "{axes}"')
+        for cost, axes in alternative_axis_orders(bench, sensor, made)
+    ]
+    if found:
+        ways = "; or they fit with ".join(told for _, told in sorted(found)[:2])
+        raise InputError(f"{where}: readings and readback do not agree; they fit with {ways}")
+    kinds = {"f": ("accelerometer", columns.accelerometer), "w": ("gyro", columns.gyro)}
+    told: list[str] = []
+    for kind, m in off.items():
+        named, names = kinds[kind]
+        factors = zip(names, m.factors().tolist(), strict=True)
+        told.append(f"[data] {named}: " + ", ".join(f"{n} {x:.3g}" for n, x in factors))
+    raise InputError(
+        f"{where}: readings and readback do not agree in any order or sign of their columns; they "
+        f"change so many times as much as they should: {'; '.join(told)}; look at columns, scales "
+        "and the zero of the table's angles"
+    )
+
+
+def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> str:
+    """Say what a fit exchanges."""
+    parts: list[str] = []
+    if not fit.readback.is_identity:
+        parts.append(f"[data] table = {fit.readback.signed_names(columns.readback)}")
+    if not fit.gyro.is_identity:
+        parts.append(f"[data] gyro = {fit.gyro.signed_names(columns.gyro)}")
+    if not fit.accelerometer.is_identity:
+        parts.append(
+            f"[data] accelerometer = {fit.accelerometer.signed_names(columns.accelerometer)}"
+        )
+    return " and ".join(parts)
+
+
+def _attitude_findings(track: Track, bench: Turntable) -> tuple[Finding, ...]:
+    """Warn of holds that point gravity along fewer than six directions."""
+    numbers = np.unique(track.hold[track.hold >= 0])
+    middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in numbers]
+    down = reference_attitude(bench, track.angles[middles])[:, 2, :]  # up, in the body
+    kept: list[Array] = []
+    for one in down:
+        if all(np.linalg.norm(one - other) > _APART for other in kept):
+            kept.append(one)
+    if len(kept) >= _ATTITUDES:
+        return ()
+    return (
+        Finding(
+            "warning",
+            "attitudes",
+            f"the {numbers.size} holds have {len(kept)} different directions up; the "
+            f"accelerometers' coefficients take {_ATTITUDES} or more, each axis up and down",
+        ),
+    )
+
+
+def _turn_findings(made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
+    """Warn of axes of the body that hardly anything turned about."""
+    felt = motion(bench, made.angles, made.rates, np.zeros_like(made.rates), {})
+    step = float(np.median(np.diff(made.time)))
+    turned = np.abs(felt.w[~made.is_still]).sum(axis=0) * step
+    few = [
+        f"{axis} {degrees(t):.3g}°" for axis, t in zip("xyz", turned, strict=True) if t < _TURNED
+    ]
+    if not few:
+        return ()
+    text = f"the table turned hardly about the body's axes {', '.join(few)}"
+    return (Finding("warning", "turns", f"{text}; the gyros' scales take 360° or more of each"),)
+
+
+def _gap_findings(time: Array) -> tuple[Finding, ...]:
+    """Note gaps, and warn of each that the filters do not carry the attitude over."""
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    at = np.flatnonzero(steps > GAP_FACTOR * usual)
+    lost = steps[at] - usual
+    long = [k for k in range(at.size) if steps[at[k]] > WITHOUT]
+    found: list[Finding] = []
+    if at.size:
+        samples = round(float(lost.sum()) / usual)
+        text = f"{at.size} gap{'s' * (at.size > 1)}: {samples} samples lost, {lost.sum():.3g} s"
+        found.append(Finding("note", "gap", f"{text} in all", None, int(at[0]), int(at[-1]) + 2))
+    for nth, k in enumerate(long[:_NAMED], start=1):
+        more = f" (and {len(long) - _NAMED} more such gaps)" if nth == _NAMED < len(long) else ""
+        text = f"no sample for {steps[at[k]]:.3g} s after {time[at[k]]:.6g} s"
+        text += f": the attitude is taken from the readback anew{more}"
+        found.append(Finding("warning", "gap", text, None, int(at[k]), int(at[k]) + 2))
+    return tuple(found)

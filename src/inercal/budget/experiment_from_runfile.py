@@ -1,0 +1,81 @@
+"""From a run file to the experiment whose budget is asked for. Its data are not looked at."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.budget.plan_requirements import require_budget_plan
+from inercal.budget.virtual_experiment import Experiment
+from inercal.data.recording_loader import stated_deviations
+from inercal.errors import InputError
+from inercal.methods.temperature import refuse_temperature_terms_in_plan
+from inercal.runfile import Run
+from inercal.sensors import Axis
+
+_SECTION = {"f": "accelerometer", "w": "gyro"}
+
+
+def experiment_from_run(run: Run) -> Experiment:
+    """Return the experiment that a run file describes.
+
+    The noise of a mean is its stated deviation ([data.sd]), else the white noise of the axis over
+    the step. A coefficient with a prior and no [sensor.truth] is truly what the prior says.
+
+    Raises
+    ------
+    InputError
+        A method without a plan of attitudes, or no noise.
+    """
+    if run.method.unknown_attitudes:
+        raise InputError(
+            f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} finds "
+            "them in the recording, and inercal plan rehearses it"
+        )
+    if run.kind.rows_of_table and run.data.kind == "means" and not run.has_plan_keys:
+        raise InputError(
+            f"{run.path}: a budget is of a plan, not of a table: state [method] attitudes, rates "
+            "or turns"
+        )
+    try:
+        refuse_temperature_terms_in_plan(run.sensor)
+        bench = require_budget_plan(run.bench, run.steps)
+        believed = {
+            name: float(value)
+            for prior in run.priors
+            for name, value in zip(prior.names, prior.mean, strict=True)
+        }
+        return Experiment(
+            run.sensor,
+            bench,
+            run.steps,
+            run.solver(),
+            _noise_covariance(run),
+            run.priors,
+            believed | dict(run.truth),
+        )
+    except InputError as error:
+        raise InputError(f"{run.path}: {error}") from None
+
+
+def _noise_covariance(run: Run) -> Array:
+    """Return the covariance of the mean readings, (r, m, m) SI."""
+    stated = stated_deviations(run)
+    variance = np.array(
+        [[_mean_variance(stated, a, step.seconds) for a in run.sensor.axes] for step in run.steps]
+    )
+    return variance[..., None] * np.eye(variance.shape[1])
+
+
+def _mean_variance(stated: Mapping[str, float], axis: Axis, seconds: float) -> float:
+    kind = _SECTION[axis.measures]
+    if axis.measures in stated:
+        return stated[axis.measures] ** 2
+    if not axis.noise.white:
+        raise InputError(
+            f"[sensor.{kind}] white is missing: a budget needs the noise, of the sensor or of "
+            f"each mean ([data.sd] {kind})"
+        )
+    if not seconds:
+        raise InputError("the plan does not say how long its steps last: white noise needs it")
+    return axis.noise.white**2 / seconds

@@ -1,0 +1,154 @@
+"""What the data cannot show: causes that move a coefficient before any test sees them.
+
+A cause of size δ, a candidate of the score tests, moves the estimate by J⁺c δ and leaves a residual
+of norm η = |c' δ| (`inercal.estimate.scores`). Where it moves a coefficient of standard uncertainty
+u by 5 u it is visible with::
+
+    η = 5 / R        R = max |J⁺c| / (u |c'|)
+
+At η = 6 a test notices it nearly always. Causes with an η below 7 are listed, so that none is lost
+on the edge: the result is wrong by as much, and its verdict is "consistent". A coefficient is not
+listed whose size of 5 u is beyond what is plausible, a tenth of its natural size.
+
+R of a candidate with one component does not depend on the data. Of one with several components R
+is that of the direction of its estimate: the largest R of all directions is at least as large.
+
+Source: Baarda 1968, A testing procedure for use in geodetic networks, Netherlands Geodetic
+Commission (external reliability).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.estimate import Estimate, ScoreTest
+from inercal.keys import CoefficientName
+from inercal.parameters import Parameter
+from inercal.sensors import Sensor
+from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
+
+_CRITICAL_SHIFT, _DETECTABLE_NORM = 5.0, 7.0  # u, and η there
+_UNSCORED_NORM = 3.0  # η of the largest plausible size, below which a candidate is not scored
+_ROUNDING = 1e-9  # u
+
+
+@dataclass(frozen=True)
+class UndetectableCause:
+    """A cause that the data cannot show.
+
+    Parameters
+    ----------
+    name : str
+        Of the coefficients of a kind, "k2", or of a drift; "row" of the readings of single rows.
+    component : str
+        Full name of the component that moves a coefficient at the smallest size; empty of rows.
+    size : float
+        That size of 5 u, SI; NaN where it is not known.
+    """
+
+    name: str
+    component: str
+    size: float
+
+
+def coefficient_definition(sensor: Sensor, full: str) -> ErrorTerm:
+    """Return the line of the table behind a full name, of an estimated coefficient or another."""
+    axis, short = CoefficientName(full).parts
+    measures = next(a.measures for a in sensor.axes if a.name == axis)
+    return next(line for line in TABLES[measures] if line.name == short)
+
+
+def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[UndetectableCause, ...]:
+    """Return what was not estimated and no test of these data can see.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Without a trial axis; the coefficients of the sensor come first.
+    sensor : Sensor
+    """
+    scores = estimate.score_tests.scores
+    u = estimate.std[: len(sensor.coefficients)]
+    found: dict[str, UndetectableCause] = {}
+    for one in scores:
+        if one.kind not in ("coefficient", "time") or not _is_undetectable(one, u):
+            continue
+        sizes = _undetected_sizes(one, u, sensor)
+        if one.kind == "coefficient":
+            largest = [coefficient_definition(sensor, full).largest for full in one.components]
+            if np.any(sizes > largest):
+                continue
+        if len(one.components) == 1:
+            name = _candidate_group(one, scores)
+            if name not in found or not sizes[0] >= found[name].size:
+                found[name] = UndetectableCause(name, one.components[0], float(sizes[0]))
+        elif one.kind == "coefficient" and one.dof:
+            found.setdefault(one.name, UndetectableCause(one.name, one.components[0], np.nan))
+    rows = [one for one in scores if one.kind == "row"]
+    if 2 * sum(_is_undetectable(one, u) for one in rows) > len(rows):
+        found["row"] = UndetectableCause("row", "", np.nan)
+    return tuple(found.values())
+
+
+def undetectable_exact_parameters(
+    estimate: Estimate, sensor: Sensor, expected: Mapping[str, Parameter]
+) -> tuple[str, ...]:
+    """Return the parameters of the bench without a deviation whose errors these data cannot show.
+
+    Parameters
+    ----------
+    estimate, sensor
+        As of `undetectable_causes`.
+    expected : mapping of str to Parameter
+        The bench's parameters by full name, as they were stated.
+    """
+    u = estimate.std[: len(sensor.coefficients)]
+    return tuple(
+        one.name
+        for one in estimate.score_tests.scores
+        if one.kind == "bench"
+        and all(name in expected and expected[name].sd == 0 for name in one.components)
+        and _is_undetectable(one, u)
+    )
+
+
+def _is_undetectable(score: ScoreTest, u: Array) -> bool:
+    """Return whether a cause moves a coefficient by 5 u before it is visible."""
+    moved, eta = _largest_shift(score, u), float(np.sqrt(score.chi2))
+    if not score.dof:
+        if score.kind in ("row", "time"):  # of no plausible size: it moves something, or nothing
+            return moved > _ROUNDING
+        eta = _UNSCORED_NORM
+    return _DETECTABLE_NORM * moved > _CRITICAL_SHIFT * eta
+
+
+def _largest_shift(score: ScoreTest, u: Array) -> float:
+    """Return the largest shift of a coefficient by the size of the score, in u."""
+    shift = np.abs(score.shift[: len(u)])
+    return float(np.max(shift / np.where(u > 0, u, np.inf), initial=0.0))
+
+
+def _undetected_sizes(score: ScoreTest, u: Array, sensor: Sensor) -> Array:
+    """Return the size of 5 u of each component, SI, (k,); NaN where it is not known."""
+    moved, size = _largest_shift(score, u), np.abs(score.size)
+    if not score.dof:
+        if score.kind != "coefficient":
+            return np.full(len(size), np.nan)
+        size = np.array([coefficient_definition(sensor, full).largest for full in score.components])
+    return _CRITICAL_SHIFT * size / moved if moved > 0 else np.full(len(size), np.nan)
+
+
+def _candidate_group(score: ScoreTest, scores: Sequence[ScoreTest]) -> str:
+    """Return the name of the candidate of several components that has this one, or its own."""
+    return next(
+        (
+            one.name
+            for one in scores
+            if len(one.components) > 1
+            and one.kind == score.kind
+            and score.components[0] in one.components
+        ),
+        score.name,
+    )

@@ -1,0 +1,52 @@
+"""`inercal apply`: correct a recording with a calibration."""
+
+import sys
+from pathlib import Path
+
+import typer
+
+from inercal.cli.console import print_json, progress_status, refuse_overwrite
+
+NAME = "apply"
+
+
+def run(
+    calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
+    run_file: Path = typer.Argument(
+        help="The run file whose \\[data] names recording and columns."
+    ),
+    out: Path = typer.Option(..., "--out", "-o", help="The corrected recording to write."),
+    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Correct a recording: specific force in m/s², angular rate in rad/s."""
+    from inercal.calibration.files import load
+    from inercal.errors import InputError
+    from inercal.io.write import write_recording
+    from inercal.pipeline import apply
+    from inercal.runfile import read
+
+    calibration = load(calibration_file)
+    plan = read(run_file)
+    if out.resolve() == plan.file(plan.data.file).resolve():
+        raise InputError(f"{out} is the recording itself: give the corrected one another name")
+    refuse_overwrite(out, force=force)
+    with progress_status(f"correcting {plan.data.file}"):
+        corrected = apply(calibration, plan)
+        write_recording(corrected, out)
+    warnings = [f.message for f in corrected.findings if f.severity == "warning"]
+    verdict = calibration.verdict
+    if verdict is not None and verdict.grade == "unreliable":
+        reason = f": {verdict.reasons[0]}" if verdict.reasons else ""
+        warnings.insert(0, f"{calibration_file} is {verdict.word}{reason}")
+    for warning in warnings:
+        print(f"inercal: warning: {warning}", file=sys.stderr)
+    if json:
+        print_json(
+            {"recording": str(out), "samples": int(corrected.time.size), "warnings": warnings}
+        )
+    else:
+        units = ", ".join(dict.fromkeys(corrected.units))
+        across = sum(name.startswith("f") for name in corrected.channels) in (1, 2)
+        alone = "; what acts across these axes was taken as nothing" * across
+        print(f"wrote {out}: {corrected.time.size} samples in {units}{alone}")

@@ -1,0 +1,214 @@
+"""`inercal bench`: drive a three-axis table, read an IMU, calibrate live; simulated or on iron."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from inercal.cli import bench_devices, bench_serve
+from inercal.cli.bench_options import (
+    CLOCK_HELP,
+    PATIENCE_HELP,
+    SPEED_HELP,
+    TABLE_HELP,
+    TEMPERATURE_HELP,
+    positive_number,
+    run_options,
+)
+from inercal.cli.console import (
+    exit_with_verdict,
+    open_register,
+    print_coefficients,
+    print_json,
+    print_written_files,
+    progress_status,
+)
+
+if TYPE_CHECKING:
+    from inercal.host.journal import Journal
+    from inercal.host.live_estimator import LiveEstimator
+    from inercal.host.options import RunOptions
+    from inercal.host.registration import RegisterSync
+    from inercal.host.run_folder import RunFolder
+    from inercal.store import Register
+
+NAME = "bench"
+app = typer.Typer(
+    help="Drive a three-axis table, read an IMU, calibrate live.", no_args_is_help=True
+)
+
+_RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
+_Clock = Annotated[str, typer.Option(help=CLOCK_HELP)]
+_Speed = Annotated[float | None, typer.Option(help=SPEED_HELP)]
+_Patience = Annotated[float, typer.Option(help=PATIENCE_HELP)]
+_Temperature = Annotated[str, typer.Option("--temperature", help=TEMPERATURE_HELP)]
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+_Register = Annotated[
+    str | None,
+    typer.Option(help="Enter the run in the register there, or in the 'default' one."),
+]
+_IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
+
+
+@app.command()
+def run(
+    run_file: _RunFile,
+    table: Annotated[str, typer.Option(help=TABLE_HELP)],
+    imu: Annotated[str, typer.Option(help=_IMU_HELP)],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="New folder of the run; by its time.")
+    ] = None,
+    clock: _Clock = "",
+    speed: _Speed = None,
+    patience: _Patience = 120.0,
+    temperature: _Temperature = "",
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Carry out the plan of a run file, and calibrate from what it leaves."""
+    from datetime import datetime
+
+    from inercal.host.run_folder import create_run
+    from inercal.runfile import read
+
+    options = run_options(speed, patience, temperature)
+    plan = read(run_file)
+    kept = open_register(register)
+    folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
+    made, journal = create_run(folder, plan, (table, imu, clock))
+    with journal, made.removed_on_failure():
+        _complete_run(made, journal, options, json, kept)
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
+    table: Annotated[
+        str, typer.Option(help=f"Where it has another address now: {TABLE_HELP}")
+    ] = "",
+    imu: Annotated[str, typer.Option(help=f"The same: {_IMU_HELP}")] = "",
+    clock: _Clock = "",
+    speed: _Speed = None,
+    patience: _Patience = 120.0,
+    temperature: _Temperature = "",
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
+    from inercal.host.run_folder import reopen_run
+
+    options = run_options(speed, patience, temperature)
+    kept = open_register(register)
+    made, journal = reopen_run(folder, (table, imu, clock))
+    with journal:
+        _complete_run(made, journal, options, json, kept)
+
+
+def _complete_run(
+    folder: "RunFolder",
+    journal: "Journal",
+    options: "RunOptions",
+    json: bool,
+    register: "Register | None",
+) -> None:
+    """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
+    from inercal.calibration.files import as_object
+    from inercal.host.registration import RegisterSync
+    from inercal.host.run_completion import finish_run
+
+    register_sync = RegisterSync(register, folder.path)
+    live = None
+    if journal.header().state != "carried out":
+        live = _carry_out_plan(folder, journal, options, register_sync)
+    sensor = folder.run.sensor.name
+    try:
+        with progress_status(f"calibrating {sensor} from {folder.run.data.file}"):
+            outcome, files = finish_run(
+                folder, journal, live, lambda: register_sync.history(sensor)
+            )
+    finally:
+        _enter_run(register_sync)
+    if json:
+        print_json(as_object(outcome.calibration) | files)
+    else:
+        print_coefficients(outcome, folder.run.truth)
+        print_written_files(files)
+    exit_with_verdict(outcome)
+
+
+def _enter_run(register_sync: "RegisterSync") -> None:
+    """Enter a run as it is now; what fails is said, and how to do it later."""
+    register_sync.update()
+    if register_sync.trouble:
+        print(f"inercal: {register_sync.trouble}", file=sys.stderr)
+
+
+def _carry_out_plan(
+    folder: "RunFolder", journal: "Journal", options: "RunOptions", register_sync: "RegisterSync"
+) -> "LiveEstimator | None":
+    """Have the plan carried out; return what was found while it was."""
+    from inercal.cli.bench_view import run_display
+    from inercal.cli.keyboard import listen_to_keys
+    from inercal.host.addresses import layout_of_address
+    from inercal.host.precompilation import precompile_run
+    from inercal.host.run_execution import RunInterrupted, execute_run
+
+    with progress_status("compiling what a run needs, once on each machine"):
+        precompile_run(folder.run, layout_of_address(journal.header().imu))
+    try:
+        with run_display() as show:
+            run = execute_run(
+                folder,
+                journal,
+                options,
+                show,
+                run_context=listen_to_keys,
+                background_work=register_sync.background_work,
+            )
+    except RunInterrupted as error:
+        _enter_run(register_sync)
+        print(f"inercal: interrupted: {error}", file=sys.stderr)
+        print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
+        raise typer.Exit(130) from None
+    return run.recorder.live_estimator
+
+
+@app.command()
+def simulate(
+    run_file: _RunFile,
+    seed: Annotated[int, typer.Option(help="Of noise, and of what is imperfect.")] = 0,
+    preset: Annotated[str, typer.Option(help="Of the IMU's packets.")] = "fixed",
+    rate: Annotated[
+        float | None, typer.Option(help="Packets a second; else as the run file has it.")
+    ] = None,
+    pace: Annotated[
+        str, typer.Option(help="Bench seconds in one of the wall's; or granted: by the host.")
+    ] = "granted",
+    tcp: Annotated[bool, typer.Option("--tcp", help="The IMU on TCP, not on a terminal.")] = False,
+) -> None:
+    """Simulate the bench of a run file, until Ctrl-C: a Turbo PMAC, and an IMU on a terminal.
+
+    Lines typed here make things go wrong: `imu fault loss 0.01`, `table fault amplifier 2`.
+    """
+    from inercal.errors import InputError
+    from inercal.host.bench_simulator import BenchSimulator
+
+    paced = pace if pace == "granted" else positive_number("--pace", pace, ", or granted")
+    with BenchSimulator(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
+        clock = f" --clock {bench.clock}" if bench.clock else ""
+        print(f"inercal bench run {run_file} --table '{bench.table}' --imu '{bench.imu}'{clock}")
+        sys.stdout.flush()
+        for line in sys.stdin:
+            which, _, words = line.strip().partition(" ")
+            try:
+                if which not in ("table", "imu"):
+                    raise InputError(f"{line.strip()!r}; possible: table WORDS or imu WORDS")
+                bench.inject_fault(which, words)
+                print("ok", flush=True)
+            except InputError as error:
+                print(f"no: {error}", flush=True)
+
+
+for verb in (bench_devices.devices, bench_serve.serve):
+    app.command()(verb)

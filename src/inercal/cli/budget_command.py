@@ -1,0 +1,94 @@
+"""`inercal budget`: what each imperfection of bench and sensor contributes to each coefficient."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from inercal.cli.console import number_column, print_json, print_written_files, progress_status
+
+if TYPE_CHECKING:
+    from inercal.budget import Budget
+
+NAME = "budget"
+
+
+def run(
+    run_file: Path = typer.Argument(help="The run file (TOML); its data are not looked at."),
+    trials: int = typer.Option(1000, help="Monte Carlo trials of each imperfection."),
+    seed: int = typer.Option(0, help="Seed of the trials."),
+    out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
+) -> None:
+    """Say what each imperfection contributes to each coefficient: the error budget."""
+    from json import dumps
+
+    from inercal.budget import budget
+    from inercal.budget.budget_json import budget_as_dict
+    from inercal.budget.experiment_from_runfile import experiment_from_run
+    from inercal.errors import InputError
+    from inercal.io.atomic_files import write_text
+    from inercal.report import write_budget
+    from inercal.runfile import read
+
+    if trials < 2:
+        raise InputError(f"--trials {trials}: a spread takes 2 or more, such as 1000")
+    if seed < 0:
+        raise InputError(f"--seed {seed}: must not be negative")
+    if not out.is_dir():
+        raise InputError(f"{out}: no such folder to write to")
+    plan = read(run_file)
+    if plan.search is not None:
+        raise InputError(
+            f"{run_file}: estimator {plan.estimator} searches, and a budget repeats it thousands "
+            "of times, for hours; state damped, which solves the same norms, or joint"
+        )
+    with progress_status(f"first order of {plan.sensor.name}") as update:
+        found = budget(
+            experiment_from_run(plan),
+            trials,
+            seed,
+            lambda done, all_: update(f"{done} of {all_} trials of each imperfection"),
+        )
+        page = out / f"{run_file.stem}.budget.html"
+        result = out / f"{run_file.stem}.budget.json"
+        method = {"method": plan.method.name, "estimator": plan.estimator}
+        content = budget_as_dict(found) | method
+        write_budget(found, page, f"method {plan.method.name} · estimator {plan.estimator}")
+        write_text(result, dumps(content, indent=1, ensure_ascii=False) + "\n")
+    files = {"budget_file": str(result), "page": str(page)}
+    if json:
+        print_json(content | files)
+        return
+    _print(found)
+    print_written_files(files)
+
+
+def _print(found: "Budget") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from inercal.budget.contribution_table import contribution_rows, shift_cells
+
+    sensor, console = found.experiment.sensor, Console()
+    numbers = map(number_column, ("first order", "Monte Carlo", "±"))
+    title = f"error budget of {sensor.name}: standard deviations"
+    table = Table(
+        "coefficient", "imperfection", *numbers, "unit", number_column("share"), title=title
+    )
+    for k, name in enumerate(sensor.coefficients):
+        unit = sensor.coefficient(name).unit
+        for j, row in enumerate(contribution_rows(found, k)):
+            table.add_row(
+                name * (j == 0), row.name, row.first_order, row.monte_carlo, row.error, unit,
+                f"{100 * row.share:.0f} %", style="bold" if row.kind == "total" else "",
+            )  # fmt: skip
+        table.add_section()
+    console.print(table)
+    if not found.shifts:
+        return
+    shifts = [number_column(f"{one.name}\n{one.value}") for one in found.shifts]
+    moved = Table("coefficient", *shifts, "unit", title="if left uncorrected")
+    for k, name in enumerate(sensor.coefficients):
+        moved.add_row(name, *shift_cells(found, k), sensor.coefficient(name).unit)
+    console.print(moved)

@@ -1,0 +1,103 @@
+"""`inercal calibrate`: from a run file to a calibration file and a report."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from inercal.cli.console import (
+    draw_refusal,
+    exit_with_verdict,
+    generation_text,
+    open_register,
+    print_coefficients,
+    print_json,
+    print_written_files,
+    progress_status,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from inercal.runfile import Run
+
+NAME = "calibrate"
+
+
+def run(
+    run_file: Path = typer.Argument(help="The run file (TOML): sensor, bench, data, method."),
+    out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
+    with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
+    register: str | None = typer.Option(
+        None, help="Enter the calibration in the register there, or in the 'default' one."
+    ),
+    strict: bool = typer.Option(
+        False, "--strict", help="Exit with status 3 also where there are reservations."
+    ),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
+) -> None:
+    """Find a sensor's coefficients and their uncertainties from a recording.
+
+    The exit status is 0, 2 for input that cannot be used, 3 where the result is written but is not
+    to be relied on, or 130 when interrupted.
+    """
+    from contextlib import nullcontext
+
+    from inercal.calibration.files import as_object, save
+    from inercal.errors import InputError
+    from inercal.io.atomic_files import atomic_write_all
+    from inercal.io.mean_tables import write_means
+    from inercal.pipeline import calibrate
+    from inercal.runfile import read
+
+    if not out.is_dir():
+        raise InputError(f"{out}: no such folder to write to")
+    plan = read(run_file)
+    doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
+    with open_register(register) or nullcontext() as kept, progress_status(doing) as say:
+        with draw_refusal(plan, out / f"{run_file.stem}.refused.html" if with_report else None):
+            outcome = calibrate(
+                plan, lambda generation: say(f"{doing}: {generation_text(generation)}")
+            )
+        names = {"calibration_file": "calibration.json", "report": "report.html"}
+        tables = plan.kind.tables(plan, outcome)
+        names |= {what: f"{what}.csv" for what in tables}
+        if not with_report:
+            del names["report"]
+        files = {kind: out / f"{run_file.stem}.{name}" for kind, name in names.items()}
+        results = [kind for kind in files if kind != "report"]
+        _refuse_recording_overwrite(plan, [files[what] for what in tables])
+        with atomic_write_all([files[kind] for kind in results]) as parts:
+            part = dict(zip(results, parts, strict=True))
+            save(outcome.calibration, part["calibration_file"])
+            for what, columns in tables.items():
+                write_means(part[what], columns)
+        history = None
+        if kept is not None:
+            kept.enter_calibration(outcome.calibration)
+            history = kept.history(plan.sensor.name)
+        # Whatever a page may lack, the result stands before it is drawn.
+        if with_report:
+            from inercal.report import write_report
+
+            write_report(outcome, files["report"], plan.truth or None, history)
+    if json:
+        print_json(
+            as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()}
+        )
+    else:
+        print_coefficients(outcome, plan.truth)
+        print_written_files(files)
+    exit_with_verdict(outcome, strict=strict)
+
+
+def _refuse_recording_overwrite(plan: "Run", tables: "Sequence[Path]") -> None:
+    """Refuse to write a table over the recording that it is made of."""
+    from inercal.errors import InputError
+
+    for path in tables:
+        if path.resolve() == plan.file(plan.data.file).resolve():
+            raise InputError(
+                f"{path} is the recording, and a table of it would be written over it: rename one "
+                "of recording and run file"
+            )

@@ -1,0 +1,169 @@
+"""What the verbs print: a table of coefficients, verdicts, JSON."""
+
+import json
+import sys
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from inercal.keys import CoefficientName
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rich.table import Column
+
+    from inercal.methods.ship_multi_angle.global_search import Generation
+    from inercal.pipeline import Outcome
+    from inercal.runfile import Run
+    from inercal.store import Register
+
+
+_COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
+
+
+@contextmanager
+def progress_status(what: str) -> Generator[Callable[[str], None]]:
+    """Show on standard error what is going on, while it does; give what changes the words."""
+    from rich.console import Console
+
+    with Console(stderr=True).status(what) as status:
+        yield status.update
+
+
+@contextmanager
+def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
+    """Draw what was found in a recording that is refused, and name the page in the message.
+
+    Parameters
+    ----------
+    run : Run
+    page : Path or None
+        To write; None where none is wanted.
+    """
+    from inercal.errors import InercalError
+
+    try:
+        yield
+    except InercalError as error:
+        if page is not None and _write_refusal_page(run, str(error), page):
+            error.args = (f"{error} (rests and thresholds are drawn in {page})", *error.args[1:])
+        raise
+
+
+def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
+    """Write the page of a refusal; return whether there was something to draw."""
+    from inercal.errors import InputError
+    from inercal.pipeline.refused_recording import inspect_refused_recording
+    from inercal.report import write_refusal
+
+    if (found := inspect_refused_recording(run)) is None:
+        return False
+    try:
+        write_refusal(found, run.sensor, message, page)
+    except InputError:
+        return False  # the message says what matters
+    return True
+
+
+def generation_text(generation: "Generation") -> str:
+    """Return how far a search is, in words."""
+    return (
+        f"generation {generation.number}, sum of squares {generation.cost:.3g} g⁴, largest error "
+        f"of a norm {100 * generation.worst:.2g} %"
+    )
+
+
+def refuse_overwrite(path: "Path", *, force: bool) -> None:
+    """Refuse to write over a file that exists, unless by `force`.
+
+    Raises
+    ------
+    InputError
+        It exists.
+    """
+    from inercal.errors import InputError
+
+    if path.exists() and not force:
+        raise InputError(f"{path} exists: name another with --out, or write over it with --force")
+
+
+def print_written_files(files: "Mapping[str, Path | str]") -> None:
+    """Say which files were written."""
+    for path in files.values():
+        print(f"wrote {path}")
+
+
+def open_register(address: str | None) -> "Register | None":
+    """Open the register that is asked for: one that is not there is said before the work."""
+    if address is None:
+        return None
+    from inercal.store import Register
+
+    return Register(address)
+
+
+def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
+    """Print one object or list on standard output."""
+    json.dump(content, sys.stdout, indent=1, ensure_ascii=False)
+    sys.stdout.write("\n")
+
+
+def number_column(heading: str) -> "Column":
+    """Return a column of numbers, which stand to the right."""
+    from rich.table import Column
+
+    return Column(heading, justify="right")
+
+
+def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
+    """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from inercal.calibration.verdict import COVERAGE
+    from inercal.pipeline.truth import true_coefficients
+    from inercal.units import format_value_and_uncertainty
+
+    calibration = outcome.calibration
+    heads = ["coefficient", "meaning", number_column("value"), number_column("U (k = 2)"), "unit"]
+    heads += [number_column("error / u")] if truth else []
+    title = f"{calibration.sensor.name}: {calibration.method}, {calibration.estimator}"
+    table = Table(*heads, title=title)
+    previous, true = "", true_coefficients(calibration, truth)
+    for name, value, std in zip(
+        calibration.sensor.coefficients, calibration.values, calibration.std, strict=True
+    ):
+        line = calibration.sensor.coefficient(name)
+        axis = CoefficientName(name).axis
+        if previous and axis != previous:
+            table.add_section()
+        previous = axis
+        cells = format_value_and_uncertainty(value / line.si, COVERAGE * std / line.si)
+        error = [f"{(value - true[name]) / std:+.2f}"] if truth else []
+        table.add_row(name, line.meaning, *cells, line.unit, *error)
+    console = Console()
+    console.print(table)
+    summary, *others = outcome.verdict.lines
+    console.print(f"[bold {_COLOURS[outcome.verdict.tone]}]{outcome.verdict.word.capitalize()}[/]")
+    console.print(f"[bold]{_escape_markup(summary)}[/bold]")
+    for text in others:
+        console.print(f"· {_escape_markup(text)}")
+
+
+def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:
+    """End the program with the status of the verdict, once all is written and printed.
+
+    0 where the result is consistent or usable with reservations, 3 where it is not to be relied on;
+    `strict` makes reservations 3 too.
+    """
+    import typer
+
+    bad = {"unreliable", "reservations"} if strict else {"unreliable"}
+    if outcome.verdict.grade in bad:
+        raise typer.Exit(3)
+
+
+def _escape_markup(text: str) -> str:
+    """Return text in which rich sees no markup."""
+    return text.replace("[", r"\[")

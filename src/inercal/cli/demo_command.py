@@ -1,0 +1,44 @@
+"""`inercal demo`: calibrate an IMU on a simulated three-axis table, compare with the truth."""
+
+import sys
+from pathlib import Path
+
+import typer
+
+from inercal.cli.console import (
+    exit_with_verdict,
+    print_coefficients,
+    print_json,
+    print_written_files,
+)
+
+NAME = "demo"
+
+
+def run(
+    out: Path = typer.Option(Path("inercal-demo"), "--out", "-o", help="Folder for its files."),
+    seed: int = typer.Option(0, help="Seed of the simulation."),
+    quick: bool = typer.Option(False, "--quick", help="Five minutes of the bench, not 24."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Drive a simulated table and IMU through a whole calibration, with the truth beside it."""
+    from inercal.calibration.files import as_object
+    from inercal.cli.bench_view import STOP_HELP, run_display
+    from inercal.demonstration import demo
+    from inercal.host.bench_simulator import STARTUP_MESSAGE
+    from inercal.host.run_folder import prepare_folder
+
+    prepare_folder(out)
+    print(STARTUP_MESSAGE, file=sys.stderr, flush=True)
+    with run_display(STOP_HELP) as show:
+        shown = demo(out, seed, quick=quick, show=show)
+    if json:
+        result = as_object(shown.outcome.calibration)
+        print_json(result | {"truth": dict(shown.truth)} | dict(shown.files))
+        exit_with_verdict(shown.outcome)
+        return
+    print_coefficients(shown.outcome, shown.truth)
+    print(f"{shown.seconds / 60:.1f} minutes of the bench in {shown.seconds / shown.speed:.0f} s")
+    print(f"normalised error squared against the truth: {shown.nees:.2f} (1 is expected)")
+    print_written_files(shown.files)
+    exit_with_verdict(shown.outcome)

@@ -1,0 +1,48 @@
+"""`inercal report`: the HTML report of a run."""
+
+from pathlib import Path
+
+import typer
+
+from inercal.cli.console import (
+    draw_refusal,
+    exit_with_verdict,
+    generation_text,
+    print_json,
+    progress_status,
+)
+
+NAME = "report"
+
+
+def run(
+    run_file: Path = typer.Argument(help="The run file (TOML)."),
+    out: Path | None = typer.Option(None, "--out", "-o", help="The page to write."),
+    strict: bool = typer.Option(
+        False, "--strict", help="Exit with status 3 also where there are reservations."
+    ),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Calibrate and write the HTML report alone.
+
+    The exit status is 0, or 3 where the page is written but the result is not to be relied on.
+    """
+    from inercal.calibration.verdict_object import as_object
+    from inercal.pipeline import calibrate
+    from inercal.report import write_report
+    from inercal.runfile import read
+
+    plan = read(run_file)
+    page = out or Path(f"{run_file.stem}.report.html")
+    with progress_status(f"writing {page}") as say:
+        with draw_refusal(plan, page.with_name(f"{run_file.stem}.refused.html")):
+            outcome = calibrate(
+                plan, lambda generation: say(f"writing {page}: {generation_text(generation)}")
+            )
+        write_report(outcome, page, plan.truth or None)
+    if json:
+        lines = {"lines": list(outcome.verdict.lines)}
+        print_json({"report": str(page), "verdict": as_object(outcome.verdict) | lines})
+    else:
+        print(f"wrote {page}")
+    exit_with_verdict(outcome, strict=strict)

@@ -1,0 +1,68 @@
+"""`inercal reproduce`: a source paper recomputed, each of its claims judged from the numbers."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from inercal.studies import Study
+
+NAME = "reproduce"
+_COLOURS = {"reproduced": "green", "not reproducible": "yellow", "false": "red"}
+
+
+def run(
+    name: str = typer.Argument(
+        help="The study: centrifuge, dual-orthogonal, ship-model or turntable."
+    ),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Folder for the page; by default here, with --json none."
+    ),
+    trials: int = typer.Option(4000, help="Monte Carlo trials at most; slow studies take fewer."),
+    seed: int = typer.Option(0, help="Seed of the noise."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
+) -> None:
+    """Recompute a source paper, and say of each of its claims whether it holds."""
+    from rich.console import Console
+
+    from inercal.studies import reproduce, results_as_list, write_study
+
+    written: Path | None = None
+    with Console(stderr=True).status(f"reproducing {name}") as status:
+        study = reproduce(name, trials, seed, status.update)
+        if out is not None or not json:
+            status.update("writing the page")
+            written = write_study(study, out or Path())
+    if json:
+        from inercal.cli.console import print_json
+
+        print_json(results_as_list(study))
+        return
+    _print(study)
+    print(f"wrote {written}")
+
+
+def _print(study: "Study") -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    from inercal.studies.claim import format_significant
+
+    table = Table(title=study.title, caption=study.source, box=box.SIMPLE, pad_edge=False)
+    table.add_column("claim", ratio=1)
+    for heading in ("printed", "computed", "u"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("verdict", max_width=12)
+    for section in study.sections:
+        for finding in section.findings:
+            claim = finding.claim
+            u = format_significant(finding.uncertainty) if finding.uncertainty else "0"
+            title = claim.title + (f", {claim.unit}" if claim.unit else "")
+            verdict = f"[{_COLOURS[finding.verdict]}]{finding.verdict}[/]"
+            if claim.printed is None:
+                title += f" (implied: {finding.expected_text})"
+            table.add_row(title, finding.printed_text, finding.computed_text, u, verdict)
+        table.add_section()
+    Console().print(table)

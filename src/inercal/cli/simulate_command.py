@@ -1,0 +1,54 @@
+"""`inercal simulate`: the run's plan on its simulated bench, written as the run file reads it."""
+
+from pathlib import Path
+
+import typer
+
+from inercal.cli.console import print_json, progress_status, refuse_overwrite
+
+NAME = "simulate"
+
+
+def run(
+    run_file: Path = typer.Argument(help="The run file (TOML); \\[sensor.truth] is the truth."),
+    out: Path | None = typer.Option(
+        None,
+        "--out",
+        "-o",
+        help="The recording to write (.csv, .npz, .parquet), \\[data] file; table_file beside it.",
+    ),
+    seed: int = typer.Option(0, help="Seed of the noise and of the bench's errors."),
+    force: bool = typer.Option(False, "--force", help="Write over an existing recording."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Simulate the recording that the run's plan would leave."""
+    from inercal.io.write import write_recordings
+    from inercal.pipeline import simulate_files
+    from inercal.runfile import read
+
+    plan = read(run_file)
+    names = [plan.data.file, *plan.data.further_files().values()]
+    paths = [plan.file(name) for name in names]
+    if out is not None:
+        paths = [out, *(out.parent / path.name for path in paths[1:])]
+    for there in paths:
+        refuse_overwrite(there, force=force)
+    written = " and ".join(map(str, paths))
+    with progress_status(f"simulating {written}"):
+        made = simulate_files(plan, seed)
+        write_recordings(dict(zip(paths, made.values(), strict=True)))
+    assert plan.rate_hz is not None  # no simulation without
+    samples = made[plan.data.file].time.size
+    seconds = (samples - 1) / plan.rate_hz
+    if json:
+        print_json(
+            {
+                **dict(zip(("recording", "readback"), map(str, paths), strict=False)),
+                "samples": samples,
+                "seconds": seconds,
+                "seed": seed,
+                "truth": dict(plan.truth),
+            }
+        )
+    else:
+        print(f"wrote {written}: {samples} samples, {seconds:.1f} s")

@@ -1,0 +1,239 @@
+"""`inercal store`: the register of sensors, runs and calibrations."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from inercal.cli.console import print_json
+
+if TYPE_CHECKING:
+    from inercal.calibration import Calibration
+    from inercal.store import Register
+
+NAME = "store"
+app = typer.Typer(
+    help="Keep sensors, runs and calibrations in a register, and see how they change.",
+    no_args_is_help=True,
+)
+
+_Register = Annotated[
+    str | None,
+    typer.Option(
+        "--register",
+        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER.",
+    ),
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
+_Sensor = Annotated[str, typer.Argument(help="Its name.")]
+
+
+@app.command("list")
+def list_(
+    runs: Annotated[bool, typer.Option("--runs", help="The runs, not the sensors.")] = False,
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """List the sensors, how often each was calibrated, when last, and who entered it."""
+    from inercal.cli import store_json, store_view
+    from inercal.store import Register
+
+    with Register(register) as opened:
+        found = opened.runs() if runs else opened.sensors()
+        if json:
+            what = "runs" if runs else "sensors"
+            print_json(
+                {"register": opened.address, what: [store_json.entry_object(one) for one in found]}
+            )
+        elif not found:
+            print(f"nothing in {opened.address} yet; enter it by inercal store import PATH…")
+        elif runs:
+            store_view.print_runs(opened.runs())
+        else:
+            store_view.print_sensors(opened.sensors())
+
+
+@app.command()
+def show(
+    what: Annotated[str, typer.Argument(help="A sensor's name, or the number of a calibration.")],
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Show a sensor with its calibrations and runs, or one calibration with all that is kept."""
+    from inercal.cli import store_json, store_view
+    from inercal.store import Register
+
+    with Register(register) as opened:
+        number = None if _is_sensor_name(opened, what) else _parse_number(what)
+        if number is not None:
+            entry = opened.calibration(number)
+            if json:
+                print_json(store_json.calibration_object(entry, opened.coefficients(number)))
+            else:
+                runs = [one for one in opened.runs(entry.sensor) if one.id == entry.run]
+                store_view.print_calibration(entry, runs[0] if runs else None)
+            return
+        sensor = opened.sensor(what)
+        calibrations, runs = opened.calibrations(sensor.id), opened.runs(sensor.id)
+        if json:
+            parts = {"calibrations": calibrations, "runs": runs}
+            print_json(
+                {"register": opened.address, "sensor": store_json.entry_object(sensor)}
+                | {
+                    name: [store_json.entry_object(one) for one in part]
+                    for name, part in parts.items()
+                }
+            )
+        else:
+            store_view.print_sensor(sensor, calibrations, runs)
+
+
+@app.command()
+def history(
+    sensor: _Sensor,
+    coefficients: Annotated[
+        list[str] | None,
+        typer.Argument(help="ax.k0, k0, bias, …: each of their calibrations. None: all, in short."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The HTML page to write, with figures.")
+    ] = None,
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Show how a sensor's coefficients change: E_n of each calibration, drift, and a verdict."""
+    from inercal.cli import store_json, store_view
+    from inercal.store import Register
+
+    with Register(register) as opened:
+        found = opened.history(sensor)
+    chosen = found.select(coefficients or ())
+    if out is not None:
+        from inercal.report import write_history
+
+        write_history(chosen, out)
+    if json:
+        print_json(store_json.history_object(chosen) | ({} if out is None else {"page": str(out)}))
+        return
+    store_view.print_history(chosen, detailed=bool(coefficients))
+    if out is not None:
+        print(f"wrote {out}")
+
+
+@app.command()
+def diff(
+    first: Annotated[str, typer.Argument(help="The number of a calibration, or a file.")],
+    second: Annotated[str, typer.Argument(help="The later one.")],
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Compare two calibrations, coefficient by coefficient and all together."""
+    from inercal.cli import store_json, store_view
+    from inercal.store.comparison import compare
+
+    both = [_load_calibration(one, register) for one in (first, second)]
+    compared = compare(*both)
+    names = first, second
+    if json:
+        print_json(store_json.comparison_object(compared, names))
+    else:
+        store_view.print_comparison(compared, names)
+
+
+@app.command("import")
+def import_(
+    paths: Annotated[
+        list[Path], typer.Argument(help="Calibration files, and folders of runs on a bench.")
+    ],
+    measured: Annotated[
+        str | None, typer.Option(help="When one calibration was measured, as 2026-03-01.")
+    ] = None,
+    by: Annotated[str | None, typer.Option(help="Who enters it; else the user's name.")] = None,
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Enter calibrations and runs, each whole or not at all; what is there already stays."""
+    from inercal.errors import InercalError, InputError
+    from inercal.store import Register
+
+    if measured is not None and (len(paths) > 1 or paths[0].is_dir()):
+        raise InputError("--measured goes with one calibration file")
+    entered: list[dict[str, Any]] = []
+    with Register(register, by) as opened:
+        try:
+            for path in paths:
+                entered.append(_enter_path(opened, path, measured))
+                if not json:
+                    print(_entry_line(entered[-1]))
+        except InercalError:
+            done, left = len(entered), len(paths) - len(entered) - 1
+            if done or left:
+                said = f"{done} of {len(paths)} entered, {left} not looked at"
+                print(f"inercal: {said}", file=sys.stderr)
+            raise
+        finally:
+            if json:
+                print_json({"register": opened.address, "entered": entered})
+
+
+def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[str, Any]:
+    """Enter one path; return what it was."""
+    from inercal.errors import InputError
+
+    before = set(opened.calibration_numbers())
+    if not path.is_dir():
+        numbers = (opened.enter_calibration(path, measured),)
+        return _entry_summary(path, None, numbers, before)
+    from inercal.host.registration import register_run
+    from inercal.host.run_folder import JOURNAL
+
+    if (path / JOURNAL).exists():
+        number = register_run(opened, path)
+        return _entry_summary(path, number, opened.calibration_numbers(number), before)
+    files = sorted(path.glob("*.calibration.json"))
+    if not files:
+        raise InputError(
+            f"{path}: no run of a bench is in it, and no *.calibration.json; give the folder of a "
+            "run, or calibration files"
+        )
+    return _entry_summary(path, None, opened.enter_calibrations(files), before)
+
+
+def _entry_summary(
+    path: Path, run: int | None, numbers: tuple[int, ...], before: set[int]
+) -> dict[str, Any]:
+    new = [number for number in numbers if number not in before]
+    return {"path": str(path), "run": run, "calibrations": list(numbers), "new": new}
+
+
+def _entry_line(entered: dict[str, Any]) -> str:
+    parts = [] if entered["run"] is None else [f"run {entered['run']}"]
+    parts += [
+        f"calibration #{number}" + ("" if number in entered["new"] else " (was there)")
+        for number in entered["calibrations"]
+    ]
+    return f"{entered['path']}: {', '.join(parts)}"
+
+
+def _parse_number(what: str) -> int | None:
+    """Return the number that "#3" or "3" is of."""
+    digits = what.removeprefix("#")
+    return int(digits) if digits.isascii() and digits.isdigit() and len(digits) < 10 else None
+
+
+def _is_sensor_name(opened: "Register", what: str) -> bool:
+    """Whether a sensor has that name, which may be a number."""
+    return any(one.name == what for one in opened.sensors())
+
+
+def _load_calibration(what: str, register: str | None) -> "Calibration":
+    """Return a calibration by its number in the register, or that of a file."""
+    from inercal.store import Register
+    from inercal.store.document import make_document
+
+    number = _parse_number(what)
+    if number is None:
+        return make_document(Path(what)).calibration
+    with Register(register) as opened:
+        return opened.calibration(number).calibration

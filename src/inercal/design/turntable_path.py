@@ -1,0 +1,202 @@
+"""The path of a turntable before it is run: its steps, how long it takes, what it will give.
+
+The covariance of an estimate does not depend on the noise that is drawn, and hardly on the sensor:
+the method's own estimator goes over the path as an ideal sensor would record it on an ideal table,
+with noise and table as stated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.benches.turntable import Turntable, require_turntable
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.simulation import PathProfile, path_profile
+from inercal.design.expected_uncertainty import (
+    ExpectedUncertainty,
+    coefficient_uncertainties,
+    estimated_uncertainties,
+)
+from inercal.errors import InputError, NotObserved
+from inercal.methods.temperature import refuse_temperature_terms_in_plan
+from inercal.methods.turntable import model
+from inercal.methods.turntable_kalman import METHOD as KALMAN
+from inercal.methods.turntable_kalman import combined_estimate
+from inercal.methods.turntable_kalman.filter_config import FILTER_KINDS
+from inercal.plan import Position, TableStep
+from inercal.recording import Observations, Track
+from inercal.runfile import Run
+
+_RATE = 100.0  # Hz
+_OPEN = 0.2  # of what a coefficient may be before anything is known
+_FIRST = 0.25  # s of each hold that go for settling
+
+
+@dataclass(frozen=True, eq=False)
+class PathStep:
+    """A step of a path.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    step : Position or Rotation
+    move : float
+        How long the table takes to come there, s.
+    seconds : float
+        How long the step lasts, s.
+    """
+
+    number: int
+    step: TableStep
+    move: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class PathSheet:
+    """What the table does, and what it will give.
+
+    Parameters
+    ----------
+    run : Run
+    rows : tuple of PathStep
+    expected : tuple of ExpectedUncertainty
+        Of each coefficient; of those that the path leaves as they were guessed it is NaN.
+    undecided : tuple of str
+        Directions of the coefficients that the path leaves open, in words.
+    """
+
+    run: Run
+    rows: tuple[PathStep, ...]
+    expected: tuple[ExpectedUncertainty, ...]
+    undecided: tuple[str, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Of the whole path with its moves."""
+        return sum(row.move + row.seconds for row in self.rows)
+
+
+def turntable_path_sheet(run: Run) -> PathSheet:
+    """Return what a run on a turntable will give. Its data are not looked at.
+
+    Raises
+    ------
+    InputError
+        A run on another bench, no noise, a path that the table cannot follow, or no rest of 20 s
+        at its start.
+    NotObserved
+        Directions that the path leaves open; of the filters they are told in the sheet.
+    """
+    bench = require_turntable(run)
+    steps = run.table_steps
+    try:
+        refuse_temperature_terms_in_plan(run.sensor)
+        way = path_profile(bench, steps)
+        track = ideal_track(run, bench, way, steps)
+        if run.method is KALMAN:
+            known, undecided = _filter_uncertainties(run, bench, track)
+        else:
+            known, undecided = (
+                _estimator_uncertainties(run, bench, track, _section_steps(way, steps), way),
+                (),
+            )
+    except NotObserved as error:
+        raise NotObserved(f"{run.path}: {error}", error.directions) from None
+    except InputError as error:
+        raise InputError(f"{run.path}: {error}") from None
+    return PathSheet(run, _path_steps(way, steps), known, undecided)
+
+
+def ideal_track(run: Run, bench: Turntable, way: PathProfile, steps: Sequence[TableStep]) -> Track:
+    """Return the track of an ideal sensor on an ideal table, at the run's sampling rate.
+
+    Parameters
+    ----------
+    run : Run
+    bench : Turntable
+    way : PathProfile
+        Through the steps.
+    steps : sequence of Position or Rotation
+    """
+    rate = run.rate_hz or _RATE
+    time = np.arange(int(way.ends[-1] * rate) + 1) / rate
+    angles, rates, accelerations = way.evaluate(time)
+    made = motion(bench, angles, rates, accelerations, {})
+    reading = run.sensor.forward(made, np.zeros(len(run.sensor.coefficients)))
+    section = np.searchsorted(way.ends, time)
+    held = [
+        k for k, k_step in enumerate(_section_steps(way, steps)) if isinstance(k_step, Position)
+    ]
+    begun = time - np.append(0.0, way.ends)[section] >= _FIRST * (section > 0)
+    hold = np.where(np.isin(section, held) & begun, section, -1)
+    return Track(time, reading, angles, hold)
+
+
+def _section_steps(way: PathProfile, steps: Sequence[TableStep]) -> list[TableStep | None]:
+    """Return the step of each section of the way; None of a move between steps."""
+    following = iter(steps)
+    return [next(following) if label else None for label in way.labels]
+
+
+def _path_steps(way: PathProfile, steps: Sequence[TableStep]) -> tuple[PathStep, ...]:
+    rows: list[PathStep] = []
+    move = 0.0
+    for step, seconds in zip(
+        _section_steps(way, steps), np.diff(way.ends, prepend=0.0), strict=True
+    ):
+        if step is None:
+            move = float(seconds)
+        else:
+            rows.append(PathStep(len(rows) + 1, step, move, float(seconds)))
+            move = 0.0
+    return tuple(rows)
+
+
+def _filter_uncertainties(
+    run: Run, bench: Turntable, track: Track
+) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
+    """Return how well each coefficient will be known, and the directions that are left open."""
+    way = combined_estimate.FILTER_CONFIGS[run.estimator]
+    found: dict[str, float] = {}
+    undecided: list[str] = []
+    for kind in FILTER_KINDS:
+        filtered = combined_estimate.run_filter(kind, run.sensor, bench, track, way, run.priors)
+        names = filtered.triad.sensor.coefficients
+        p = len(names)
+        covariance = filtered.covariance[:p, :p]
+        std = np.sqrt(np.diagonal(covariance))
+        # What is left as it was guessed is no result.
+        std = np.where(std < _OPEN * model.expected_size(filtered.triad), std, np.nan)
+        found |= dict(zip(names, std.tolist(), strict=True))
+        undecided += [free.words for free in model.undecided_directions(filtered.triad, covariance)]
+    return coefficient_uncertainties(run.sensor, found), tuple(undecided)
+
+
+def _estimator_uncertainties(
+    run: Run, bench: Turntable, track: Track, sections: Sequence[TableStep | None], way: PathProfile
+) -> tuple[ExpectedUncertainty, ...]:
+    """Return how well each coefficient will be known by an estimator of the whole path at once."""
+    spans = [
+        (step, float(start), float(stop))
+        for step, start, stop in zip(sections, np.append(0.0, way.ends), way.ends, strict=False)
+        if step is not None
+    ]
+    start, stop = (np.array([span[k] for span in spans]) for k in (1, 2))
+    white = np.array([axis.noise.white for axis in run.sensor.axes])
+    at = [np.flatnonzero((track.time >= a) & (track.time <= b)) for _, a, b in spans]
+    observations = Observations(
+        labels=tuple(step.label for step, _, _ in spans),
+        mean=np.array([track.reading[some].mean(axis=0) for some in at]),
+        covariance=np.diag(white**2) / (stop - start)[:, None, None],
+        duration=stop - start,
+        samples=np.array([some.size for some in at]),
+        time=0.5 * (start + stop),
+        channels=run.sensor.channels,
+        track=track,
+    )
+    steps = [step for step, _, _ in spans]
+    estimate = run.solver()(observations, run.sensor, bench, steps, run.priors)
+    return estimated_uncertainties(estimate, run.sensor)

@@ -1,0 +1,29 @@
+"""A value that is worked out when it is first wanted, and then kept."""
+
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+S = TypeVar("S")
+
+
+class LazyValue(Generic[T]):
+    """What a function returns, worked out at the first call.
+
+    The function is let go then, and all data that it holds.
+    """
+
+    def __init__(self, work: Callable[[], T]) -> None:
+        self._work: Callable[[], T] | None = work
+        self._value: list[T] = []
+
+    def __call__(self) -> T:
+        """Return the value."""
+        if self._work is not None:
+            self._value.append(self._work())
+            self._work = None
+        return self._value[0]
+
+    def then(self, change: Callable[[T], S]) -> "LazyValue[S]":
+        """Return what a function makes of the value, worked out when it is wanted."""
+        return LazyValue(lambda: change(self()))

@@ -1,0 +1,49 @@
+"""What ties a device's clock to the host's, at the start and after an outage."""
+
+from math import isfinite
+
+from inercal.errors import InputError
+
+MATCHING_TIME = 5.0  # s in which the least difference of two clocks is looked for
+_ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and of an outage: what arrival may be off by
+_ARRIVAL_UNCERTAINTY = (
+    0.1  # s, of an arrival: turns of a clock are told apart where half a turn is more
+)
+
+
+def wrap_correction(behind: float, wraps: float, outage: float, whose: str) -> float:
+    """Return what to add to a device's clock that may have begun again, s.
+
+    Parameters
+    ----------
+    behind : float
+        By the host's clock its time should be later by so much, s.
+    wraps : float
+        s after which it begins again; infinite: never.
+    outage : float
+        s for which nothing was heard of it.
+    whose : str
+        "the IMU" or "the table".
+
+    Raises
+    ------
+    InputError
+        It was set anew, or may have gone round any number of times.
+    """
+    drift = _DRIFT * abs(outage)
+    added = 0.0
+    if isfinite(wraps):
+        added = wraps * round(behind / wraps)
+        if wraps / 2 < _ARRIVAL_UNCERTAINTY + drift:
+            raise InputError(
+                f"{whose} was not heard for {outage:.3g} s, and its counter begins again every "
+                f"{wraps:.3g} s: its time can no longer be tied to that of the bench; begin a new "
+                "run"
+            )
+    if abs(behind - added) > _ARRIVAL_TOLERANCE + drift:
+        other = "table's" if whose == "the IMU" else "IMU's"
+        raise InputError(
+            f"{whose} began its {'counter' if whose == 'the IMU' else 'clock'} anew: its time can "
+            f"no longer be tied to the {other}; begin a new run"
+        )
+    return added

@@ -1,0 +1,139 @@
+"""Sections of a run by the table's clock: where it holds, and what samples are called.
+
+The recording begins with the first section. Estimation begins with its rest: where that is
+interrupted before it lasted `COARSE_REST_SECONDS`, the recording begins anew with the section's
+repetition.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.turntable.rest_timing import COARSE_REST_SECONDS
+from inercal.errors import InputError
+
+Indices = NDArray[np.int64]
+_COARSE_MARGIN = 1 + 1e-3
+
+
+@dataclass
+class SectionSpan:
+    """A section, or as much as there was of one.
+
+    Parameters
+    ----------
+    number : int
+        Of the task.
+    label : str
+    begun, end_time : float
+        s by the table's clock; infinite while it is open.
+    state : "begun", "done" or "void"
+        Of a void one that was done first, the task is to be done again.
+    is_hold : bool
+    """
+
+    number: int
+    label: str
+    start_time: float
+    end_time: float
+    state: Literal["begun", "done", "void"]
+    is_hold: bool
+
+
+class SectionTimeline:
+    """The sections that events tell of.
+
+    Parameters
+    ----------
+    settling : float
+        s that go at both ends of a hold.
+
+    Attributes
+    ----------
+    all : list of SectionSpan
+        In the order of time.
+    attempt : int
+        How often the recording has begun anew.
+    """
+
+    def __init__(self, settling: float):
+        self.spans: list[SectionSpan] = []
+        self.attempt: int = 0
+        self._settling = settling
+        self._first = 0  # where the recording begins among all
+
+    @property
+    def start(self) -> float:
+        """When the recording begins, s by the table's clock; infinite while it has not."""
+        return self.spans[self._first].start_time if self._first < len(self.spans) else inf
+
+    def add_event(self, event: Mapping[str, Any], turns: float = 0.0) -> None:
+        """Take in an event "section"; `turns` (s) are added to its time.
+
+        Raises
+        ------
+        InputError
+            An event that is none.
+        """
+        try:
+            number, label, what = int(event["number"]), str(event["label"]), event["state"]
+            time, holds = float(event["time"]) + turns, bool(event.get("hold", False))
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"an event of the log is no section: {json.dumps(event)}") from None
+        if what == "begun":
+            self._end(time, "void")
+            self.spans.append(SectionSpan(number, label, time, inf, "begun", holds))
+        elif what in ("done", "void"):
+            self._end(time, what)
+
+    def begin_session(self, next_number: int, last: float) -> None:
+        """Void what is open, by the last time before the gap, and all that is to be done again."""
+        self._end(last, "void")
+        for one in self.spans:
+            if one.number >= next_number:
+                one.state = "void"
+
+    def _end(self, time: float, what: Literal["done", "void"]) -> None:
+        if not self.spans or self.spans[-1].state != "begun":
+            return
+        last = self.spans[-1]
+        last.state, last.end_time = what, max(time, last.start_time)
+        held = last.end_time - last.start_time - 2 * self._settling
+        if (
+            what == "void"
+            and len(self.spans) == self._first + 1
+            and held < COARSE_REST_SECONDS * _COARSE_MARGIN
+        ):
+            self._first += 1
+            self.attempt += 1
+
+    def hold_indices(self, time: Array) -> Indices:
+        """Return by which of the sections the table holds at times, (n,); −1 where by none."""
+        found = self._within(time)
+        held = np.array([one.is_hold for one in self.spans], np.bool_)
+        begun, ended = self._ends()
+        k = np.maximum(found, 0)
+        good = (found >= 0) & held[k]
+        good &= (time >= begun[k] + self._settling) & (time <= ended[k] - self._settling)
+        return np.where(good, found, -1)
+
+    def labels(self, time: Array) -> NDArray[np.str_]:
+        """Return what the samples of times are called, (n,); "" beside and within void sections."""
+        names = np.array([*(one.label if one.state == "done" else "" for one in self.spans), ""])
+        return names[self._within(time)]
+
+    def _ends(self) -> Array:
+        """Return when the sections began, and when they ended, (2, sections)."""
+        return np.array([(one.start_time, one.end_time) for one in self.spans]).reshape(-1, 2).T
+
+    def _within(self, time: Array) -> Indices:
+        """Return in which section times are; −1 where in none."""
+        begun, ended = self._ends()
+        at = np.searchsorted(begun, time, "right") - 1
+        return np.where((at >= 0) & (time <= ended[np.maximum(at, 0)]), at, -1)

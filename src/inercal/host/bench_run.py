@@ -1,0 +1,365 @@
+"""A run on a bench, from the first command to the table at rest: the loop that all else serves.
+
+Every 20 ms of the bench's time, every 80 ms while the table holds its place::
+
+    clock -> table's state and IMU's bytes -> log -> interlocks -> sequencer -> table, log, journal
+
+and now and then what came is assembled, and the sequential estimator of the method, if it has one,
+is fed with it. What an estimate is made of is in the log: a run that was interrupted replays it,
+and repeats the step that was in hand whole.
+
+On any way out the table comes to rest: by the sequencer, or by the watchdog (`guard`), a process of
+its own with its own connection. Both are software; the hardware interlock is the safety function.
+"""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import datetime
+from functools import partial
+from math import degrees
+from time import monotonic
+from typing import Literal, Self
+
+from inercal.benches.turntable import require_turntable
+from inercal.errors import InercalError, InputError
+from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
+from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
+from inercal.host.clock import Clock, SimulatedClock, WallClock
+from inercal.host.drivers.rotary_table import TableFault, TableState
+from inercal.host.guard import Guard
+from inercal.host.imu_receiver import ImuReceiver
+from inercal.host.interlocks import Interlocks
+from inercal.host.interruptions import Interruptions
+from inercal.host.journal import Journal
+from inercal.host.link import LinkLost
+from inercal.host.options import DEFAULT_OPTIONS, RunOptions
+from inercal.host.recorder import RunRecorder
+from inercal.host.run_folder import RunFolder
+from inercal.host.run_log import IMU, TABLE
+from inercal.host.sequencer import Command, Sequencer
+from inercal.host.table_driver import TableDriver
+from inercal.host.table_state_codec import pack_state
+from inercal.host.tasks import plan_tasks
+
+SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
+_PACKET_TIMEOUT = 5.0  # s
+_RECORDING_TAIL = (
+    1.0  # s that are recorded on: the last samples wait for what the table says after them
+)
+_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that it looks for a table that is gone
+_GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
+
+
+class BenchRun:
+    """One run, begun or resumed; a context manager that leaves the table at rest.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    journal : Journal
+    addresses : DeviceAddresses
+    options : RunOptions
+    show : callable
+        Called with the run itself, now and then.
+    show_interval : float
+        s of the wall's between two such calls.
+
+    Attributes
+    ----------
+    name, sensor, axes
+        The sensor's name, the sensor, the names of the table's axes.
+    time : float
+        The run's, s.
+    sequencer : Sequencer
+    tasks : tuple of Task
+    recorder : RunRecorder
+        What came, and what was made of it.
+
+    Raises
+    ------
+    InputError
+        A run file that is none of a turntable, an address that is none, a log that is damaged.
+    LinkLost
+        Nobody is there.
+    """
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        journal: Journal,
+        addresses: DeviceAddresses,
+        options: RunOptions = DEFAULT_OPTIONS,
+        show: Callable[["BenchRun"], None] | None = None,
+        show_interval: float = SHOW_INTERVAL,
+    ):
+        run, bench = folder.run, require_turntable(folder.run)
+        self.tasks = plan_tasks(bench, run.table_steps)
+        self.sequencer = Sequencer(
+            self.tasks, bench.axis_motion_limits, journal.completed_steps(), bench.names
+        )
+        self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
+        self._journal, self._options = journal, options
+        self._show: Callable[[BenchRun], None] = show or _show_nothing
+        self._show_interval = show_interval
+        self._bench, self._poll = bench, journal.header().poll
+        self._commands: list[Command] = []
+        self._show_time, self._before_start = 0.0, True
+        layout = layout_of_address(addresses.imu)
+        if options.temperature is not None and "temperature" not in layout.roles:
+            raise InputError(f"packets of {layout.name} carry no temperature that could be watched")
+        with ExitStack() as opened:
+            self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
+            self._clock = _open_clock(addresses, options, journal)
+            opened.callback(self._clock.close)
+            self._table = opened.enter_context(open_table(addresses.table, bench))
+            self._interlocks = self._create_interlocks()
+            self._require_feasible_plan()
+            patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
+            self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
+            self._interruptions = Interruptions(self.sequencer, self._guard, self._stop, self._say)
+            self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
+            # A simulated bench stands still from here on: the port opens between two packets.
+            clock, now = self._clock, self._clock.now()
+            clock.begin(now)
+            tick = clock.end()
+            waits = bool(addresses.clock)
+            self._imu = ImuReceiver(
+                partial(open_imu, addresses.imu, clock.now, synchronous=waits), tick
+            )
+            opened.callback(self._imu.close)
+            journal.set_state("running")
+            self._open_resources = opened.pop_all()
+        self.time, self._next = tick.time, tick.time + self._poll
+        self._packets, self._gyros_disagree = (0, tick.time), False
+        self._speed_reference = monotonic(), tick.time
+        self._end_time: float | None = None
+
+    @property
+    def state(self) -> TableState | None:
+        """The table's, as last read."""
+        return self._table_driver.state
+
+    @property
+    def speed(self) -> float:
+        """Seconds of the bench in one of the wall's, so far."""
+        wall, bench = self._speed_reference
+        now = monotonic() if self._end_time is None else self._end_time
+        return (self.time - bench) / max(now - wall, 1e-9)
+
+    @property
+    def pause_reason(self) -> str:
+        """Why the run pauses; empty where it does not."""
+        return self._interruptions.pause_reason
+
+    @property
+    def trouble(self) -> str:
+        """Why the run was interrupted; empty where it was not."""
+        return self._interruptions.trouble
+
+    def request(self, what: Literal["pause", "go on", "stop"]) -> None:
+        """Ask for something, from whichever thread; it is done within a tick."""
+        self._interruptions.request(what)
+
+    def execute_plan(self) -> bool:
+        """Go through the plan; True when all is done, False when it was interrupted.
+
+        The table is at rest then, or `trouble` says why that is not known.
+        """
+        with self._guard.catch_signals():
+            try:
+                self._record_session()
+                self._clock.begin(self._next)
+                # The watchdog of a host that was killed may be stopping the table still.
+                self._wait_for_rest()
+                self._before_start = False
+                while not self.sequencer.is_over:
+                    self._tick()
+                self._wait_for_rest()
+                self._check_rest_with_gyros()
+            except LinkLost as error:
+                self._interruptions.end(f"the bench's clock is gone: {error}")
+            except InercalError as error:
+                self._interruptions.end(str(error))
+        self._process_pending()
+        self._end_time = monotonic()
+        done = self.sequencer.phase == "done" and not self.trouble
+        self._journal.set_state("carried out" if done else "interrupted")
+        self._show_state()
+        return done
+
+    def _tick(self) -> None:
+        """See what the last tick brought, let the bench go on, and do what is to be done of it.
+
+        Between `end` and `begin` a simulated bench stands still: commands reach it there, one tick
+        after the state that they are for.
+        """
+        tick = self._clock.end()
+        # A bench that has gone on by itself is not followed tick by tick.
+        step = self._poll * (HOLD_POLL_FACTOR if self.sequencer.is_holding else 1)
+        self._next = max(self._next, tick.time) + step
+        self.time = tick.time
+        self._guard.beat()
+        self._send_commands()
+        fresh = self._read()
+        heard = self._imu.take(tick)
+        self._clock.begin(self._next)
+        if fresh is not None:
+            self.recorder.record_frame(TABLE, fresh[0], pack_state(fresh[1]))
+        if heard.reopened:
+            self._record_session()
+        for time, data in heard.pieces:
+            self.recorder.record_frame(IMU, time, data)
+        self._interruptions.update(self.time, self._imu, self._options.patience)
+        if fresh is not None:
+            self._advance_sequencer(fresh[1])
+        if self.recorder.is_processing_due(self.time):
+            self._process_pending()
+        if monotonic() - self._show_time >= self._show_interval:
+            self._show_time = monotonic()
+            self._show_state()
+
+    def _show_state(self) -> None:
+        """Show the run to who looks on."""
+        try:
+            self._show(self)
+        except OSError:  # nobody looks any more, and the run goes on
+            self._show = _show_nothing
+
+    def _read(self) -> tuple[float, TableState] | None:
+        """Return when the table was read, and its state; None where that failed."""
+        try:
+            return self._table_driver.read()
+        except LinkLost as error:
+            self._interruptions.end(str(error))
+            return None
+
+    def _advance_sequencer(self, state: TableState) -> None:
+        """Show the sequencer a state of the table, and do what it says."""
+        if self.sequencer.is_over or self._before_start:
+            return
+        words = self._interlocks.check(state, self.time, temperature=self.recorder.temperature)
+        if words is not None:
+            self._interruptions.end(words)
+            return
+        try:
+            self._commands = self.sequencer.step(state)
+        except TableFault as error:
+            self._interruptions.handle_table_error(error)
+        self._record_sections()
+
+    def _send_commands(self) -> None:
+        """Tell the table what the sequencer has said; it may be paused since."""
+        commands, self._commands = self._commands, []
+        if commands:
+            self._interruptions.check_guard()  # while it stops the table nothing is commanded
+        try:
+            self._table_driver.send([] if self.pause_reason or self.sequencer.is_over else commands)
+        except InercalError as error:
+            self._interruptions.handle_table_error(error)
+
+    def _record_sections(self) -> None:
+        """Keep what began and ended."""
+        made = self.sequencer.sections
+        for one in made:
+            self.recorder.record_section(self.time, one, holds=not self.tasks[one.number].rate)
+            if one.state == "begun":
+                self._say("info", f"step {one.number + 1} of {len(self.tasks)}: {one.label}")
+        made.clear()
+
+    def _stop(self, how: Callable[[float], list[Command]]) -> None:
+        """Pause or abort, `how` the sequencer does."""
+        self._table_driver.stop(how(self.time if self.state is None else self.state.time))
+        self._record_sections()
+
+    def _wait_for_rest(self) -> None:
+        """See the table come to rest; where it does not, or is gone, the watchdog has it."""
+        slowest = max(one.rate / one.acceleration for one in self._bench.axis_motion_limits)
+        until, after = self.time + slowest + _GRACE, self.time + _RECORDING_TAIL
+        while self.time < until and not (self._table_driver.at_rest and self.time > after):
+            self._tick()
+
+    def _check_rest_with_gyros(self) -> None:
+        """See that the table rests by the gyros too: an encoder may stand while its axis turns."""
+        self._process_pending()
+        until = self.time + _GRACE
+        while self._interlocks.rate_difference and self.time < until:
+            self._tick()
+            self._process_pending()
+        if self._interlocks.rate_difference:
+            self._interruptions.add(
+                f"by its encoders the table rests, by the gyros it still turns at "
+                f"{degrees(self._interlocks.rate_difference):.3g} °/s or more: "
+                "cut its power, keep away"
+            )
+
+    def _process_pending(self) -> None:
+        """Have what came worked through, and see that gyros and table agree."""
+        try:
+            block = self.recorder.process_pending(self.time)
+        except InputError as error:
+            self._interruptions.end(str(error))
+            return
+        packets = self.recorder.assembly.tally.bytes.packets
+        if packets > self._packets[0] or not self._imu.is_receiving:
+            self._packets = packets, self.time
+        elif self.time - self._packets[1] > _PACKET_TIMEOUT:
+            self._interruptions.end(
+                f"for {_PACKET_TIMEOUT:g} s bytes have come from the IMU and no packet: "
+                "are preset and baud right?"
+            )
+        if block is None:
+            return
+        if block.starts_recording:
+            self._interlocks = self._create_interlocks()
+        words = self._interlocks.check_gyros(block.track)
+        if words is not None and not self._gyros_disagree:
+            self._gyros_disagree = True
+            self._interruptions.end(words)
+        if self._interlocks.encoder_stuck:
+            self._table_driver.switch_servos_off()
+
+    def _create_interlocks(self) -> Interlocks:
+        return Interlocks(self._table.limits, self._bench, self.sensor, self._options.temperature)
+
+    def _require_feasible_plan(self) -> None:
+        """Refuse a plan that the controller would refuse, and limits that nothing is held to."""
+        for task in self.tasks:
+            for name, most, held, *angles in zip(
+                self.axes, self._table.limits, self._bench.axis_motion_limits, task.start, task.end,
+                strict=True,
+            ):  # fmt: skip
+                for angle in angles:
+                    most.check(name, task.rate or held.rate, held.acceleration, angle)
+
+    def _record_session(self) -> None:
+        self.recorder.record_session(self.time, self.sequencer.number, self._table.wrap_period)
+
+    def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
+        self.recorder.record_message(self.time, level, words)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            if not self._table_driver.at_rest:
+                self._clock.close()  # a simulated bench goes on by itself then
+                if (words := self._table_driver.release_to_guard()) is not None:
+                    self._interruptions.add(words)
+        except BaseException:
+            # Who does not wait for it, by another Ctrl-C, does not call it off.
+            self._guard.release_to_guard()
+            raise
+        finally:
+            self._open_resources.close()
+
+
+def _show_nothing(run: BenchRun) -> None:
+    """Show nothing."""
+
+
+def _open_clock(addresses: DeviceAddresses, options: RunOptions, journal: Journal) -> Clock:
+    """Return the bench's clock: a simulated one's own, or the wall's since the run was begun."""
+    if addresses.clock:
+        return SimulatedClock(addresses.clock, options.speed)
+    return WallClock(datetime.fromisoformat(journal.header().begun).timestamp())

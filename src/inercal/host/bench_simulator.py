@@ -1,0 +1,206 @@
+"""A simulated bench for a host: table and IMU as processes of their own, at real connections."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+from inercal.errors import InputError
+from inercal.host.addresses import DeviceAddresses
+from inercal.host.closeable import Closeable
+from inercal.host.packets import read_layout
+from inercal.host.precompilation import precompile_run
+from inercal.host.sim import motion_link
+from inercal.host.sim.bench_simulator import COUNTS_PER_TURN
+from inercal.host.sim.simulated_errors import draw_errors
+from inercal.runfile import Run, read
+
+# So seldom minutes pass in seconds; at 15 °/s² angles between are within some arcseconds.
+POLL_INTERVAL = 0.05  # s
+STARTUP_MESSAGE = (
+    "starting a simulated bench; the first time on a machine all is compiled, about a minute"
+)
+_EXIT_TIMEOUT = 10.0  # s of the wall in which a process ends by itself
+
+
+class BenchSimulator(Closeable):
+    """The bench of a run file, simulated; as a context manager it ends with the context.
+
+    Its processes end when their starter does, which may be another than the host.
+
+    Parameters
+    ----------
+    run : path
+        The run file: bench, sensor, truth.
+    seed : int
+        Of all that is drawn.
+    preset : str
+        Of the IMU's packets.
+    rate_hz : float, optional
+        Of the packets; the preset's own or that of the run's data unless told.
+    pace : float or "granted"
+        Bench seconds in one of the wall's; or as the host grants them through the clock.
+    terminal : bool
+        The IMU is at a pseudo-terminal; else at TCP.
+    background_work : callable, optional
+        Done while the processes start, which takes as long where they compile.
+
+    Attributes
+    ----------
+    table, imu : str
+        Addresses that a host opens.
+    clock : str or None
+        None where time passes by itself.
+    addresses : DeviceAddresses
+        All of them, as a run takes them.
+
+    Raises
+    ------
+    InputError
+        A bench that cannot be simulated, as the process says.
+    """
+
+    def __init__(
+        self,
+        run: str | Path,
+        seed: int = 0,
+        preset: str = "fixed",
+        rate_hz: float | None = None,
+        pace: float | Literal["granted"] = "granted",
+        terminal: bool = True,
+        background_work: Callable[[], None] | None = None,
+    ):
+        self._drawn_errors = draw_errors(read(run), seed)
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        # A process that was killed leaves something behind.
+        self._folder = TemporaryDirectory(prefix="inercal-", ignore_cleanup_errors=True)
+        common = [str(run), "--seed", str(seed)]
+        try:
+            rate = [] if rate_hz is None else ["--rate", repr(float(rate_hz))]
+            place = ["--terminal"] if terminal else ["--port", "0"]
+            folder = Path(self._folder.name)
+            sends = ["--preset", preset, *rate, *place, "--folder", str(folder)]
+            moves = ["--pace", str(pace), "--motion", f"unix:{folder / motion_link.SOCKET_NAME}"]
+            self._start("imu", "mimu", *common, *sends)
+            self._start("table", "bench_simulator", *common, *moves)
+            if background_work:
+                background_work()
+            imu, *_ = self._address("imu")
+            table, *clock = self._address("table")
+        except BaseException:
+            # One that looks for another which has failed would not hear that it shall end.
+            for process in self._processes.values():
+                process.kill()
+            self.close()
+            raise
+        motors = ",".join(f"{i + 1}" for i in range(len(self._drawn_errors.bench.axes)))
+        self.table = f"{table.replace('tcp', 'pmac', 1)}?motors={motors}&counts={COUNTS_PER_TURN}"
+        self.imu = f"{imu}?preset={preset}"
+        self.clock = clock[0] if clock else None
+        self.addresses = DeviceAddresses(self.table, self.imu, self.clock or "")
+
+    def inject_fault(self, which: Literal["table", "imu"], words: str) -> None:
+        """Tell a process a fault; see `sim.simulator_process.execute_commands` and `sim.mimu`.
+
+        Raises
+        ------
+        InputError
+            What the process says against it, or that it has ended.
+        """
+        process = self._processes[which]
+        assert process.stdin
+        assert process.stdout
+        try:
+            process.stdin.write(f"{words}\n")
+            process.stdin.flush()
+            said = process.stdout.readline().strip()
+        except OSError:
+            said = ""
+        if not said and words != "die":
+            raise InputError(f"the simulated {which} has ended")
+        if said.startswith("no: "):
+            raise InputError(said.removeprefix("no: "))
+
+    @contextmanager
+    def run_context(self) -> Generator[None]:
+        """Keep this process and the table's on one processor, and the IMU's on another.
+
+        Host and table wait for one another: to wake one up on another processor, a virtual one
+        above all, takes longer than what it has to do. Without effect where a system cannot.
+        """
+        if not hasattr(os, "sched_setaffinity") or len(all_of_them := os.sched_getaffinity(0)) < 2:
+            yield
+            return
+        ours, others = sorted(all_of_them)[:2]
+        _set_processors(self._processes["imu"].pid, {others})
+        _set_processors(self._processes["table"].pid, {ours})
+        _set_processors(os.getpid(), {ours})
+        try:
+            yield
+        finally:
+            _set_processors(os.getpid(), all_of_them)
+
+    def close(self) -> None:
+        """End the processes."""
+        for process in self._processes.values():
+            for end in (process.stdin, process.stdout):
+                if end is not None:
+                    # What was not yet told need not be.
+                    with suppress(OSError):
+                        end.close()
+            try:
+                process.wait(_EXIT_TIMEOUT)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        self._processes.clear()
+        self._folder.cleanup()
+
+    def _start(self, which: str, module: str, *options: str) -> None:
+        self._processes[which] = subprocess.Popen(
+            [sys.executable, "-P", "-m", f"inercal.host.sim.{module}", *options],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            # An interrupt at the terminal is the host's: the bench goes on, and is brought to rest.
+            start_new_session=True,
+        )
+
+    def _address(self, which: str) -> list[str]:
+        """Return the words behind `at` in the first line that a process says."""
+        told = self._processes[which].stdout
+        assert told
+        said = told.readline().strip()
+        if not said.startswith("at "):
+            raise InputError(said.removeprefix("no: ") or f"the simulated {which} does not start")
+        return said.split()[1:]
+
+
+def start_bench_simulator(run: Run, seed: int, preset: str) -> BenchSimulator:
+    """Start a bench whose time is granted, and compile meanwhile what its host needs.
+
+    Parameters
+    ----------
+    run : Run
+    seed, preset
+        As of `BenchSimulator`.
+
+    Raises
+    ------
+    InputError
+        As `BenchSimulator`.
+    """
+    compiling = partial(precompile_run, run, read_layout(preset))
+    return BenchSimulator(run.path, seed, preset, background_work=compiling)
+
+
+def _set_processors(process: int, on: set[int]) -> None:
+    """Keep all of a process's threads on some processors."""
+    with suppress(OSError):  # a thread may end meanwhile, a system have no such folder
+        for thread in os.listdir(f"/proc/{process}/task"):
+            os.sched_setaffinity(int(thread), on)

@@ -1,0 +1,211 @@
+"""What every rotary table can do, in SI, whichever controller turns it.
+
+Signs and zeros are the table's own: an angle is what its encoder says since it was homed, positive
+as the controller counts. `TableState.time` is the controller's servo clock, never the host's: at
+30 °/s, 20 ms of jitter on the way are 0.6°.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import degrees, inf, isfinite, radians
+from typing import Protocol, Self
+
+from inercal.errors import InercalError, InputError
+from inercal.host.link import LinkLost
+
+REST_RATE = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
+
+
+class ProtocolError(InercalError):
+    """A reply that does not follow the protocol, or did not come whole: nothing of it was used."""
+
+
+class TableFault(InercalError):
+    """The table refuses, or has stopped by itself; `str(error)` says why and what is possible."""
+
+
+@dataclass(frozen=True)
+class AxisLimits:
+    """What the controller holds an axis to.
+
+    Parameters
+    ----------
+    rate, acceleration : float
+        Highest that may be asked for, rad/s and rad/s².
+    low, high : float
+        Soft limits, rad; infinite where there are none.
+    following_error : float
+        The servo gives up beyond it, rad.
+    """
+
+    rate: float = inf
+    acceleration: float = inf
+    low: float = -inf
+    high: float = inf
+    following_error: float = inf
+
+    def check(
+        self, axis: str, rate: float, acceleration: float, angle: float | None = None
+    ) -> None:
+        """Raise `InputError` for a motion that the axis is not made for."""
+        if angle is not None and not self.low <= angle <= self.high:
+            raise InputError(
+                f"axis {axis}: {degrees(angle):.6g}° is beyond the soft limits; possible: "
+                f"{degrees(self.low):.6g}° to {degrees(self.high):.6g}°"
+            )
+        asked = [("acceleration", acceleration, self.acceleration)]
+        if angle is not None:
+            asked.append(("rate", rate, self.rate))
+        elif rate != 0:  # A spin may be told to come to rest; a move needs a rate to get there.
+            asked.append(("rate", abs(rate), self.rate))
+        for what, value, most in asked:
+            if not (0 < value <= most and isfinite(value)):
+                raise InputError(
+                    f"axis {axis}: {what} {degrees(value):.6g} is not possible; more than 0 and at "
+                    f"most {degrees(most):.6g} (in degrees and seconds)"
+                )
+
+
+@dataclass(frozen=True)
+class AxisState:
+    """One axis at one instant; a number that the controller does not tell is NaN.
+
+    Parameters
+    ----------
+    angle, rate, following_error : float
+        rad, rad/s, rad: the encoder's, not the commanded.
+    in_position, moving : bool
+        Within the servo's band of the target; the commanded rate is not zero.
+    enabled, homed : bool
+        The servo holds the axis; its zero has been found.
+    faults : tuple of str
+        Why it does not turn, in words; empty if all is well.
+    """
+
+    angle: float
+    rate: float
+    following_error: float
+    in_position: bool
+    moving: bool
+    enabled: bool
+    homed: bool
+    faults: tuple[str, ...] = ()
+
+    @property
+    def settled(self) -> bool:
+        """The move is over; neither sign says so alone: a servo may keep its band in motion."""
+        return self.in_position and not self.moving
+
+    @property
+    def status_text(self) -> str:
+        """What it does, for an operator: its faults, else "off", "turns" or "holds"."""
+        if self.faults:
+            return ", ".join(self.faults)
+        return "off" if not self.enabled else "turns" if self.moving else "holds"
+
+
+@dataclass(frozen=True)
+class TableState:
+    """All axes, outer to inner, in one reading.
+
+    Parameters
+    ----------
+    time : float
+        The controller's servo clock as it stands, s; NaN where it tells none. Where it starts again
+        (`RotaryTable.wraps`), it is counted on within one connection.
+    axes : tuple of AxisState
+    span : float
+        s that passed in the controller between the reading's first number and its last; 0 where all
+        belong to one servo cycle. `time` is the middle.
+    """
+
+    time: float
+    axes: tuple[AxisState, ...]
+    span: float = 0.0
+
+
+class RotaryTable(Protocol):
+    """A table of one or more axes. One object serves one thread; a stop path opens its own.
+
+    Every method raises `LinkLost` where the controller is gone, `ProtocolError` where it cannot be
+    understood and `TableFault` where it refuses.
+    """
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names, outer to inner."""
+        ...
+
+    @property
+    def limits(self) -> tuple[AxisLimits, ...]:
+        """As the controller is set."""
+        ...
+
+    @property
+    def wrap_period(self) -> float:
+        """After how many s the controller's clock starts again at 0; infinite where never."""
+        ...
+
+    def identity(self) -> str:
+        """Return what the controller says that it is; "" where it has no answer."""
+        ...
+
+    def enable(self) -> None:
+        """Close the servo loops where the axes stand."""
+        ...
+
+    def home(self) -> None:
+        """Start the search for zero on all axes; over when all are homed and settled."""
+        ...
+
+    def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
+        """Start toward `angle` (rad), at most at `rate` (rad/s) and `acceleration` (rad/s²)."""
+        ...
+
+    def spin(self, axis: str, rate: float, acceleration: float) -> None:
+        """Bring an axis to `rate` (rad/s, signed) at `acceleration` (rad/s²), and keep it there."""
+        ...
+
+    def stop(self) -> None:
+        """Decelerate all axes and hold them. No safety function: that is the hardware interlock."""
+        ...
+
+    def kill(self, *, coasting: bool = False) -> None:
+        """Take the power off all axes; refused while one turns, unless it may coast."""
+        ...
+
+    def read(self) -> TableState:
+        """Return where the table is now."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the controller; the table goes on with what it does."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def axis_index(axis: str, axes: tuple[str, ...]) -> int:
+    """Return the place of the axis named `axis`; raises `InputError` naming those there are."""
+    if axis not in axes:
+        raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}")
+    return axes.index(axis)
+
+
+def require_unique_names(axes: tuple[str, ...]) -> None:
+    """Raise `InputError` where there are no axes, or two of one name."""
+    if not axes or len(set(axes)) < len(axes):
+        raise InputError("a table needs axes, each of its own name")
+
+
+def stop_with_retry(stop: Callable[[], object]) -> None:
+    """Stop, and again where it is not known that it was heard.
+
+    The connection is a new one then, and to stop twice is to stop.
+    """
+    try:
+        stop()
+    except (ProtocolError, LinkLost):
+        stop()

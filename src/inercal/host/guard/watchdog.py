@@ -1,0 +1,260 @@
+"""The guard's own side: what it hears, and what it does with the table."""
+
+import os
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import degrees, inf, isfinite
+from select import select
+from time import monotonic
+from typing import NamedTuple
+
+from inercal.host.addresses import allows_second_connection, open_table
+from inercal.host.drivers.rotary_table import REST_RATE, RotaryTable, TableState
+
+_TIMEOUT = 0.5  # s of a reply
+_START_ATTEMPTS = 4  # to find the table at the beginning
+_IDLE_INTERVAL = (
+    1.0  # s between looks at a table that need not stop: a link is found lost before it matters
+)
+_STOP_POLL_INTERVAL = 0.03  # s between looks at one that shall
+_REST_READINGS = 2  # at rest in a row
+_DECELERATION_WINDOW = (
+    0.5  # s over which a rate must fall by this part, or the table does not slow down
+)
+_MIN_RATE_DROP = 0.1
+_WAKE_UP_DELAY = 0.1  # s that a wake-up may be late
+_GRACE = 1.0  # s beyond what deceleration takes
+_CLOCK_TIMEOUT = 5.0  # s by the wall that the controller's clock may stand
+
+
+class _RateSample(NamedTuple):
+    """When, by the controller's clock and by the wall's, and the highest rate then, rad/s."""
+
+    time: float
+    wall: float
+    rate: float
+
+
+@dataclass
+class _StopProgress:
+    """What has become of a stop so far.
+
+    Parameters
+    ----------
+    acknowledged : bool
+        The controller has answered it.
+    killed : bool
+        It was of no avail.
+    rest_readings : int
+        Looks in a row that found the table at rest.
+    expected_time : float
+        s that it takes by the limits from the highest rate that was seen.
+    first, last : _RateSample or None
+        Between which the table has or has not slowed down.
+    """
+
+    acknowledged: bool = False
+    killed: bool = False
+    rest_readings: int = 0
+    expected_time: float = 0.0
+    first: _RateSample | None = None
+    last: _RateSample | None = None
+
+
+class Watchdog:
+    """The guard's own side.
+
+    Parameters
+    ----------
+    address : str
+    silence : float
+        s without a beat after which the table is stopped.
+    patience : float
+        s without a word from the table after which a guard without a host gives up.
+    listen : sequence of int
+        Descriptors: the pipe, and what signals to the guard itself write to.
+    say : callable
+        Takes a line.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        silence: float,
+        patience: float,
+        listen: tuple[int, int],
+        say: Callable[[str], None],
+    ):
+        self._address, self._silence, self._patience = address, silence, patience
+        self._pipe, self._signals = listen
+        self._say = say
+        self._table: RotaryTable | None = None
+        self._state: TableState | None = None
+        self._reported_errors = set[str]()  # what was in the way, said once until it is over
+        self._last_answer_time = self._last_reading_time = monotonic()
+        self._last_beat_time: float | None = None  # when the last came; None: none is due
+        self._host_gone = self._released = False
+        self._stopping: _StopProgress | None = None
+
+    def run(self) -> int:
+        """Watch until let go, or until the host is gone and the table at rest."""
+        if allows_second_connection(self._address) and not self._find_table():
+            return 1
+        self._say("ready")
+        while not self._released:
+            self._listen(_STOP_POLL_INTERVAL if self._stopping else self._wait_time())
+            now = monotonic()
+            if self._last_beat_time is not None and now - self._last_beat_time > self._silence:
+                self._last_beat_time = None
+                self._stop(f"the host was silent for {self._silence:g} s")
+            if self._stopping:
+                self._follow_stop(self._stopping)
+            elif (
+                allows_second_connection(self._address)
+                and now - self._last_reading_time >= _IDLE_INTERVAL
+            ):
+                self._check_link()
+            if self._host_gone and not self._stopping:
+                return 0
+            if self._host_gone and now - self._last_answer_time > self._patience:
+                self._say(f"cannot: no word from the table for {self._patience:g} s; given up")
+                return 1
+        return 0
+
+    def _wait_time(self) -> float:
+        due = (
+            self._last_reading_time + _IDLE_INTERVAL
+            if allows_second_connection(self._address)
+            else inf
+        )
+        if self._last_beat_time is not None:
+            due = min(due, self._last_beat_time + self._silence)
+        return min(max(due - monotonic(), 0.0), _IDLE_INTERVAL)
+
+    def _listen(self, wait: float) -> None:
+        """Do what comes within `wait` s says."""
+        ends = [self._signals] if self._host_gone else [self._pipe, self._signals]
+        due = monotonic() + wait
+        ready, _, _ = select(ends, [], [], wait)
+        late = monotonic() - due
+        if self._last_beat_time is not None and late > _WAKE_UP_DELAY:
+            self._last_beat_time += (
+                late  # the whole machine stood still: that is no silence of the host
+            )
+        if self._signals in ready:
+            os.read(self._signals, 64)
+            self._host_gone = True
+            self._stop("the guard itself was told to end")
+        elif self._pipe in ready:
+            told = os.read(self._pipe, 1 << 16)
+            if not told:
+                self._host_gone, self._last_beat_time = True, None
+                self._stop("the host is gone")
+            if b"." in told:
+                self._last_beat_time = monotonic()
+            for byte in told:
+                if byte in b"s\x02\x0f":
+                    self._stop("told so" if byte == ord("s") else signal.Signals(byte).name)
+                elif byte == ord("q"):
+                    self._released = True
+                    return
+
+    def _stop(self, why: str) -> None:
+        """Begin to stop, where that is not under way."""
+        if self._stopping:
+            return
+        self._say(f"stopping: {why}")
+        self._stopping = _StopProgress()
+        # Servos that were off a moment ago are looked at first: to stop would switch them on.
+        if not (self._servos_are_off() and self._read_state() and self._servos_are_off()):
+            self._stopping.acknowledged = self._try(lambda table: table.stop())
+
+    def _follow_stop(self, stop: _StopProgress) -> None:
+        """See what has become of a stop, and do what is to be done about it."""
+        if not stop.acknowledged and not stop.killed and not self._servos_are_off():
+            stop.acknowledged = self._try(lambda table: table.stop())
+        if not self._read_state() or self._state is None:
+            # What it heard before the link was lost is not known.
+            stop.acknowledged, stop.rest_readings, stop.first = False, 0, None
+            return
+        turning = [abs(axis.rate) > REST_RATE or axis.moving for axis in self._state.axes]
+        stop.rest_readings = 0 if any(turning) else stop.rest_readings + 1
+        if stop.rest_readings >= _REST_READINGS:
+            self._finish_stop()
+        elif any(a.enabled and turns for a, turns in zip(self._state.axes, turning, strict=True)):
+            self._check_deceleration(stop, self._state)
+
+    def _check_deceleration(self, stop: _StopProgress, state: TableState) -> None:
+        """Tell a table that does not slow down again to stop, and kill it when it had its time."""
+        wall, rate = monotonic(), max(abs(axis.rate) for axis in state.axes if axis.enabled)
+        now = _RateSample(state.time if isfinite(state.time) else wall, wall, rate)
+        if stop.first is None or stop.last is None:
+            stop.first = stop.last = now
+        limits = self._table.limits if self._table else ()
+        took = (
+            abs(a.rate) / (of.acceleration or inf) for a, of in zip(state.axes, limits, strict=True)
+        )
+        stop.expected_time = max(stop.expected_time, *took)
+        stands = now.wall - stop.last.wall > _CLOCK_TIMEOUT
+        if now.time - stop.last.time < _DECELERATION_WINDOW and not stands:
+            return
+        slows, stop.last = now.rate < (1 - _MIN_RATE_DROP) * stop.last.rate, now
+        if slows:
+            return
+        # Told again before it is killed: the host may have commanded a motion in the same moment.
+        late = stands or now.time - stop.first.time > stop.expected_time + _GRACE
+        if late and self._try(lambda table: table.kill(coasting=True)):
+            stop.killed = True
+            self._say(f"killed: it turned at {degrees(rate):.3g} °/s and did not slow down")
+        else:
+            self._try(lambda table: table.stop())
+
+    def _finish_stop(self) -> None:
+        self._stopping = None
+        self._reported_errors.clear()
+        self._say("at rest")
+        if self._table and not allows_second_connection(self._address):
+            # The host's again.
+            self._table.close()
+            self._table = None
+
+    def _find_table(self) -> bool:
+        """See that the table is there; one that is late once, as all that begins is, may be."""
+        return any(self._read_state(quietly=left > 0) for left in reversed(range(_START_ATTEMPTS)))
+
+    def _check_link(self) -> None:
+        """See that the link holds; a machine that stalls for a moment is no lost link."""
+        if (self._read_state(quietly=True) or self._read_state()) and self._reported_errors:
+            self._reported_errors.clear()
+            self._say("ready")
+
+    def _servos_are_off(self) -> bool:
+        """Tell whether, when last seen, no axis had its servo on."""
+        return self._state is not None and not any(axis.enabled for axis in self._state.axes)
+
+    def _read_state(self, *, quietly: bool = False) -> bool:
+        """Read the table's state; False where it does not tell."""
+        self._state = None
+        self._last_reading_time = monotonic()
+
+        def read(table: RotaryTable) -> None:
+            self._state = table.read()
+
+        return self._try(read, quietly=quietly)
+
+    def _try(self, act: Callable[[RotaryTable], None], *, quietly: bool = False) -> bool:
+        """Do something with the table; say once what is in the way, if it shall be said."""
+        try:
+            if self._table is None:
+                self._table = open_table(self._address, None, _TIMEOUT)
+            act(self._table)
+        # Whatever it is, the next time it may be gone, and nobody else tries.
+        except Exception as error:
+            wrong = str(error) or type(error).__name__
+            if not quietly and wrong not in self._reported_errors:
+                self._say(f"cannot: {wrong}")
+                self._reported_errors.add(wrong)
+            return False
+        self._last_answer_time = monotonic()
+        return True

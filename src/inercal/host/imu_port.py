@@ -1,0 +1,175 @@
+"""The IMU's bytes as they come, with the time of their coming, read by a thread of their own.
+
+A port holds 4 kB, at 921600 baud 45 ms: whatever the host does meanwhile, they are taken off it.
+Their times serve to tie the IMU's clock to the table's at the start of a run, and nothing else.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from math import isnan, nan
+from threading import Condition, Thread
+from time import monotonic
+
+from inercal.errors import InercalError
+from inercal.host.closeable import Closeable
+from inercal.host.link import Link, LinkLost
+from inercal.host.packets import PacketLayout
+
+_MAX_BYTES = 1 << 16  # bytes at a time
+_WAIT = 0.2  # s after which the thread looks whether it shall end
+_MAX_STALE_BYTES = 1 << 20  # bytes; a link that gives as many at once gives without end
+
+
+class ImuPort(Closeable):
+    """What comes over `link`.
+
+    Parameters
+    ----------
+    link : Link
+        Closed with the port. What waits in it already is thrown away: when that came is not known.
+    layout : PacketLayout
+        Of the packets.
+    now : callable
+        Returns the time of what comes, s.
+    synchronous : bool
+        The other end waits for the host, as a simulated bench does whose time is granted: no thread
+        is needed, and `take` reads by itself.
+
+    Attributes
+    ----------
+    address : str
+        The link's.
+    received_bytes : int
+        Bytes that came since opening, whether or not they were taken.
+    discarded_bytes : int
+        Bytes that were thrown away on opening.
+
+    Raises
+    ------
+    LinkLost
+        The other end is gone already.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        layout: PacketLayout,
+        now: Callable[[], float],
+        *,
+        synchronous: bool = False,
+    ):
+        self.layout, self.address = layout, link.address
+        self.received_bytes = self.discarded_bytes = 0
+        self._link, self._now = link, now
+        self._pieces: deque[tuple[float, bytes]] = deque()
+        self._taken_bytes = 0
+        self._error: InercalError | None = None
+        self._closed = False
+        self._condition = Condition()
+        try:
+            while self.discarded_bytes < _MAX_STALE_BYTES and (stale := link.read(_MAX_BYTES, 0.0)):
+                self.discarded_bytes += len(stale)
+        except BaseException:
+            link.close()
+            raise
+        self._thread: Thread | None = None
+        if not synchronous:
+            self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)
+            self._thread.start()
+
+    def take(self, upto: int | None = None, timeout: float = 1.0) -> list[tuple[float, bytes]]:
+        """Return what came, with the time at which each piece did.
+
+        Parameters
+        ----------
+        upto : int, optional
+            How many bytes in all since opening: exactly those are handed out. What is still under
+            way is waited for; what is beyond stays for the next time.
+        timeout : float
+            s to wait at most.
+
+        Raises
+        ------
+        LinkLost
+            The other end is gone, and all that came before is handed out; or the bytes up to
+            `upto` do not come in time.
+        """
+        if self._thread is None:
+            self._read_now(upto, timeout)
+        with self._condition:
+            if upto is not None and self.received_bytes < upto and self._error is None:
+                left = 0.0 if self._thread is None else timeout
+                self._condition.wait_for(
+                    lambda: self.received_bytes >= upto or self._error is not None, left
+                )
+                if self.received_bytes < upto and self._error is None:
+                    raise LinkLost(
+                        f"{self.address}: {upto - self.received_bytes} bytes that were sent have "
+                        f"not come in {timeout:g} s"
+                    )
+            pieces = self._pop_pieces(self.received_bytes if upto is None else upto)
+            if not pieces and not self._pieces and self._error is not None:
+                raise LinkLost(str(self._error))
+            return pieces
+
+    def close(self) -> None:
+        """Stop reading, and close the link; a second time does nothing."""
+        self._closed = True
+        if self._thread is not None:
+            self._thread.join()
+        self._link.close()
+
+    def _pop_pieces(self, upto: int) -> list[tuple[float, bytes]]:
+        """Hand out pieces up to so many bytes in all, the last one cut where it goes beyond."""
+        pieces: list[tuple[float, bytes]] = []
+        while self._pieces and self._taken_bytes < upto:
+            time, data = self._pieces.popleft()
+            if len(data) > upto - self._taken_bytes:
+                self._pieces.appendleft((time, data[upto - self._taken_bytes :]))
+                data = data[: upto - self._taken_bytes]
+            pieces.append((time, data))
+            self._taken_bytes += len(data)
+        return pieces
+
+    def _read_now(self, upto: int | None, timeout: float) -> None:
+        """Read what there is, or up to so many bytes in all."""
+        end = monotonic() + timeout
+        if upto is not None and self.received_bytes >= upto:
+            upto = None  # nothing is due: whether the port is still there is asked all the same
+        try:
+            while self._error is None and (upto is None or self.received_bytes < upto):
+                left = 0.0 if upto is None else end - monotonic()
+                data = self._link.read(_MAX_BYTES, max(left, 0.0))
+                if data:
+                    self._pieces.append((self._now(), data))
+                    self.received_bytes += len(data)
+                elif left <= 0:
+                    return
+        except InercalError as error:
+            self._error = error
+
+    def _read(self) -> None:
+        """Read until the end, in the thread."""
+        while not self._closed:
+            lost: InercalError | None = None
+            time, data = nan, b""
+            try:
+                data = self._link.read(_MAX_BYTES, _WAIT)
+                time = self._now()
+                if len(data) == 1:
+                    # By its first byte a serial port says that there is something.
+                    data += self._link.read(_MAX_BYTES, 0.0)
+            except InercalError as error:  # the clock may be lost too
+                lost = error
+            except Exception as error:
+                # Nobody would hear of a thread that ends otherwise: the IMU would be silent.
+                lost = LinkLost(f"{self.address}: lost: {str(error) or type(error).__name__}")
+            if data or lost:
+                with self._condition:
+                    if data and not isnan(time):
+                        self._pieces.append((time, data))
+                        self.received_bytes += len(data)
+                    self._error = lost
+                    self._condition.notify_all()
+            if lost:
+                return

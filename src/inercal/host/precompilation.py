@@ -1,0 +1,211 @@
+"""What a run needs is compiled before anything moves, and not while a table waits.
+
+What is compiled is what is called, with the arrays that a run hands it: a rest of the table is
+polled, sent, assembled and followed here, by the sequential estimator of whatever method. Cold,
+that is most of a minute on one core: accelerometers are then followed in another process at the
+same time. Once that is done, on each machine, it is but loaded. What the calibration at the end
+needs besides is compiled then, when the table is at rest for good.
+"""
+# Numba has no types.
+# pyright: reportUnknownMemberType=false
+
+import json
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from subprocess import DEVNULL, Popen
+from typing import Literal
+
+import numpy as np
+from numba.core import event
+
+from inercal.benches.turntable import Turntable, require_turntable
+from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.rest_timing import settling_time
+from inercal.errors import InercalError
+from inercal.estimate import Gaussian
+from inercal.host.assembly import SampleAssembler
+from inercal.host.drivers.rotary_table import AxisLimits, AxisState, TableState
+from inercal.host.interlocks import Interlocks
+from inercal.host.navigation import Navigator
+from inercal.host.packets import PacketLayout, encode
+from inercal.host.packets.packet_format import AXES
+from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
+from inercal.host.table_state_codec import pack_state
+from inercal.recording import Track
+from inercal.runfile import Run, read
+from inercal.sensors import G0, Sensor
+
+_RATE = 10.0  # Hz
+_REST = 22.0  # s, longer than a sequential estimator should wait before it begins
+_POLL = 0.02  # s
+_CLOCKS_MATCHED = 7.0  # s, after which the clocks are tied to one another
+_SECOND_PIECE = 2.0  # s that follow in a piece of their own
+_TRIAD = 3
+_ROOM_TEMPERATURE = 298.15  # K
+_LAST_SAMPLES = 10  # samples of the rest that are followed by themselves
+
+
+def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
+    """Have all compiled, for this process too, that a run works with while it goes on.
+
+    Parameters
+    ----------
+    run : Run
+        On a turntable.
+    layout : PacketLayout, optional
+        Of the IMU's packets; without it nothing of packets and polls is compiled.
+
+    Raises
+    ------
+    InputError
+        Packets that do not go with the run file.
+    """
+    # Packets hold no temperature of each sample: coefficients of it are found afterwards.
+    if run.method.sequential is not None and not run.sensor.uses("dT"):
+        _compile_estimator(run)
+    tracks = (
+        [_rest_track(run.sensor, require_turntable(run))]
+        if layout is None
+        else _assemble_rest(run, layout)
+    )
+    table = require_turntable(run)
+    checks = Interlocks((AxisLimits(),) * len(table.names), table, run.sensor)
+    for track in tracks:
+        checks.check_gyros(track)
+    if all(len(run.sensor.select_axes(kind).axes) == _TRIAD for kind in ("f", "w")):
+        navigator = Navigator(run.sensor, table)
+        for track in tracks:
+            navigator.feed(track, np.zeros(len(run.sensor.coefficients)))
+
+
+def _compile_estimator(run: Run) -> None:
+    """Have the run's sequential estimator follow a rest, in two processes where it compiles."""
+    sensor = run.sensor
+    if len({axis.measures for axis in sensor.axes}) > 1:
+        other = _ParallelCompilation(run)
+        event.register("numba:compile", other)
+        try:
+            _follow_part(run, "w")
+        finally:
+            event.unregister("numba:compile", other)
+        other.wait()
+    _follow_rest(run, sensor, run.priors)
+
+
+class _ParallelCompilation(event.Listener):
+    """Follows the accelerometers from when something here is compiled and not loaded."""
+
+    def __init__(self, run: Run):
+        self._run = run
+        self._process: Popen[bytes] | None = None
+
+    def on_start(self, event: object) -> None:
+        if self._process is None:
+            command = [
+                sys.executable,
+                "-P",
+                "-m",
+                "inercal.host.precompilation",
+                str(self._run.path),
+            ]
+            self._process = Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL)
+
+    def on_end(self, event: object) -> None:
+        pass
+
+    def wait(self) -> None:
+        """Wait for its end: what it compiled is then loaded here."""
+        if self._process is not None:
+            self._process.wait()
+
+
+def _follow_part(run: Run, kind: Literal["f", "w"]) -> None:
+    """Follow a part of the sensor; a method that takes the sensor as a whole may refuse that."""
+    with suppress(InercalError):
+        _follow_rest(run, run.sensor.select_axes(kind), ())
+
+
+def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
+    """Follow a table that rests, in two pieces: an estimator begins with the first."""
+    assert run.method.sequential is not None
+    table = require_turntable(run)
+    track = _rest_track(sensor, table)
+    n = track.time.size
+    made = run.method.sequential(run.estimator, sensor, table, run.steps, priors, _RATE)
+    for piece in (track.slice(0, n - _LAST_SAMPLES), track.slice(n - _LAST_SAMPLES, n)):
+        made.feed(piece)
+        made.estimate()
+
+
+def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
+    """Return what is assembled of a rest, in two pieces."""
+    lasting = _CLOCKS_MATCHED + _REST + 3 * settling_time(require_turntable(run)) + _SECOND_PIECE
+    made, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
+    tracks: list[Track] = []
+    for early in (True, False):
+        for frame in frames:
+            if (frame.time < lasting - _SECOND_PIECE) == early:
+                made.feed(frame)
+        if (block := made.take()) is not None:
+            tracks.append(block.track)
+    return tracks
+
+
+def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFrame]:
+    """Return what the log has of a rest: polls and packets, and in between the first section."""
+    assert run.rate_hz is not None
+    k = len(require_turntable(run).names)
+    rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
+    section = {
+        "what": "section",
+        "number": 0,
+        "label": "",
+        "state": "begun",
+        "time": _CLOCKS_MATCHED,
+    }
+    frames = [
+        _event_frame(0.0, {"what": "session", "next": 0}),
+        _event_frame(_CLOCKS_MATCHED, {**section, "hold": True}),
+    ]
+    for time in np.arange(0.0, lasting, _POLL).tolist():
+        frames.append(LogFrame(TABLE, time, pack_state(TableState(time, (rests,) * k))))
+    taken = np.arange(0.0, lasting, 1 / run.rate_hz)
+    n = max(round(run.rate_hz * _POLL), 1)
+    readings = _rest_readings(run)
+    step = int(layout.step or 1)
+    for first in range(0, taken.size, n):
+        part = taken[first : first + n]
+        counter = (first + np.arange(part.size)) * step
+        data = encode(layout, np.tile(readings, (part.size, 1)), counter, part, _ROOM_TEMPERATURE)
+        frames.append(LogFrame(IMU, float(part[-1]), data))
+    return sorted(frames, key=lambda one: one.time)
+
+
+def _event_frame(time: float, told: dict[str, object]) -> LogFrame:
+    return LogFrame(EVENT, time, json.dumps(told).encode())
+
+
+def _rest_readings(run: Run) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    """Return what packets hold of a rest, (6,), in the order of `AXES`."""
+    sensor, zero = run.sensor, np.zeros((1, len(require_turntable(run).names)))
+    felt = motion(require_turntable(run), zero, zero, zero, {})
+    found = sensor.forward(felt, np.zeros(len(sensor.coefficients)))[0]
+    readings = np.zeros(len(AXES))
+    places = {"f": iter(range(3)), "w": iter(range(3, 6))}
+    for axis, value in zip(sensor.axes, found, strict=True):
+        readings[next(places[axis.measures])] = value
+    return readings
+
+
+def _rest_track(sensor: Sensor, table: Turntable) -> Track:
+    time = np.arange(0.0, _REST, 1 / _RATE)
+    n, felt = time.size, {"f": (0.0, 0.0, G0), "w": (0.0, 0.0, 0.0)}
+    reading = [felt[axis.measures][k % 3] for k, axis in enumerate(sensor.axes)]
+    angles = np.zeros((n, len(table.names)))
+    return Track(time, np.tile(reading, (n, 1)), angles, np.zeros(n, dtype=np.int64))
+
+
+if __name__ == "__main__":
+    _follow_part(read(Path(sys.argv[1])), "f")

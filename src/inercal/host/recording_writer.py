@@ -1,0 +1,193 @@
+"""From the log of a run to the recording that its run file names.
+
+Columns are those of [data]; beside them, in the group `bench`, stands what the table said itself,
+poll by poll.
+"""
+
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.turntable import require_turntable, require_turntable_data
+from inercal.data.recording_loader import readback_columns
+from inercal.errors import InputError, require_extra
+from inercal.host.assembly import SampleAssembler, SampleBlock
+from inercal.host.packets import PacketLayout
+from inercal.host.run_log import TABLE, file_sha256, read_frames
+from inercal.host.table_state_codec import unpack_states
+from inercal.io.atomic_files import atomic_write
+from inercal.runfile import Run
+from inercal.units import to_si
+
+_FRAMES_PER_PIECE = 4096  # worked through at once
+_SUFFIXES = (".h5", ".hdf5")
+_REQUIRED_KEYS = {"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'}
+BENCH_GROUP = "bench"
+
+
+def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
+    """Refuse a run file whose [data] does not say what a run on the bench is written to.
+
+    Parameters
+    ----------
+    run : Run
+    layout : PacketLayout, optional
+        Of the IMU's packets, where it is known.
+
+    Raises
+    ------
+    InputError
+        Naming the key and what is possible.
+    """
+    data, where = require_turntable_data(run), f"{run.path}: [data]"
+    if Path(data.file).suffix.lower() not in _SUFFIXES:
+        raise InputError(
+            f"{where} file: {data.file!r}: a run on the bench is written to {_SUFFIXES[0]}"
+        )
+    for key, example in _REQUIRED_KEYS.items():
+        if getattr(data, key) is None:
+            raise InputError(f"{where} {key} is missing, such as {key} = {example}")
+    if data.time_unit != "s":
+        raise InputError(f'{where} time_unit: {data.time_unit!r}: a run on the bench takes "s"')
+    for key in ("gyro_file", "table_file"):
+        if getattr(data, key) is not None:
+            raise InputError(f"{where} {key}: a run on the bench is one file; leave it out")
+    names = [*data.accelerometer, *data.gyro, *(data.table or ()), data.time, data.label, data.hold]
+    names += [data.temperature] if data.temperature is not None else []
+    for name in names:
+        if not isinstance(name, str) or not name or set(name) & set("./()#") or name == BENCH_GROUP:
+            raise InputError(f"{where}: column {name!r} cannot be written; name it by letters")
+        if name.startswith("-"):
+            raise InputError(
+                f"{where}: {name!r}: a run on the bench reverses nothing as it is written; put the "
+                "sign to the description of the packets or to the table's counts"
+            )
+    if data.temperature is not None and layout is not None and "temperature" not in layout.roles:
+        raise InputError(f"{where} temperature: packets of {layout.name!r} have none; leave it out")
+
+
+def write_recording(
+    run: Run,
+    layout: PacketLayout,
+    log: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    about: Mapping[str, str] | None = None,
+    poll: float = 0.02,
+    log_sha256: str | None = None,
+) -> Path:
+    """Write the recording of a run, whole or not at all; return its path.
+
+    Parameters
+    ----------
+    run : Run
+    layout : PacketLayout
+        Of the IMU's packets.
+    log : path
+    folder : path
+        Where [data] `file` is written.
+    about : mapping of str to str, optional
+        More to be kept as attributes of the group: addresses, versions.
+    poll : float
+        s between polls of the table.
+    log_sha256 : str, optional
+        Digest of the log, where it is known; else the log is read for it.
+
+    Raises
+    ------
+    InputError
+        A run file that says too little, a log that is damaged or holds no sample of a section, a
+        path that cannot be written, or no h5py.
+    """
+    require_recordable(run, layout)
+    with require_extra("io", "a recording is written by h5py", ("h5py",)):
+        h5py: Any = import_module("h5py")
+    assembly = SampleAssembler(run, layout, poll)
+    blocks: list[SampleBlock] = []
+    said: list[bytes] = []
+    heard: list[float] = []
+
+    def take() -> None:
+        if (block := assembly.take()) is not None:
+            if block.starts_recording:
+                blocks.clear()
+            blocks.append(block)
+
+    for k, frame in enumerate(read_frames(log), start=1):
+        assembly.feed(frame)
+        if frame.kind == TABLE:
+            said.append(frame.payload)
+            heard.append(frame.time)
+        if k % _FRAMES_PER_PIECE == 0:
+            take()
+    take()
+    if not blocks or not said:
+        raise InputError(f"{log} holds no sample of a section: nothing to record")
+    columns = _recording_columns(run, assembly, blocks)
+    tally, path = assembly.tally, Path(folder) / run.data.file
+    told: dict[str, Any] = {
+        "packets": layout.name,
+        "protection": layout.protection,
+        "log sha256": log_sha256 or file_sha256(log),
+        "samples": tally.samples,
+        "samples without angle": tally.samples_without_angle,
+        "polls left out": tally.poll_drops,
+        **{f"bytes: {name}": n for name, n in asdict(tally.bytes).items()},
+        **{f"packets left out: {name}": n for name, n in asdict(tally.drops).items()},
+        **(about or {}),
+    }
+    table = unpack_states(said)
+    with atomic_write(path) as temporary, h5py.File(temporary, "w") as file:
+        for name, column in columns.items():
+            if column.dtype.kind == "U":
+                coded = np.char.encode(column, "utf-8")
+                kind = h5py.string_dtype("utf-8", max(coded.dtype.itemsize, 1))
+                file.create_dataset(name, data=coded.astype(kind), dtype=kind)
+            else:
+                file.create_dataset(name, data=column)
+        group = file.create_group(BENCH_GROUP)
+        group.attrs.update(told)
+        group["heard"] = np.array(heard)
+        for name in ("time", "span", "angle", "rate", "following_error"):
+            group[name] = getattr(table, name)
+    return path
+
+
+def _recording_columns(
+    run: Run, assembly: SampleAssembler, blocks: list[SampleBlock]
+) -> dict[str, NDArray[Any]]:
+    """Return the columns by their names in [data]."""
+    data, bench = require_turntable_data(run), require_turntable(run)
+    output = np.concatenate([one.output for one in blocks])
+    said = np.concatenate([one.angle_output for one in blocks])
+    table = np.concatenate([one.table for one in blocks])
+    given = {"f": iter(data.accelerometer), "w": iter(data.gyro)}
+    names = [next(given[axis.measures]) for axis in run.sensor.axes]
+    of_table = [readback_columns(run)[name] for name in bench.names]
+    columns: dict[str, NDArray[Any]] = {
+        str(data.time): np.concatenate([one.time for one in blocks]),
+        **{str(name): output[:, k] for k, name in enumerate(names)},
+        **{name: said[:, k] for k, name in enumerate(of_table)},
+        str(data.label): assembly.labels(table),
+        str(data.hold): np.concatenate([one.hold for one in blocks]),
+    }
+    if data.temperature is not None:
+        kelvin = _fill_missing(np.concatenate([one.temperature for one in blocks]))
+        zero, one = to_si(np.array([0.0, 1.0]), data.temperature_unit, "K")
+        columns[str(data.temperature)] = (kelvin - zero) / (one - zero)
+    return columns
+
+
+def _fill_missing(values: Array) -> Array:
+    """Return values with what was there last where there is none; at the start with the first."""
+    there = np.isfinite(values)
+    if not there.any():
+        raise InputError("no packet holds a temperature; leave [data] temperature out")
+    at = np.maximum.accumulate(np.where(there, np.arange(values.size), -1))
+    return values[np.where(at < 0, int(np.argmax(there)), at)]

@@ -1,0 +1,97 @@
+"""What is made of a run when all is done: recording, calibration, report, and their digests."""
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from inercal.calibration.files import save
+from inercal.host.addresses import layout_of_address
+from inercal.host.journal import Journal
+from inercal.host.live_estimator import LiveEstimator
+from inercal.host.recording_writer import write_recording
+from inercal.host.run_folder import RunFolder
+from inercal.host.run_log import file_sha256
+from inercal.pipeline import Outcome, calibrate
+from inercal.report import write_report
+
+if TYPE_CHECKING:
+    from inercal.store import SensorHistory
+
+
+class FinishedRun(NamedTuple):
+    """The outcome, and the files of the run by what they are."""
+
+    outcome: Outcome
+    files: dict[str, str]
+
+
+def finish_run(
+    folder: RunFolder,
+    journal: Journal,
+    live: LiveEstimator | None = None,
+    load_history: "Callable[[], SensorHistory | None]" = lambda: None,
+    truth: Callable[[Outcome], Mapping[str, float]] | None = None,
+) -> FinishedRun:
+    """Write recording, calibration and report of a run that is done, and keep their digests.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    journal : Journal
+    live : LiveEstimator, optional
+        Its values are compared with those of the recording, and the journal says how they agree.
+    load_history : callable, optional
+        Called when the calibration is written: it gives the sensor's history for the report.
+    truth : callable, optional
+        Returns the true coefficients, SI, for the report; those of the run file where left out.
+
+    Raises
+    ------
+    InercalError
+        The recording cannot be used: it stands all the same, and so does the log.
+    """
+    run = folder.run
+    was = journal.header()
+    about = {"table": was.table, "imu": was.imu, "begun": was.begun, "inercal": version("inercal")}
+    # The log may be gigabytes: it is read for its digest once.
+    came = file_sha256(folder.log)
+    layout = layout_of_address(was.imu)
+    recording = write_recording(run, layout, folder.log, folder.path, about, was.poll, came)
+    files = {"run_file": run.path, "log": folder.log, "recording": recording}
+    _record_file(journal, folder.log, came)
+    _record_file(journal, run.path)
+    _record_file(journal, recording)
+    outcome = calibrate(run)
+    if live is not None and live.has_estimate:
+        _compare_live_estimate(journal, live, outcome)
+    files["calibration_file"] = save(outcome.calibration, folder.output_path("calibration.json"))
+    report = folder.output_path("report.html")
+    true = run.truth if truth is None else truth(outcome)
+    files["report"] = write_report(outcome, report, true or None, load_history())
+    _record_file(journal, files["calibration_file"])
+    _record_file(journal, files["report"])
+    journal.set_state("done")
+    named = {kind: str(path) for kind, path in files.items()}
+    return FinishedRun(outcome, named | {"journal": str(folder.journal)})
+
+
+def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> None:
+    """Keep the size and the digest of a file, which is read for it unless it is given."""
+    journal.record_file(path.name, path.stat().st_size, sha256 or file_sha256(path))
+
+
+def _compare_live_estimate(journal: Journal, live: LiveEstimator, outcome: Outcome) -> None:
+    """Keep how what was found while it ran agrees with what the recording gives."""
+    names = outcome.estimate.names
+    found = np.array([outcome.estimate.value[names.index(name)] for name in live.names])
+    known = np.isfinite(live.values)
+    apart = float(np.max(np.abs(live.values - found)[known], initial=0.0))
+    words = (
+        "what was found live is what the recording gives, to the last bit"
+        if apart == 0
+        else f"what was found live and what the recording gives are apart by up to {apart:.2g} (SI)"
+    )
+    journal.record_event("info" if apart == 0 else "warning", words)

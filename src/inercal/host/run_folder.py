@@ -1,0 +1,223 @@
+"""The folder of a run: the run file and what it names, the raw log, the journal, and what is made.
+
+Files::
+
+plan.toml, path.csv   copies: a run is resumed by these, whatever became of the originals
+run.log               what the devices said, byte for byte
+run.journal           what was planned, begun, done and said (SQLite)
+recording.h5          by the name in [data], at the end
+plan.calibration.json, plan.report.html
+"""
+
+import os
+import tomllib
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from inercal.errors import InputError
+from inercal.host.addresses import layout_of_address
+from inercal.host.journal import Journal, JournalHeader
+from inercal.host.recording_writer import require_recordable
+from inercal.host.run_log import os_errors_as_input_errors
+from inercal.io.atomic_files import atomic_write
+from inercal.runfile import Run, read
+
+LOG, JOURNAL = "run.log", "run.journal"
+_OUTPUT_KINDS = ("calibration.json", "report.html")
+POLL_INTERVAL = 0.02  # s
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Where the files of a run lie.
+
+    Parameters
+    ----------
+    path : Path
+    run : Run
+        Read from the folder's own copy.
+    """
+
+    path: Path
+    run: Run
+
+    @classmethod
+    def create(
+        cls, path: str | os.PathLike[str], run: Run, content: bytes | None = None
+    ) -> "RunFolder":
+        """Make a folder for a run, with copies of its run file and the file of its path.
+
+        Parameters
+        ----------
+        path : path
+        run : Run
+        content : bytes, optional
+            Of the run file, where its copy shall say something else.
+
+        Raises
+        ------
+        InputError
+            It cannot be made, or holds a run or a file of a name that the run's are given.
+        """
+        path = Path(path)
+        prepare_folder(path)
+        copied = run.path.name, *_referenced_files(run.path)
+        made = (f"{run.path.stem}.{kind}" for kind in _OUTPUT_KINDS)
+        for name in (*copied, LOG, run.data.file, *made):
+            if (path / name).exists():
+                raise InputError(f"{path} holds {name} already: name another folder")
+        with os_errors_as_input_errors(path, "made"):
+            for name in copied:
+                given = content if name == run.path.name else None
+                with atomic_write(path / name) as temporary:
+                    temporary.write_bytes(given or (run.path.parent / name).read_bytes())
+        return cls(path, read(path / run.path.name))
+
+    @classmethod
+    def open_existing(cls, path: str | os.PathLike[str], run_file: str) -> "RunFolder":
+        """Return the folder of a run that is there, by the name of its run file."""
+        return cls(Path(path), read(Path(path) / run_file))
+
+    @contextmanager
+    def removed_on_failure(self, *more: str) -> Generator[None]:
+        """Remove what `create_run` made, and `more` files, where the context fails before the run.
+
+        Of devices that were not there nothing is left, and the folder's name is free again.
+        """
+        try:
+            yield
+        except BaseException:
+            if not (self.log.exists() and self.log.stat().st_size):
+                journal = (JOURNAL, f"{JOURNAL}-wal", f"{JOURNAL}-shm")
+                copied = (self.run.path.name, *_referenced_files(self.run.path))
+                for name in (LOG, *journal, *copied, *more):
+                    (self.path / name).unlink(missing_ok=True)
+                with suppress(OSError):  # a folder that was there before may hold other files
+                    self.path.rmdir()
+            raise
+
+    @property
+    def log(self) -> Path:
+        """The raw log."""
+        return self.path / LOG
+
+    @property
+    def journal(self) -> Path:
+        """The journal."""
+        return self.path / JOURNAL
+
+    def output_path(self, kind: str) -> Path:
+        """Return the name of what is made of the run: "calibration.json", "report.html"."""
+        return self.path / f"{self.run.path.stem}.{kind}"
+
+
+def create_run(
+    path: str | os.PathLike[str],
+    run: Run,
+    addresses: tuple[str, str, str],
+    poll: float = POLL_INTERVAL,
+    content: bytes | None = None,
+) -> tuple[RunFolder, Journal]:
+    """Make the folder of a run and its journal, before anything moves.
+
+    Parameters
+    ----------
+    path : path
+    run : Run
+    addresses : tuple of str
+        Of table, IMU and clock.
+    poll : float
+        s between readings of the table.
+    content : bytes, optional
+        Of the run file, where its copy in the folder shall say something else.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made, holds a run or a file of a name that the run's are given; the run
+        file is none of a bench run, or its plan cannot be carried out.
+    """
+    require_recordable(run, layout_of_address(addresses[1]))
+    folder = RunFolder.create(path, run, content)
+    with folder.removed_on_failure():
+        name, count = run.path.name, len(run.steps)
+        return folder, Journal.create(folder.journal, name, addresses, poll, count)
+
+
+def prepare_folder(path: str | os.PathLike[str]) -> None:
+    """Make the folder of a run to come.
+
+    Raises
+    ------
+    InputError
+        It cannot be made, or holds a run.
+    """
+    path = Path(path)
+    if (path / JOURNAL).exists():
+        raise InputError(
+            f"{path} holds a run already: name another folder; one that was interrupted goes on by "
+            f"`inercal bench resume {path}`"
+        )
+    with os_errors_as_input_errors(path, "made"):
+        path.mkdir(parents=True, exist_ok=True)
+
+
+def reopen_run(
+    path: str | os.PathLike[str], addresses: tuple[str, str, str] = ("", "", "")
+) -> tuple[RunFolder, Journal]:
+    """Return the folder and journal of a run that was interrupted.
+
+    Parameters
+    ----------
+    path : path
+    addresses : tuple of str
+        Of table, IMU and clock, where they are others now.
+
+    Raises
+    ------
+    InputError
+        There is no run in the folder, it is done, the IMU's packets are others, or a run of a
+        simulated bench is to go on at a table without its clock, or the other way round.
+    """
+    journal = Journal(Path(path) / JOURNAL)
+    try:
+        was = journal.header()
+        if was.state == "done":
+            raise InputError(f"{path}: this run is done; its recording can be calibrated again")
+        folder = RunFolder.open_existing(path, was.run_file)
+        table, imu = addresses[0] or was.table, addresses[1] or was.imu
+        _require_same_kind(path, was, table, addresses[2])
+        before, after = (layout_of_address(one).name for one in (was.imu, imu))
+        if before != after:
+            raise InputError(f"{path}: what its log holds are packets of {before}, not {after}")
+        journal.set_addresses((table, imu, addresses[2] or was.clock))
+    except BaseException:
+        journal.close()
+        raise
+    return folder, journal
+
+
+def _require_same_kind(
+    path: str | os.PathLike[str], was: JournalHeader, table: str, clock: str
+) -> None:
+    """Refuse to go on by another time: granted by a simulated bench, or the wall's."""
+    if was.clock and not clock and table != was.table:
+        raise InputError(f"{path} was begun on a simulated bench: name the clock beside the table")
+    if clock and not was.clock:
+        raise InputError(f"{path} was begun by the wall's clock: it goes on without {clock}")
+
+
+def _referenced_files(run_file: Path) -> list[str]:
+    """Return the files that a run file names, all but the recording, which is still to come."""
+    section = tomllib.loads(run_file.read_text(encoding="utf-8")).get("method", {})
+    names = [section.get("path"), section.get("prior_file"), *section.get("prior_from", {})]
+    files = [name for name in names if name is not None and (run_file.parent / name).is_file()]
+    for name in files:
+        if Path(name).parent != Path():
+            raise InputError(
+                f"{run_file}: [method] names {name}: a run takes copies into a folder of its own; "
+                "have it lie beside the run file"
+            )
+    return files

@@ -1,0 +1,217 @@
+"""What came from the devices, byte for byte: an append-only file that a kill cannot spoil.
+
+A frame is written by one call and carries its own check:
+
+    A5 'i' | kind, 1 byte | length, uint32 | time, float64 | CRC-32 of these | payload | its CRC-32
+
+little-endian; `time` is the host's, s of the run. The head has a check of its own, as a length that
+is not true would make what follows look like a frame that was not finished. A host that is killed
+leaves whole frames and at most one torn one at the end, which `RunLog` cuts off, and says so, when
+it opens the file again.
+"""
+
+import os
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from errno import ENOSPC
+from pathlib import Path
+from struct import Struct
+from time import monotonic, sleep
+from typing import Literal, NamedTuple
+from zlib import crc32
+
+from inercal.errors import InputError
+from inercal.host.closeable import Closeable
+from inercal.io import column_table
+
+if sys.platform != "win32":
+    from fcntl import LOCK_EX, LOCK_NB, LOCK_SH, flock
+
+IMU, TABLE, EVENT = 1, 2, 3
+_HEAD = Struct("<2sBId")
+_CHECK = Struct("<I")
+_MAGIC = b"\xa5i"
+_LOCK_TIMEOUT, _LOCK_RETRY_INTERVAL = 0.5, 0.01  # s, with a file that another has locked
+
+
+class LogFrame(NamedTuple):
+    """One piece of what came.
+
+    Parameters
+    ----------
+    kind : int
+        `IMU`, `TABLE` or `EVENT`.
+    time : float
+        When the host had it, s of the run.
+    payload : bytes
+    """
+
+    kind: int
+    time: float
+    payload: bytes
+
+
+class RunLog(Closeable):
+    """A log open for appending, by one host at a time: the file is locked while it is open.
+
+    The system frees the lock of a host that is gone, however it went.
+
+    Parameters
+    ----------
+    path : path
+        Made if it is not there.
+
+    Attributes
+    ----------
+    incomplete_bytes : int
+        Bytes of a frame that was not finished, cut off when the file was opened.
+
+    Raises
+    ------
+    InputError
+        Another host has the file open. It cannot be written, or is not a log, or is damaged before
+        its end: what follows the damage would be lost.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        self.path = Path(path)
+        with os_errors_as_input_errors(self.path, "written"):
+            self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+            try:
+                # Before a look at it: a frame that another host is at looks like a torn one.
+                lock_file(self._file, f"{self.path}: another host drives this run")
+                sound = max((end for _, end in _frames_with_ends(self.path)), default=0)
+                self.incomplete_bytes = os.fstat(self._file).st_size - sound
+                if self.incomplete_bytes:
+                    os.ftruncate(self._file, sound)
+            except BaseException:
+                os.close(self._file)
+                raise
+
+    def append(self, kind: int, time: float, payload: bytes) -> None:
+        """Write one frame; it is in the system's hands when this returns.
+
+        Raises
+        ------
+        InputError
+            The disk is full or gone.
+        """
+        head = _HEAD.pack(_MAGIC, kind, len(payload), time)
+        frame = head + _CHECK.pack(crc32(head)) + payload + _CHECK.pack(crc32(payload))
+        with os_errors_as_input_errors(self.path, "written"):
+            written = os.write(self._file, frame)
+            if written < len(frame):
+                # Where there is space again, what is written next would stand behind a torn frame.
+                os.ftruncate(self._file, os.fstat(self._file).st_size - written)
+                raise OSError(ENOSPC, "no space left on device")
+
+    def close(self) -> None:
+        """Have the disk take everything, and close.
+
+        Raises
+        ------
+        InputError
+            The disk has not taken everything; the file is closed all the same.
+        """
+        with os_errors_as_input_errors(self.path, "written"):
+            try:
+                os.fsync(self._file)
+            finally:
+                os.close(self._file)
+
+
+def read_frames(path: str | os.PathLike[str]) -> Generator[LogFrame]:
+    """Yield the frames of a log, as far as they are sound.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is not a log, or a damaged frame has others behind it.
+    """
+    for frame, _ in _frames_with_ends(Path(path)):
+        yield frame
+
+
+def file_sha256(path: str | os.PathLike[str]) -> str:
+    """Return the SHA-256 of a file, in hexadecimal.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    with os_errors_as_input_errors(path, "read"):
+        return column_table.file_sha256(Path(path))
+
+
+def is_locked(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a host has a log, or another file that it locks, open at this moment."""
+    if sys.platform == "win32":
+        return False
+    try:
+        with open(path, "rb") as file:
+            flock(file, LOCK_SH | LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+@contextmanager
+def os_errors_as_input_errors(
+    path: object, what: Literal["read", "written", "made"]
+) -> Generator[None]:
+    """Say in one line of an `InputError` what cannot be read, written or made, and why."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be {what}: {error.strerror}") from None
+
+
+def lock_file(file: int, held: str) -> None:
+    """Lock a descriptor's file; where a system cannot, do nothing.
+
+    Raises
+    ------
+    InputError
+        Another has it locked; `held` is what is said then.
+    """
+    if sys.platform == "win32":
+        return
+    end = monotonic() + _LOCK_TIMEOUT
+    while True:
+        try:
+            return flock(file, LOCK_EX | LOCK_NB)
+        except BlockingIOError:
+            # `is_locked` has the file locked for an instant: only a lock that lasts is a host's.
+            if monotonic() >= end:
+                raise InputError(held) from None
+        sleep(_LOCK_RETRY_INTERVAL)
+
+
+def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
+    """Yield each whole frame and where it ends."""
+    with os_errors_as_input_errors(path, "read"), path.open("rb") as file:
+        at = 0
+        while head := file.read(_HEAD.size + _CHECK.size):
+            if _MAGIC[: len(head)] != head[:2]:
+                what = "is damaged" if at else "is no log of a run"
+                raise InputError(f"{path} {what}: byte {at} begins no frame")
+            if len(head) < _HEAD.size + _CHECK.size:
+                return
+            _, kind, length, time = _HEAD.unpack_from(head)
+            _require_checksum(_HEAD.size, head, path, at)
+            rest = file.read(length + _CHECK.size)
+            if len(rest) < length + _CHECK.size:
+                return
+            _require_checksum(length, rest, path, at)
+            at += len(head) + len(rest)
+            yield LogFrame(kind, time, rest[:length]), at
+
+
+def _require_checksum(length: int, checked: bytes, path: Path, at: int) -> None:
+    """Refuse bytes that are not those their check was made from."""
+    if _CHECK.unpack_from(checked, length)[0] != crc32(checked[:length]):
+        raise InputError(f"{path} is damaged: the frame at byte {at} fails its check")

@@ -1,0 +1,186 @@
+"""Compiled: what an IMU on a turntable reads, a few samples at a time.
+
+The motion at the times of samples, between servo cycles: the commanded rate of a cycle, r_k, is the
+mean over it, so that the rate at its end is (r_k + r_k+1)/2; the angle between two ends is the
+cubic of their angles and rates, and rate and acceleration are its derivatives. So the integral of
+the rate is the angle, to the last bit that matters.
+
+Attitude, f, ω and its derivative are those of `inercal.benches.turntable.attitude`, the sensor's
+terms those of `inercal.sensors.axis_model` in the reference form: each a product of at most
+`MAX_FACTORS` components of what its axis sees.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+from math import cos, floor, sin
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+
+Integers = NDArray[np.int64]
+
+RING_SIZE = 8192  # servo cycles of the motion, a power of 2
+MAX_FACTORS = 4  # components in a product
+COMPONENT_COUNT = 12  # fi fp fo wi wp wo ai ap ao si swi dT
+
+
+@njit(cache=True, nogil=True)
+def store_motion(ring: Array, first: int, motion: Array) -> None:
+    """Keep angle and rate, (n, k, 3), of the cycles from `first` in `ring`, (KEPT, k, 2)."""
+    for j in range(motion.shape[0]):
+        for i in range(motion.shape[1]):
+            ring[(first + j) & (RING_SIZE - 1), i, 0] = motion[j, i, 0]
+            ring[(first + j) & (RING_SIZE - 1), i, 1] = motion[j, i, 1]
+
+
+@njit(cache=True, nogil=True)
+def interpolate_motion(ring: Array, period: float, times: Array, out: Array) -> None:
+    """Give angle, rate, acceleration at `times` (n,), s, as `out` (n, k, 3)."""
+    last = RING_SIZE - 1
+    for n in range(times.size):
+        cycle = floor(times[n] / period)
+        u = times[n] / period - cycle
+        for i in range(out.shape[1]):
+            a, b = ring[cycle & last, i, 0], ring[(cycle + 1) & last, i, 0]
+            middle = ring[(cycle + 1) & last, i, 1]
+            v = 0.5 * (ring[cycle & last, i, 1] + middle) * period
+            w = 0.5 * (middle + ring[(cycle + 2) & last, i, 1]) * period
+            d = b - a
+            out[n, i, 0] = a + u * (v + u * (3 * d - 2 * v - w + u * (v + w - 2 * d)))
+            out[n, i, 1] = (v + u * (2 * (3 * d - 2 * v - w) + 3 * u * (v + w - 2 * d))) / period
+            out[n, i, 2] = (2 * (3 * d - 2 * v - w) + 6 * u * (v + w - 2 * d)) / period**2
+
+
+@njit(cache=True, nogil=True)
+def _rotate(mat: Array, axis: int, angle: float) -> None:
+    """Make `mat` R_axis(angle) mat."""
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    c, s = cos(angle), sin(angle)
+    for m in range(3):
+        a, b = mat[j, m], mat[k, m]
+        mat[j, m], mat[k, m] = c * a - s * b, s * a + c * b
+
+
+@njit(cache=True, nogil=True)
+def _cross(a: Array, b: Array, out: Array) -> None:
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, nogil=True)
+def sensed_motion(
+    moved: Array,
+    axes: Integers,
+    thirds: Integers,
+    squares: Array,
+    base: Array,
+    earth: Array,
+    gravity: float,
+    lever: Array,
+    out: Array,
+) -> None:
+    """Give f, ω and its derivative, `out` (n, 9), at `moved`, (n, k, 3) rad, rad/s, rad/s².
+
+    `axes` (k,) are the axes' letters as numbers, `thirds` and `squares` (k − 1,) what each two of
+    them miss a right angle about, and by, rad; `base` is T, `earth` the earth's rate in the level
+    frame, rad/s.
+    """
+    count = axes.size
+    mat = np.empty((3, 3))
+    u = np.empty((count, 3))
+    v, dv, omega, w, dw, one, two = (
+        np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    )  # fmt: skip
+    for n in range(moved.shape[0]):
+        mat[:] = 0.0
+        mat[0, 0] = mat[1, 1] = mat[2, 2] = 1.0
+        for i in range(count - 1, -1, -1):
+            if i + 1 < count:
+                _rotate(mat, thirds[i], squares[i])
+            for m in range(3):
+                u[i, m] = mat[axes[i], m]
+            _rotate(mat, axes[i], moved[n, i, 0])
+        v[:] = 0.0
+        dv[:] = 0.0
+        for i in range(count - 1, -1, -1):
+            _cross(u[i], v, one)
+            for m in range(3):
+                dv[m] += moved[n, i, 2] * u[i, m] + moved[n, i, 1] * one[m]
+            for m in range(3):
+                v[m] += moved[n, i, 1] * u[i, m]
+        for m in range(3):
+            omega[m] = 0.0
+            f = 0.0
+            for j in range(3):
+                toward = base[j, 0] * mat[0, m] + base[j, 1] * mat[1, m] + base[j, 2] * mat[2, m]
+                omega[m] += earth[j] * toward
+                f = gravity * toward if j == 2 else f
+            out[n, m] = f
+        _cross(omega, v, one)
+        for m in range(3):
+            w[m] = omega[m] + v[m]
+            dw[m] = one[m] + dv[m]
+        _cross(dw, lever, one)
+        for m in range(3):
+            out[n, m] += one[m]
+            out[n, 3 + m], out[n, 6 + m] = w[m], dw[m]
+        _cross(w, lever, one)
+        _cross(w, one, two)
+        for m in range(3):
+            out[n, m] += two[m]
+
+
+@njit(cache=True, nogil=True)
+def noise_free_readings(
+    motion: Array,
+    temperature_offset: float,
+    frames: Array,
+    along: Integers,
+    of_axis: Integers,
+    factors: Array,
+    products: Integers,
+    out: Array,
+) -> None:
+    """Give noise-free readings, `out` (n, m), of f, ω and its derivative, `motion` (n, 9).
+
+    `temperature_offset` is the temperature less the reference, K; `frames` (m, 3, 3) the axes' I,
+    P, O, `along` (m,) what each reads without errors. A term is a factor, its axis, and the
+    components whose product it is, `products` (terms, MAX_FACTORS), −1 where there are fewer.
+    """
+    seen = np.empty(COMPONENT_COUNT)
+    for n in range(motion.shape[0]):
+        term = 0
+        for k in range(along.size):
+            for kind in range(3):
+                for i in range(3):
+                    part = 0.0
+                    for j in range(3):
+                        part += frames[k, i, j] * motion[n, 3 * kind + j]
+                    seen[3 * kind + i] = part
+            seen[9], seen[10], seen[11] = np.sign(seen[0]), np.sign(seen[3]), temperature_offset
+            reading = seen[along[k]]
+            while term < of_axis.size and of_axis[term] == k:
+                value = factors[term]
+                for j in range(MAX_FACTORS):
+                    if products[term, j] >= 0:
+                        value *= seen[products[term, j]]
+                reading += value
+                term += 1
+            out[n, k] = reading
+
+
+@njit(cache=True, nogil=True)
+def add_noise_and_limits(
+    reading: Array, noise: Array, step: Array, low: Array, high: Array
+) -> None:
+    """Add noise (n, m), round to steps (m,) where there are any, and limit, in place."""
+    for n in range(reading.shape[0]):
+        for k in range(reading.shape[1]):
+            value = reading[n, k] + noise[n, k]
+            if step[k] > 0.0:
+                value = np.rint(value / step[k]) * step[k]
+            reading[n, k] = min(max(value, low[k]), high[k])

@@ -1,0 +1,242 @@
+"""A simulated turntable as a process: its Turbo PMAC, its time, and its motion told to the IMU.
+
+Time passes as the wall's does, or is granted by the host through the clock's address, whose
+protocol is that of `inercal.host.clock`: `until 12.5` and `now`, answered `TIME SENT SENT_BY`.
+
+Run as `python -m inercal.host.sim.bench_simulator RUNFILE --seed 1 --motion unix:/tmp/x/motion`.
+"""
+
+import socket
+import sys
+from argparse import ArgumentParser
+from functools import partial
+from math import tau
+from time import monotonic
+
+import numpy as np
+
+from inercal.errors import InputError
+from inercal.host.sim import motion_link
+from inercal.host.sim.faults import parse_number
+from inercal.host.sim.motion_link import MotionBlock
+from inercal.host.sim.pmac import SimulatedPmac
+from inercal.host.sim.server import ScaledClock, Session, SimulatorServer
+from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
+from inercal.host.sim.simulator_process import execute_commands
+from inercal.runfile import read
+
+COUNTS_PER_TURN = 3_600_000  # in a turn
+_MAX_BLOCK = 0.5  # s of motion in a part: the IMU keeps a few seconds
+_ANSWER_TIMEOUT = 5.0  # s of the wall for an IMU's answer; one that is slower has none
+
+
+class BenchDevice:
+    """A table whose motion is told to an IMU.
+
+    Parameters
+    ----------
+    drawn : SimulatedErrors
+    imu : socket, optional
+        Where its motion goes.
+    """
+
+    def __init__(self, drawn: SimulatedErrors, imu: socket.socket | None = None):
+        i10 = 3713707
+        period = i10 / 8388608e3
+        self.pmac = SimulatedPmac(drawn.axes(period), COUNTS_PER_TURN, i10)
+        # What the run file allows, the controller allows too.
+        for motor, limit in enumerate(drawn.bench.axis_motion_limits, start=1):
+            rate = max(limit.rate * COUNTS_PER_TURN / tau * 1e-3, 4000.0)
+            acceleration = max(limit.acceleration * COUNTS_PER_TURN / tau * 1e-6, 2.0)
+            line = f"I{motor}16={rate:.6f} I{motor}17={acceleration:.9f}"
+            self.pmac.interpreter.execute_line(line.encode(), 1)
+        self.bytes_sent, self.sent_until = 0, 0.0
+        self._imu = imu
+        self._until = 0.0
+        start = np.array([[(axis.start, 0.0, 0.0) for axis in self.pmac.table.axes]])
+        self._unsent_blocks = [MotionBlock(0.0, period, 0, start)]
+        self._unacknowledged: list[float] = []
+
+    @property
+    def time(self) -> float:
+        """Bench time, s."""
+        return self.pmac.time
+
+    def advance(self, until: float) -> None:
+        """Let bench time pass; the next call, though no time may pass in it, tells the IMU.
+
+        So that who asked for the time has its answer before the IMU, on the same processor maybe,
+        sets to work.
+        """
+        self._send_motion()
+        while self._until < until:
+            self._until = min(self._until + _MAX_BLOCK, until)
+            first = self.pmac.table.cycle + 1
+            moved = self.pmac.table.advance_array(self._until)
+            self._unsent_blocks.append(
+                MotionBlock(self._until, self.pmac.table.period, first, moved)
+            )
+
+    def receive_acknowledgements(self) -> None:
+        """Wait until the IMU has sent what is due by what it was told."""
+        while self._unacknowledged:
+            self._receive_acknowledgement()
+
+    def synchronise_imu(self) -> None:
+        """Wait until the IMU has sent what is due by now."""
+        self._send_motion()
+        self.receive_acknowledgements()
+
+    def session(self) -> Session:
+        """Return the controller's side of a new connection."""
+        return self.pmac.session()
+
+    def fault(self, words: str) -> None:
+        """Set a fault of the table in words."""
+        self.pmac.fault(words)
+
+    def _send_motion(self) -> None:
+        """Tell the IMU; hear of all but the last that it is done with."""
+        for part in self._unsent_blocks:
+            if self._imu is None:
+                self.sent_until = part.end_time
+                continue
+            try:
+                motion_link.send(self._imu, part)
+            except OSError:
+                self._disconnect_imu()
+                continue
+            self._unacknowledged.append(part.end_time)
+            while len(self._unacknowledged) > 1:
+                self._receive_acknowledgement()
+        self._unsent_blocks.clear()
+
+    def _receive_acknowledgement(self) -> None:
+        assert self._imu is not None
+        try:
+            self.bytes_sent = motion_link.receive_byte_count(self._imu)
+            self.sent_until = self._unacknowledged.pop(0)
+        except OSError:
+            self._disconnect_imu()
+
+    def _disconnect_imu(self) -> None:
+        """Go on without an IMU, as a table does."""
+        if self._imu is not None:
+            self._imu.close()
+        self._imu = None
+        self._unacknowledged.clear()
+
+
+class GrantedClock:
+    """Bench time as it is granted; see `inercal.host.clock`.
+
+    Parameters
+    ----------
+    silence : float
+        s of the wall without a request after which time goes on by itself.
+    """
+
+    def __init__(self, silence: float = 5.0):
+        self._silence = silence
+        self._now = 0.0
+        self._since: float | None = None  # of the wall, from which on time passes by itself
+
+    def __call__(self) -> float:
+        """Return bench time, s."""
+        if self._since is not None and (passed := monotonic() - self._since) > 0:
+            self._now += passed
+            self._since += passed
+        return self._now
+
+    def grant(self, until: float) -> float:
+        """Let time pass up to `until` and no further; return what time it is."""
+        self._now = max(self(), until)
+        self._since = monotonic() + self._silence
+        return self._now
+
+    def release(self) -> None:
+        """Go on at the wall's pace from now on, if time was ever granted."""
+        if self._since is not None:
+            self._since = min(self._since, monotonic())
+
+
+class ClockServer:
+    """Serves the time of a bench, in the same loop as its controller.
+
+    `address` is what `SimulatedClock` opens.
+    """
+
+    def __init__(self, server: SimulatorServer[BenchDevice], pace: GrantedClock, port: int = 0):
+        self._server, self._pace = server, pace
+        self._listener = socket.create_server(("127.0.0.1", port))
+        self._granted: set[socket.socket] = set()
+        self.address = f"clock://127.0.0.1:{self._listener.getsockname()[1]}"
+        server.add_reader(self._listener, self._accept)
+
+    def _accept(self) -> None:
+        end, _ = self._listener.accept()
+        end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._server.add_reader(end, partial(self._serve, end, bytearray()))
+
+    def _serve(self, end: socket.socket, came: bytearray) -> None:
+        try:
+            data = end.recv(4096)
+            came += data
+            while b"\n" in came:
+                line, _, rest = came.partition(b"\n")
+                came[:] = rest
+                end.sendall(self._answer(end, bytes(line)))
+        except OSError:
+            data = b""
+        if not data:
+            self._server.remove_reader(end)
+            end.close()
+            if end in self._granted:
+                self._granted.discard(end)
+                self._pace.release()
+
+    def _answer(self, end: socket.socket, line: bytes) -> bytes:
+        device = self._server.device
+        with self._server.lock:
+            before = self._pace()
+            match line.split():
+                case [b"until", time] if abs(parse_number(time)) < 1e9:
+                    self._granted.add(end)
+                    until = float(time)
+                    now = self._pace.grant(until)
+                case [b"now"]:
+                    until, now = before, before
+                case _:
+                    return b"no: possible: until TIME, now\n"
+            device.receive_acknowledgements()
+            device.advance(now)
+            if until <= before:
+                device.synchronise_imu()
+            return f"{now!r} {device.bytes_sent} {device.sent_until!r}\n".encode()
+
+
+def main() -> None:
+    """Serve until standard input ends, which tells faults; see `process.obey`."""
+    parser = ArgumentParser(prog="python -m inercal.host.sim.bench_simulator", description=__doc__)
+    parser.add_argument("run", metavar="RUNFILE")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--pace", default="granted", help="granted, or a factor of the wall's")
+    parser.add_argument("--motion", help="where the IMU takes the motion, unix:PATH")
+    parser.add_argument("--port", type=int, default=0, help="of the PMAC; 0: any free one")
+    options = parser.parse_args()
+    try:
+        drawn = draw_errors(read(options.run), options.seed)
+        pace = GrantedClock() if options.pace == "granted" else ScaledClock(float(options.pace))
+        imu = motion_link.connect(options.motion, _ANSWER_TIMEOUT) if options.motion else None
+    except (InputError, OSError, ValueError) as error:
+        print(f"no: {error}", flush=True)
+        sys.exit(2)
+    server = SimulatorServer(BenchDevice(drawn, imu), pace, port=options.port)
+    clock = ClockServer(server, pace) if isinstance(pace, GrantedClock) else None
+    with server:
+        print(f"at {server.address}" + (f" {clock.address}" if clock else ""), flush=True)
+        execute_commands(server, sys.stdin, sys.stdout)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,195 @@
+"""What the IMU on a simulated turntable reads; the equations are in `_imu_kernel`."""
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.turntable.attitude import true_attitude
+from inercal.earth import earth_rate_up_north
+from inercal.errors import InputError
+from inercal.host.sim import _imu_kernel as kernel
+from inercal.host.sim.motion_link import MotionBlock
+from inercal.host.sim.simulated_errors import SimulatedErrors
+from inercal.keys import CoefficientName
+from inercal.runfile import Run
+from inercal.sensors import Sensor
+from inercal.sensors.basis_functions import COMPONENTS
+
+_TIME_TOLERANCE = 1e-9  # s: times that were computed otherwise
+
+
+class SensedMotion:
+    """What is felt on a bench at angles, rates and accelerations of its axes."""
+
+    def __init__(self, drawn: SimulatedErrors):
+        bench, q = drawn.bench, drawn.values
+        k = len(bench.axes)
+        up, north = earth_rate_up_north(bench.latitude)
+        letters = np.array(["xyz".index(a) for a in bench.axes])
+        squares = np.array([q[f"square_{i + 1}"] for i in range(k - 1)], dtype=np.float64)
+        # With right angles at zero angles, what is left of the attitude is the base.
+        level = {name: np.asarray(q[name]) for name in ("lean_x", "lean_y", "azimuth")}
+        level |= {f"square_{i + 1}": np.zeros(()) for i in range(k - 1)}
+        self._arguments = (
+            letters,
+            3 - letters[:-1] - letters[1:],
+            squares,
+            np.ascontiguousarray(true_attitude(bench, np.zeros((1, k)), level)[0]),
+            np.array([0.0, north, up]),
+            q["g"],
+            np.array([q[f"lever_{a}"] for a in "xyz"]),
+        )
+
+    def __call__(self, moved: Array) -> Array:
+        """Return f, ω and its derivative (n, 9) at (n, k, 3) rad, rad/s, rad/s²."""
+        out = np.empty((len(moved), 9))
+        kernel.sensed_motion(moved, *self._arguments, out)
+        return out
+
+
+class SensorResponse:
+    """What a sensor reads of what it feels, noise-free, SI.
+
+    Raises
+    ------
+    InputError
+        A sensor of the tilted form, whose input axes are turned themselves.
+    """
+
+    def __init__(self, sensor: Sensor, c: Array):
+        if sensor.form != "reference":
+            raise InputError(f"sensor {sensor.name}: the simulated IMU is of the reference form")
+        terms: list[tuple[int, float, list[int]]] = []
+        for name, value in zip(sensor.coefficients, c.tolist(), strict=True):
+            for product in sensor.coefficient(name).basis.products:
+                parts = [COMPONENTS.index(part) for part in product.components]
+                parts += [-1] * (kernel.MAX_FACTORS - len(parts))
+                axis = sensor.channels.index(CoefficientName(name).axis)
+                terms.append((axis, value * product.factor, parts))
+        terms.sort(key=lambda term: term[0])
+        self._arguments = (
+            np.array([axis.frame for axis in sensor.axes]),
+            np.array([COMPONENTS.index(axis.measures + "i") for axis in sensor.axes]),
+            np.array([term[0] for term in terms], dtype=np.int64),
+            np.array([term[1] for term in terms], dtype=np.float64),
+            np.array([term[2] for term in terms], dtype=np.int64).reshape(-1, kernel.MAX_FACTORS),
+        )
+        self._channels = len(sensor.axes)
+
+    def __call__(self, motion: Array, temperature_offset: float = 0.0) -> Array:
+        """Return readings (n, m) of f, ω and its derivative (n, 9).
+
+        `temperature_offset`, K, is how much warmer it is than in the model.
+        """
+        out = np.empty((len(motion), self._channels))
+        kernel.noise_free_readings(motion, temperature_offset, *self._arguments, out)
+        return out
+
+
+class SimulatedImu:
+    """The IMU: readings one after another, as the bench's motion becomes known.
+
+    Parameters
+    ----------
+    run : Run
+    drawn : SimulatedErrors
+    rate_hz : float
+        Of the readings.
+    seconds : float
+        How long noise is drawn for at a time.
+
+    Raises
+    ------
+    InputError
+        A sensor that is no IMU of three accelerometers and three gyros.
+    """
+
+    def __init__(self, run: Run, drawn: SimulatedErrors, rate_hz: float, seconds: float):
+        sensor = run.sensor.with_coefficients(*run.truth)
+        kinds = [axis.measures for axis in sensor.axes]
+        if sorted(kinds) != ["f"] * 3 + ["w"] * 3:
+            raise InputError(f"{run.path}: [sensor]: the simulated IMU has three axes of each kind")
+        c = np.array([run.truth[name] for name in sensor.coefficients])
+        self._channel_order = [k for kind in "fw" for k in range(6) if kinds[k] == kind]
+        self._is_ordered = self._channel_order == sorted(self._channel_order)
+        self._sensor, self._errors, self._rate = sensor, drawn, rate_hz
+        self._sensed_motion, self._response = SensedMotion(drawn), SensorResponse(sensor, c)
+        readouts = [axis.readout for axis in sensor.axes]
+        reach = np.array([(one.full_scale or inf) / abs(one.scale) for one in readouts])
+        steps = np.array([axis.noise.quantisation for axis in sensor.axes])
+        self._limits = steps, -reach, reach
+        self._clock_ratio = 1.0 - drawn.values["clock"]
+        # Not that of the bench, which is drawn from the seed alone.
+        self._rng = np.random.default_rng([drawn.seed, 1])
+        self._block = noise_block_size(seconds, rate_hz)
+        self._blocks = 0
+        self._noise = self._draw_noise()
+        self._noise_start = 0
+        self._axes = len(drawn.bench.axes)
+        self._ring = np.zeros((kernel.RING_SIZE, self._axes, 2))
+        self.next_number = 0
+        # No reading, but what is not yet compiled is now, and not while a table waits.
+        self.read_block(MotionBlock(0.0, 1e-3, 0, np.zeros((1, self._axes, 3))))
+
+    def read_block(self, part: MotionBlock) -> Array:
+        """Return the readings (n, 6) that are sent by the end of a part of the motion."""
+        until, period, first, moved = part
+        if first == 0:
+            # Before time began the table stood.
+            self._ring[:] = moved[0, :, :2]
+        kernel.store_motion(self._ring, first, moved)
+        last = int((until * self._clock_ratio + _TIME_TOLERANCE) * self._rate)
+        numbers = np.arange(self.next_number, max(last, self.next_number))
+        self.next_number += len(numbers)
+        times = (numbers + 1) / (self._rate * self._clock_ratio) - self._errors.latencies(period)[0]
+        between = np.empty((len(numbers), self._axes, 3))
+        kernel.interpolate_motion(self._ring, period, np.maximum(times, 0.0), between)
+        # By the IMU's own second: so are its coefficients stated, and so can they be found.
+        between[..., 1] /= self._clock_ratio
+        between[..., 2] /= self._clock_ratio**2
+        reading = self._response(self._sensed_motion(between))
+        kernel.add_noise_and_limits(reading, self._next_noise(numbers), *self._limits)
+        return reading if self._is_ordered else reading[:, self._channel_order]
+
+    def _next_noise(self, numbers: NDArray[np.int64]) -> Array:
+        """Return the noise of the next readings, drawing on where there is no more."""
+        if not numbers.size:
+            return self._noise[:0]
+        while numbers[-1] >= self._noise_start + len(self._noise):
+            kept = self._noise[numbers[0] - self._noise_start :]
+            self._noise_start += len(self._noise) - len(kept)
+            self._noise = np.concatenate([kept, self._draw_noise()])
+        start = int(numbers[0]) - self._noise_start
+        return self._noise[start : start + len(numbers)]
+
+    def _draw_noise(self) -> Array:
+        white = [
+            replace(axis.noise, bias_instability=0.0, random_walk=0.0).draw(
+                self._rng, (self._block,), self._rate
+            )
+            for axis in self._sensor.axes
+        ]
+        drift = draw_bias_drift(
+            self._sensor, self._errors.seed, self._block, self._rate, self._blocks
+        )
+        self._blocks += 1
+        return np.stack(white, axis=-1) + drift
+
+
+def noise_block_size(seconds: float, rate_hz: float) -> int:
+    """Return how many readings the noise is drawn for at a time, to cover some seconds."""
+    # Flicker noise is made by Fourier transforms, which take long where a factor is large.
+    return 1 << round(seconds * rate_hz).bit_length()
+
+
+def draw_bias_drift(sensor: Sensor, seed: int, count: int, rate_hz: float, block: int = 0) -> Array:
+    """Return the drift of the biases in the simulated readings of a block, (count, m) SI.
+
+    It is drawn by itself, so that its mean over a run, which is part of the bias, can be stated.
+    """
+    rng = np.random.default_rng([seed, 1, block])
+    drawn = [replace(axis.noise, white=0.0).draw(rng, (count,), rate_hz) for axis in sensor.axes]
+    return np.stack(drawn, axis=-1)

@@ -1,0 +1,116 @@
+"""What is imperfect of a simulated bench, drawn once: alike in the processes of table and IMU.
+
+A host ties the clocks of table and IMU by when readings arrive, so a latency τ of the readback is
+that it comes τ later than the IMU's readings do. Both are late: the readings by `late_imu`, within
+which the table's next servo cycles are known that they are made of, the readback by `late_table`,
+the difference being τ.
+
+The IMU's clock is slower than the table's by χ: (1 − χ) s pass on it in 1 s of the table's, which
+is the bench's time (see `inercal.benches.turntable.bench`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import cos, sin
+
+import numpy as np
+
+from inercal.benches.turntable import Turntable, require_turntable
+from inercal.errors import InputError
+from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
+from inercal.runfile import Run
+
+_LOOKAHEAD_CYCLES = (
+    4  # servo cycles: of the two about a time and one beside them, none may be to come
+)
+_NOISE_BLOCK = 4096  # of noise
+
+
+@dataclass(frozen=True)
+class SimulatedErrors:
+    """A bench and what is off of it.
+
+    Parameters
+    ----------
+    bench : Turntable
+    seed : int
+    values : mapping of str to float
+        All of the bench's parameters by name, SI.
+    """
+
+    bench: Turntable
+    seed: int
+    values: dict[str, float]
+
+    def latencies(self, period: float) -> tuple[float, float]:
+        """Return how late the IMU's readings and the readback are, s; `period` is the servo's."""
+        imu = max(_LOOKAHEAD_CYCLES * period, -self.values["latency"])
+        return imu, self.values["latency"] + imu
+
+    def axes(self, period: float) -> tuple[AxisDynamics, ...]:
+        """Return the axes of the table, outer to inner; their index pulses are at the true zero."""
+        built = {axis.name: axis for axis in three_axes()}
+        delay = self.latencies(period)[1]
+        return tuple(
+            replace(
+                built[name],
+                index=0.0,
+                reading=self._harmonics(name),
+                noise=_readback_noise(self.bench.white, self.seed, i) if self.bench.white else None,
+                delay=delay,
+            )
+            for i, name in enumerate(self.bench.names)
+        )
+
+    def _harmonics(self, name: str) -> Callable[[float], float] | None:
+        amplitudes = [
+            (h, self.values[f"sin{h}[{name}]"], self.values[f"cos{h}[{name}]"])
+            for h in range(1, len(self.bench.harmonics) + 1)
+        ]
+        if not amplitudes:
+            return None
+
+        def reading(angle: float) -> float:
+            said = angle
+            for h, s, c in amplitudes:
+                said += s * sin(h * angle) + c * cos(h * angle)
+            return said
+
+        return reading
+
+
+def draw_errors(run: Run, seed: int) -> SimulatedErrors:
+    """Draw a run's bench from normal distributions of its stated deviations.
+
+    Raises
+    ------
+    InputError
+        The bench is no turntable, or a latency is longer than the table's memory.
+    """
+    bench = require_turntable(run)
+    rng = np.random.default_rng(seed)
+    values = {
+        name: p.value + p.sd * float(rng.standard_normal())
+        for name, p in bench.acting_parameters().items()
+    }
+    drawn = SimulatedErrors(bench, seed, values)
+    try:
+        SimulatedTable(drawn.axes(1 / 2000))
+    except ValueError as error:
+        raise InputError(f"{run.path}: [bench] latency: {error}") from None
+    return drawn
+
+
+def _readback_noise(white: float, seed: int, axis: int) -> Callable[[int], float]:
+    """Return the readback's noise, rad, in a servo cycle, whoever asks for it and how often."""
+
+    @lru_cache(1)
+    def drawn(block: int) -> list[float]:
+        return np.random.default_rng([seed, axis, block]).normal(0.0, white, _NOISE_BLOCK).tolist()
+
+    def noise(cycle: int) -> float:
+        block, place = divmod(cycle, _NOISE_BLOCK)
+        return drawn(block)[place]
+
+    return noise

@@ -1,0 +1,87 @@
+"""A table's state as the bytes of a frame of the log.
+
+Little-endian: time and span, float64, then of each axis angle, rate and following error, float64,
+and a byte of flags. Why an axis stopped is told in words by an event; here it is one flag.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from struct import Struct
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.host.drivers.rotary_table import TableState
+
+_HEAD = Struct("<dd")
+_AXIS = Struct("<dddB")
+_IN_POSITION, _MOVING, _ENABLED, _HOMED, _FAULT = 1, 2, 4, 8, 16
+
+
+class StateArrays(NamedTuple):
+    """States one after the other: s, rad, rad/s."""
+
+    time: Array  # (n,) by the controller's clock
+    span: Array  # (n,)
+    angle: Array  # (n, k)
+    rate: Array  # (n, k)
+    following_error: Array  # (n, k)
+    settled: NDArray[np.bool_]  # (n,), all axes
+    homed: NDArray[np.bool_]  # (n,), all axes
+
+
+def pack_state(state: TableState) -> bytes:
+    """Return the payload of a frame."""
+    parts = [_HEAD.pack(state.time, state.span)]
+    for a in state.axes:
+        flags = (
+            _IN_POSITION * a.in_position
+            + _MOVING * a.moving
+            + _ENABLED * a.enabled
+            + _HOMED * a.homed
+            + _FAULT * bool(a.faults)
+        )
+        parts.append(_AXIS.pack(a.angle, a.rate, a.following_error, flags))
+    return b"".join(parts)
+
+
+def unpack_states(payloads: Sequence[bytes]) -> StateArrays:
+    """Return many states at once.
+
+    Parameters
+    ----------
+    payloads : sequence of bytes
+        At least one.
+
+    Raises
+    ------
+    InputError
+        One whose length is none of a state, or not that of the first.
+    """
+    k = _axis_count(payloads[0])
+    if any(len(one) != len(payloads[0]) for one in payloads):
+        raise InputError("states of tables with different numbers of axes in one log")
+    rows = np.frombuffer(b"".join(payloads), _record_dtype(k))
+    of = rows["axes"]
+    settled = (of["flags"] & (_IN_POSITION | _MOVING) == _IN_POSITION).all(axis=-1)
+    homed = (of["flags"] & _HOMED != 0).all(axis=-1)
+    return StateArrays(
+        rows["time"], rows["span"], of["angle"], of["rate"], of["error"], settled, homed
+    )
+
+
+@cache
+def _record_dtype(k: int) -> np.dtype[Any]:
+    axis = np.dtype([("angle", "<f8"), ("rate", "<f8"), ("error", "<f8"), ("flags", "u1")])
+    return np.dtype([("time", "<f8"), ("span", "<f8"), ("axes", axis, (k,))])
+
+
+def _axis_count(payload: bytes) -> int:
+    """Return how many axes a payload is of."""
+    k, rest = divmod(len(payload) - _HEAD.size, _AXIS.size)
+    if k < 1 or rest:
+        raise InputError(f"{len(payload)} bytes are no state of a table")
+    return k

@@ -1,0 +1,62 @@
+"""What is asked of a run from outside: commands, whenever they come, and signals."""
+
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from typing import Literal
+
+from inercal.host.bench_run import BenchRun
+
+_RunCommand = Literal["pause", "go on", "stop"]
+_COMMANDS: dict[str, _RunCommand] = {
+    "pause": "pause",
+    "go on": "go on",
+    "abort": "stop",
+}
+
+
+class CommandRelay:
+    """Hands on what is asked to the run, once there is one.
+
+    Attributes
+    ----------
+    interruptible : bool
+        A signal ends the process: nothing moves yet, and nothing is written.
+    """
+
+    def __init__(self):
+        self.interruptible = True
+        self._run: BenchRun | None = None
+        self._queue: SimpleQueue[_RunCommand] = SimpleQueue()
+
+    def command(self, words: str) -> None:
+        """Do what `pause`, `go on` or `abort` say, from whichever thread; else nothing."""
+        if (what := _COMMANDS.get(words)) is None:
+            return
+        self._queue.put(what)
+        self._forward_commands()
+
+    def attach(self, run: BenchRun) -> None:
+        """Have a run hear from now on, of signals too until it catches them itself."""
+        self._run, self.interruptible = run, False
+        self._forward_commands()
+
+    def interrupt(self, *_: object) -> None:
+        """Hear a signal that the run does not catch itself, and ask the run, if any, to stop.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Where that harms nothing.
+        """
+        if self.interruptible:
+            raise KeyboardInterrupt
+        if self._run is not None:
+            # A SimpleQueue: this does not wait, whatever the signal interrupts.
+            self._run.request("stop")
+
+    def _forward_commands(self) -> None:
+        if self._run is None:
+            return
+        with suppress(Empty):  # two threads hand on: what one of them sees, the other may have
+            while True:
+                self._run.request(self._queue.get_nowait())

@@ -1,0 +1,183 @@
+"""Which table and which IMU: what there is to choose from, and what a request may choose.
+
+Nothing of a request is a path. A port is named by its number in the list that was given; an address
+that somebody writes is one of the network, and its packets are of a preset.
+"""
+
+import re
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from inercal.errors import InputError
+from inercal.host.devices import SerialPort, list_serial_ports
+from inercal.host.packets import PRESETS
+from inercal.host.web.json_objects import JsonObject, as_object
+
+SIMULATED, CONFIGURED = "simulated", "given"
+_HOST = r"(?:[a-z0-9_.-]{1,253}|\[[0-9a-f:.]{2,45}\]):[0-9]{1,5}"
+_OPTIONS = r"(?:\?[a-z]+=[0-9.,+-]+(?:&[a-z]+=[0-9.,+-]+)*)?"
+_TABLE = re.compile(rf"(?:pmac|acutrol|motor:tcp)://{_HOST}/?{_OPTIONS}", re.ASCII | re.IGNORECASE)
+_IMU = re.compile(rf"tcp://{_HOST}/?", re.ASCII | re.IGNORECASE)
+_MAX_TEXT = 300
+_BAUD_RANGE = (1, 12_000_000)
+_TABLE_BAUD, _IMU_BAUD = 9600, 115200
+
+
+class ChosenDevices(NamedTuple):
+    """Where table and IMU are; `simulated` is the preset of a bench that is to be simulated."""
+
+    table: str
+    imu: str
+    clock: str = ""
+    simulated: str | None = None
+
+
+class DeviceCatalogue:
+    """What there is to choose from.
+
+    Parameters
+    ----------
+    table, imu, clock : str
+        Addresses that were given when the server was started; empty where none was.
+    """
+
+    def __init__(self, table: str = "", imu: str = "", clock: str = ""):
+        self._table, self._imu, self._clock = table, imu, clock
+        self._ports: dict[str, SerialPort] = {}
+        self._numbers: dict[str, str] = {}
+
+    def refresh(self) -> None:
+        """Look which ports there are.
+
+        A port keeps its number: who chose from an older list means the port that it named.
+        """
+        try:
+            found = list(list_serial_ports())
+        except InputError:  # pyserial is not installed: there are none
+            found = []
+        for port in found:
+            self._numbers.setdefault(port.address, f"port-{len(self._numbers)}")
+        self._ports = {self._numbers[port.address]: port for port in found}
+
+    def tables(self) -> list[dict[str, str]]:
+        """Return the tables: `id` and `what`, in words."""
+        motors = ((name, f"motor on {_port_text(port)}") for name, port in self._ports.items())
+        return _device_list(self._table, motors)
+
+    def imus(self) -> list[dict[str, str]]:
+        """Return the IMUs."""
+        return _device_list(
+            self._imu, ((name, _port_text(port)) for name, port in self._ports.items())
+        )
+
+    def chosen(self, table: object, imu: object) -> ChosenDevices:
+        """Return what a request chooses.
+
+        Raises
+        ------
+        InputError
+            Something that is not there to be chosen.
+        """
+        simulated = [_is_simulated(one) for one in (table, imu)]
+        if all(simulated):
+            return ChosenDevices("", "", "", _preset_name(_require_object(imu, "IMU")) or "fixed")
+        if any(simulated):
+            raise InputError("a simulated table and a simulated IMU go together")
+        clock = (
+            self._clock if _text_value(table, "id") == _text_value(imu, "id") == CONFIGURED else ""
+        )
+        return ChosenDevices(self.table(table), self.imu(imu), clock)
+
+    def table(self, asked: object) -> str:
+        """Return the address of the table that a request chooses; raises as `chosen`."""
+        of = _require_object(asked, "table")
+        if (address := _text_value(of, "address")) is not None:
+            if not _TABLE.fullmatch(address):
+                raise InputError(
+                    f"{address!r} is no table on the network; possible: "
+                    "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://HOST:PORT?axes=1,2,3 "
+                    "or motor:tcp://HOST:PORT"
+                )
+            return address
+        if of.get("id") == CONFIGURED and self._table:
+            return self._table
+        port = self._port(of, "table")
+        return f"motor:{port.address}?baud={_baud(of, _TABLE_BAUD)}"
+
+    def imu(self, asked: object, *, preset_needed: bool = True) -> str:
+        """Return the address of the IMU that a request chooses; raises as `chosen`."""
+        of = _require_object(asked, "IMU")
+        given = _text_value(of, "address")
+        if given is None and of.get("id") == CONFIGURED and self._imu:
+            return self._imu
+        if given is None:
+            link = f"{self._port(of, 'IMU').address}?baud={_baud(of, _IMU_BAUD)}"
+            preset = _preset_name(of)
+        else:
+            link, _, query = given.partition("?")
+            if not _IMU.fullmatch(link):
+                raise InputError(
+                    f"{given!r} is no IMU on the network; possible: tcp://HOST:PORT?preset=NAME"
+                )
+            key, _, named = query.partition("=")
+            if query and key != "preset":
+                raise InputError(f"{given!r}: behind the ? stands preset=NAME and nothing else")
+            preset = _preset_name({"preset": named} if query else of)
+        if preset is None:
+            if preset_needed:
+                raise InputError(f"say what the IMU sends: preset is one of {', '.join(PRESETS)}")
+            return link
+        return f"{link}{'&' if '?' in link else '?'}preset={preset}"
+
+    def _port(self, of: JsonObject, what: str) -> SerialPort:
+        name = of.get("id")
+        port = self._ports.get(name) if isinstance(name, str) else None
+        if port is None:
+            raise InputError(f"no {what} {name!r} here; look at the list again")
+        return port
+
+
+def _device_list(given: str, others: Iterable[tuple[str, str]]) -> list[dict[str, str]]:
+    made = [{"id": SIMULATED, "what": "simulated bench"}]
+    if given:
+        made.append({"id": CONFIGURED, "what": given})
+    return made + [{"id": name, "what": what} for name, what in others]
+
+
+def _port_text(port: SerialPort) -> str:
+    return f"{port.address} ({port.description})" if port.description else port.address
+
+
+def _require_object(asked: object, what: str) -> JsonObject:
+    made = as_object(asked)
+    if made is None:
+        raise InputError(f"choose a {what}")
+    return made
+
+
+def _text_value(asked: object, key: str) -> str | None:
+    value = (as_object(asked) or {}).get(key)
+    if value is not None and not (isinstance(value, str) and len(value) <= _MAX_TEXT):
+        raise InputError(f"{key}: no text of up to {_MAX_TEXT} characters")
+    return value
+
+
+def _is_simulated(asked: object) -> bool:
+    return _text_value(asked, "address") is None and _text_value(asked, "id") == SIMULATED
+
+
+def _preset_name(of: JsonObject) -> str | None:
+    name = _text_value(of, "preset")
+    if not name:
+        return None
+    if name not in PRESETS:
+        raise InputError(f"no preset {name!r}; possible: {', '.join(PRESETS)}")
+    return name
+
+
+def _baud(of: JsonObject, usual: int) -> int:
+    value = of.get("baud", usual)
+    low, high = _BAUD_RANGE
+    if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
+        raise InputError(f"baud {value!r}; give a whole number from {low} to {high}")
+    return value

@@ -1,0 +1,141 @@
+"""A run in the units and words of the page: its plan, its state, its samples.
+
+Numbers are rounded to what a page can show; one that is not known is null.
+"""
+
+from collections.abc import Sequence
+from math import degrees, isfinite
+from typing import Any
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.turntable.attitude import reference_attitude
+from inercal.benches.turntable.bench import Turntable
+from inercal.host.bench_run import BenchRun
+from inercal.host.drivers.rotary_table import AxisState
+from inercal.host.tasks import plan_tasks
+from inercal.keys import CoefficientName
+from inercal.runfile import Run
+from inercal.units import ZERO_CELSIUS
+
+_SIGNIFICANT_DIGITS = 7
+
+
+def plan_message(run: Run, bench: Turntable) -> dict[str, Any]:
+    """Return what is known of a run before anything moves."""
+    sensor, steps = run.sensor, plan_tasks(bench, run.table_steps)
+    coefficients = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+    return {
+        "sensor": sensor.name,
+        "plan": run.path.name,
+        "seconds": sum(one.approach + one.seconds for one in steps),
+        "axes": list(bench.names),
+        "channels": [
+            {"name": axis.name, "measures": axis.measures, "unit": axis.readout.unit}
+            for axis in sensor.axes
+        ],
+        "steps": [
+            {"label": one.label, "what": "turn" if one.rate else "hold", "seconds": one.seconds}
+            for one in steps
+        ],
+        "coefficients": [
+            {
+                "name": name,
+                "axis": CoefficientName(name).axis,
+                "own": line.name,
+                "measures": measures[CoefficientName(name).axis],
+                "unit": line.unit,
+            }
+            for name, line in coefficients
+        ],
+    }
+
+
+def state_message(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, Any]:
+    """Return how a run stands.
+
+    Parameters
+    ----------
+    run : BenchRun
+    bench : Turntable
+    angles : (k,) array or None
+        The table's, rad, at the time of the run's navigation.
+    """
+    seen, tally = run.state, run.recorder.assembly.tally
+    remaining = run.sequencer.remaining_time(seen.time) if seen is not None else None
+    table = None if seen is None else {"axes": [_axis_fields(axis) for axis in seen.axes]}
+    counts = tally.bytes
+    return {
+        "time": rounded_number(run.time),
+        "phase": run.sequencer.phase,
+        "paused": run.pause_reason,
+        "trouble": run.trouble,
+        "done": run.sequencer.number,
+        "remaining": rounded_number(remaining),
+        "speed": rounded_number(run.speed, 3),
+        "table": table,
+        "imu": {
+            "packets": counts.packets,
+            "lost": counts.lost,
+            "failed": counts.failed,
+            "thrown": counts.discarded,
+            "samples": tally.samples,
+            "no_angle": tally.samples_without_angle,
+            "temperature": rounded_number(run.recorder.temperature - ZERO_CELSIUS, 4),
+        },
+        "live": run.recorder.estimation,
+        "attitude": _attitude_fields(run, bench, angles),
+    }
+
+
+def samples_message(time: Array, output: Array, every: int) -> dict[str, Any]:
+    """Return samples, (n,) s and (n, m) in output units, or means of `every` of them each."""
+    return {
+        "t": [round(t, 4) for t in time.tolist()],
+        "y": [[rounded_number(y, 6) for y in column] for column in output.T.tolist()],
+        "every": every,
+    }
+
+
+def rounded_number(value: float | None, digits: int = _SIGNIFICANT_DIGITS) -> float | None:
+    """Return a number of so many digits; None for one that is not known."""
+    return float(f"{value:.{digits}g}") if value is not None and isfinite(value) else None
+
+
+def rounded_numbers(values: Sequence[float] | Array) -> list[float | None]:
+    """Return many of them."""
+    return [rounded_number(float(value)) for value in values]
+
+
+def _axis_fields(axis: AxisState) -> dict[str, Any]:
+    return {
+        "angle": rounded_number(degrees(axis.angle), 9),
+        "rate": rounded_number(degrees(axis.rate)),
+        "error": rounded_number(3600 * degrees(axis.following_error), 4),
+        "state": axis.status_text,
+        "fault": bool(axis.faults),
+    }
+
+
+def _attitude_fields(
+    run: BenchRun, bench: Turntable, angles: Array | None
+) -> dict[str, Any] | None:
+    """Return the attitude by the table and beside it by the readings, as far as either is known."""
+    seen = run.state
+    at = run.recorder.navigation if run.recorder.estimation == "on" else None
+    if at is None and seen is not None and all(axis.homed for axis in seen.axes):
+        # No samples are needed for these, nor need they be of the same time as any.
+        angles = np.array([axis.angle for axis in seen.axes])
+    if angles is None:
+        return None
+    return {
+        "table": rounded_numbers(reference_attitude(bench, angles[None, :])[0].ravel()),
+        "navigation": None if at is None else rounded_numbers(at.attitude.ravel()),
+        "roll": None if at is None else rounded_number(at.roll),
+        "pitch": None if at is None else rounded_number(at.pitch),
+        "heading": None if at is None else rounded_number(at.heading),
+        "apart": None if at is None else rounded_numbers(at.rotation_error),
+        "velocity": None if at is None else rounded_numbers(at.velocity),
+    }

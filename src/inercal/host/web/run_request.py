@@ -1,0 +1,196 @@
+"""What a run's process is told, what of it stays in the run's folder, and how its end is told."""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomlkit
+
+from inercal.errors import InputError
+from inercal.host.options import DEFAULT_OPTIONS, RunOptions
+from inercal.host.run_folder import JOURNAL, LOG
+from inercal.host.run_log import is_locked, lock_file, os_errors_as_input_errors
+
+PROCESS_RECORD = "run.page.json"
+EndMessage = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """A run to be begun or to go on.
+
+    Parameters
+    ----------
+    folder : str
+        Of the run.
+    plan : str or None
+        The run file; None where the run in the folder goes on.
+    sensor : str or None
+        Its name, where it is not the run file's.
+    requested_by : str
+        Who wants it.
+    table, imu, clock : str
+        Addresses; empty where they are as before.
+    simulated : str or None
+        Preset of the packets of a bench that is simulated for the run.
+    seed : int
+        Of that bench, unless the run had another before.
+    speed : float or None
+        Most seconds of a simulated bench in one of the wall's.
+    register : str or None
+        Its address.
+    temperature : (float, float) or None
+        K that the IMU must stay within.
+    patience : float
+        s that the IMU may be gone before the run ends.
+    """
+
+    folder: str
+    plan: str | None = None
+    sensor: str | None = None
+    requested_by: str = ""
+    table: str = ""
+    imu: str = ""
+    clock: str = ""
+    simulated: str | None = None
+    seed: int = 0
+    speed: float | None = None
+    register: str | None = None
+    temperature: tuple[float, float] | None = None
+    patience: float = DEFAULT_OPTIONS.patience
+
+    @property
+    def json_line(self) -> str:
+        """The order as a line of JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, line: str) -> "RunRequest":
+        """Return what a line says.
+
+        Raises
+        ------
+        InputError
+            It is no order.
+        """
+        try:
+            made = cls(**json.loads(line))
+            if made.temperature is None:
+                return made
+            low, high = made.temperature  # JSON has lists alone
+            return replace(made, temperature=(low, high))
+        except (TypeError, ValueError):
+            raise InputError(f"{line[:80]!r} is no order for a run") from None
+
+    @property
+    def name(self) -> str:
+        """What the run is called: its folder's name."""
+        return Path(self.folder).name
+
+    @property
+    def options(self) -> RunOptions:
+        """What is said of the run."""
+        return RunOptions(self.speed, self.temperature, self.patience)
+
+    @property
+    def is_resumable(self) -> bool:
+        """Whether there is a journal by which the run can be resumed."""
+        return (Path(self.folder) / JOURNAL).is_file()
+
+
+def end_message(order: RunRequest, state: str, words: str = "", **more: object) -> EndMessage:
+    """Return what is told of an end.
+
+    Parameters
+    ----------
+    order : RunRequest
+    state : "done", "carried out", "interrupted" or "not begun"
+        Carried out: without a calibration. Not begun: nothing was kept that could be resumed.
+    words : str
+        Why, where it is not done.
+    **more
+        "report", "calibration", "history" and "verdict", where there are any.
+    """
+    links = dict.fromkeys(("report", "calibration", "history", "verdict"))
+    return {"run": order.name, "state": state, "words": words, **links, **more}
+
+
+def premature_end_message(order: RunRequest, words: str) -> EndMessage:
+    """Return what is told of a run whose process came to nothing more."""
+    return end_message(order, "interrupted" if order.is_resumable else "not begun", words)
+
+
+class SimulationRequest(NamedTuple):
+    """A bench that is simulated for a run: preset of the packets, and seed."""
+
+    preset: str
+    seed: int
+
+
+class ProcessRecord(NamedTuple):
+    """What a run's process leaves in the folder.
+
+    Parameters
+    ----------
+    process : int
+        Its number, as long as the note is locked (`is_locked`); an old one's may be another's by
+        now.
+    simulated : SimulationRequest or None
+        The bench that is simulated for the run.
+    """
+
+    process: int
+    simulated: SimulationRequest | None
+
+
+def write_process_record(folder: Path, simulated: SimulationRequest | None) -> int:
+    """Write the note, and return a descriptor that keeps it locked until the process ends.
+
+    Raises
+    ------
+    InputError
+        Another process has it locked, or it cannot be written.
+    """
+    path = folder / PROCESS_RECORD
+    content = json.dumps(ProcessRecord(os.getpid(), simulated)._asdict()).encode()
+    with os_errors_as_input_errors(path, "written"):
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        lock_file(file, f"{folder}: another process drives this run")
+        os.ftruncate(file, 0)
+        os.write(file, content)
+    return file
+
+
+def read_process_record(folder: Path) -> ProcessRecord | None:
+    """Return the note; None where there is none."""
+    try:
+        content: Mapping[str, Any] = json.loads((folder / PROCESS_RECORD).read_bytes())
+        was = content["simulated"]
+        simulated = None if was is None else SimulationRequest(str(was[0]), int(was[1]))
+        return ProcessRecord(int(content["process"]), simulated)
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+
+
+def run_in_progress(folder: Path) -> bool:
+    """Tell whether a process, that of a page or another host, drives the run in a folder."""
+    return is_locked(folder / PROCESS_RECORD) or is_locked(folder / LOG)
+
+
+def rename_sensor(path: Path, sensor: str) -> bytes:
+    """Return a run file with another name of the sensor, and all else as it is written.
+
+    Raises
+    ------
+    InputError
+        It cannot be read.
+    """
+    try:
+        document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
+        document["sensor"]["name"] = sensor
+        return tomlkit.dumps(document).encode()
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: the sensor cannot be named: {error}") from None

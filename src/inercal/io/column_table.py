@@ -1,0 +1,189 @@
+"""A table as it stands in a file: named columns, before anything is known of a sensor."""
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+
+Column = Array | NDArray[np.str_]
+_MAX_LISTED_NAMES = 12  # names in a message before it ends in "…"
+MOST_COLUMNS = 1000  # more is a table on its side, or junk that happens to parse
+LONGEST_LABEL = 200  # characters; a text column holds one word per sample, not prose
+
+
+BLOCK_ROWS = 1 << 16  # rows handled at a time: a few MB
+
+
+@dataclass(frozen=True)
+class ReadRequest:
+    """What to read of a file.
+
+    Parameters
+    ----------
+    names : collection of str or None
+        Columns; None for all. Others are counted and not read.
+    text : collection of str
+        Columns to return as text even where they look like numbers (labels 1, 2, 3).
+    block_columns : tuple of str
+        Columns of numbers, all in `names`, to lay side by side in `Table.block`.
+    spare_columns : int
+        Columns that the block has beyond these, for the caller to fill.
+    """
+
+    names: Collection[str] | None = None
+    text: Collection[str] = ()
+    block_columns: tuple[str, ...] = ()
+    spare_columns: int = 0
+
+    def empty_columns(self, n: int, numbers: Collection[str]) -> tuple[dict[str, Array], Array]:
+        """Return columns of numbers to be filled, each (n,), and the block, (n, k)."""
+        block = np.empty((n, len(self.block_columns) + self.spare_columns))
+        columns: dict[str, Array] = {}
+        for name in numbers:
+            within = name in self.block_columns
+            columns[name] = block[:, self.block_columns.index(name)] if within else np.empty(n)
+        return columns, block
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of one file.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Every column of the file; "1", "2", ... where it has no header.
+    columns : dict of str to (n,) array
+        Those that were asked for; float64 or str.
+    source, sha256 : str
+        The file and the hash of its bytes.
+    first_line : int
+        Line of row 0; 0 where rows and lines do not run in step.
+    header : bool
+        Whether the file names its columns.
+    block : (n, k) array or None
+        The columns asked for together, and the spare ones; `columns` are views of it.
+    """
+
+    names: tuple[str, ...]
+    columns: dict[str, Column]
+    source: str
+    sha256: str
+    first_line: int
+    header: bool
+    block: Array | None = None
+
+    def numbers(self, name: str) -> Array:
+        """Return a column of numbers, (n,).
+
+        Raises
+        ------
+        InputError
+            The column holds text.
+        """
+        column = self.columns[name]
+        if column.dtype.kind == "U":
+            raise InputError(
+                f"{self.source}: column {name!r} holds text ({shorten(str(column[0]))}) "
+                "where numbers are needed"
+            )
+        return column.astype(np.float64, copy=False)
+
+
+def row_blocks(n: int, rows: int = BLOCK_ROWS) -> Iterator[slice]:
+    """Return slices that make up n rows.
+
+    >>> [(k.start, k.stop) for k in row_blocks(5, 2)]
+    [(0, 2), (2, 4), (4, 5)]
+    """
+    return (slice(k, min(k + rows, n)) for k in range(0, n, rows))
+
+
+def refuse_unequal_lengths(lengths: Mapping[str, int], source: str) -> None:
+    """Raise InputError where columns differ in length."""
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
+        raise InputError(f"{source} has columns of unequal length: {shorten(listed, 120)}")
+
+
+def select_columns(names: Sequence[str], wanted: Collection[str] | None, source: str) -> list[str]:
+    """Return the wanted columns, all of them for None.
+
+    Raises
+    ------
+    InputError
+        Too many columns, two of one name, or a wanted column that the file lacks.
+    """
+    refuse_too_many_columns(len(names), source)
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise InputError(f"{source} has {count} columns {shorten(name)!r}: rename all but one")
+    if wanted is None:
+        return list(names)
+    for name in wanted:
+        if name not in names:
+            raise InputError(f"{source} has no column {name!r}; {_suggest(name, names)}")
+    return list(dict.fromkeys(wanted))
+
+
+def refuse_too_many_columns(columns: int, source: str) -> None:
+    """Raise InputError for more columns than any recording has."""
+    if columns > MOST_COLUMNS:
+        raise InputError(
+            f"{source} has {columns} columns; at most {MOST_COLUMNS} are read: one sample a row"
+        )
+
+
+def _suggest(name: str, names: Sequence[str]) -> str:
+    """Say which columns there are, and which of them may be meant."""
+    by_lower = {known.lower(): known for known in names}
+    near = [by_lower[k] for k in get_close_matches(name.lower(), list(by_lower), n=3)]
+    hint = f"did you mean {' or '.join(repr(k) for k in near)}? " if near else ""
+    listed = ", ".join(shorten(known) for known in names[:_MAX_LISTED_NAMES])
+    it = "It" if hint else "it"
+    return f"{hint}{it} has {listed}" + (
+        f", … ({len(names)} in all)" if names[_MAX_LISTED_NAMES:] else ""
+    )
+
+
+def shorten(text: str, length: int = 40) -> str:
+    """Return text fit for one line of a message."""
+    text = " ".join("".join(c if c.isprintable() else " " for c in text[: length + 1]).split())
+    return text if len(text) <= length else text[: length - 1] + "…"
+
+
+def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.str_]:
+    """Return a text column, (n,) of str.
+
+    Raises
+    ------
+    InputError
+        An entry too long for a label: NumPy gives every row the width of the longest.
+    """
+    longest = max(values, key=len, default="")
+    if len(longest) > LONGEST_LABEL:
+        raise InputError(
+            f"{source}: column {column!r} has a text of {len(longest)} characters "
+            f"({shorten(longest)}); labels have at most {LONGEST_LABEL}"
+        )
+    return np.array(values, dtype=np.str_)
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def open_error(path: str | os.PathLike[str], error: OSError) -> InputError:
+    """Return the one line for a file that cannot be opened or read."""
+    return InputError(f"{path} cannot be read: {error.strerror or error}")

@@ -1,0 +1,219 @@
+"""Runs of one exact value in a channel: readings at the end of their range, and readings stuck.
+
+No amplitude is assumed. Quantised noise repeats values in runs whose lengths fall off smoothly; a
+reading at its rail or stuck stands far above the longest of them. A coarsely quantised sensor at
+rest repeats values as well: where its steps exceed its noise, long runs are how it reads. Noise
+about the end of the range is cut off there and makes no long runs: it piles up in the histogram.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.io.column_table import row_blocks
+from inercal.recording import Indices
+
+_STANDS_OUT = 5  # times the longest of the ordinary runs
+_RAIL = 5  # samples; fewer at an extreme are a peak
+_STUCK = 50  # samples; fewer are an ordinary repetition
+_LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its top one repeats
+_WINDOW = 50  # samples over which a channel spans few steps if these are coarse,
+_SPAN = 2.0  # at most so many in its quietest windows,
+_QUIETEST = 0.1  # of all
+_GENTLE = 0.8  # of the ends of runs at which a coarse reading moves by two steps at most
+_PILE, _PILED_RUNS = 20, 10  # samples and runs at an extreme before it is judged,
+_MANY = 30  # samples a run at most: a rest at one value is no noise
+_NEXT = 5  # steps below an extreme with which its number of samples is compared
+_PILED = 2  # times the number at any of these; without a cut there are fewer at an extreme
+_BESIDE = 1.5  # steps by which the samples beside an extreme differ from it, if noise is cut off
+_NONE: Indices = np.zeros((0, 2), np.int64)
+
+
+class _Runs(NamedTuple):
+    """Runs of two samples and more; singles, nearly all of an unquantised reading, are a mask."""
+
+    start: Indices
+    length: Indices
+    value: Array
+    single: NDArray[np.bool_]
+
+
+def _runs(x: Array) -> _Runs:
+    new = np.ones(x.size + 1, np.bool_)  # where another value begins, the end included
+    np.not_equal(x[1:], x[:-1], out=new[1:-1])
+    start = np.flatnonzero(new[:-1] & ~new[1:])
+    stop = np.flatnonzero(~new[:-1] & new[1:]) + 1
+    return _Runs(start, stop - start, x[start], new[:-1] & new[1:])
+
+
+def out_of_range(x: Array, lowest: float, highest: float) -> Indices:
+    """Return half-open ranges, (k, 2), of samples at or beyond the ends of the range."""
+    return _ranges((x <= lowest) | (x >= highest))
+
+
+def rail_ranges(x: Array) -> Indices:
+    """Return half-open ranges, (k, 2), where a channel (n,) sits at its extreme reading.
+
+    An extreme is a rail when its longest run has at least 5 samples and 5 times as many as the
+    longest run at any value between the two extremes.
+    """
+    lowest, highest = x.min(), x.max()
+    if not (_has_consecutive(x == lowest, _RAIL) or _has_consecutive(x == highest, _RAIL)):
+        return _NONE
+    between = (x != lowest) & (x != highest)
+    if not between.any():
+        return _NONE
+    runs = _runs(x)
+    longest = int(runs.length[between[runs.start]].max(initial=1))
+    needed = max(_RAIL, _STANDS_OUT * longest)
+    extremes = (lowest, highest)
+    rails = [v for v in extremes if runs.length[runs.value == v].max(initial=1) >= needed]
+    if not rails or _has_fewer_values(x, _LEVELS):
+        return _NONE
+    return _ranges(np.logical_or.reduce([x == v for v in rails]))
+
+
+def clipping_values(x: Array) -> tuple[float, ...]:
+    """Return the extremes at which a channel's noise is cut off.
+
+    An extreme cuts noise off if it comes twice as often as any of the next five values and the
+    samples beside it are two steps from it or more: noise of less than a step piles up at whatever
+    value is nearest.
+    """
+    cut: list[float] = []
+    step = 0.0
+    for sign in (1.0, -1.0):
+        top = sign * float((sign * x).max())
+        at = x == top
+        if np.count_nonzero(at) < _PILE:
+            continue
+        step = step or _smallest_step(x)
+        begins = np.flatnonzero(at[1:] & ~at[:-1])
+        ends = np.flatnonzero(at[:-1] & ~at[1:]) + 1
+        beside = np.abs(np.concatenate([x[begins], x[ends]]) - top)
+        few = begins.size < max(_PILED_RUNS, np.count_nonzero(at) / _MANY)
+        if few or np.median(beside) <= _BESIDE * step:
+            continue
+        below = np.round(np.abs(x[np.abs(x - top) < (_NEXT + 0.5) * step] - top) / step)
+        counts = np.bincount(below.astype(np.int64), minlength=_NEXT + 1)
+        if counts[0] >= _PILED * counts[1:].max():
+            cut.append(top)
+    return tuple(cut)
+
+
+def ranges_with_values(x: Array, ranges: Indices, values: tuple[float, ...]) -> Indices:
+    """Return half-open ranges, (k, 2): those given, and where a channel reads these values."""
+    there = np.logical_or.reduce([x == value for value in values])
+    for start, stop in ranges.tolist():
+        there[start:stop] = True
+    return _ranges(there)
+
+
+def longest_constant_run(x: Array) -> tuple[int, int] | None:
+    """Return the run of one value that takes half of the samples or more, half open, if any."""
+    middle = x.size // 2  # it lies in such a run
+    other = x != x[middle]
+    before, after = other[:middle][::-1], other[middle:]
+    start = middle - int(before.argmax()) if before.any() else 0
+    stop = middle + int(after.argmax()) if after.any() else x.size
+    return (start, stop) if 2 * (stop - start) >= x.size else None
+
+
+def _smallest_step(x: Array) -> float:
+    """Return the smallest change between samples; infinite without any."""
+    steps = np.abs(np.diff(x))
+    return float(np.min(steps, initial=np.inf, where=steps > 0))
+
+
+def _is_coarse(x: Array, held: Indices) -> bool:
+    """Return whether the steps of a channel are so coarse that it holds values for long at rest.
+
+    Parameters
+    ----------
+    x : (n,) array
+    held : (k, 2) array
+        Its long runs, which are not looked at themselves.
+    """
+    few = _SPAN * _smallest_step(x) * (1 + 1e-6)
+    inside = np.zeros(x.size + 1, np.int8)
+    np.add.at(inside, held[:, 0], 1)
+    np.add.at(inside, held[:, 1], -1)
+    apart = np.cumsum(inside[:-1], dtype=np.int8) == 0
+    whole = x.size // _WINDOW * _WINDOW
+    windows = x[:whole].reshape(-1, _WINDOW)[apart[:whole].reshape(-1, _WINDOW).all(axis=1)]
+    if len(windows) and float(np.quantile(np.ptp(windows, axis=1), _QUIETEST)) <= few:
+        return True
+    first, last = held[held[:, 0] > 0, 0], held[held[:, 1] < x.size, 1]
+    moved = np.concatenate([np.abs(x[first] - x[first - 1]), np.abs(x[last] - x[last - 1])])
+    return len(held) > 2 and float(np.mean(moved <= few)) >= _GENTLE
+
+
+def _has_consecutive(mask: NDArray[np.bool_], count: int) -> bool:
+    """Return whether so many neighbours are True: in most recordings none, which is told soon."""
+    width = 1
+    while width < count and mask.size:
+        more = min(width, count - width)
+        mask = mask[:-more] & mask[more:]
+        width += more
+    return bool(mask.any())
+
+
+def _has_fewer_values(x: Array, levels: int) -> bool:
+    """Return whether there are fewer different values than so many levels."""
+    found = x[:0]
+    for k in row_blocks(x.size):
+        found = np.unique(np.concatenate([found, x[k]]))
+        if found.size >= levels:
+            return False
+    return True
+
+
+def stuck_ranges(x: Array, known: Indices) -> Indices:
+    """Return half-open ranges, (k, 2), where a channel (n,) holds one value for far too long.
+
+    Lengths of runs, sorted, are taken apart at the first fivefold jump to 50 samples or more.
+    Runs above the jump that hold most of the samples are how this channel reads, and are let pass;
+    so are those of a channel whose steps exceed its noise.
+
+    Parameters
+    ----------
+    x : (n,) array
+        Readings.
+    known : (k, 2) array
+        Ranges to leave out: those at the rails.
+    """
+    if not _has_consecutive(x[1:] == x[:-1], _STUCK - 1):
+        return _NONE
+    runs = _runs(x)
+    change = np.zeros(x.size + 1, np.int8)
+    change[known[:, 0]], change[known[:, 1]] = 1, -1
+    free = np.cumsum(change[:-1], dtype=np.int8) == 0
+    ordinary = free[runs.start]
+    lengths = np.unique(runs.length[ordinary])
+    if (runs.single & free).any():
+        lengths = np.concatenate([[1], lengths])
+    jump = np.flatnonzero((lengths[1:] >= _STANDS_OUT * lengths[:-1]) & (lengths[1:] >= _STUCK))
+    if not jump.size:
+        return _NONE
+    held = (runs.length >= lengths[jump[0] + 1]) & ordinary
+    if 2 * runs.length[held].sum() >= x.size:
+        return _NONE
+    found = np.stack([runs.start[held], runs.start[held] + runs.length[held]], axis=-1)
+    return _NONE if _is_coarse(x, found) else found
+
+
+def merge_ranges(ranges: Indices, apart: float) -> list[tuple[int, int]]:
+    """Return ranges with those less than `apart` samples from each other made one."""
+    if not ranges.size:
+        return []
+    new = np.concatenate([[True], ranges[1:, 0] - ranges[:-1, 1] >= apart])
+    last = np.concatenate([new[1:], [True]])
+    return list(zip(ranges[new, 0].tolist(), ranges[last, 1].tolist(), strict=True))
+
+
+def _ranges(mask: NDArray[np.bool_]) -> Indices:
+    """Return half-open ranges of True, (k, 2)."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
+    return edges.reshape(-1, 2)

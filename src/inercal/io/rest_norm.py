@@ -1,0 +1,117 @@
+"""Whether a recording at rest reads gravity: the units of its columns, judged from the data."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.io.column_table import BLOCK_ROWS, row_blocks
+from inercal.recording import Finding, Recording
+from inercal.sensors import G0, Sensor
+
+_WINDOW_S = 0.5
+_QUIETEST = 0.1  # of all windows
+_POSSIBLE = (0.5, 2.0)  # of gravity; beyond it, no sensor's error but a unit
+_USUAL = (0.9, 1.1)
+
+# Norm over what it should be, the unit that the columns look like, and the one that is stated.
+_CONFUSIONS = {
+    1 / G0: ("g", "m/s²"),
+    G0: ("m/s²", "g"),
+    1000.0: ("mg", "g"),
+    1 / 1000: ("g", "mg"),
+    1000 / G0: ("mg", "m/s²"),
+    G0 / 1000: ("m/s²", "mg"),
+}
+_NEAR = 1.25  # ratio within which a confusion is recognised; far less than they are apart
+
+
+def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
+    """Return what is odd with the norm of accelerometers that should read a known one.
+
+    Parameters
+    ----------
+    norm, expected : float
+        m/s².
+    text : str
+        What the message begins with: both in words.
+
+    Returns
+    -------
+    Finding or None
+        Refused below half and above twice what is expected, where it names the likely confusion of
+        units; a warning beyond 10 %.
+    """
+    ratio = norm / expected
+    if _USUAL[0] <= ratio <= _USUAL[1]:
+        return None
+    if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
+        return Finding("warning", "units", f"{text}: is the nominal scale right?")
+    near = (units for r, units in _CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
+    if (units := next(near, None)) is None:
+        advice = "check the units and the nominal scale of the columns in [sensor.accelerometer]"
+    else:
+        advice = (
+            f"the columns look like {units[0]} declared as {units[1]}: in [sensor.accelerometer] "
+            f'state unit = "{units[0]}", or a scale per {units[0]}'
+        )
+    return Finding("refused", "units", f"{text}: {advice}")
+
+
+def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Recording:
+    """Return the recording with a finding where it does not read gravity at rest.
+
+    Parameters
+    ----------
+    recording : Recording
+        A recording that rests somewhere, in any attitude.
+    sensor : Sensor
+        Its accelerometers, all of them channels of the recording, with their nominal readout.
+    gravity : float
+        Local gravity, m/s².
+    """
+    norm = _norm_at_rest(recording, sensor.select_axes("f"))
+    finding = norm_finding(norm, gravity, _rest_norm_text(norm, gravity))
+    if finding is None:
+        return recording
+    return replace(recording, findings=(*recording.findings, finding))
+
+
+def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding | None:
+    """Return what is odd with the norm of means at rest, as `norm_finding` does.
+
+    Parameters
+    ----------
+    means : (r, m) array
+        Of rows at rest in any attitude, SI by the nominal readout.
+    sensor : Sensor
+        Of which the accelerometers, a triad, are looked at.
+    gravity : float
+        Local gravity, m/s².
+    """
+    columns = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    if not len(means) or not columns:
+        return None
+    norm = float(np.median(np.linalg.norm(means[:, columns], axis=-1)))
+    return norm_finding(norm, gravity, _rest_norm_text(norm, gravity))
+
+
+def _rest_norm_text(norm: float, gravity: float) -> str:
+    return f"specific force at rest is {norm:.4g} m/s² where gravity is {gravity:.5g} m/s²"
+
+
+def _norm_at_rest(recording: Recording, accelerometers: Sensor) -> float:
+    """Return the median of the mean norms, m/s², of the windows in which the norm varies least."""
+    columns = [recording.channels.index(name) for name in accelerometers.channels]
+    n = recording.time.size
+    window = max(2, min(round(_WINDOW_S * recording.rate_hz), n))
+    scatter: list[Array] = []
+    mean: list[Array] = []
+    for rows in row_blocks(n // window * window, -(-BLOCK_ROWS // window) * window):
+        felt = accelerometers.to_si(recording.data[rows][:, columns])
+        windows = np.linalg.norm(felt, axis=-1).reshape(-1, window)
+        scatter.append(windows.std(axis=1))
+        mean.append(windows.mean(axis=1))
+    spread = np.concatenate(scatter)
+    quiet = np.argsort(spread)[: max(1, round(_QUIETEST * spread.size))]
+    return float(np.median(np.concatenate(mean)[quiet]))

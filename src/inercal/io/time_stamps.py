@@ -1,0 +1,193 @@
+"""Times of samples from their stamps: in a unit of time, or as ISO 8601 text.
+
+A wrong unit of time shifts whatever is integrated and leaves means as they are: nothing later
+notices it. Stamps that look like another unit than the one in force are therefore refused, and
+the message names the key to set; no unit is guessed.
+"""
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+
+from inercal.errors import InputError
+from inercal.io.column_table import Array, shorten
+from inercal.units import si_factor
+
+SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; beyond them the unit is wrong
+_UNSTATED_HZ = 5.0  # where the unit is not stated: 1 to 5 kHz in ms would pass for 1 to 5 Hz
+_ROUNDING = 1e-6  # of a rate: stamps of few digits
+_UNITS = ("s", "ms", "us", "ns")  # that loggers write
+_NAMED = re.compile(
+    r"(?:^|[\W_])(?:(?P<ms>ms|msec|millis|milliseconds?)|(?P<us>us|µs|μs|usec|micros|microseconds?)"
+    r"|(?P<ns>ns|nsec|nanos|nanoseconds?))[\W_]*$",
+    re.IGNORECASE,
+)
+# Stamps since 1970 in s, ms, µs and ns, for dates of 2001 to 2096.
+_EPOCH = {"s": (1e9, 4e9), "ms": (1e12, 4e12), "us": (1e15, 4e15), "ns": (1e18, 4e18)}
+_ISO = re.compile(
+    r"(?P<minute>\d{4}-?\d\d-?\d\d[T ]\d\d:?\d\d)(?P<second>:?\d\d)?"
+    r"(?:[.,](?P<fraction>\d{1,18}))?\s*(?P<zone>Z|z|[+-]\d\d(?::?\d\d)?)?"
+)
+_NS = 10**9
+
+
+def require_unit(
+    stamps: Array, column: str, unit: str | None, source: str, keys: tuple[str, str | None]
+) -> None:
+    """Refuse stamps that look like another unit of time than the one in force.
+
+    Parameters
+    ----------
+    stamps : (n,) array
+        As they stand in the column.
+    column, source : str
+        Names of the column and of its file, for the message.
+    unit : str or None
+        As stated; None where it is not, and s are in force.
+    keys : (str, str or None)
+        Of the run file: that of the unit, and that of a rate in place of stamps, if any.
+
+    Raises
+    ------
+    InputError
+        A rate below 1 Hz or above 50 kHz; where the unit is not stated also a rate below 5 Hz, a
+        column whose name ends in another unit, and stamps since 1970 in another unit.
+    """
+    unit_key, rate_key = keys
+    rate = _rate(stamps)
+    if unit is None:
+        if (named := _unit_of_column_name(column)) is not None:
+            raise InputError(
+                f"{source}: the name of column {column!r} says {named}, and no unit is stated, "
+                f'which means s: state {unit_key} = "{named}"'
+            )
+        since = _epoch_unit(stamps)
+        if since not in (None, "s"):
+            raise InputError(
+                f"{source}: times of {stamps[np.isfinite(stamps)][0]:.6g} in column {column!r} "
+                f"look like {since} since 1970, and no unit is stated, which means s: state "
+                f'{unit_key} = "{since}"'
+            )
+    if rate is None:
+        return
+    in_force = "s" if unit is None else unit
+    hz = rate / si_factor(in_force, like="s")
+    slowest = SLOWEST_HZ if unit is not None else _UNSTATED_HZ
+    if slowest * (1 - _ROUNDING) <= hz <= FASTEST_HZ * (1 + _ROUNDING):
+        return
+    if hz > FASTEST_HZ and _mean_rate(stamps) / si_factor(in_force, like="s") < FASTEST_HZ:
+        return  # bursts, which the audit names
+    others = [
+        (other, rate / si_factor(other, like="s"))
+        for other in _UNITS
+        if SLOWEST_HZ <= rate / si_factor(other, like="s") <= FASTEST_HZ
+    ]
+    if others:
+        advice = "state the unit of the stamps: " + " or ".join(
+            f'{unit_key} = "{other}" ({there:.4g} Hz)' for other, there in others
+        )
+    else:
+        advice = f"state the unit of the stamps, {unit_key}"
+    if rate_key is not None:
+        advice += f'; if {hz:.3g} Hz is right, leave the column out and state {rate_key} = "…"'
+    raise InputError(
+        f"{source}: column {column!r} taken in {in_force} makes {hz:.3g} samples per second, where "
+        f"{slowest:g} Hz to {FASTEST_HZ / 1e3:g} kHz are possible: {advice}"
+    )
+
+
+def _rate(stamps: Array) -> float | None:
+    """Return samples per unit of the stamps, by the median step that is not zero."""
+    steps = np.abs(np.diff(stamps))
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    return 1 / float(np.median(steps, overwrite_input=True)) if steps.size else None
+
+
+def _mean_rate(stamps: Array) -> float:
+    """Return samples per unit of the stamps, from the first to the last of them."""
+    finite = stamps[np.isfinite(stamps)]
+    return (finite.size - 1) / float(np.ptp(finite))
+
+
+def _unit_of_column_name(column: str) -> str | None:
+    """Return the unit that a column's name ends with, other than s."""
+    found = _NAMED.search(column)
+    return None if found is None else found.lastgroup
+
+
+def _epoch_unit(stamps: Array) -> str | None:
+    finite = stamps[np.isfinite(stamps)]
+    if not finite.size:
+        return None
+    middle = float(np.median(finite, overwrite_input=True))
+    return next((unit for unit, (low, high) in _EPOCH.items() if low <= middle <= high), None)
+
+
+def is_iso_time(cell: str) -> bool:
+    """Return whether a cell of text looks like a date with a time, ISO 8601."""
+    return _ISO.fullmatch(cell.strip()) is not None
+
+
+def times_from_iso(
+    cells: Sequence[str], column: str, source: str, first_line: int, origin: int | None = None
+) -> tuple[Array, int]:
+    """Return the times of ISO 8601 stamps, such as 2026-11-23T03:10:09.123Z.
+
+    Parameters
+    ----------
+    cells : sequence of n str
+        Date and time, fraction of a second, zone: Z or an offset from UTC, which may change from
+        row to row. Without a zone in all rows.
+    column, source : str
+        For messages.
+    first_line : int
+        Line of the first cell in the file; 0 where lines are not known.
+    origin : int, optional
+        Time 0, ns since 1970; that of the first stamp if it is not given.
+
+    Returns
+    -------
+    time : (n,) array
+        s.
+    origin : int
+
+    Raises
+    ------
+    InputError
+        A cell that holds no such time, or rows with a zone among rows without one.
+    """
+    ns = np.empty(len(cells), np.int64)
+    known: dict[tuple[str, str], int] = {}  # to the minute: most rows share one
+    zoned: bool | None = None
+    for k, cell in enumerate(cells):
+        where = f"line {first_line + k}" if first_line else f"row {k}"
+        place = f"{source} {where}, column {column!r}"
+        match = _ISO.fullmatch(cell.strip())
+        if match is None:
+            raise InputError(
+                f"{place}: {shorten(cell)!r} is no ISO 8601 time such as 2026-11-23T03:10:09.123Z"
+            )
+        zone = match["zone"] or ""
+        if zoned is not None and zoned != bool(zone):
+            raise InputError(
+                f"{place}: {shorten(cell)!r} has {'a' if zone else 'no'} time zone, unlike the "
+                "row before: give all rows one or none"
+            )
+        zoned = bool(zone)
+        minute = match["minute"]
+        second = int((match["second"] or "0").lstrip(":"))
+        if (minute, zone) not in known:
+            try:
+                at = datetime.fromisoformat(minute + zone.upper())
+            except ValueError as error:
+                raise InputError(f"{place}: {shorten(cell)!r} is no time: {error}") from None
+            at = at if zone else at.replace(tzinfo=UTC)
+            known[minute, zone] = round(at.timestamp())
+        if second > 59:
+            raise InputError(f"{place}: {shorten(cell)!r} is no time: seconds run from 0 to 59")
+        fraction = (match["fraction"] or "0").ljust(9, "0")[:9]
+        ns[k] = (known[minute, zone] + second) * _NS + int(fraction)
+    start = int(ns[0]) if origin is None else origin
+    return (ns - start) / _NS, start

@@ -1,0 +1,61 @@
+"""Plans for the arm: attitudes at several rates, whole turns each.
+
+Norms tell an axis's coefficients by readings that swing to both signs on it. In the twenty
+positions of Wang and Li 2021 ψ goes over half a circle and y never feels the arm from behind; all
+round, the worst coefficient is known seven times as well for the same work.
+"""
+
+from collections.abc import Sequence
+from math import pi, radians
+
+from inercal.errors import InputError
+from inercal.plan import Attitude, Spin, arm_attitude
+
+RATES = (2 * pi, 4 * pi, 6 * pi)
+TURNS = 10
+
+
+def half_circle() -> tuple[Attitude, ...]:
+    """Return the twenty positions of the source: ψ = 0 … 180° by 45°, θ = 0 … 180° by 60°."""
+    return tuple(arm_attitude(radians(45 * i), radians(60 * j)) for i in range(5) for j in range(4))
+
+
+def full_circle() -> tuple[Attitude, ...]:
+    """Return twenty positions all round: ψ by 72° from 10°, θ = 20°, 110°, 200°, 290°."""
+    return tuple(
+        arm_attitude(radians(10 + 72 * i), radians(theta))
+        for i in range(5)
+        for theta in (20, 110, 200, 290)
+    )
+
+
+ATTITUDES = {"full-circle": full_circle, "half-circle": half_circle}
+
+
+def plan(
+    attitudes: str = "full-circle", rates: Sequence[float] = RATES, turns: int = TURNS
+) -> tuple[Spin, ...]:
+    """Return the dwells, attitude by attitude within each rate.
+
+    Parameters
+    ----------
+    attitudes : "full-circle" or "half-circle"
+    rates : sequence of float
+        rad/s, positive in the sense of the bench.
+    turns : int
+        Whole turns that each dwell is averaged over.
+
+    Raises
+    ------
+    InputError
+        Attitudes of another name, no rate, or a rate of zero.
+    """
+    if attitudes not in ATTITUDES:
+        raise InputError(f"attitudes {attitudes!r}; there are {', '.join(ATTITUDES)}")
+    if not rates or not all(rates):
+        raise InputError("rates: at least one, and none of zero, which is no dwell on the arm")
+    return tuple(
+        Spin(f"p{k:02d}_r{j}", rate, 2 * pi * turns / abs(rate), attitude)
+        for j, rate in enumerate(rates, start=1)
+        for k, attitude in enumerate(ATTITUDES[attitudes](), start=1)
+    )

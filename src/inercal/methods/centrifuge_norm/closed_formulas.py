@@ -1,0 +1,127 @@
+"""The closed estimators: a linear regression of the squared norm, inverted.
+
+With u = (N − b)/S an axis N = S (f + D f²) + b has felt
+
+    f = 2u / (1 + √(1 + 4Du)),   f² = u² − 2Du³ + 5D²u⁴ − 14D³u⁵ + …
+
+so that Σ f² = n² is, up to the fourth power, linear in thirteen numbers C₀, C₁ … C₄ of three axes.
+With K = Db/S and q = √(1 − 4K) the Taylor coefficients at N = 0 are exactly::
+
+    C₁ = (q − 1)/(DSq)    C₂ = 1/(S²q³)    C₃ = −2D/(S³q⁵)    C₄ = 5D²/(S⁴q⁷)
+
+`series` inverts C₁, C₂, C₃ and is regular at D = 0; `paper` takes D from C₄, as its source does.
+The powers that are cut off fold into the others: at 36 g and D = 5e-5/g into D by 2e-9/g.
+
+Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021, equations 13 to 22,
+with its misprints mended: (14) C₄ = 5D²S⁻⁴ without N⁴; (19) the other branch of K; (21) the sign of
+D, which is that of −C₃; (22) upside down. `series` is ours.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError, NotObserved
+from inercal.keys import CoefficientName
+from inercal.sensors import G0, Sensor
+
+SeriesInverse = Callable[[Array, Array, Array, Array], tuple[Array, Array, Array]]
+TERMS = ("k0", "k1", "k2")
+
+
+def regression_matrix(y: Array) -> Array:
+    """Return the regressor, (..., r, 13): 1, then the powers one to four of three axes; y in g."""
+    one = np.ones((*y.shape[:-1], 1))
+    return np.concatenate([one, y, y**2, y**3, y**4], axis=-1)
+
+
+def series(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Array]:
+    """Return S, b (g) and D (1/g) of each axis from C₁, C₂, C₃."""
+    q = 1 - c1 * c3 / (2 * c2**2)
+    scale = (c2 * q**3) ** -0.5
+    return scale, -(1 + q) * q * scale**2 * c1 / 4, -c3 * scale**3 * q**5 / 2
+
+
+def paper(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Array]:
+    """Return S, b (g) and D (1/g) of each axis as the source does; NaN where it has no root."""
+    m = c4 / c3 * c1 / c2  # (17)
+    six = 6 * m - 5
+    with np.errstate(invalid="ignore"):
+        k = (-six - np.sqrt(12 * m**2 - 40 * m + 25)) / (2 * six)  # (19)
+        bent = 1 + 6 * k + 6 * k**2
+        scale = np.sqrt(bent / c2)  # (20)
+        bias = -c1 * bent / (2 * c2 * (1 + k) * (1 + 2 * k))  # (22)
+        return scale, bias, -np.sign(c3) * np.sqrt(c4 * scale**4 / 5)  # (21)
+
+
+def coefficients(
+    sensor: Sensor, y: Array, norm: Array, invert: SeriesInverse, *, weighted: bool = False
+) -> Array:
+    """Return k0, k1, k2 of each axis in the sensor's order, (..., 9) SI.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Three accelerometers.
+    y : (..., r, 3) array
+        Readings, m/s².
+    norm : (r,) array
+        What was felt, m/s².
+    invert : callable
+        `series` or `paper`.
+    weighted : bool
+        Weigh each row by 1/n: equal noise of all readings makes 2nσ of the squared norm.
+    """
+    rows, target = regression_matrix(y / G0), (norm / G0) ** 2
+    if weighted:
+        rows, target = rows * (G0 / norm)[:, None], target * (G0 / norm)
+    size = np.linalg.norm(rows, axis=-2, keepdims=True)
+    q, r = np.linalg.qr(rows / size)
+    right = np.swapaxes(q, -1, -2) @ target[:, None]
+    c = np.linalg.solve(r, right)[..., 0] / size[..., 0, :]
+    scale, bias, bend = invert(*(c[..., k : k + 3] for k in (1, 4, 7, 10)))
+    by_short = {"k0": bias * G0, "k1": scale - 1, "k2": scale * bend / G0}
+    columns: list[Array] = []
+    for name in sensor.coefficients:
+        axis, short = CoefficientName(name).parts
+        columns.append(by_short[short][..., sensor.channels.index(axis)])
+    return np.stack(columns, axis=-1)
+
+
+def regression_singular_values(sensor: Sensor, y: Array, name: str) -> Array:
+    """Return the singular values of the regressor in scaled columns, (13,), or refuse.
+
+    Raises
+    ------
+    InputError
+        Not three accelerometers with bias, scale factor and k2 each.
+    NotObserved
+        A regressor of less than full rank; the message names the powers that are not told apart.
+    """
+    wanted = {f"{axis.name}.{short}" for axis in sensor.axes for short in TERMS}
+    if len(sensor.axes) != 3 or set(sensor.coefficients) != wanted:
+        raise InputError(
+            f"estimator {name} finds k0, k1 and k2 of three accelerometers, no more and no less; "
+            "ml finds what is chosen"
+        )
+    rows = regression_matrix(y / G0)
+    scaled = rows / np.linalg.norm(rows, axis=0)
+    if len(scaled) < scaled.shape[1]:
+        raise NotObserved(
+            f"estimator {name}: {len(scaled)} dwells for {scaled.shape[1]} terms; add attitudes, "
+            "at two rates or more"
+        )
+    _, singular, vectors = np.linalg.svd(scaled)
+    if singular[-1] < 1e-10 * singular[0]:
+        powers = ["1", *(f"{axis}{k}" for k in ("", "²", "³", "⁴") for axis in sensor.channels)]
+        vector = vectors[-1]
+        large = np.flatnonzero(np.abs(vector) > 0.3 * np.abs(vector).max()).tolist()
+        words = ", ".join(powers[k] for k in large)
+        raise NotObserved(
+            f"estimator {name}: these dwells do not tell {words} apart (rank "
+            f"{int(np.sum(singular > 1e-10 * singular[0]))} of {scaled.shape[1]}); add a rate, or "
+            "attitudes all round the circle",
+            (words,),
+        )
+    return singular

@@ -1,0 +1,187 @@
+"""Readings against the angle of a dividing head: its errors are nuisances, or it is exact."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
+from inercal.benches.dividing_head.bench import position_plan as on_head
+from inercal.benches.dividing_head.head_angles import sensor_angles
+from inercal.benches.dividing_head.passes import drift_ramps, pass_names
+from inercal.errors import InputError
+from inercal.estimate import Gaussian, Problem
+from inercal.keys import CoefficientName
+from inercal.methods import candidates, mean_problem
+from inercal.parameters import Parameter
+from inercal.plan import Index
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+MIN_POSITIONS = 4  # positions
+_TESTED_HARMONICS = 4  # of the head's error: higher ones look like graduations
+# Along the spindle only its lean is felt, and kpp is k0 less k2: sin² + cos² = 1.
+_UNOBSERVED_TERMS = {"delta_p", "kio", "kpo", "koo", "kpp"}
+_MAX_ANGLE_CORRECTION = 1.5e-4  # rad
+
+
+def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tuple[Index, ...]:
+    """Return evenly spaced positions of the head, forward and back.
+
+    Parameters
+    ----------
+    positions : int
+        Of one turn.
+    reverse : bool
+        Whether the turn is made back too: a drift of the bias then cancels to first order.
+    seconds : float
+        Length of each hold, s.
+
+    Raises
+    ------
+    InputError
+        Fewer than four positions.
+    """
+    if positions < MIN_POSITIONS:
+        raise InputError(f"{positions} positions; a tumble needs {MIN_POSITIONS} or more")
+    return on_head(positions, reverse=reverse, seconds=seconds)
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    priors: Sequence[Gaussian] = (),
+    *,
+    exact: bool = False,
+) -> Problem:
+    """Return the problem of all readings.
+
+    Parameters
+    ----------
+    observations : Observations
+        (..., r, m), m/s².
+    sensor : Sensor
+        Of m accelerometers.
+    bench : DividingHead
+    steps : sequence of r Index
+    priors : sequence of Gaussian
+        On coefficients.
+    exact : bool
+        Whether the bench is taken at its declared values, without nuisances.
+    """
+    declared = {} if exact else bench.nuisances(steps, sensor)
+
+    def built(sensor: Sensor, bench: DividingHead, declared: Mapping[str, Parameter]) -> Problem:
+        return mean_problem.problem(
+            observations,
+            sensor,
+            declared,
+            lambda q: bench.mean_motion(steps, q),
+            reading_columns=_drift_columns(sensor, steps),
+        )
+
+    larger = extended_planar_sensor(sensor, temperature_varies=observations.temperature_varies)
+    wider = replace(
+        bench, harmonics=(*bench.harmonics, *[0.0] * (_TESTED_HARMONICS - len(bench.harmonics)))
+    )
+    suspects = {
+        name: parameter
+        for name, parameter in wider.nuisances(steps, sensor).items()
+        if name != "lean"  # of second order: its column is that of its own estimate
+    }
+    asked = built(sensor, bench, declared)
+    return replace(
+        asked,
+        priors=(*asked.priors, *priors),
+        candidates=candidates.candidate_function(
+            lambda: built(larger, wider, candidates.parameters_with_deviations(suspects)),
+            asked.names,
+            larger,
+            suspects,
+            families=_test_families(sensor, bench, steps),
+            prior_names=[name for prior in priors for name in prior.names],
+        ),
+    )
+
+
+def extended_planar_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
+    """Return the sensor with all coefficients that readings in the plane of rotation can show.
+
+    Those of temperature only where it is known and varies, `temperature_varies`.
+    """
+    whole = candidates.extended_sensor(sensor, temperature_varies=temperature_varies)
+    kept = (
+        name
+        for name in whole.coefficients
+        if name in sensor.coefficients or CoefficientName(name).term not in _UNOBSERVED_TERMS
+    )
+    return replace(whole, coefficients=tuple(kept))
+
+
+def _test_families(
+    sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
+) -> dict[str, tuple[str, ...]]:
+    """Return what is tested together: a harmonic's sine and cosine, a drift in all passes."""
+    count = max(_TESTED_HARMONICS, len(bench.harmonics))
+    made: dict[str, tuple[str, ...]] = {
+        f"harmonic {h}": (f"sin{h}", f"cos{h}") for h in range(1, count + 1)
+    }
+    made["creep"] = tuple(f"creep[{name}]" for name in pass_names(steps))
+    drifts = {f"drift of {c}": tuple(drift_names(c, steps)) for c in sensor.channels}
+    if len(drifts) > 1:
+        made["drift"] = tuple(name for names in drifts.values() for name in names)
+    return made | drifts
+
+
+def readings_at_stated_angles(
+    observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
+) -> Observations:
+    """Return the readings as they would be at the head's stated angles, for formulas of these.
+
+    To first order in what level, autocollimator and certificate tell beyond them, at the nominal
+    sensor: at 10″ their products with a mounting angle of 100″ leave 2e-8 g.
+
+    Raises
+    ------
+    InputError
+        More than 30″ beyond.
+    """
+    beyond = sensor_angles(bench, steps).nominal - np.array([step.angle for step in steps])
+    beyond = (beyond + np.pi) % (2 * np.pi) - np.pi
+    if np.abs(beyond).max() > _MAX_ANGLE_CORRECTION:
+        worst = int(np.argmax(np.abs(beyond)))
+        raise InputError(
+            f"position {steps[worst].label} is known to stand {np.degrees(beyond[worst]):.3g}° "
+            "beyond its angle, too far for formulas of the angles themselves; use joint"
+        )
+    made = sensed_motion(bench, steps, {})
+    slope = sensor.slope(made.motion, np.zeros(len(sensor.coefficients)))[..., :3]
+    turned = (slope @ made.df["base"][..., None])[..., 0]
+    return replace(observations, mean=observations.mean - beyond[:, None] * turned)
+
+
+def with_drift_covariance(
+    observations: Observations, bench: DividingHead, steps: Sequence[Index]
+) -> Observations:
+    """Return the observations with the drift of biases in their covariance, not as a nuisance."""
+    if not bench.drift:
+        return observations
+    made = drift_ramps(steps)
+    between = bench.drift**2 * (made.T @ made)
+    before = 0.0 if observations.drift is None else observations.drift
+    channels = len(observations.channels)
+    return replace(observations, drift=before + np.repeat(between[..., None], channels, axis=-1))
+
+
+def _drift_columns(sensor: Sensor, steps: Sequence[Index]) -> dict[str, Array]:
+    """Return what a drift of one does to all readings, (m r,), by its name."""
+    found: dict[str, Array] = {}
+    for k, channel in enumerate(sensor.channels):
+        for name, ramp in zip(drift_names(channel, steps), drift_ramps(steps), strict=True):
+            column = np.zeros((len(steps), len(sensor.channels)))
+            column[:, k] = ramp
+            found[name] = column.ravel()
+    return found

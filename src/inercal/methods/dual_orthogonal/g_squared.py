@@ -1,0 +1,323 @@
+"""The g² observation: two orthogonal accelerometers feel g together, whatever the head's angle.
+
+In g, with s = sin θ, c = cos θ and δ = δ_B − δ_A, z = ½(y_A² + y_B² − 1) is to first order
+
+    z = K_A0 s + K_B0 c + k_A1 s² + k_B1 c² − δ s c + K_A2 s³ + K_B2 c³ + K_A3 s⁴ + K_B3 c⁴
+        + K_Aip s² c − K_Bip s c²
+
+from which the head's error has gone. Here it serves for what it shows alone: eight of the eleven
+coefficients' combinations. An estimate takes the exact form: with f̂ the force in the plane of
+rotation that the sensor's whole model finds behind both readings, ‖f̂‖ = g. With the readings
+compensated to α and β this is α² + β² + 2αβ sin δ = cos² δ, free of the angle to all orders.
+
+The exact form is not blind to the three combinations to all orders: they show through products of
+errors. That is no measurement of them, and it is not taken for one: what is observed is judged at
+the nominal sensor.
+
+Source: CN101852817A (Harbin Institute of Technology, 2010), step 3, rebuilt from the physics.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.dividing_head.bench import DividingHead, drift_names, sensed_motion
+from inercal.benches.dividing_head.passes import drift_ramps, first_visit_rows
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
+from inercal.keys import CoefficientName
+from inercal.methods import candidates
+from inercal.methods.dividing_head_problem import extended_planar_sensor
+from inercal.methods.mean_problem import ROUNDING
+from inercal.motion import Motion
+from inercal.plan import Index
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+TERMS = (
+    "a.k0",
+    "b.k0",
+    "a.k1",
+    "b.k1",
+    "delta",
+    "a.k2",
+    "b.k2",
+    "a.k3",
+    "b.k3",
+    "a.kip",
+    "b.kip",
+)
+NULL_DIRECTIONS: tuple[tuple[str, dict[str, float]], ...] = (
+    ("harmonic 1 of A", {"a.k0": 1.0, "a.k2": -1.0, "b.kip": 1.0}),
+    ("harmonic 1 of B", {"b.k0": 1.0, "b.k2": -1.0, "a.kip": -1.0}),
+    ("k1 against K3", {"a.k1": 1.0, "b.k1": -1.0, "a.k3": -1.0, "b.k3": 1.0}),
+)
+PRIOR_ADVICE = "kip of single tests and k3 of a centrifuge tell them; or take estimator joint"
+MOUNTING_ANGLES = ("a.delta_o", "b.delta_o")
+_NEWTON_STEPS = 4  # from an error of 1e-3 each step squares it
+_DENSE_POSITIONS = 24  # positions that show all that there is
+_RANK_TOLERANCE = (
+    1e-2  # singular value of the design; angles read anew, off by 1e-4, show nothing more
+)
+
+
+def design_matrix(theta: Array) -> Array:
+    """Return ∂z/∂(coefficients in g) at angles (..., r) rad: (..., r, 11), columns as `TERMS`."""
+    s, c = np.sin(theta), np.cos(theta)
+    columns = (s, c, s**2, c**2, -s * c, s**3, c**3, s**4, c**4, s**2 * c, -s * c**2)
+    return np.stack(columns, axis=-1)
+
+
+def null_vectors(sensor: Sensor, g: float) -> tuple[tuple[str, Array], ...]:
+    """Return those null directions whose coefficients the sensor has, (p,) each in SI."""
+    size = {"k0": g, "k1": 1.0, "k2": 1 / g, "k3": 1 / g**2, "kip": 1 / g}
+    found: list[tuple[str, Array]] = []
+    for words, weights in NULL_DIRECTIONS:
+        if set(weights) <= set(sensor.coefficients):
+            row = np.zeros(len(sensor.coefficients))
+            for name, weight in weights.items():
+                row[sensor.coefficients.index(name)] = weight * size[CoefficientName(name).term]
+            found.append((words, row))
+    return tuple(found)
+
+
+class SquaredComparison(NamedTuple):
+    """What `compare_with_gravity` returns; shapes for r rows and p coefficients."""
+
+    residual: Array  # (..., r), g − ‖f̂‖, m/s²
+    jacobian: Array  # (..., r, p), ∂‖f̂‖/∂c
+    by_reading: Array  # (..., r, 2), ∂‖f̂‖/∂y
+    force: Array  # (..., r, 3), f̂
+
+
+def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> SquaredComparison:
+    """Return how far the force in the plane behind the readings is from g.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        As `inercal.benches.dividing_head.bench.mounted_sensor`: axes along x and y.
+    y : (..., r, 2) array
+        Readings, m/s².
+    c : (..., p) array
+        Coefficients, SI.
+    g : float
+        m/s².
+    """
+    lead = np.broadcast_shapes(y.shape[:-2], c.shape[:-1])
+    f = np.zeros((*lead, y.shape[-2], 3))
+    f[..., :2] = y
+    for _ in range(_NEWTON_STEPS):
+        reading, _, slope = sensor.linearise(Motion(f), c)
+        step = np.linalg.solve(slope[..., :2], (y - reading)[..., None])[..., 0]
+        f = np.concatenate([f[..., :2] + step, f[..., 2:]], axis=-1)
+    _, made, slope = sensor.linearise(Motion(f), c)
+    length = np.linalg.norm(f, axis=-1)
+    up = f[..., :2] / length[..., None]
+    # h(f̂; c) = y holds: ∂f̂/∂y = S⁻¹ and ∂f̂/∂c = −S⁻¹ ∂h/∂c.
+    to_reading = np.asarray(
+        np.linalg.solve(np.swapaxes(slope[..., :2], -1, -2), up[..., None])[..., 0], dtype=float
+    )
+    return SquaredComparison(
+        g - length, -(to_reading[..., None, :] @ made)[..., 0, :], to_reading, f
+    )
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+    priors: Sequence[Gaussian] = (),
+) -> Problem:
+    """Return the problem of g² at every position.
+
+    Parameters
+    ----------
+    observations : Observations
+        (..., r, 2), m/s².
+    sensor : Sensor
+    bench : DividingHead
+        Of which gravity counts alone.
+    steps : sequence of r Index
+    priors : sequence of Gaussian
+        On coefficients.
+    """
+    require_fixture_sensor(sensor)
+    y, g = observations.mean, bench.gravity.value
+    p = len(sensor.coefficients)
+    nominal = sensed_motion(bench, steps, {}).f[..., :2]
+    up = nominal / np.linalg.norm(nominal, axis=-1, keepdims=True)
+    # The noise is seen along the nominal force: a mounting angle of 300″ changes it by a millionth.
+    noise = covariance_along(up, observations.full_covariance)
+
+    def linearise(x: Array) -> tuple[Array, Array]:
+        seen = compare_with_gravity(sensor, y, x, g)
+        return seen.residual, seen.jacobian
+
+    def suspects(x: Array) -> list[Candidate]:
+        larger = extended_planar_sensor(sensor)
+        there = np.concatenate([x, np.zeros(len(larger.coefficients) - p)])
+        seen = compare_with_gravity(larger, y, there, g)
+        column: dict[str, Array] = dict(zip(larger.coefficients, seen.jacobian.T, strict=True))
+        if not {f"{channel}.k1" for channel in sensor.channels} <= set(sensor.coefficients):
+            column["g"] = np.full(len(steps), -1.0)  # else a part in a million of it is no k1
+        families: dict[str, list[str]] = {}
+        for k, channel in enumerate(sensor.channels):
+            for name, ramp in zip(drift_names(channel, steps), drift_ramps(steps), strict=True):
+                column[name] = -seen.by_reading[:, k] * ramp
+                families.setdefault(f"drift of {channel}", []).append(name)
+        declared = bench.nuisances(steps, sensor)
+        told = [name for prior in priors for name in prior.names]
+        return [
+            *candidates.candidates_from_columns(
+                observations.labels, larger, sensor.coefficients, declared, column, families
+            ),
+            *candidates.prior_candidates(sensor, told, column),
+        ]
+
+    return Problem(
+        names=sensor.coefficients,
+        start=np.zeros(p),
+        linearise=linearise,
+        noise=noise + bench.gravity.sd**2,
+        scale=sensor.unit_scale,
+        priors=tuple(priors),
+        gauges=gauges(sensor),
+        observations=observations.labels,
+        known_nulls=null_vectors(sensor, g),
+        rounding=g / float(np.sqrt(np.diagonal(noise, axis1=-2, axis2=-1).min())) * ROUNDING,
+        candidates=suspects,
+    )
+
+
+def with_gravity_sensitivity(asked: Problem, estimate: Estimate) -> Estimate:
+    """Return an estimate of `problem` with how it moves with gravity as stated.
+
+    All residuals g − ‖f̂‖ rise by as much: dc = P Jᵀ W 1 dg.
+    """
+    _, jacobian = asked.linearise(estimate.value)
+    assert not callable(asked.noise)
+    one = np.ones((*estimate.value.shape[:-1], jacobian.shape[-2], 1))
+    pull = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(asked.noise, one)
+    return replace(estimate, sensitivities={"g": (estimate.covariance @ pull)[..., 0]})
+
+
+def covariance_along(up: Array, covariance: Array) -> Array:
+    """Return the covariance along `up`, (..., r, r).
+
+    Parameters
+    ----------
+    up : (r, 2) array
+        Unit vectors.
+    covariance : (..., 2r, 2r) array
+        Of all readings, row after row.
+    """
+    r = len(up)
+    rows = np.zeros((r, r, 2))
+    rows[np.arange(r), np.arange(r)] = up
+    rows = rows.reshape(r, 2 * r)
+    return rows @ covariance @ rows.T
+
+
+def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
+    """Return the gauge that fixes the common mounting angle, which no g² sees."""
+    if not set(MOUNTING_ANGLES) <= set(sensor.coefficients):
+        return ()
+    return (Gauge("no common mounting angle", MOUNTING_ANGLES, np.ones((1, 2)), np.zeros(1)),)
+
+
+def require_determined(
+    sensor: Sensor, bench: DividingHead, steps: Sequence[Index], priors: Sequence[Gaussian]
+) -> None:
+    """Refuse coefficients that g² and the priors leave free at the nominal sensor.
+
+    Raises
+    ------
+    NotObserved
+        Naming the null directions.
+    """
+    nominal = sensed_motion(bench, steps, {}).f[..., :2]
+    r = len(steps)
+    exact = Observations(
+        tuple(step.label for step in steps),
+        nominal,
+        np.broadcast_to(np.eye(2), (r, 2, 2)),
+        np.ones(r),
+        np.ones(r, dtype=np.int64),
+        np.arange(r, dtype=float),
+        sensor.channels,
+    )
+    try:
+        least_squares(problem(exact, sensor, bench, steps, centred_priors(priors)))
+    except NotObserved as error:
+        raise NotObserved(f"{error}: {PRIOR_ADVICE}", error.directions) from None
+
+
+def centred_priors(priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
+    """Return the priors about the nominal sensor."""
+    return tuple(replace(prior, mean=np.zeros(len(prior.names))) for prior in priors)
+
+
+def require_enough_positions(sensor: Sensor, steps: Sequence[Index]) -> None:
+    """Refuse positions too few for what g² can show of two accelerometers, whatever priors say.
+
+    Raises
+    ------
+    NotObserved
+        With the number of positions that suffices.
+    """
+    names = [("delta" if name in MOUNTING_ANGLES else name) for name in sensor.coefficients]
+    wanted = [k for k, name in enumerate(TERMS) if name in names]
+    if len(sensor.axes) == 1 or not wanted:
+        return
+    angles = np.array([step.angle for step in steps])
+    many = 2 * np.pi * np.arange(_DENSE_POSITIONS) / _DENSE_POSITIONS
+    shown, possible = (
+        int(np.linalg.matrix_rank(design_matrix(theta)[:, wanted], tol=_RANK_TOLERANCE))
+        for theta in (angles, many)
+    )
+    if shown < possible:
+        different = len(set(first_visit_rows(steps)))
+        raise NotObserved(
+            f"{different} different positions show {shown} of the {possible} combinations of "
+            "coefficients that g² can, with harmonics up to the fourth; take 8 or more evenly "
+            "spaced ones, best 12 (30° apart)"
+        )
+
+
+def require_fixture_sensor(sensor: Sensor, *, allow_single: bool = False) -> None:
+    """Refuse a sensor that is not the fixture's.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    allow_single : bool
+        Whether one accelerometer will do, of any name.
+
+    Raises
+    ------
+    InputError
+        Other axes than two accelerometers a and b, along x and y with P in the plane; or mounting
+        angles in the reference form.
+    """
+    x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
+    one = allow_single and len(sensor.axes) == 1
+    expected = {sensor.axes[0].name: (x, y)} if one else {"a": (x, y), "b": (y, back)}
+    found = {axis.name: (axis.i, axis.p) for axis in sensor.axes if axis.measures == "f"}
+    same = found.keys() == expected.keys() and len(sensor.axes) == len(expected)
+    if not same or not all(np.allclose(found[name], expected[name]) for name in expected):
+        others = ", or one accelerometer along x" if allow_single else ""
+        raise InputError(
+            f"sensor {sensor.name}: the fixture holds two accelerometers, a along x with P along y "
+            f"and b along y with P against x{others}"
+        )
+    angled = any(name.endswith(".delta_o") for name in sensor.coefficients)
+    if sensor.form != "tilted" and angled:
+        raise InputError(
+            f"sensor {sensor.name}: the reference form has no cosine of a mounting angle, 1 µg at "
+            '300″; state form = "tilted"'
+        )

@@ -1,0 +1,148 @@
+"""The closed formulas of Ferraris et al. (1995), for comparison with `ml`.
+
+F. Ferraris, U. Grimaldi, M. Parvis, "Procedure for effortless in-field calibration of three-axis
+rate gyros and accelerometers", Sensors and Materials 7(5), 1995, 311–330. With U± the matrices
+whose columns are the mean readings of x, y, z up and down, and W those of the integrated rates::
+
+    accelerometer   b_a = diag(U₊ + U₋)/2                                (19, 20)
+                    K_a R_a = (U₊ − U₋)/(2g),  K_a = row norms           (21–23)
+    gyro            b_g = mean over the rest,  K_ga = (U₊ − U₋)/(2g)     (9)
+                    K_g R_g = W / α, with bias and K_ga f̄ taken out      (12–15)
+
+so that a reading is K R (f or ω) + b, and for a gyro + K_ga f. Faces, turns and gravity are taken
+as exact: the covariance here holds the noise of the means alone, and the formulas leave no
+residual. Whether the readings agree with one another is tested by the problem of `ml`, in which
+faces, turns and gravity have their stated deviations.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches import Hand
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Estimate, Gaussian, ModelTest
+from inercal.methods import temperature
+from inercal.methods.hand_likelihood import ml
+from inercal.methods.likelihood_tests import READINGS_TEST
+from inercal.methods.observability import NOISE_ONLY_NOTE
+from inercal.plan import HandStep, Turn
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+from inercal.uncertainty import propagate
+
+
+def classical(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Hand,
+    steps: Sequence[HandStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the coefficients by the closed formulas, with the noise of the means propagated.
+
+    Raises
+    ------
+    InputError
+        Priors, the tilted form, axes other than orthogonal triads, or a trial axis.
+    NotObserved
+        A position or a turn is missing.
+    """
+    if priors:
+        raise InputError("estimator classical takes no priors; use ml")
+    temperature.refuse_temperature_terms(sensor, "classical", "ml")
+    missing = [step.label for step in steps if step.label not in observations.labels]
+    if missing:
+        raise NotObserved(
+            f"estimator classical needs every position and turn; missing from the recording: "
+            f"{', '.join(missing)}"
+        )
+    formulas_of = {f"{a}_{what}" for a in "xyz" for what in ("p", "a", "rot")}
+    if again := [label for label in observations.labels if label not in formulas_of]:
+        raise InputError(
+            f"estimator classical takes each position and turn once, and there is {again[0]}; use "
+            "ml"
+        )
+    if sensor.form != "reference":
+        raise InputError("estimator classical finds the reference form; form tilted takes ml")
+    for axes in (sensor.axes[:3], sensor.axes[3:]):
+        if axes and (len(axes) != 3 or not np.allclose([a.i for a in axes], np.eye(3))):
+            raise InputError("estimator classical needs orthogonal triads along x, y, z")
+    r, m = observations.mean.shape[-2:]
+    if observations.mean.ndim != 2:
+        raise InputError("estimator classical works on one recording at a time")
+
+    def formulas(flat: Array) -> Array:
+        means = dict(zip(observations.labels, flat.reshape(r, m), strict=True))
+        return _coefficients(means, observations, sensor, bench.gravity.value, steps)
+
+    flat = observations.mean.ravel()
+    value, spread = propagate(formulas, flat, observations.full_covariance)
+    information = np.linalg.inv(spread / np.outer(sensor.unit_scale, sensor.unit_scale))
+    singular = np.sqrt(np.linalg.eigvalsh(information)[::-1])
+    found = Estimate.from_closed_form(
+        sensor.coefficients, value, spread, singular, (NOISE_ONLY_NOTE,)
+    )
+    return _with_problem_tests(found, ml(observations, sensor, bench, steps))
+
+
+def _with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
+    """Return the estimate with the tests of the problem of the same observations."""
+    p = len(found.names)
+    agreement = ModelTest(READINGS_TEST, float(by_problem.chi2), by_problem.dof)
+    return replace(
+        found,
+        tests=(agreement, *by_problem.tests),
+        scoring=by_problem.scoring.then(
+            lambda score_tests: score_tests.with_shifts(lambda shift: shift[:p])
+        ),
+        notes=(*found.notes, *by_problem.notes),
+    )
+
+
+def _coefficients(
+    means: dict[str, Array],
+    observations: Observations,
+    sensor: Sensor,
+    g: float,
+    steps: Sequence[HandStep],
+) -> Array:
+    up, down = (np.stack([means[f"{a}_{s}"] for a in "xyz"], axis=1) for s in "pa")
+    matrix_a = (up - down)[:3] / (2 * g)
+    bias_a = np.diag(up[:3] + down[:3]) / 2
+    found = _triad_coefficients(sensor, 0, matrix_a, {"k0": bias_a}, "k1")
+    if len(sensor.axes) == 6:
+        holds = [f"{a}_{s}" for a in "xyz" for s in "pa"]
+        weights = dict(zip(observations.labels, observations.samples, strict=True))
+        bias_g = np.average(
+            [means[h][3:] for h in holds], axis=0, weights=[weights[h] for h in holds]
+        )
+        to_force = (up - down)[3:] / (2 * g)
+        seconds = dict(zip(observations.labels, observations.duration, strict=True))
+        turns = {step.label: step for step in steps if isinstance(step, Turn)}
+        columns: list[Array] = []
+        for a in "xyz":
+            label = f"{a}_rot"
+            force = np.linalg.solve(matrix_a, means[label][:3] - bias_a)
+            rate = means[label][3:] - bias_g - to_force @ force
+            columns.append(rate * seconds[label] / turns[label].angle)
+        matrix_g = np.stack(columns, axis=1)
+        found |= _triad_coefficients(sensor, 3, matrix_g, {"bias": bias_g}, "scale")
+        for k, axis in enumerate(sensor.axes[3:]):
+            along = to_force[k] @ axis.frame.T
+            found |= {f"{axis.name}.g_{s}": along[j] for j, s in enumerate("ipo")}
+    return np.array([found[name] for name in sensor.coefficients])
+
+
+def _triad_coefficients(
+    sensor: Sensor, first: int, matrix: Array, also: dict[str, Array], scale: str
+) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for k, axis in enumerate(sensor.axes[first : first + 3]):
+        along = matrix[k] @ axis.frame.T
+        found |= {f"{axis.name}.{name}": values[k] for name, values in also.items()}
+        found[f"{axis.name}.{scale}"] = along[0] - 1
+        found[f"{axis.name}.delta_o"], found[f"{axis.name}.delta_p"] = along[1], -along[2]
+    return found

@@ -1,0 +1,146 @@
+"""Maximum likelihood from the mean readings of holds and turns.
+
+Each row's mean reading is compared with the model's reading of the mean motion (exact for models
+affine in f and ω). The bench's imperfections ride along as nuisances with their standard
+deviations as priors, the mean specific force during each turn as a free one, so that the stated
+uncertainty holds fixture and turn-angle errors, local gravity and the clock.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches import Hand
+from inercal.errors import NotObserved
+from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.methods import mean_problem
+from inercal.methods.curvature import Curvature, tilt_curvature
+from inercal.methods.observability import (
+    not_observed_error,
+    require_bias_scale_separation,
+    require_observed,
+)
+from inercal.plan import HandStep, Hold, Turn
+from inercal.recording import Observations
+from inercal.sensors import Sensor, inverse
+
+_EXACT_LIMIT = 1e-15  # SI; what is known better is exact, such as the level earth rate at a pole
+_ZERO_INPUT_LIMIT = 1e-6  # of g, or of a turn's rate
+
+
+def ml(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Hand,
+    steps: Sequence[HandStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the estimate of the sensor's coefficients and the bench's nuisances.
+
+    Parameters
+    ----------
+    observations : Observations
+        Rows in SI; labels name steps, channels are the sensor's axes.
+    sensor : Sensor
+        With the coefficients that are wanted.
+    bench : Hand
+    steps : sequence of HandStep
+        The nominal plan; steps without a row were not carried out.
+    priors : sequence of Gaussian
+        On coefficients, from elsewhere.
+
+    Raises
+    ------
+    NotObserved
+        Coefficients that these steps leave open, by name, and the steps that are missing.
+    """
+    by_label = {step.label: step for step in steps}
+    done = [by_label[label] for label in observations.labels]
+    missing = [step for step in steps if step.label not in observations.labels]
+    try:
+        first = least_squares(problem(observations, sensor, bench, done, priors))
+        curvature = tilt_curvature(first, sensor, bench, done, observations.duration)
+        whole = problem(observations, sensor, bench, done, priors, curvature)
+        estimate = first if curvature is None else least_squares(whole)
+    except NotObserved as error:
+        raise not_observed_error(sensor, error.directions, missing) from None
+    require_observed(estimate, sensor, missing)
+    require_bias_scale_separation(sensor, done, missing, priors)
+    return replace(estimate, tests=observations.tests)
+
+
+def problem(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Hand,
+    done: Sequence[HandStep],
+    priors: Sequence[Gaussian] = (),
+    curvature: Curvature | None = None,
+) -> Problem:
+    """Return the estimation problem; `done` are the steps of the rows, in their order.
+
+    `curvature` corrects the readings for the second order of the tilts, once that is known.
+    """
+    noise = _reading_noise(observations)
+    if curvature is not None:
+        noise = observations.full_covariance + curvature.covariance
+        observations = replace(observations, mean=observations.mean - curvature.shift)
+    # How long a step took is what the recording says.
+    lasting = [
+        replace(step, seconds=t)
+        for step, t in zip(done, observations.duration.tolist(), strict=True)
+    ]
+    declared = {
+        name: one if one.sd > _EXACT_LIMIT else replace(one, sd=0.0)
+        for name, one in bench.nuisances(done, sensor).items()
+    }
+    turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
+    forces: dict[str, Array] = {}
+    if turns:
+        bare = Sensor(sensor.name, sensor.axes)
+        mean = inverse(bare, observations.mean[..., turns, :], np.zeros(0)).f
+        forces = {
+            f"force_{a}[{done[k].label}]": mean[..., j, i]
+            for j, k in enumerate(turns)
+            for i, a in enumerate("xyz")
+        }
+    return mean_problem.problem(
+        observations,
+        sensor,
+        declared,
+        lambda q: bench.mean_motion(lasting, q),
+        priors,
+        with_drift_candidate=True,
+        unknown_forces=forces,
+        stated_noise=noise,
+        zero_input=_zero_input_readings(sensor, done),
+    )
+
+
+def _zero_input_readings(sensor: Sensor, done: Sequence[HandStep]) -> NDArray[np.bool_] | None:
+    """Return which readings are of axes that feel nothing nominally, (r·m,), row after row.
+
+    None where each position was taken once: two or four such readings of an axis tell no sign.
+    """
+    at = [step.up if isinstance(step, Hold) else step.axis for step in done]
+    if len(set(zip(map(type, done), at, strict=True))) == len(at):
+        return None
+    across = np.abs(np.array(at) @ np.array([axis.i for axis in sensor.axes]).T) < _ZERO_INPUT_LIMIT
+    still = np.array([isinstance(step, Hold) for step in done])
+    rates = np.array([axis.measures == "w" for axis in sensor.axes])
+    return (across | (still[:, None] & rates)).ravel()
+
+
+def _reading_noise(observations: Observations) -> Array:
+    """Return the covariance of all readings, or without correlations their deviations, (..., r·m).
+
+    Standard deviations are quicker to work with.
+    """
+    blocks = observations.covariance
+    variance = np.diagonal(blocks, axis1=-2, axis2=-1)
+    if observations.drift is None and np.count_nonzero(blocks) == np.count_nonzero(variance):
+        return np.sqrt(variance).reshape(*variance.shape[:-2], -1)
+    return observations.full_covariance

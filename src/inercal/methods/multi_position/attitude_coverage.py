@@ -1,0 +1,185 @@
+"""What a set of attitudes determines, what is missing, and which attitude to add next.
+
+A design is judged by its own geometry: the deviation of each combination of coefficients were every
+norm wrong by 1 mg and every rotation by 10 mrad (and every rate by 10 mrad/s). Such errors are
+beyond any noise, and are what bending, temperature and hands leave. A combination that they would
+shift by a tenth of its natural size is not observed, however quiet the sensor.
+
+Attitudes to add are taken one after another from the 26 directions of a cube's faces, edges and
+corners: each time the one that, with the turn that leads to it, adds most to the determinant of
+the information matrix (D-optimal; Fedorov 1972, Theory of Optimal Experiments, chapter 3).
+"""
+
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.hand.bench import tangent_vectors
+from inercal.errors import InputError
+from inercal.frames import exp_so3, skew
+from inercal.methods.multi_position.rotations import inverse_model
+from inercal.motion import Motion
+from inercal.observe import norm_residuals
+from inercal.plan import Hold
+from inercal.sensors import G0, Sensor, imu
+
+WORST_FORCE = 1e-3 * G0  # m/s², of a norm
+WORST_TURN = 1e-2  # rad of a rotation, and rad/s of a rate
+MOVE_SECONDS = 2.0
+_TURN_STEPS = 8  # of a turn, each at a constant attitude
+_MAX_ATTITUDES = 6  # attitudes to name
+_REGULARISATION = (
+    1e-3  # of information, beside 100 for what counts as observed: finite determinants
+)
+_MAX_TURN_COSINE = 0.8  # cosine: a turn of 37 to 143° is easy by hand, and its way is no question
+
+_CORNERS = np.array([v for v in product((0.0, 1.0, -1.0), repeat=3) if any(v)])
+CUBE_DIRECTIONS: Array = _CORNERS / np.linalg.norm(_CORNERS, axis=1, keepdims=True)
+
+
+class GeometryErrors(NamedTuple):
+    """Standard deviations of a norm, m/s², of a rate, rad/s, and across a rotation, rad."""
+
+    norm: float = WORST_FORCE
+    rate: float = WORST_TURN
+    turn: float = WORST_TURN
+
+
+def rest_rows(sensor: Sensor, up: Array, g: float, errors: GeometryErrors) -> Array:
+    """Return what a rest in each attitude tells of the coefficients, (r, 1 or 4, p).
+
+    Rows are whitened by `errors`, columns in natural sizes. `up` is (r, 3).
+    """
+    force = sensor.select_axes("f")
+    p, a = len(sensor.coefficients), len(force.coefficients)
+    nominal = np.zeros(p)
+    motion = Motion(g * up)
+    reading = force.forward(motion, nominal[:a])
+    rows = np.zeros((len(up), 1 + len(sensor.axes) - len(force.axes), p))
+    rows[:, 0, :a] = (
+        norm_residuals(force, reading, nominal[:a], np.array([g])).jacobian[:, :-1] / errors.norm
+    )
+    rows[:, 1:] = sensor.design(motion, nominal)[:, len(force.axes) :] / errors.rate
+    return rows * sensor.unit_scale
+
+
+def turn_rows(
+    sensor: Sensor, before: Array, after: Array, g: float, errors: GeometryErrors
+) -> Array:
+    """Return what turns by the shortest way tell, (k, 2, p), whitened and in natural sizes.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        With gyros.
+    before : (3,) array
+        Up in the body's frame where all of them begin, a unit vector.
+    after : (k, 3) array
+        Where each ends; neither there nor opposite.
+    g : float
+        m/s².
+    errors : GeometryErrors
+    """
+    axis = np.cross(after, before)
+    sine = np.linalg.norm(axis, axis=1, keepdims=True)
+    turn = axis / sine * np.arctan2(sine, after @ before[:, None])
+    left = 1 - (np.arange(_TURN_STEPS) + 0.5) / _TURN_STEPS
+    # The body turns by +angle about the axis, so what is fixed in space turns by −angle in it.
+    to_end = exp_so3(-turn[:, None] * left[:, None])
+    felt = np.ones((len(after), _TURN_STEPS, 7))
+    felt[..., :3] = g * (np.swapaxes(to_end, -1, -2) @ after[:, None, :, None])[..., 0]
+    felt[..., 3:6] = turn[:, None] / MOVE_SECONDS
+    sensitivity = np.einsum("ksab,ksq->kabq", to_end, felt) * (MOVE_SECONDS / _TURN_STEPS)
+    model = inverse_model(sensor, np.zeros(len(sensor.coefficients)))
+    psi = np.einsum("kabq,bqp->kap", sensitivity, model.coefficient_derivatives)
+    return tangent_vectors(after) @ skew(after) @ psi / errors.turn * sensor.unit_scale
+
+
+def next_attitudes(
+    sensor: Sensor,
+    information: Array,
+    last: Array,
+    g: float,
+    errors: GeometryErrors,
+    target_deviation: float,
+    max_attitudes: int = _MAX_ATTITUDES,
+) -> tuple[list[Array], Array]:
+    """Return attitudes to add, and the information matrix with them.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    information : (p, p) array
+        Of what is there, in natural sizes.
+    last : (3,) array
+        Up at the last rest.
+    g : float
+    errors : GeometryErrors
+    target_deviation : float
+        Stop when every combination has at most this deviation, in natural sizes.
+    max_attitudes : int
+        Stop after so many.
+    """
+    turning = len(sensor.axes) > len(sensor.select_axes("f").axes)
+    at_rest = rest_rows(sensor, CUBE_DIRECTIONS, g, errors)
+    chosen: list[Array] = []
+    trace = _REGULARISATION * np.eye(len(information))
+    while len(chosen) < max_attitudes and _largest_deviation(information) > target_deviation:
+        easy = np.flatnonzero(np.abs(CUBE_DIRECTIONS @ last) < _MAX_TURN_COSINE)
+        gains = np.swapaxes(at_rest[easy], -1, -2) @ at_rest[easy]
+        if turning:
+            ways = turn_rows(sensor, last, CUBE_DIRECTIONS[easy], g, errors)
+            gains += np.swapaxes(ways, -1, -2) @ ways
+        best = int(np.argmax(np.linalg.slogdet(information + gains + trace)[1]))
+        information = information + gains[best]
+        last = CUBE_DIRECTIONS[easy[best]]
+        chosen.append(last)
+    return chosen, information
+
+
+def _largest_deviation(information: Array) -> float:
+    """Return the largest deviation of a combination, in natural sizes."""
+    least = float(np.linalg.eigvalsh(information)[0])
+    return least**-0.5 if least > 0 else np.inf
+
+
+def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...]:
+    """Return a good sequence of attitudes for an IMU held by hand, +z up first.
+
+    Parameters
+    ----------
+    positions : int
+    seconds : float
+        Of each rest.
+
+    Raises
+    ------
+    InputError
+        Fewer positions than an accelerometer triad has coefficients.
+    """
+    if positions < 9:
+        raise InputError(f"{positions} positions: 9 or more are needed for 9 coefficients")
+    whole = imu()
+    parts = (
+        whole.select_axes("f").with_coefficients("bias", "scale", "nonorthogonality"),
+        whole.select_axes("w").with_coefficients("bias", "scale", "misalignment", "g"),
+    )
+    sensor = replace(whole, coefficients=parts[0].coefficients + parts[1].coefficients)
+    first = np.array([0.0, 0.0, 1.0])
+    start = rest_rows(sensor, first[None], G0, GeometryErrors())[0]
+    more, _ = next_attitudes(
+        sensor,
+        start.T @ start,
+        first,
+        G0,
+        GeometryErrors(),
+        target_deviation=0.0,
+        max_attitudes=positions - 1,
+    )
+    return tuple(
+        Hold(f"p{k:02d}", (float(up[0]), float(up[1]), float(up[2])), seconds)
+        for k, up in enumerate([first, *more], 1)
+    )

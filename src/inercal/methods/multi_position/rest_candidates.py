@@ -1,0 +1,221 @@
+"""What the fits of multi_position leave out or take as known: candidates of its score tests.
+
+A candidate adds something to the readings. What it adds at the rests enters the rows as their noise
+does (`row_whitening.reading_sensitivities`); what it adds to the gyros on the way turns the
+passages, whose rotations are integrated once more with it, for a small step of the candidate::
+
+    column = (ρ(ω + δ basis) − ρ(ω)) / δ
+
+The candidates are coefficients of the sensor that were not asked for, a drift of the biases over
+the run, and single rests, whose readings may be anything. The accelerometers' misalignments beside
+those that are estimated turn the frame alone, gravity changes the accelerometers' scale alone and
+the recording's clock the gyros' scale alone: no residual shows them, and they are none.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.estimate import Candidate
+from inercal.keys import CoefficientName
+from inercal.methods.candidates import family_name
+from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
+from inercal.methods.multi_position.rotations import (
+    inverse_model,
+    passage_rotations,
+    rotation_residuals,
+)
+from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
+from inercal.motion import Motion
+from inercal.sensors import SI_UNITS, Sensor
+
+Basis = Callable[[Motion], Array]
+
+_TESTED_GROUPS = {
+    "f": ("nonlinearity", "asymmetry", "cross"),
+    "w": ("nonlinearity", "asymmetry", "g"),
+}
+_NAMES = {"f": "accelerometers", "w": "gyros"}
+_UNITS = {"f": "m/s²", "w": "rad/s"}
+_TURN_STEP = 1e-4  # rad that a candidate turns in all passages at most
+_CHUNK_SAMPLES = 100_000  # samples
+_ROUNDING_LIMIT = 1e-12  # SI per SI unit; less is rounding
+
+
+def candidates(rests: Rests, rows: ResidualRows, x: Array) -> Iterator[Candidate]:
+    """Yield the candidates with the derivatives of all rows, not whitened.
+
+    Parameters
+    ----------
+    rests : Rests
+    rows : ResidualRows
+        At x, with the attitudes that the fit holds.
+    x : (p + 5,) array
+        All coefficients and what is known beside them.
+    """
+    enter = reading_sensitivities(rests, rows)
+    yield from _coefficient_candidates(rests, rows, x, enter)
+    yield from _drift_candidates(rests, rows, x, enter)
+    yield from _single_rest_candidates(rests, enter)
+
+
+def _extended_sensor(sensor: Sensor, more: tuple[str, ...]) -> Sensor:
+    words = [word for kind in {a.measures for a in sensor.axes} for word in _TESTED_GROUPS[kind]]
+    return sensor.with_coefficients(*sorted({*words, *more}))
+
+
+def _coefficient_candidates(
+    rests: Rests, rows: ResidualRows, x: Array, enter: Array
+) -> Iterator[Candidate]:
+    """Return the coefficients that are not estimated: those of a kind together, and each alone."""
+    more = ("temperature",) if rests.observations.temperature_varies else ()
+    sensor, larger = rests.sensor, _extended_sensor(rests.sensor, more)
+    warmth = rests.observations.temperature_offset(sensor.reference_temperature)
+    at_rest = Motion(rows.norm.specific_force, np.zeros_like(rows.norm.specific_force), dT=warmth)
+    of_samples = rests.recorded_passage_offsets
+    columns: dict[str, Array] = {}
+    kinds: dict[tuple[str, str], list[str]] = {}
+    turned = _rotation_column(rests, rows, x)
+    for full in larger.coefficients:
+        name = CoefficientName(full).axis
+        axis = next(k for k, one in enumerate(sensor.axes) if one.name == name)
+        measures = sensor.axes[axis].measures
+        if full in sensor.coefficients or not any(
+            _in_group(word, larger, full) for word in (*_TESTED_GROUPS[measures], *more)
+        ):
+            continue
+        alone = replace(sensor, axes=(sensor.axes[axis],), coefficients=(full,))
+
+        def basis(motion: Motion, alone: Sensor = alone) -> Array:
+            return alone.design(motion, np.zeros(1))[:, 0, 0]
+
+        column = _reading_column(rests, enter, axis, basis(at_rest))
+        if measures == "w":
+
+            def added(motion: Motion, at: slice, basis: Basis = basis) -> Array:
+                warm = 0.0 if of_samples is None else of_samples[at]
+                return basis(replace(motion, dT=warm))
+
+            column += turned(axis, added)
+        if np.max(np.abs(column)) > _ROUNDING_LIMIT:
+            columns[full] = column
+            kinds.setdefault((measures, family_name(larger.coefficient(full))), []).append(full)
+    for (_, kind), members in kinds.items():
+        together = [(kind, tuple(members))] if len(members) > 1 else []
+        for name, chosen in (*together, *((full, (full,)) for full in members)):
+            units = tuple(SI_UNITS[larger.coefficient(full).unit] for full in chosen)
+            rows_of = np.stack([columns[full] for full in chosen], axis=-1)
+            largest = np.array([larger.coefficient(full).largest for full in chosen])
+            yield Candidate(name, "coefficient", chosen, units, rows_of, largest=largest)
+
+
+def _in_group(word: str, sensor: Sensor, full: str) -> bool:
+    return sensor.coefficient(full).group == word
+
+
+def _reading_column(rests: Rests, enter: Array, axis: int, size: Array) -> Array:
+    """Return the column of what is added to one axis' mean readings, (r,)."""
+    return sum_over_rests(rests, enter[:, :, [axis]] * size[:, None, None])[:, 0]
+
+
+def _rotation_column(
+    rests: Rests, rows: ResidualRows, x: Array
+) -> Callable[[int, Callable[[Motion, slice], Array]], Array]:
+    """Return a function of an axis and of what is added to its samples, by their motion.
+
+    It gives the column of what that does to the rotations.
+    """
+    nothing = np.zeros(len(rows.residual))
+    way, turns = rests.passages, rows.rotations
+    if way is None or turns is None or rows.passage_rotations is None or rows.attitude is None:
+        return lambda axis, basis: nothing
+    sensor, p = rests.sensor, len(rests.sensor.coefficients)
+    model = inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))
+    size = np.empty(len(way.output))
+    # One column at a time is changed and put back: a copy of a long recording would not fit.
+    changed = way.output if way.output.flags.writeable else way.output.copy()
+    seconds = float(np.median(way.duration))
+    r, k = len(rows.norm.residual), len(way.rest)
+    earth = rows.attitude[way.rest + 1] * way.duration[:, None, None]
+    clock = x[-1]
+
+    def column(axis: int, basis: Callable[[Motion, slice], Array]) -> Array:
+        # Piece by piece: of all samples their motion alone would take more room than they do.
+        for start in range(0, len(size), _CHUNK_SAMPLES):
+            piece = slice(start, start + _CHUNK_SAMPLES)
+            both = way.output[piece] @ model.matrix.T + model.offset
+            size[piece] = basis(Motion(both[:, :3], both[:, 3:]), piece)
+        step = _TURN_STEP / max(float(np.abs(size).max()) * seconds, 1e-300)
+        np.multiply(size, sensor.axes[axis].readout.scale * step, out=size)
+        before = changed[:, axis].copy()
+        try:
+            changed[:, axis] += size
+            moved_way = replace(way, output=changed)
+            there = passage_rotations(
+                moved_way, sensor, x[:p], rests.rate_noise, clock, rests.passage_temperature_offsets
+            )
+        finally:
+            changed[:, axis] = before
+        moved = rotation_residuals(
+            way.rest,
+            there,
+            rows.norm.specific_force,
+            rests.cross_directions,
+            earth @ x[p + 1 : p + 4],
+        )
+        found = nothing.copy()
+        found[r : r + 2 * k] = ((moved.residual - turns.residual) / step).ravel()
+        return found
+
+    return column
+
+
+def _drift_candidates(
+    rests: Rests, rows: ResidualRows, x: Array, enter: Array
+) -> Iterator[Candidate]:
+    """Return a drift of the biases, linear in time from the first rest to the last."""
+    time, way = rests.observations.time, rests.passages
+    span, middle = float(np.ptp(time)), float(time.mean())
+    if len(time) < 3 or not span > 0:
+        return
+    turned = _rotation_column(rests, rows, x)
+    shape = (time - middle) / span
+    columns: dict[str, list[tuple[str, Array]]] = {}
+    for k, axis in enumerate(rests.sensor.axes):
+        column = _reading_column(rests, enter, k, shape)
+        if way is not None and axis.measures == "w":
+            of_samples = (way.time - middle) / span
+            column += turned(k, lambda _, piece, of_samples=of_samples: of_samples[piece])
+        columns.setdefault(axis.measures, []).append((f"drift of {axis.name}", column))
+    for kind, members in columns.items():
+        together = [(f"drift of {_NAMES[kind]}", members)] if len(members) > 1 else []
+        for name, chosen in (*together, *((one[0], [one]) for one in members)):
+            yield Candidate(
+                name,
+                "time",
+                tuple(full for full, _ in chosen),
+                (_UNITS[kind],) * len(chosen),
+                np.stack([column for _, column in chosen], axis=-1),
+            )
+
+
+def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:
+    """Return each rest by itself, its accelerometers and its gyros, with its time where known.
+
+    Apart: six directions at once would take a large share of the level from all other candidates.
+    """
+    sensor, seen = rests.sensor, rests.observations
+    kinds = {one.measures for one in sensor.axes if one.measures == "f" or rests.passages}
+    for kind in sorted(kinds):
+        axes = [k for k, one in enumerate(sensor.axes) if one.measures == kind]
+        for k, (label, time) in enumerate(zip(seen.labels, seen.time.tolist(), strict=True)):
+            own = np.zeros((len(enter), enter.shape[1], len(axes)))
+            own[k] = enter[k][:, axes]
+            names = tuple(f"{sensor.axes[a].name}[{label}]" for a in axes)
+            name = f"{label} at {time:.4g} s" if seen.timed else label
+            name += f" ({_NAMES[kind]})" * (len(kinds) > 1)
+            yield Candidate(
+                name, "row", names, (_UNITS[kind],) * len(axes), sum_over_rests(rests, own)
+            )

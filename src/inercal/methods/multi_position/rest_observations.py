@@ -1,0 +1,320 @@
+"""Rests in unknown attitudes and the passages between them: residuals, and how they are correlated.
+
+Three kinds of rows, for r rests and k passages::
+
+    norms      0 − (‖f̂_i‖ − g)                                   one a rest
+    rates      ȳ_i − h(f̂_i, C_i ω_e)                             three a rest
+    rotations  across û_after: û_after − E R û_before               two a passage
+
+f̂ is what the accelerometers' mean readings say by the model. Their errors enter the norm of the
+rest and the rotations to and from it, so that neighbouring rotations are correlated. In the order
+norm 1, rates 1, rotation 1, norm 2, … the covariance is a band, and is whitened as one
+(`inercal.methods.multi_position.row_whitening`).
+
+The gyros' noise at a rest is in its mean rate and in the rotations to and from it.
+
+Rows may scatter by more than the samples say, or by less, where the samples hold the hand's wobble:
+`Scatter` has a share and an excess (`inercal.estimate.residual_scatter`) for a rest's accelerometer
+readings, its gyro readings (a bias that wanders also turns the passages), and a rotation.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches import Hand
+from inercal.benches.hand.bench import tangent_vectors
+from inercal.estimate.residual_scatter import ScatterModel
+from inercal.frames import attitude_from_vertical, exp_so3
+from inercal.methods import temperature
+from inercal.methods.multi_position.rotations import (
+    PassageRotations,
+    RotationResiduals,
+    passage_rotations,
+    rotation_residuals,
+)
+from inercal.motion import Motion
+from inercal.observe import NormResiduals, norm_residuals
+from inercal.recording import Observations, Passages
+from inercal.sensors import Sensor
+from inercal.units import Measured
+
+
+class Scatter(NamedTuple):
+    """How accelerometer readings (m/s²), gyro readings (rad/s) and rotations (rad) scatter."""
+
+    force: ScatterModel = ScatterModel()
+    rate: ScatterModel = ScatterModel()
+    turn: ScatterModel = ScatterModel()
+
+    @property
+    def shares(self) -> "Scatter":
+        """Without what is added."""
+        return Scatter(*(ScatterModel(share=found.share) for found in self))
+
+
+class ResidualRows(NamedTuple):
+    """All rows at one x = (c, g, ω_e, τ)."""
+
+    residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
+    jacobian: Array  # of the predictions to x
+    norm: NormResiduals
+    passage_rotations: PassageRotations | None
+    rotations: RotationResiduals | None
+    attitude: Array | None  # (r, 3, 3), from the level frame to the body's, where there are turns
+
+
+@dataclass(frozen=True, eq=False)
+class Rests:
+    """The observations of one session, ready to be compared with a model.
+
+    Parameters
+    ----------
+    observations : Observations
+        Rows are rests, without a trial axis.
+    sensor : Sensor
+        Its accelerometers come before its gyros.
+    bench : Hand
+    """
+
+    observations: Observations
+    sensor: Sensor
+    bench: Hand
+
+    @cached_property
+    def force(self) -> Sensor:
+        """The accelerometers alone."""
+        return self.sensor.select_axes("f")
+
+    @property
+    def passages(self) -> Passages | None:
+        """What lies between the rests, where there are gyros to follow it."""
+        return self.observations.passages if len(self.sensor.axes) > self.m else None
+
+    @property
+    def m(self) -> int:
+        """Number of accelerometer axes."""
+        return len(self.force.axes)
+
+    @cached_property
+    def temperature_offsets(self) -> Array:
+        """ΔT of each rest, (r,) K; () of 0 for a sensor that does not depend on it."""
+        return temperature.row_offsets(self.observations, self.sensor)
+
+    @cached_property
+    def passage_temperature_offsets(self) -> Array | None:
+        """ΔT of each sample of the passages, (n,) K; None without."""
+        if not self.temperature_offsets.ndim:
+            return None
+        return self.recorded_passage_offsets
+
+    @property
+    def recorded_passage_offsets(self) -> Array | None:
+        """The same whether the sensor depends on it or not."""
+        seen, way = self.observations, self.passages
+        if way is None or seen.temperature is None:
+            return None
+        kelvin = way.temperature
+        if kelvin is None:
+            kelvin = np.interp(way.time, seen.time, seen.temperature)
+        return kelvin - self.sensor.reference_temperature
+
+    @cached_property
+    def noise(self) -> Array:
+        """Covariance of each rest's mean readings, (r, q, q), q channels: noise, and drift."""
+        drift = self.observations.drift
+        if drift is None:
+            return self.observations.covariance
+        own = np.diagonal(drift, axis1=0, axis2=1).T - self.drift_of_mean
+        return self.observations.covariance + np.eye(own.shape[1]) * np.maximum(own, 0.0)[:, None]
+
+    @cached_property
+    def drift_of_mean(self) -> Array:
+        """Variance of each channel's drift that all rests share, (q,): it is part of the bias."""
+        drift = self.observations.drift
+        return np.zeros(len(self.sensor.axes)) if drift is None else drift.mean(axis=(0, 1))
+
+    @cached_property
+    def known_quantities(self) -> tuple[Measured, ...]:
+        """What is known of x beyond the coefficients: g, the earth's rate, the clock's error τ.
+
+        The earth's rate is in the level frame. The frame is east, north, up but for an unknown
+        azimuth, so the level rate has two unknown components of known size.
+        """
+        declared = {parameter.name: parameter for parameter in self.bench.parameters}
+        up, level = declared["earth_up"], declared["earth1"].sd
+        return (
+            self.bench.gravity,
+            Measured(0.0, level),
+            Measured(0.0, level),
+            Measured(up.value, up.sd),
+            Measured(0.0, self.bench.timebase),
+        )
+
+    def start(self) -> Array:
+        """Return x at the nominal sensor, (p + 5,)."""
+        known = [quantity.value for quantity in self.known_quantities]
+        return np.concatenate([np.zeros(len(self.sensor.coefficients)), known])
+
+    @cached_property
+    def rate_noise(self) -> Array:
+        """Covariance of one sample of the rates as far as it is white, (3, 3), (rad/s)²."""
+        n, whole = self.observations.samples, self.observations.covariance
+        rounding = self.observations.rounding
+        if rounding is not None:
+            whole = whole - np.diag(rounding)
+        return np.mean(whole * n[:, None, None], axis=0)[self.m :, self.m :]
+
+    @cached_property
+    def cross_directions(self) -> Array:
+        """Two unit vectors across the nominal up of each rest, (r, 2, 3): they stay as c moves."""
+        return tangent_vectors(self.norms(self.start()).up)
+
+    def norms(self, x: Array) -> NormResiduals:
+        """Return the norm rows at x, with derivatives to the accelerometers' c and g."""
+        a, p = len(self.force.coefficients), len(self.sensor.coefficients)
+        mean = self.observations.mean[:, : self.m]
+        return norm_residuals(self.force, mean, x[:a], x[p : p + 1], dT=self.temperature_offsets)
+
+    def rows(self, x: Array, attitude: Array | None = None) -> ResidualRows:
+        """Return all rows at x = (c, g, ω_e, τ), (p + 5,).
+
+        The attitudes in which the earth's rate is seen are found from x, unless they are given:
+        held within a fit, the derivatives are exact.
+        """
+        at = self.norms(x)
+        p, a = len(self.sensor.coefficients), len(self.force.coefficients)
+        r = len(at.residual)
+        jacobian = np.zeros((r, x.size))
+        jacobian[:, :a], jacobian[:, p] = at.jacobian[:, :-1], at.jacobian[:, -1]
+        if self.passages is None:
+            return ResidualRows(at.residual, jacobian, at, None, None, None)
+        motion_derivatives = np.zeros((r, 3, p))
+        motion_derivatives[..., :a] = at.by_coefficient
+        before, after = self.passages.rest, self.passages.rest + 1
+        earth = slice(p + 1, p + 4)
+        way = self._cached_rotations(x[:p].tobytes(), float(x[p + 4]))
+        to_level = self._attitudes(at, way) if attitude is None else attitude
+        by_earth = to_level[after] * self.passages.duration[:, None, None]
+        turns = rotation_residuals(
+            before, way, at.specific_force, self.cross_directions, by_earth @ x[earth]
+        )
+        of_turns = np.zeros((len(before), 2, x.size))
+        of_turns[..., :p] = (
+            turns.to_end_turn @ way.coefficient_derivatives
+            - turns.to_before @ motion_derivatives[before]
+            - turns.to_after @ motion_derivatives[after]
+        )
+        of_turns[..., earth] = turns.to_earth @ by_earth
+        of_turns[..., p + 4] = turns.to_timebase
+        rates, of_rates = self._rates(x, at, motion_derivatives, to_level)
+        return ResidualRows(
+            np.concatenate([at.residual, turns.residual.ravel(), rates.ravel()]),
+            np.concatenate([jacobian, of_turns.reshape(-1, x.size), of_rates]),
+            at,
+            way,
+            turns,
+            to_level,
+        )
+
+    @cached_property
+    def _cached_rotations(self) -> Callable[[bytes, float], PassageRotations]:
+        """Return what `passage_rotations` returns; a fit begins where the last one ended."""
+        assert self.passages is not None
+        passages = self.passages
+
+        @lru_cache(maxsize=2)
+        def at(c: bytes, timebase: float) -> PassageRotations:
+            return passage_rotations(
+                passages, self.sensor, np.frombuffer(c), self.rate_noise, timebase,
+                self.passage_temperature_offsets,
+            )  # fmt: skip
+
+        return at
+
+    def _attitudes(self, at: NormResiduals, way: PassageRotations) -> Array:
+        """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).
+
+        The azimuth is carried along by the gyros; behind a missing passage it is lost, and the
+        level part of the earth's rate is left out from there on.
+        """
+        assert self.passages is not None
+        level, before = attitude_from_vertical(at.up), self.passages.rest
+        # Up is taken from the accelerometers, so that only the azimuth drifts.
+        turned = np.swapaxes(level[before + 1], -1, -2) @ way.rotation @ level[before]
+        step = np.full(len(level), np.nan)
+        step[0] = 0.0
+        step[before + 1] = np.arctan2(
+            turned[:, 1, 0] - turned[:, 0, 1], turned[:, 0, 0] + turned[:, 1, 1]
+        )
+        azimuth = np.cumsum(step)
+        known = np.isfinite(azimuth)
+        level = level @ exp_so3(np.where(known, azimuth, 0.0)[:, None] * [0.0, 0.0, 1.0])
+        level[..., :2] *= known[:, None, None]
+        return level
+
+    def _rates(
+        self, x: Array, at: NormResiduals, motion_derivatives: Array, to_level: Array
+    ) -> tuple[Array, Array]:
+        """Return the gyros' residuals at rest, (r, 3), and their Jacobian, (3 r, p + 5)."""
+        p = len(self.sensor.coefficients)
+        earth = slice(p + 1, p + 4)
+        motion = Motion(
+            at.specific_force, (to_level @ x[earth, None])[..., 0], dT=self.temperature_offsets
+        )
+        reading, design, slope = self.sensor.linearise(motion, x[:p])
+        jacobian = np.zeros((*reading[:, self.m :].shape, x.size))
+        jacobian[..., :p] = (design + slope[..., :3] @ motion_derivatives)[:, self.m :]
+        jacobian[..., earth] = (slope[..., 3:] @ to_level)[:, self.m :]
+        return (self.observations.mean - reading)[:, self.m :], jacobian.reshape(-1, x.size)
+
+    def reading_covariance(self, scatter: Scatter) -> Array:
+        """Return the covariance of what each rest lends its rows, (r, m + 12, m + 12) or (r, m, m).
+
+        In the order of the accelerometers' means, the gyros' means, the gyros' integrals over the
+        ramps by which the passages arrive and leave (the same samples, hence correlated), and the
+        offset that the gyros keep all through the rest; without passages the first alone.
+        """
+        m, r = self.m, len(self.noise)
+        force, rate, turn = scatter
+        whole = np.zeros((r, m + 12, m + 12))
+        whole[:, :m, :m] = force.of(self.noise[:, :m, :m])
+        if self.passages is None:
+            return whole[:, :m, :m]
+        n, lengths = self.observations.samples, self._ramp_samples
+        step = self.observations.duration / n
+        # Weights rise evenly along a ramp: sums of them, of their squares and of their products.
+        both = np.maximum(lengths.sum(axis=1) - n, 0.0)
+        product = np.maximum(lengths.prod(axis=1), 1.0)
+        sums = np.zeros((r, 3, 3))
+        sums[:, 0, 0] = 1 / n
+        sums[:, 0, 1:] = sums[:, 1:, 0] = self.ramps / n[:, None]
+        sums[:, [1, 2], [1, 2]] = self.ramps * step[:, None] * (2 / 3)
+        sums[:, 1, 2] = sums[:, 2, 1] = step**2 * both**3 / (6 * product)
+        common = min(rate.share, turn.share) / turn.share
+        sums[:, 0] *= common
+        sums[:, 1:, 0] *= common
+        blocks = np.einsum("rij,ab->riajb", sums, turn.share * self.rate_noise)
+        whole[:, m:-3, m:-3] = blocks.reshape(r, 9, 9)
+        whole[:, m : m + 3, m : m + 3] = rate.share * self.noise[:, m:, m:]
+        whole[:, -3:, -3:] = rate.excess**2 * np.eye(3)
+        return whole
+
+    @property
+    def ramps(self) -> Array:
+        """What a steady rate turns through on the ramps that arrive and leave, (r, 2) s."""
+        step = self.observations.duration / self.observations.samples
+        return 0.5 * self._ramp_samples * step[:, None]
+
+    @cached_property
+    def _ramp_samples(self) -> Array:
+        """Samples of the ramps by which passages arrive at each rest and leave it, (r, 2)."""
+        assert self.passages is not None
+        way, ramps = self.passages, np.zeros((len(self.noise), 2))
+        ramps[way.rest + 1, 0] = way.stop - way.reached + 1
+        ramps[way.rest, 1] = way.left - way.start + 1
+        return ramps

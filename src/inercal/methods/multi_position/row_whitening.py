@@ -1,0 +1,177 @@
+"""Whitening of the rows of rests and passages: a band of their covariance, in the order of time.
+
+Rest i has eight rows that its readings' errors enter: the two of the rotation that reaches it, its
+norm, its three rates, the two of the rotation that leaves it. Each such block is added onto a band
+of eight diagonals, at 6 i; the rotations' own noise onto theirs. Rows that do not exist (a passage
+across a gap) keep a variance of one and take no part. Work and memory grow with the number of
+rests.
+"""
+
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky_banded, solve_banded
+
+from inercal.arrays import Array
+from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
+
+Indices = NDArray[np.int64]
+Whiten = Callable[[Array], Array]
+_ROWS_PER_REST = 6  # rows from rest to rest
+_BLOCK_ROWS = 8  # that one rest enters
+NORM_ROW, RATE_ROWS = 2, slice(3, 6)
+
+
+class RowCovariance(NamedTuple):
+    """The covariance of all rows, in parts that do not depend on one another."""
+
+    rests: Array  # (r, 8, 8), by each rest's readings, of the rows that they enter
+    rotations: Array  # (k, 2, 2), of the rotations besides
+
+
+def row_covariance(rests: Rests, rows: ResidualRows, scatter: Scatter) -> RowCovariance:
+    """Return how the rows scatter: the readings' noise propagated at `rows`."""
+    readings = rests.reading_covariance(scatter)
+    enter, own = reading_sensitivities(rests, rows), np.zeros((0, 2, 2))
+    turns = rows.rotations
+    if turns is not None and rows.passage_rotations is not None and rests.passages is not None:
+        own = (
+            turns.to_end_turn
+            @ rows.passage_rotations.noise
+            @ np.swapaxes(turns.to_end_turn, -1, -2)
+        )
+        on_the_way = _passage_offset_sensitivities(rests, rows)
+        wander = scatter.rate.excess**2 * 2 * on_the_way @ np.swapaxes(on_the_way, -1, -2)
+        own = scatter.turn.of(own) + wander
+    return RowCovariance(enter @ readings @ np.swapaxes(enter, -1, -2), own)
+
+
+def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
+    """Return how each rest's readings enter its rows, (r, 8, m + 12) or (r, 8, m).
+
+    The readings are in the order of `Rests.readings`.
+    """
+    r, m, turns = len(rows.norm.residual), rests.m, rows.rotations
+    enter = np.zeros((r, _BLOCK_ROWS, m if rests.passages is None else m + 12))
+    back = np.broadcast_to(rows.norm.by_reading, (r, 3, m))
+    enter[:, NORM_ROW, :m] = -(rows.norm.up[:, None, :] @ back)[:, 0]
+    if turns is not None and rows.passage_rotations is not None and rests.passages is not None:
+        before = rests.passages.rest
+        after = before + 1
+        arriving, leaving = _ramp_sensitivities(rests, rows)
+        on_the_way = _passage_offset_sensitivities(rests, rows)
+        enter[:, RATE_ROWS, m : m + 3] = enter[:, RATE_ROWS, m + 9 :] = np.eye(3)
+        enter[after, :2, :m] = turns.to_after @ back[after]
+        enter[after, :2, m + 3 : m + 6] = -turns.to_end_turn
+        enter[after, :2, m + 9 :] = arriving + on_the_way
+        enter[before, 6:, :m] = turns.to_before @ back[before]
+        enter[before, 6:, m + 6 : m + 9] = -turns.to_end_turn @ rows.passage_rotations.rotation
+        enter[before, 6:, m + 9 :] = leaving + on_the_way
+    return enter
+
+
+def _ramp_sensitivities(rests: Rests, rows: ResidualRows) -> tuple[Array, Array]:
+    """Return what an offset of the gyros on the ramps does to the rotations, (k, 2, 3) each."""
+    assert rows.rotations is not None
+    assert rows.passage_rotations is not None
+    assert rests.passages is not None
+    before = rests.passages.rest
+    arriving = -rows.rotations.to_end_turn * rests.ramps[before + 1, 0, None, None]
+    leaving = (
+        -rows.rotations.to_end_turn
+        @ rows.passage_rotations.rotation
+        * rests.ramps[before, 1, None, None]
+    )
+    return arriving, leaving
+
+
+def _passage_offset_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
+    """Return what half an offset of the gyros between the ramps does, (k, 2, 3).
+
+    An offset stays through a rest; on the way it is the mean of those at its ends, and as much
+    again of its own.
+    """
+    assert rows.rotations is not None
+    assert rows.passage_rotations is not None
+    arriving, leaving = _ramp_sensitivities(rests, rows)
+    return np.asarray(
+        0.5 * (-rows.rotations.to_end_turn @ rows.passage_rotations.to_bias - arriving - leaving)
+    )
+
+
+def sum_over_rests(rests: Rests, of_rests: Array) -> Array:
+    """Return the sum over rests of what each puts into its eight rows, ordered as `ResidualRows`.
+
+    Parameters
+    ----------
+    rests : Rests
+    of_rests : (r, 8, k) array
+    """
+    r, _, k = of_rests.shape
+    line = np.zeros((_ROWS_PER_REST * r + _BLOCK_ROWS - _ROWS_PER_REST, k))
+    for row in range(_BLOCK_ROWS):
+        line[row : row + _ROWS_PER_REST * r : _ROWS_PER_REST] += of_rests[:, row]
+    return line[row_positions(rests)]
+
+
+def row_positions(rests: Rests, *, norms: bool = True) -> Indices:
+    """Return where on the chain each row of `ResidualRows` is."""
+    r = len(rests.observations.labels)
+    start = _ROWS_PER_REST * np.arange(r)
+    place = (start + NORM_ROW)[: r if norms else 0]
+    if rests.passages is not None:
+        at = _ROWS_PER_REST * (rests.passages.rest + 1)
+        of_rates = (start[:, None] + np.arange(_ROWS_PER_REST)[RATE_ROWS]).ravel()
+        place = np.concatenate([place, np.stack([at, at + 1], axis=-1).ravel(), of_rates])
+    return place
+
+
+def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool = True) -> Whiten:
+    """Return a function that whitens columns over all rows, by the noise at `rows`.
+
+    Parameters
+    ----------
+    rests : Rests
+    rows : ResidualRows
+        Where the noise is propagated.
+    scatter : Scatter
+    norms : bool
+        Without, the rows of norms are taken out, and the others are whitened by themselves.
+    """
+    r = len(rows.norm.residual)
+    # Two places before and after the chain, for the rotations that the ends do not have.
+    band = np.zeros((_BLOCK_ROWS, _ROWS_PER_REST * r + _BLOCK_ROWS - _ROWS_PER_REST))
+    of_rests, of_turns = row_covariance(rests, rows, scatter)
+    for column in range(_BLOCK_ROWS):
+        for row in range(column, _BLOCK_ROWS):
+            stop = column + _ROWS_PER_REST * r
+            band[row - column, column:stop:_ROWS_PER_REST] += of_rests[:, row, column]
+    place = row_positions(rests, norms=norms)
+    if rests.passages is not None:
+        at = _ROWS_PER_REST * (rests.passages.rest + 1)
+        band[0, at] += of_turns[:, 0, 0]
+        band[0, at + 1] += of_turns[:, 1, 1]
+        band[1, at] += of_turns[:, 1, 0]
+    absent = np.ones(band.shape[1], dtype=np.bool_)
+    absent[place] = False
+    band[0, absent] = 1.0
+    for below in range(1, _BLOCK_ROWS):
+        band[below, absent] = 0.0
+        band[below, :-below][absent[below:]] = 0.0
+    factor: Any = cholesky_banded(band, lower=True)
+
+    def whiten(columns: Array) -> Array:
+        flat = columns.reshape(len(columns), -1)
+        line = np.zeros((band.shape[1], flat.shape[1]))
+        line[place] = flat[0 if norms else r :]
+        white: Array = np.asarray(
+            solve_banded((_BLOCK_ROWS - 1, 0), factor, line), dtype=np.float64
+        )
+        return white[place].reshape(-1, *columns.shape[1:])
+
+    return whiten

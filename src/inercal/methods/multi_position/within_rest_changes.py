@@ -1,0 +1,148 @@
+"""What the accelerometers change by within a rest, beyond the tilt that the gyros see.
+
+A hand sways, and a tilt across gravity is no fault. With Δf̂ the change of f̂ from the first half of
+a rest to the second and θ what the corrected rate turns through between their mean attitudes
+(`inercal.segments.rest_changes`), three rows for each rest are
+
+    d = Δf̂ − f̂ × θ
+
+whitened by the noise of both. They hold nothing of the coefficients beyond what the fits hold, and
+are tested only: by a step in the middle of a rest, which also moves the rest's mean by half of it,
+and by a drift of the biases. A hand that pushes scatters d: along gravity and across, each rest is
+judged by the others where those scatter beyond their noise.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.hand.bench import tangent_vectors
+from inercal.estimate import Candidate
+from inercal.estimate.residual_scatter import leave_one_out_factors
+from inercal.frames import skew
+from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
+from inercal.methods.multi_position.rotations import inverse_model, inverse_models
+from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
+from inercal.motion import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class RestChanges:
+    """The rows of all rests, whitened.
+
+    Parameters
+    ----------
+    residual : (3 r,) array
+    by_reading : (r, 3, m) array
+        Of each rest's rows to a change of each accelerometer's reading, SI.
+    drift : mapping of str to (3 r,) array
+        To a drift of each accelerometer's bias over the span of the rests, by name.
+    """
+
+    residual: Array
+    by_reading: Array
+    drift: dict[str, Array]
+
+    def added_columns(self, one: Candidate) -> Array:
+        """Return what a candidate adds to these rows, (3 r, k)."""
+        nothing = np.zeros(len(self.residual))
+        return np.stack([self.drift.get(name, nothing) for name in one.components], axis=-1)
+
+
+def rest_changes(
+    rests: Rests, rows: ResidualRows, x: Array, scatter: Scatter
+) -> RestChanges | None:
+    """Return the rows at x; None without gyros, or of means.
+
+    Parameters
+    ----------
+    rests : Rests
+    rows : ResidualRows
+        At x.
+    x : (p + 5,) array
+        All coefficients and what is known beside them.
+    scatter : Scatter
+    """
+    seen = rests.observations
+    halves = seen.halves
+    if halves is None or rests.passages is None or rows.attitude is None:
+        return None
+    sensor, m, p = rests.sensor, rests.m, len(rests.sensor.coefficients)
+    scale = np.array([axis.readout.scale for axis in sensor.axes[:m]])
+    back = np.broadcast_to(rows.norm.by_reading, (len(seen.labels), 3, m))
+    force = np.einsum("kim,km->ki", back, halves.change[:, :m] / scale)
+    if not rests.temperature_offsets.ndim:
+        model = inverse_model(sensor, x[:p])
+        turned = halves.integral @ model.matrix.T
+    else:
+        model = inverse_models(sensor, x[:p], rests.temperature_offsets)
+        turned = (model.matrix @ halves.integral[..., None])[..., 0]
+    both = turned + halves.seconds[:, None] * model.offset
+    turn = both[:, 3:] - (rows.attitude @ x[p + 1 : p + 4]) * halves.seconds[:, None]
+    felt = rows.norm.specific_force
+    basis = np.concatenate([rows.norm.up[:, None], tangent_vectors(rows.norm.up)], axis=1)
+    if rests.temperature_offsets.ndim and halves.warming is not None:
+        ends = (rests.temperature_offsets + halves.warming, rests.temperature_offsets)
+        warmed, cold = (sensor.forward(Motion(felt, dT=t), x[:p])[:, :m] for t in ends)
+        force = force - np.einsum("kim,km->ki", back, warmed - cold)
+    change = np.einsum("kij,kj->ki", basis, force - np.cross(felt, turn))
+
+    flicker = rests.noise - seen.covariance
+    of_force = 4 * scatter.force.of(seen.covariance[:, :m, :m]) + flicker[:, :m, :m]
+    offset = flicker[:, m:, m:] + scatter.rate.excess**2 * np.eye(3)
+    # The wobble of a hand is in the gyros' scatter, of which only a share is noise.
+    of_turn = scatter.turn.share * halves.square[:, None, None] * rests.rate_noise
+    of_turn = of_turn + halves.seconds[:, None, None] ** 2 * offset
+    by_turn = basis @ skew(felt)
+    to_reading = basis @ back
+    noise = to_reading @ of_force @ np.swapaxes(to_reading, -1, -2)
+    noise += by_turn @ of_turn @ np.swapaxes(by_turn, -1, -2)
+    factor = np.linalg.cholesky(noise)
+    both = np.concatenate([to_reading, change[..., None]], axis=-1)
+    solved: Array = np.asarray(np.linalg.solve(factor, both), dtype=np.float64)
+    columns, white = solved[..., :-1], solved[..., -1]
+    for part in (slice(0, 1), slice(1, 3)):
+        held = leave_one_out_factors(white[:, part], seen.dof)[:, None]
+        white[:, part] *= held
+        columns[:, part] *= held[..., None]
+    span = max(float(np.ptp(seen.time)), 1e-300)
+    slope = columns * (halves.seconds / span)[:, None, None]
+    drift = {f"drift of {sensor.axes[a].name}": slope[..., a].ravel() for a in range(m)}
+    return RestChanges(white.ravel(), columns, drift)
+
+
+def step_candidates(
+    rests: Rests, rows: ResidualRows, changed: RestChanges
+) -> Iterator[tuple[Candidate, Array]]:
+    """Yield a step in the middle of each rest: its rows of the fit, not whitened, and (3 r, m)."""
+    enter, m, r = (
+        reading_sensitivities(rests, rows)[..., : rests.m],
+        rests.m,
+        len(rests.observations.labels),
+    )
+    names = [axis.name for axis in rests.sensor.axes[:m]]
+    for k, label in enumerate(rests.observations.labels):
+        own = np.zeros_like(enter)
+        own[k] = 0.5 * enter[k]
+        below = np.zeros((r, 3, m))
+        below[k] = changed.by_reading[k]
+        candidate = Candidate(
+            f"change within {label}",
+            "time",
+            tuple(f"change of {name} within {label}" for name in names),
+            ("m/s²",) * m,
+            sum_over_rests(rests, own),
+        )
+        yield candidate, below.reshape(-1, m)
+
+
+def component_candidates(step: Candidate) -> Iterator[Candidate]:
+    """Yield each component of a step by itself.
+
+    All at once would be a push of the hand, which `inercal.segments.section_noise` judges along
+    gravity.
+    """
+    for k, (name, unit) in enumerate(zip(step.components, step.units, strict=True)):
+        yield Candidate(name, step.kind, (name,), (unit,), step.rows[:, [k]])

@@ -1,0 +1,123 @@
+"""Whether the steps that were carried out determine the coefficients, and which are missing.
+
+Two rules beyond the algebraic rank of the problem:
+
+* Bias and scale of an accelerometer must be separated by readings of both signs, not by the
+  assumed levelness of faces: without −z, say, K₀ of z would rest on positions in which z should
+  read nothing, and on how level they happened to be.
+* A direction known no better than a tenth of its natural size (10 % of scale, 0.1 g of bias,
+  0.1 rad of misalignment) is not observed, whatever residual excitation (the earth's rate, an
+  accidental tilt) makes the algebra say.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import NotObserved
+from inercal.estimate import Estimate, Gaussian
+from inercal.plan import HandStep, Hold
+from inercal.sensors import Sensor
+
+NOISE_ONLY_NOTE = "the uncertainties hold the noise of the means alone: the bench is taken as exact"
+OBSERVABILITY_LIMIT = 0.1  # of the natural size
+_MIN_INPUT = 0.5  # g; an axis must have been up and down by at least so much
+
+
+def require_bias_scale_separation(
+    sensor: Sensor,
+    done: Sequence[HandStep],
+    missing: Sequence[HandStep],
+    priors: Sequence[Gaussian],
+) -> None:
+    """Refuse accelerometer axes whose bias and scale no pair of positions separates.
+
+    Raises
+    ------
+    NotObserved
+        Naming the coefficients, the direction and the position that is missing.
+    """
+    known = {name for prior in priors for name in prior.names}
+    ups = np.array([step.up for step in done if isinstance(step, Hold)]).reshape(-1, 3)
+    problems: list[str] = []
+    for axis in sensor.axes:
+        pair = (f"{axis.name}.k0", f"{axis.name}.k1")
+        if axis.measures != "f" or not set(pair) <= set(sensor.coefficients) or known & set(pair):
+            continue
+        along = ups @ np.array(axis.i)
+        lacking = [
+            s
+            for s, there in (("+", along > _MIN_INPUT), ("−", along < -_MIN_INPUT))
+            if not there.any()
+        ]
+        if lacking:
+            sides = " and ".join(f"{sign}{axis.name}" for sign in lacking)
+            problems.append(
+                f"{pair[0]} and {pair[1]} are not separated: no position with {sides} up"
+            )
+    if problems:
+        raise NotObserved(
+            f"not observed: {'; '.join(problems)}{steps_in_words(missing)}; record what is "
+            "missing, or give a prior on one of the two",
+            tuple(problems),
+        )
+
+
+def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[HandStep]) -> None:
+    """Refuse an estimate with a direction known no better than a tenth of its natural size.
+
+    Raises
+    ------
+    NotObserved
+        Naming the coefficients and the directions.
+    """
+    p = len(sensor.coefficients)
+    scaled = estimate.covariance[..., :p, :p] / np.outer(sensor.unit_scale, sensor.unit_scale)
+    trials = scaled.reshape(-1, p, p)
+    # Of many trials the one that knows its weakest direction least stands for all.
+    variance, directions = np.linalg.eigh(trials[np.argmax(np.linalg.eigvalsh(trials)[:, -1])])
+    weak = directions[:, variance > OBSERVABILITY_LIMIT**2].T
+    if not len(weak):
+        return
+    raise not_observed_error(
+        sensor, tuple(direction_in_words(row, sensor.coefficients) for row in weak), missing
+    )
+
+
+def not_observed_error(
+    sensor: Sensor, directions: Sequence[str], missing: Sequence[HandStep]
+) -> NotObserved:
+    """Return the refusal: the coefficients, the free directions in natural units, what would help.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    directions : sequence of str
+        Combinations of coefficients in units of g and rad/s, in words.
+    missing : sequence of HandStep
+        Steps of the plan without a section.
+    """
+    plain = tuple(words.partition(" (in units")[0] for words in directions)
+    touched = {word for words in plain for word in words.split()}
+    named = [name for name in sensor.coefficients if name in touched]
+    return NotObserved(
+        f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
+        f"{'; '.join(plain)}){steps_in_words(missing)}; record what is missing, choose fewer "
+        "coefficients, or give a prior",
+        plain,
+    )
+
+
+def steps_in_words(missing: Sequence[HandStep]) -> str:
+    """Return the steps that were not carried out, as part of a sentence; empty if none."""
+    if not missing:
+        return ""
+    texts = [f"{step.label} ({step.describe()})" for step in missing]
+    return "; missing from the recording: " + ", ".join(texts)
+
+
+def direction_in_words(direction: Array, names: Sequence[str]) -> str:
+    """Return the large parts of a direction as part of a sentence."""
+    large = np.flatnonzero(np.abs(direction) > 0.3 * np.abs(direction).max()).tolist()
+    return " ".join(f"{direction[k]:+.2g} {names[k]}" for k in large)

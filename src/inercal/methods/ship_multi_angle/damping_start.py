@@ -1,0 +1,141 @@
+"""Where damping begins, and whose uncertainty the result has along what norms leave free."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Gaussian
+from inercal.methods.ship_multi_angle.free_norm_directions import (
+    FreeDirections,
+    free_directions,
+    undetermined_rotations,
+)
+from inercal.methods.ship_planar import fit_level_states, require_excitation
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel, to_affine
+
+
+class StartingPoint(NamedTuple):
+    """Where damping begins, and what its uncertainty comes from."""
+
+    model: AffineModel
+    uncertainty_source: str
+    gain: Array | None = None  # (..., 12, 3 r) of r untilted states
+    prior_covariance: Array | None = None  # (12, 12) of priors
+
+
+def starting_point(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian],
+    groups: Sequence[int],
+) -> StartingPoint:
+    """Return the start: nominal where the frame leaves nothing to it, untilted states, or priors.
+
+    Raises
+    ------
+    InputError, NotObserved
+        As of `damped`.
+    """
+    rest = [k for k in range(len(steps)) if k not in groups]
+    if sensor.frame == "symmetric":
+        if priors:
+            raise InputError(
+                f"damped takes no priors beside [sensor] frame {sensor.frame!r}: norms and the "
+                "frame decide all"
+            )
+        if not _nominal_free_directions(sensor, bench, steps, groups).unobserved:
+            return StartingPoint(AffineModel.of(IDENTITY_PARAMETERS), "")
+    if not rest:
+        return _start_from_priors(sensor, priors, bench, groups, steps)
+    if priors:
+        raise InputError("damped takes priors in the place of untilted states; joint takes both")
+    here = [steps[k] for k in rest]
+    require_excitation(bench, here)
+    model, gain = fit_level_states(
+        observations.mean[..., rest, :] / G0, sensed_motion(bench, here, {}).f / G0
+    )
+    return StartingPoint(model, "the untilted states", gain)
+
+
+def require_convergence(
+    converged: NDArray[np.bool_],
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    groups: Sequence[int],
+) -> None:
+    """Refuse a solution that does not settle because these tilts are blind to a direction.
+
+    Only accidents of the mountings show it then, and drag the solution far along it.
+
+    Raises
+    ------
+    NotObserved
+        Naming the directions and what to add.
+    """
+    if converged.ndim or converged:  # of many trials each says for itself
+        return
+    blind = tuple(
+        one.words for one in _nominal_free_directions(sensor, bench, steps, groups).unobserved
+    )
+    if blind:
+        raise NotObserved(
+            f"not observed: beside the rotations, norms of these {len(groups)} tilted states do "
+            f"not show {'; '.join(blind)}: damping does not settle; add tilts of a second kind, as "
+            "XY 135 + 45, or use joint",
+            blind,
+        )
+
+
+def _start_from_priors(
+    sensor: Sensor,
+    priors: Sequence[Gaussian],
+    bench: RateTable,
+    groups: Sequence[int],
+    steps: Sequence[Spin],
+) -> StartingPoint:
+    """Return where priors put θ, and their covariance of it; refuse where they do not."""
+    names = sensor.coefficients
+    untold = [name for name in names if not any(name in prior.names for prior in priors)]
+    if untold:
+        left = _nominal_free_directions(sensor, bench, steps, groups)
+        words = tuple(
+            one.words for one in (*undetermined_rotations(sensor, left), *left.unobserved)
+        )
+        others = (
+            f"priors on all twelve coefficients ({', '.join(untold)} without)"
+            if sensor.frame == "mount"
+            else "tilts of a second kind, as XY 135 + 45"
+        )
+        raise NotObserved(
+            f"not observed: norms leave free {'; '.join(words)}; add the untilted states XY, YX "
+            f"and ZY, or {others}, or use joint: damping would decide in silence",
+            words,
+        )
+    rows = [prior.rows(names) for prior in priors]
+    root = np.concatenate([b for b, _ in rows])
+    covariance = np.asarray(np.linalg.inv(root.T @ root), dtype=float)
+    mean = np.concatenate([target for _, target in rows], axis=-1) @ root @ covariance
+    model, slope = to_affine(sensor, mean)
+    stated = slope @ covariance @ np.swapaxes(slope, -1, -2)
+    return StartingPoint(model, "the stated priors", prior_covariance=stated)
+
+
+def _nominal_free_directions(
+    sensor: Sensor, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
+) -> FreeDirections:
+    """Return what the groups would leave free of an ideal sensor without noise."""
+    f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
+    return free_directions(
+        sensor, AffineModel.of(IDENTITY_PARAMETERS), f, np.zeros((f.size, f.size))
+    )

@@ -1,0 +1,120 @@
+"""Norms of what a tilted triad felt: the source's equations, their slopes, and its damped solution.
+
+With v = M a + p, in g, each group has one equation and one row of slopes by θ::
+
+    |v|² = A² + 1,   J = 2 (v_x aᵀ, v_y aᵀ, v_z aᵀ, vᵀ)
+
+(M, p) → (R M, R p) keeps every norm: the three rotations v·(e × v) = 0 are null directions of J at
+every point, whatever the data. The source finds the linear equations short of rank and damps them:
+(JᵀJ + μ) Δ = −Jᵀρ, ρ = |v|² − (A² + 1). Such a step has no part along a null direction: there the
+result is as the start was.
+
+Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
+equations 6 to 9; Levenberg 1944 and Marquardt 1963 for μ, which it does not print: a tenth of it
+after a step that lowers the sum of squares, ten times it after one that does not.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.frames import skew
+from inercal.sensors.affine import AffineModel
+
+RANK_TOLERANCE = 1e-9  # of the largest singular value: below, no equation sees a direction
+_INITIAL_DAMPING, _MAX_DAMPING = (
+    1e-3,
+    1e12,
+)  # μ of the largest eigenvalue: at the start, and where to give up
+_CONVERGED_STEP = 1e-10  # g, or of one: the next step of what is nearly linear is nothing
+_ROUNDING = 2.0**-46  # of the squares
+_MAX_STEPS = 200
+
+
+def norm_residuals(model: AffineModel, a: Array, square: Array) -> Array:
+    """Return |M a + p|² − (A² + 1), (..., r) g², of readings (..., r, 3) g and A² + 1 (r,)."""
+    return (model.correct(a) ** 2).sum(-1) - square
+
+
+def norm_jacobian(model: AffineModel, a: Array) -> Array:
+    """Return J by θ, (..., r, 12)."""
+    v = model.correct(a)
+    by_matrix = v[..., :, None] * a[..., None, :]
+    return 2 * np.concatenate([by_matrix.reshape(*v.shape[:-1], 9), v], axis=-1)
+
+
+def rotation_directions(model: AffineModel) -> Array:
+    """Return the rotations of the triad about x, y and z as moves of θ, (..., 3, 12)."""
+    turns = skew(np.eye(3))
+    matrix = turns @ model.matrix[..., None, :, :]
+    offset = (turns @ model.offset[..., None, :, None])[..., 0]
+    return AffineModel(matrix, offset).theta
+
+
+class DampedSolution(NamedTuple):
+    """Where the damped equations end, of (...) trials."""
+
+    model: AffineModel
+    cost: Array  # (...), Σρ², g⁴
+    converged: NDArray[np.bool_]
+    steps: NDArray[np.intp]
+
+
+def damped_solution(
+    a: Array, square: Array, start: AffineModel, most: int = _MAX_STEPS
+) -> DampedSolution:
+    """Return the least sum of squares of the equations, from a start.
+
+    Parameters
+    ----------
+    a : (..., r, 3) array
+        Readings in g.
+    square : (r,) array
+        A² + 1, g².
+    start : AffineModel
+        Of (...) trials, or one for all.
+    most : int
+        Steps tried at most.
+    """
+    lead = a.shape[:-2]
+    a = a.reshape(-1, *a.shape[-2:])
+    theta = np.broadcast_to(start.theta, (*lead, 12)).reshape(-1, 12).copy()
+    cost = (norm_residuals(AffineModel.of(theta), a, square) ** 2).sum(-1)
+    mu = np.full(len(a), np.nan)
+    converged, active = np.zeros(len(a), dtype=bool), np.ones(len(a), dtype=bool)
+    steps = np.zeros(len(a), dtype=np.intp)
+    for _ in range(most):
+        now = np.flatnonzero(active)
+        if not len(now):
+            break
+        model = AffineModel.of(theta[now])
+        u, s, vt = np.linalg.svd(norm_jacobian(model, a[now]), full_matrices=False)
+        mu[now] = np.where(np.isnan(mu[now]), _INITIAL_DAMPING * s[:, 0] ** 2, mu[now])
+        # A null direction has no step, not one that rounding makes.
+        seen = s > RANK_TOLERANCE * s[:, :1]
+        share = np.where(seen, s / np.where(seen, s**2 + mu[now, None], 1.0), 0.0)
+        pull = (np.swapaxes(u, -1, -2) @ norm_residuals(model, a[now], square)[..., None])[..., 0]
+        move = -(np.swapaxes(vt, -1, -2) @ (share * pull)[..., None])[..., 0]
+        tried = theta[now] + move
+        then = (norm_residuals(AffineModel.of(tried), a[now], square) ** 2).sum(-1)
+        # A fall that is promised below the rounding of the sum cannot be seen in it.
+        promised = (np.where(seen, pull, 0.0) ** 2).sum(-1)
+        slack = _ROUNDING * np.linalg.norm(square) * np.sqrt(cost[now])
+        better = (then <= cost[now]) | (promised <= slack)
+        # Judged on the step that no damping shortens: a large μ makes any step small.
+        whole = np.where(seen, pull / np.where(seen, s, 1.0), 0.0)
+        left = np.linalg.norm(whole, axis=-1)
+        done = left < _CONVERGED_STEP
+        steps[now] += 1
+        theta[now[better]], cost[now[better]] = tried[better], then[better]
+        mu[now] = np.where(better, mu[now] / 10, mu[now] * 10)
+        converged[now] = done
+        active[now] = ~done & (mu[now] < _MAX_DAMPING * s[:, 0] ** 2)
+    return DampedSolution(
+        AffineModel.of(theta.reshape(*lead, 12)),
+        cost.reshape(lead),
+        converged.reshape(lead),
+        steps.reshape(lead),
+    )

@@ -1,0 +1,278 @@
+"""The source's estimators of the tilted states: damped equations of their norms, or a search.
+
+Norms see no rotation of the triad, and what damping or a search leaves there is no measurement.
+Both say what they left free, by name, and state there the uncertainty of what decided it. Where the
+sensor's frame is stated it takes the rotation's place: nothing else decides it, and both agree.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.rate_table.bench import RateTable
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian, NullDirection
+from inercal.methods.ship_consistency import bench_sensitivities, consistency, row_covariance
+from inercal.methods.ship_multi_angle import norm_equations, symmetric_frame
+from inercal.methods.ship_multi_angle.damping_start import require_convergence, starting_point
+from inercal.methods.ship_multi_angle.free_norm_directions import (
+    FreeDirections,
+    free_directions,
+    group_information,
+    undetermined_rotations,
+)
+from inercal.methods.ship_multi_angle.global_search import (
+    Generation,
+    SearchOptions,
+    SearchResult,
+    search,
+)
+from inercal.methods.ship_multi_angle.tilted_states import (
+    axis_columns,
+    norm_observations,
+    tilted_rows,
+)
+from inercal.methods.ship_planar import affine_estimate
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+from inercal.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
+
+DEFAULT_SEARCH = SearchOptions()
+_FIRST_BIAS = 9  # of θ, before the biases
+_BOUND_TOLERANCE = 1e-6  # of a bound: rounding
+
+
+def damped(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the twelve coefficients by the norms of the tilted states, damped as in the source.
+
+    Where norms leave a direction free the result is the start's, and so is its uncertainty: of
+    `planar` where there are untilted states, else of priors on all twelve coefficients. Where the
+    sensor's frame is stated and norms see all else, the start is nominal and decides nothing.
+
+    Parameters
+    ----------
+    observations, sensor, bench, steps
+        As of `joint`; the sensor's coefficients are the twelve of f = M a + p.
+    priors : sequence of Gaussian
+        On all twelve coefficients, in the place of untilted states.
+
+    Raises
+    ------
+    InputError
+        Another sensor, steps that are not those of the rows, priors beside untilted states or a
+        stated frame.
+    NotObserved
+        Fewer than twelve tilted states, nothing that tells what norms leave free, or no solution,
+        where the tilts are blind to more.
+    """
+    groups = tilted_rows("damped", observations, sensor, steps)
+    a, square = norm_observations(observations, bench, steps, groups)
+    start = starting_point(observations, sensor, bench, steps, priors, groups)
+    done = norm_equations.damped_solution(a, square, start.model)
+    require_convergence(done.converged, sensor, bench, steps, groups)
+    done = _in_stated_frame(sensor, done)
+    told = group_information(done.model, a)
+    spread = row_covariance(observations, bench, steps, done.model.matrix)
+    whole = np.zeros((*told.gain.shape[:-1], 3 * len(steps)))
+    whole[..., axis_columns(groups)] = told.gain
+    rest: list[int] = []
+    if start.gain is not None:
+        rest = [k for k in range(len(steps)) if k not in groups]
+        whole[..., axis_columns(rest)] = told.null_projector @ start.gain
+    covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
+    if start.prior_covariance is not None:
+        covariance = covariance + told.null_projector @ start.prior_covariance @ told.null_projector
+    decided = ("damping alone", start.uncertainty_source)
+    rows = _UsedRows(rest, groups, whole)
+    return _norm_estimate(observations, sensor, bench, steps, rows, done, covariance, decided)
+
+
+def global_(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    priors: Sequence[Gaussian] = (),
+    *,
+    options: SearchOptions = DEFAULT_SEARCH,
+    progress: Callable[[Generation], None] | None = None,
+) -> Estimate:
+    """Return the twelve coefficients by a global search of the norms of the tilted states.
+
+    Where norms leave a direction free any value within the bounds is as good: the uncertainty there
+    is that of an even distribution over them.
+
+    Parameters
+    ----------
+    observations, sensor, bench, steps
+        As of `damped`, of one table.
+    priors : sequence of Gaussian
+        None are taken.
+    options : SearchOptions
+        Of the search: bounds about nominal, seed, seconds, goal.
+    progress : callable, optional
+        Called after each generation: number, least sum of squares, worst relative error.
+
+    Raises
+    ------
+    InputError
+        Priors, a trial axis, another sensor, steps that are not those of the rows.
+    NotObserved
+        Fewer than twelve tilted states.
+    """
+    if priors:
+        raise InputError("estimator global takes bounds, no priors; joint takes priors")
+    if observations.mean.ndim != 2:
+        raise InputError("estimator global works on one table at a time")
+    groups = tilted_rows("global", observations, sensor, steps)
+    a, square = norm_observations(observations, bench, steps, groups)
+    found = search(a, square, options, progress=progress)
+    count = np.array(len(found.history))
+    done = norm_equations.DampedSolution(found.model, np.array(found.cost), np.array(True), count)
+    done = _in_stated_frame(sensor, done)
+    told = group_information(done.model, a)
+    at = axis_columns(groups)
+    spread = row_covariance(observations, bench, steps, done.model.matrix)[np.ix_(at, at)]
+    even = told.null_projector @ np.diag(options.bounds.half_width**2 / 3) @ told.null_projector
+    whole = np.zeros((12, 3 * len(steps)))
+    whole[:, at] = told.gain
+    estimate = _norm_estimate(
+        observations,
+        sensor,
+        bench,
+        steps,
+        _UsedRows([], groups, whole),
+        done,
+        told.gain @ spread @ told.gain.T + even,
+        ("chance", "an even distribution over the bounds"),
+    )
+    beyond = _bound_warnings(done.model, options)
+    return replace(estimate, notes=(_search_note(found, options), *estimate.notes, *beyond))
+
+
+def _search_note(found: SearchResult, options: SearchOptions) -> str:
+    """Say how the search went."""
+    met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
+    ended = "" if found.completed else f"; it was ended after {found.seconds:.3g} s"
+    goal, worst = (f"{100 * share:.3g} %" for share in (options.goal, found.worst))
+    return (
+        f"the goal of {goal} {met}, and says nothing of the coefficients; after "
+        f"{len(found.history)} generations of seed {options.seed} and polishing the largest error "
+        f"of a norm is {worst}, the sum of squares {found.cost:.4g} g⁴{ended}"
+    )
+
+
+def _bound_warnings(model: AffineModel, options: SearchOptions) -> tuple[str, ...]:
+    """Name what polishing, or the stated frame, took beyond the bounds of the search."""
+    off = model.theta - IDENTITY_PARAMETERS
+    past = np.flatnonzero(np.abs(off) > options.bounds.half_width * (1 + _BOUND_TOLERANCE)).tolist()
+    if not past:
+        return ()
+    told = ", ".join(
+        f"{AFFINE_NAMES[k]} {1e3 * off[k]:+.4g} mg (±{1e3 * options.bounds.half_width[k]:.4g} mg)"
+        if k >= _FIRST_BIAS
+        else f"{AFFINE_NAMES[k]} {100 * off[k]:+.3g} % (±{100 * options.bounds.half_width[k]:.3g} "
+        "%)"
+        for k in past
+    )
+    return (
+        f"warning: beyond the bounds of the search: {told}; bounds hold the search alone, not its "
+        "polishing: widen them or look for what is wrong",
+    )
+
+
+def _in_stated_frame(
+    sensor: Sensor, done: norm_equations.DampedSolution
+) -> norm_equations.DampedSolution:
+    """Return the solution in the sensor's frame, where that is stated."""
+    if sensor.frame == "mount":
+        return done
+    return done._replace(model=symmetric_frame.to_symmetric_frame(done.model))
+
+
+class _UsedRows(NamedTuple):
+    """The rows that an estimator used, and its gain."""
+
+    level: Sequence[int]
+    groups: Sequence[int]
+    gain: Array  # (..., 12, 3 r), θ by the errors of M a + p − f of all rows
+
+
+def _norm_estimate(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RateTable,
+    steps: Sequence[Spin],
+    used: _UsedRows,
+    done: norm_equations.DampedSolution,
+    covariance: Array,
+    decided: tuple[str, str],
+) -> Estimate:
+    """Return the estimate of norms; `decided` is by what, and whose uncertainty it is then."""
+    level, groups, gain = used
+    a, square = norm_observations(observations, bench, steps, groups)
+    at, r = axis_columns(groups), len(groups)
+    spread = row_covariance(observations, bench, steps, done.model.matrix)[..., at, :][..., at]
+    v = done.model.correct(a)
+    length = np.linalg.norm(v, axis=-1)
+    along = v / length[..., None]
+    blocks = np.einsum("...aiaj->...aij", spread.reshape(*spread.shape[:-2], r, 3, r, 3))
+    first = (0,) * length[..., 0].ndim
+    one = AffineModel(done.model.matrix[first], done.model.offset[first])
+    left = free_directions(sensor, one, a[first], spread[first])
+    if sensor.frame != "mount":
+        kept = symmetric_frame.frame_projection(done.model)
+        covariance = kept @ covariance @ np.swapaxes(kept, -1, -2)
+        gain = kept @ gain
+    agreement = consistency(observations, sensor, bench, steps, done.model, gain, level, groups)
+    turns = undetermined_rotations(sensor, left)
+    return affine_estimate(
+        sensor,
+        done.model,
+        covariance,
+        np.sqrt(square) - length,
+        np.einsum("...ai,...aij,...aj->...a", along, blocks, along),
+        tuple(f"|f|[{steps[k].label}]" for k in groups),
+        agreement,
+        bench_sensitivities(bench, steps, gain),
+        notes=_free_direction_notes(left, turns, decided),
+        rank=left.rank,
+        null_directions=(*turns, *left.unobserved, *left.weak),
+        converged=done.converged,
+        iterations=done.steps,
+    )
+
+
+def _free_direction_notes(
+    left: FreeDirections, turns: tuple[NullDirection, ...], decided: tuple[str, str]
+) -> tuple[str, ...]:
+    """Say what norms left free, what decided it, and what they tell badly."""
+    named = [one.words for one in (*turns, *left.unobserved)]
+    what, whose = decided
+    seen_of = f"norms determine {left.rank} of 12 coefficients"
+    said: list[str] = []
+    if not turns:
+        said.append(
+            f"{seen_of}, the stated frame three: that of symmetric misalignments; how it stands in "
+            "the housing is not found"
+        )
+    if named:
+        directions = "direction" if len(named) == 1 else "directions"
+        said.append(
+            f"warning: {seen_of}; {what} decided {len(named)} {directions}, whose uncertainty is "
+            f"that of {whose}: {'; '.join(named)}"
+        )
+    if left.weak:
+        words = "; ".join(one.words for one in left.weak)
+        said.append(f"warning: accidents of the mountings alone show {words}")
+    return tuple(said)

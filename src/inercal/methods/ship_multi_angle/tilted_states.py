@@ -1,0 +1,47 @@
+"""Which rows are of tilted states, what their norms should be, and where their axes stand."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
+from inercal.benches.rate_table.fixture import is_tilted
+from inercal.errors import NotObserved
+from inercal.methods.mean_problem import require_matching_rows
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, Sensor
+from inercal.sensors.affine import require_affine_triad
+
+MIN_TILTED_STATES = 12  # groups
+
+
+def tilted_rows(
+    name: str, observations: Observations, sensor: Sensor, steps: Sequence[Spin]
+) -> list[int]:
+    """Return the rows of the tilted states, or refuse too few."""
+    require_affine_triad(sensor)
+    require_matching_rows(observations, sensor, steps)
+    groups = [k for k, step in enumerate(steps) if is_tilted(step)]
+    if len(groups) < MIN_TILTED_STATES:
+        raise NotObserved(
+            f"not observed: {len(groups)} tilted states make {len(groups)} norms for "
+            f"{MIN_TILTED_STATES} coefficients; estimator {name} needs {MIN_TILTED_STATES} or "
+            "more, joint takes what there is"
+        )
+    return groups
+
+
+def norm_observations(
+    observations: Observations, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
+) -> tuple[Array, Array]:
+    """Return readings of the groups, (..., r, 3) g, and A² + 1, (r,) g²."""
+    f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
+    return observations.mean[..., groups, :] / G0, (f**2).sum(-1)
+
+
+def axis_columns(rows: Sequence[int]) -> NDArray[np.intp]:
+    """Return where three axes of each row stand."""
+    return (3 * np.asarray(rows, dtype=np.intp)[:, None] + np.arange(3)).ravel()

@@ -1,0 +1,66 @@
+"""Compiled: the drift of biases carried over time; its equations are in `drift`."""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+import numpy as np
+from numba import njit
+
+from inercal.arrays import Array
+from inercal.methods.turntable.drift import Drift
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sum_drift_components(x: Array, first: int, components: int, out: Array) -> None:
+    """Write the drift of each bias, the sum of its components, which stand from `first` on."""
+    for k in range(3):
+        out[k] = 0.0
+        for c in range(components):
+            out[k] += x[first + 3 * c + k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def propagate_drift(
+    drift: Drift,
+    since: float,
+    first: int,
+    x: Array,
+    keep: Array,
+    drawn: Array,
+    joint: Array,
+) -> None:
+    """Carry the drift, its states from `first` on, over a time; write diagonals of Φ and Q.
+
+    Beside the diagonal of Q there is
+    `joint`, (c, 3): what each component and J have in common, for `add_drift_cross_covariance`.
+    """
+    times, variance, walk, mean_over_run = drift
+    own = first + 3 * times.size  # where J begins
+    for k in range(3):
+        total = 0.0
+        for c in range(times.size):
+            at = first + 3 * c + k
+            if np.isinf(times[c]):
+                keep[at], drawn[at] = 1.0, walk[k] * since
+                continue
+            kept = np.exp(-since / times[c])
+            x[at] *= kept
+            keep[at] = kept
+            drawn[at] = variance[c, k] * (1 - kept * kept)
+            joint[c, k] = 2 * variance[c, k] * times[c] * (1 - kept)
+            total += 2 * variance[c, k] * times[c] * since
+        if mean_over_run:
+            drawn[own + k] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def add_drift_cross_covariance(drift: Drift, first: int, joint: Array, p: Array) -> None:
+    """Add what the noise of J has in common with that of the components to P, as `predict` does."""
+    if not drift.mean_over_run:
+        return
+    components = drift.times.size
+    for k in range(3):
+        own = first + 3 * components + k
+        for c in range(components):
+            at = first + 3 * c + k
+            p[at, own] += joint[c, k]
+            p[own, at] += joint[c, k]

@@ -1,0 +1,87 @@
+"""What a fit found of a turntable far from what the run file states of it."""
+
+from collections.abc import Mapping
+from math import degrees, radians, sqrt
+
+import numpy as np
+
+from inercal.benches.turntable.bench import Turntable
+from inercal.estimate import Estimate
+from inercal.methods._base import Fit, Remarks
+from inercal.parameters import Parameter
+from inercal.plan import TableStep
+from inercal.recording import Finding, Track
+from inercal.sensors import Sensor
+from inercal.units import format_quantity
+
+_MAX_DEVIATION_SD = (
+    4.0  # standard deviations: of twenty parameters as stated, one run in 800 has one
+)
+_MAX_SD_RATIO = 0.8  # of the stated deviation: less than a third of the variance is from the data
+_SOURCE_BIAS_SD = radians(0.004) / 60  # rad/s
+_BENCH_KEYS = {
+    "lean_x": "lean", "lean_y": "lean", "square_1": "square", "square_2": "square",
+    "azimuth": "azimuth", "latency": "latency", "clock": "clock", "g": "gravity",
+}  # fmt: skip
+_UNITS = {"s": "ms", "1": "ppm", "m": "mm", "m/s²": "m/s²"}
+
+
+def remarks(fit: Fit[Turntable, TableStep]) -> Remarks:
+    """Return what is far from stated and, of the source's own estimator, what noise allows it."""
+    if not np.all(fit.estimate.converged):
+        return Remarks()
+    track, notes = fit.observations.track, ()
+    if fit.estimator == "paper" and track is not None and fit.sensor.select_axes("w").axes:
+        notes = (source_noise_note(fit.sensor, track),)
+    stated = fit.bench.nuisances(fit.steps, fit.sensor)
+    return Remarks(stated_value_findings(fit.estimate, stated), notes)
+
+
+def source_noise_note(sensor: Sensor, track: Track) -> str:
+    """Say how well noise alone lets the gyros' biases be known over the run's last rest.
+
+    The source states 0.004 °/min from 72 s of it.
+    """
+    held = track.time[track.hold == track.hold.max()]
+    seconds = float(held[-1] - held[0])
+    white = max(axis.noise.white for axis in sensor.axes if axis.measures == "w")
+    least, needed = (
+        degrees(x) * 60 for x in (white / sqrt(seconds), _SOURCE_BIAS_SD * sqrt(seconds))
+    )
+    return (
+        f"the gyros' noise over the last rest, {seconds:.3g} s, leaves u {least:.2g} °/min of each "
+        f"bias: the source's 0.004 °/min from it alone takes less than {needed:.2g} °/√h"
+    )
+
+
+def stated_value_findings(
+    estimate: Estimate, expected: Mapping[str, Parameter]
+) -> tuple[Finding, ...]:
+    """Return a warning for each parameter of the table that is far from what was stated.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Without a trial axis.
+    expected : mapping of str to Parameter
+        The table's parameters by name, as they were stated.
+    """
+    found: list[Finding] = []
+    for name, value, sd in zip(
+        estimate.names, estimate.value.tolist(), estimate.std.tolist(), strict=True
+    ):
+        stated = expected.get(name)
+        if stated is None or not stated.sd > 0 or sd > _MAX_SD_RATIO * stated.sd:
+            continue
+        # What the data moved it by, against by how much they may: the prior's share is theirs not.
+        pull = abs(value - stated.value) / sqrt(stated.sd**2 - sd**2)
+        if pull > _MAX_DEVIATION_SD:
+            unit = _UNITS.get(stated.unit) or ("″" if abs(value) + stated.sd < 1e-3 else "°")
+            key = _BENCH_KEYS.get(name) or ("lever" if name.startswith("lever") else "harmonics")
+            text = (
+                f"{stated.meaning}: found {format_quantity(value, sd, unit)}, stated "
+                f"{format_quantity(stated.value, stated.sd, unit)}, {pull:.1f} standard deviations "
+                f"away: look at [bench] {key}"
+            )
+            found.append(Finding("warning", "bench", text.replace("-", "−")))
+    return tuple(found)

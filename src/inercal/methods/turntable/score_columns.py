@@ -1,0 +1,316 @@
+"""What turntable methods leave out: columns for score tests, epoch by epoch.
+
+A column is how one unit of a constant q drives the error φ of a gyro's attitude or the velocity
+of accelerometers at rest (d), or how it shifts φ as the readback shows it (c), in the level frame
+and with the signs of `strapdown`::
+
+    coefficient    d = −∫ C M e_a φ_q(f, ω) dt    (gyros; accelerometers with +)
+    drift          d = −∫ C M e_a (t − t_mid)/T dt: its size is the change over the run; and
+                   cosines of 1/2, 1, … MODES/2 periods over it, which stand for slow changes
+    latitude       d = −∂Ω/∂λ Δt                  azimuth  d = Ω_north Δt about east
+    table          c = −B_q                       latency, clock  c = −ω, −ω (t − t₀)
+
+f and ω are those of the readback in the middle of an epoch. A parameter of the table that a method
+estimates within its stated deviation is a column too: what it departs by beyond that shows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.turntable.attitude import earth_rate_level_frame as earth_rate
+from inercal.benches.turntable.attitude import linear_misalignment, reference_attitude
+from inercal.benches.turntable.bench import Turntable
+from inercal.estimate import Candidate
+from inercal.estimate.scores import Kind
+from inercal.frames import exp_so3, log_so3
+from inercal.keys import ErrorName
+from inercal.methods.candidates import LARGEST_RELATIVE_SIZE, family_name, largest_angle
+from inercal.methods.turntable.model import TriadModel
+from inercal.motion import Motion
+from inercal.sensors import G0, Sensor
+from inercal.sensors.coefficient_tables import SI_UNITS, TABLES
+
+# Cosines over the run that a slow change of a bias is described by: few, as the level is shared
+# among candidates, and one of many columns takes much of it.
+DRIFT_MODES = 4
+_MIN_HARMONICS = 3  # of each axis, tested at least
+_EXCLUDED_GROUPS = ("arm", "rotation")  # groups of coefficients
+_UNITS = {"f": "m/s²", "w": "rad/s"}
+_TRIAD_NAMES = {"f": "accelerometers", "w": "gyros"}
+
+
+@dataclass(frozen=True)
+class ConstantColumn:
+    """One constant: its name and unit, the largest plausible size, SI, the candidates it is in."""
+
+    name: str
+    kind: Kind
+    unit: str
+    largest: float
+    families: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ConstantColumns:
+    """D constants that drive, and B that are observed, at e epochs.
+
+    Parameters
+    ----------
+    driving_columns, observed_columns : tuples of ConstantColumn
+    driving_effects : (e, 3, D) array
+    observed_effects : (e, 3, B) array
+    """
+
+    driving_columns: tuple[ConstantColumn, ...]
+    driving_effects: Array
+    observed_columns: tuple[ConstantColumn, ...]
+    observed_effects: Array
+
+    @property
+    def columns(self) -> tuple[ConstantColumn, ...]:
+        """Those that drive, then those that are observed."""
+        return self.driving_columns + self.observed_columns
+
+
+class ColumnInputs(NamedTuple):
+    """Where columns of what a triad leaves out are worked out."""
+
+    triad: TriadModel
+    bench: Turntable
+    theta: Array  # (p,), coefficients as estimated
+    time: Array  # (e,) s
+    angles: Array  # (e, k) rad, readback
+    temperature_offset: Array | None  # (e,), as of `sensor_columns`
+
+
+def sensor_of_omitted_coefficients(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
+    """Return a triad with the coefficients of its tables that are not estimated.
+
+    Those of temperature only where it is known and varies, `temperature_varies`.
+    """
+    names = tuple(
+        full
+        for axis in sensor.axes
+        for one in TABLES[axis.measures]
+        if one.group not in _EXCLUDED_GROUPS
+        and (temperature_varies or not one.basis.uses("dT"))
+        and (full := f"{axis.name}.{one.name}") not in sensor.coefficients
+    )
+    return replace(sensor, coefficients=names)
+
+
+def sensor_columns(
+    part: TriadModel, motion: Motion, time: Array, warmth: Array | None = None
+) -> tuple[tuple[ConstantColumn, ...], Array]:
+    """Return columns of coefficients and of the biases' changes, on readings, (n, 3, D).
+
+    Parameters
+    ----------
+    part : TriadModel
+    motion : Motion
+        (n, 3).
+    time : (n,) array
+        s.
+    warmth : (n,) array, optional
+        Temperature minus the sensor's reference temperature, K, where it is known and varies.
+    """
+    larger = sensor_of_omitted_coefficients(part.sensor, temperature_varies=warmth is not None)
+    motion = motion if warmth is None else replace(motion, dT=warmth)
+    design = larger.design(motion, np.zeros(len(larger.coefficients)))
+    columns: list[ConstantColumn] = []
+    for full, unit_scale in zip(larger.coefficients, larger.unit_scale.tolist(), strict=True):
+        unit = SI_UNITS[larger.coefficient(full).unit]
+        families = (family_name(larger.coefficient(full)), full)
+        columns.append(
+            ConstantColumn(full, "coefficient", unit, LARGEST_RELATIVE_SIZE * unit_scale, families)
+        )
+    kind = part.sensor.axes[0].measures
+    start, span = float(time[0]), float(time[-1] - time[0]) or 1.0
+    share = (time - start) / span
+    shapes = [share - 0.5, *(np.cos(np.pi * k * share) for k in range(1, DRIFT_MODES + 1))]
+    drift = np.zeros((len(time), 3, 3 * len(shapes)))
+    for k, shape in enumerate(shapes):
+        for a, axis in enumerate(part.sensor.axes):
+            drift[:, a, 3 * k + a] = shape
+            name = f"drift of {axis.name}"
+            if k > 0:
+                name, families = (
+                    f"mode {k} of {axis.name}",
+                    (f"slow changes of {_TRIAD_NAMES[kind]}",),
+                )
+            else:
+                families = f"drift of {_TRIAD_NAMES[kind]}", name
+            largest = LARGEST_RELATIVE_SIZE * (G0 if kind == "f" else 1.0)
+            columns.append(ConstantColumn(name, "time", _UNITS[kind], largest, families))
+    return tuple(columns), np.concatenate([design, drift], axis=-1)
+
+
+def gyro_columns(epochs: ColumnInputs) -> tuple[ConstantColumns, Array]:
+    """Return the columns of gyros whose attitude a readback shows, and c where the run begins.
+
+    The first of e + 1 epochs is where the run begins.
+    """
+    part, bench, theta, time, angles, warmth = epochs
+    mat, since = reference_attitude(bench, angles), np.diff(time)
+    since = np.where(since > 0, since, np.inf)  # of an epoch where the run begins nothing is asked
+    back = np.swapaxes(mat, -1, -2)
+    turned = log_so3(mat[1:] @ back[:-1])  # in the level frame
+    middle = exp_so3(turned / 2) @ mat[:-1]
+    earth = earth_rate(bench)
+    rate = np.zeros((len(time), 3))
+    rate[1:] = turned / since[:, None]
+    level = np.swapaxes(middle, -1, -2)
+    felt = Motion(
+        level @ np.array([0.0, 0.0, bench.gravity.value]),
+        (level @ (rate[1:] + earth)[..., None])[..., 0],
+    )
+    since = np.where(np.isfinite(since), since, 0.0)
+    between = None if warmth is None else (warmth[1:] + warmth[:-1]) / 2
+    columns, readings = sensor_columns(part, felt, (time[1:] + time[:-1]) / 2, between)
+    cm = middle @ _inverse_scale_matrix(part, theta)
+    of_place = np.zeros((len(since), 3, 2))
+    of_place[:, 0, 0] = earth[1] * since
+    of_place[:, :, 1] = -np.array([0.0, -earth[2], earth[1]]) * since[:, None]
+    driven = np.concatenate([-(cm @ readings) * since[:, None, None], of_place], axis=-1)
+    places = (_bench_column("azimuth", "rad"), _bench_column("latitude", "rad"))
+    observed, by = table_columns(bench, angles, ("lean_x", "lean_y", "azimuth"))
+    # Between two epochs the rate is that of their mean, at one its mean.
+    rate[1:-1] = (rate[1:-1] + rate[2:]) / 2
+    late = np.stack([-rate, -rate * (time - time[0])[:, None]], axis=-1)
+    seen = np.concatenate([by, late], axis=-1)
+    observed = (*observed, _bench_column("latency", "s"), _bench_column("clock", "1"))
+    return ConstantColumns((*columns, *places), driven, observed, seen[1:]), seen[0]
+
+
+def accelerometer_columns(epochs: ColumnInputs) -> ConstantColumns:
+    """Return the columns of accelerometers that a table holds, as velocities.
+
+    The first epoch of a hold drives nothing.
+    """
+    part, bench, theta, time, angles, warmth = epochs
+    mat = reference_attitude(bench, angles)
+    columns, readings = sensor_columns(part, static_motion(bench, mat), time, warmth)
+    since = np.diff(time, prepend=time[:1])
+    driven = (mat @ _inverse_scale_matrix(part, theta) @ readings) * since[:, None, None]
+    observed, by = table_columns(bench, angles, ("azimuth",))
+    return ConstantColumns(columns, driven, observed, by)
+
+
+def static_mean_columns(epochs: ColumnInputs) -> tuple[tuple[ConstantColumn, ...], Array]:
+    """Return the columns of n means of accelerometers at rest, on readings, (n, 3, c)."""
+    part, bench, theta, time, angles, warmth = epochs
+    mat = reference_attitude(bench, angles)
+    columns, readings = sensor_columns(part, static_motion(bench, mat), time, warmth)
+    observed, by = table_columns(bench, angles, ("azimuth",))
+    force = np.array([0.0, 0.0, bench.gravity.value])
+    # The true attitude is ahead of the readback's by −c.
+    turned = np.swapaxes(mat, -1, -2) @ np.cross(force[:, None], -by, axis=-2)
+    made = [readings, np.linalg.inv(_inverse_scale_matrix(part, theta)) @ turned]
+    return (*columns, *observed), np.concatenate(made, axis=-1)
+
+
+def static_motion(bench: Turntable, mat: Array) -> Motion:
+    """Return what a table at rest in attitudes (n, 3, 3) has felt."""
+    back = np.swapaxes(mat, -1, -2)
+    return Motion(back @ np.array([0.0, 0.0, bench.gravity.value]), back @ earth_rate(bench))
+
+
+def table_columns(
+    bench: Turntable, angles: Array, but: Sequence[str]
+) -> tuple[tuple[ConstantColumn, ...], Array]:
+    """Return the table's parameters but for some, and how φ as observed moves, (n, 3, B)."""
+    count = max(_MIN_HARMONICS, len(bench.harmonics))
+    sizes = (*bench.harmonics, *(1.0 for _ in range(count - len(bench.harmonics))))
+    seen = linear_misalignment(replace(bench, harmonics=sizes), angles)
+    kept = [k for k, one in enumerate(seen.parameters) if one.name not in but]
+    columns = tuple(_bench_column(seen.parameters[k].name, "rad") for k in kept)
+    return columns, -seen.by[..., kept]
+
+
+def stack_columns(
+    parts: Sequence[tuple[Sequence[ConstantColumn], Array]],
+) -> tuple[tuple[ConstantColumn, ...], Array]:
+    """Return the columns of all parts, and their rows (m, c), those of the parts one by one.
+
+    Parameters
+    ----------
+    parts : sequence of (columns, rows)
+        Rows (m, c) each; a column that two have is one.
+    """
+    found = {column.name: column for columns, _ in parts for column in columns}
+    at = {name: k for k, name in enumerate(found)}
+    made = np.zeros((sum(len(rows) for _, rows in parts), len(at)))
+    first = 0
+    for columns, rows in parts:
+        made[first : first + len(rows), [at[one.name] for one in columns]] = rows
+        first += len(rows)
+    return tuple(found.values()), made
+
+
+def families(bench: Turntable) -> dict[str, tuple[str, ...]]:
+    """Return which of the table's parameters are candidates together, by the candidate's name."""
+    found: dict[str, tuple[str, ...]] = {}
+    for one in bench.parameters:
+        for name in _bench_column(one.name, one.unit).families:
+            found[name] = (*found.get(name, ()), one.name)
+    return found
+
+
+def candidates(
+    columns: Sequence[ConstantColumn], rows: Array, moved: Array | None
+) -> list[Candidate]:
+    """Return the candidates that columns make: each family.
+
+    Parameters
+    ----------
+    columns : sequence of c ConstantColumn
+    rows : (m, c) array
+        Whitened, without what the estimate takes up where `moved` is given.
+    moved : (q, c) array or None
+        By how much one unit moves each parameter.
+    """
+    found: dict[str, list[int]] = {}
+    for k, one in enumerate(columns):
+        for name in one.families:
+            found.setdefault(name, []).append(k)
+    made: list[Candidate] = []
+    for name, at in found.items():
+        if len(at) == 1 and columns[at[0]].families[-1] != name:
+            continue  # what is alone in its family is a candidate by itself
+        chosen = [columns[k] for k in at]
+        made.append(
+            Candidate(
+                name,
+                chosen[0].kind,
+                tuple(one.name for one in chosen),
+                tuple(one.unit for one in chosen),
+                rows[:, at],
+                None if moved is None else moved[:, at],
+                np.array([one.largest for one in chosen]),
+            )
+        )
+    return made
+
+
+def _bench_column(name: str, unit: str) -> ConstantColumn:
+    """Return a parameter of the bench, with others of its key in a run file and by itself."""
+    wave, axis = ErrorName(name).parts
+    if axis and wave[:3] in ("sin", "cos"):
+        families = (f"harmonics[{axis}]", f"harmonic {wave[3:]}[{axis}]")
+    else:
+        key = name.partition("_")[0]
+        families = (key, name) if key in ("lean", "square") else (name,)
+    return ConstantColumn(name, "bench", unit, largest_angle(name), families)
+
+
+def _inverse_scale_matrix(part: TriadModel, theta: Array) -> Array:
+    """Return M = (N + S)⁻¹ of `strapdown`."""
+    terms = part.terms
+    made = terms.nominal.copy()
+    for axis, weights, c in zip(terms.axis, terms.weights, theta, strict=True):
+        made[axis] += c * weights[terms.first : terms.first + 3]
+    return np.asarray(np.linalg.inv(made), dtype=float)

@@ -1,0 +1,180 @@
+"""Compiled: what both filters' kernels are given, and the steps that they share.
+
+All that a kernel changes are arrays, in place: a recording may come in pieces.
+"""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.estimate.kalman import predict
+from inercal.methods.turntable.drift import Drift
+from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
+from inercal.methods.turntable.strapdown import (
+    inverse_scale_matrix,
+    sum_reading_terms,
+    used_term_indices,
+)
+from inercal.methods.turntable.terms import BIAS, Terms
+
+Indices = NDArray[np.int64]
+
+
+class FilterSamples(NamedTuple):
+    """Of n samples."""
+
+    time: Array  # (n,) s
+    reading: Array  # (n, 3), m/s² or rad/s
+    hold: Indices  # (n,), number of the hold; negative while the table moves
+    temperature_offset: Array  # (n,) K, ΔT; (0,) of a sensor that does not depend on it
+
+
+class KernelModel(NamedTuple):
+    """Of three axes and the place where they are."""
+
+    terms: Terms
+    white: Array  # (3,), variance of the integral of the noise, SI²/s
+    drift: Drift  # of the biases
+    size: int  # of the drift's states
+    earth: Array  # (3,) rad/s, level frame
+    gravity: float  # m/s²
+
+
+class Transition(NamedTuple):
+    """From one epoch to the next: Φ and Q as `kalman.predict` takes them."""
+
+    a: Array
+    keep: Array
+    driven: Array
+    drawn: Array
+    joint: Array  # (components, 3), what the drift's noise has in common with that of J
+
+
+class KernelWorkspace(NamedTuple):
+    """What a kernel works out anew, in arrays that it need not allocate each time."""
+
+    used_terms: Indices  # which of φ the coefficients take part of
+    m: Array  # M, (3, 3)
+    reading_terms: Array  # what each of φ adds to the readings, (size of φ, 3)
+    phi: Array  # φ of the last step, (size of φ,)
+    cm: Array  # C M in its middle, (3, 3)
+    half: Array  # C in its middle, (3, 3)
+    mean: Array  # reading, (3,)
+    u: Array  # as corrected, (3,)
+    turn: Array  # rotation vectors, (3,)
+    scratch: Array
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def new_workspace(model: KernelModel, theta: Array, drift: Array) -> KernelWorkspace:
+    """Return where a piece begins: M and φ of coefficients (p,), drift of the biases (3,)."""
+    size = model.terms.weights.shape[1]
+    made = KernelWorkspace(
+        used_term_indices(model.terms.weights),
+        np.zeros((3, 3)),
+        np.zeros((size, 3)),
+        np.zeros(size),
+        np.zeros((3, 3)),
+        np.zeros((3, 3)),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+        np.zeros(3),
+    )
+    made.phi[0] = 1.0
+    update_workspace(made, model, theta, drift)
+    return made
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def update_workspace(work: KernelWorkspace, model: KernelModel, theta: Array, drift: Array) -> None:
+    """Write M and what each of φ adds, as found so far."""
+    terms = model.terms
+    inverse_scale_matrix(terms.nominal, terms.axis, terms.weights, theta, terms.first, work.m)
+    sum_reading_terms(terms.axis, terms.weights, theta, drift, work.used_terms, work.reading_terms)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def predict_covariance(model: KernelModel, first: int, to: Transition, p: Array) -> None:
+    """Carry a covariance to the next epoch, in place; the drift's states begin at `first`."""
+    predict(p, to.a, to.keep, to.driven, to.drawn)
+    add_drift_cross_covariance(model.drift, first, to.joint, p)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def copy_slice(x: Array, first: int, out: Array) -> None:
+    """Write what stands in x from `first` on; see `strapdown.copy_matrix`."""
+    for k in range(out.size):
+        out[k] = x[first + k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) -> None:
+    """Write what white noise makes of an integral over a time, C M diag(noise) (C M)ᵀ Δt."""
+    for k in range(3):
+        for j in range(3):
+            out[k, j] = 0.0
+            for b in range(3):
+                out[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def write_estimate(
+    model: KernelModel,
+    elapsed: float,
+    before: int,
+    theta: Array,
+    x: Array,
+    p: Array,
+    value: Array,
+    variance: Array,
+) -> None:
+    """Write estimates and their variances; a bias that drifts as the mean over the run so far.
+
+    Parameters
+    ----------
+    model : KernelModel
+    elapsed : float
+        s since the start.
+    before : int
+        Where the coefficients begin in the state; the drift follows them.
+    theta : (p,) array
+        Coefficients; what the state has of them comes on top.
+    x, p : (n,) and (n, n) arrays
+    value, variance : (n,) arrays
+        Written.
+    """
+    for s in range(x.size):
+        value[s] = theta[s - before] + x[s] if before <= s < before + theta.size else x[s]
+        variance[s] = p[s, s]
+    times, _variance, _walk, mean_over_run = model.drift
+    if not mean_over_run or elapsed <= 0:
+        return
+    axis, weights, components = model.terms.axis, model.terms.weights, times.size
+    first = before + axis.size
+    at, by = np.empty(components + 2, np.int64), np.empty(components + 2)
+    for s in range(axis.size):
+        others = 0.0
+        for b in range(weights.shape[1]):
+            if b != BIAS:
+                others += abs(weights[s, b])
+        if others > 0:
+            continue
+        at[0], by[0] = before + s, 1.0
+        for c in range(components):
+            mean = 0.0 if np.isinf(times[c]) else -times[c] / elapsed
+            at[1 + c], by[1 + c] = first + 3 * c + axis[s], mean / weights[s, BIAS]
+        at[components + 1] = first + 3 * components + axis[s]
+        by[components + 1] = 1 / elapsed / weights[s, BIAS]
+        total = 0.0
+        for i in range(at.size):
+            if i > 0:
+                value[at[0]] += by[i] * x[at[i]]
+            for j in range(at.size):
+                total += by[i] * p[at[i], at[j]] * by[j]
+        variance[at[0]] = total

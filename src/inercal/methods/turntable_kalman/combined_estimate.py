@@ -1,0 +1,285 @@
+"""Both filters over one track, and the estimate that they make together."""
+
+from collections.abc import Sequence
+from itertools import chain
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.turntable.bench import Turntable
+from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian
+from inercal.estimate.lazy_value import LazyValue
+from inercal.estimate.scores import NO_SCORE_TESTS
+from inercal.methods import temperature
+from inercal.methods.turntable import model
+from inercal.methods.turntable.model import ARCSEC
+from inercal.methods.turntable_kalman import filter_tests
+from inercal.methods.turntable_kalman.filter_config import (
+    FILTER_CONFIGS,
+    FILTER_KINDS,
+    FilterConfig,
+    FilterKind,
+)
+from inercal.methods.turntable_kalman.innovations import (
+    FilterResult,
+    describe_innovations,
+    minimum_nis,
+    residual_group,
+    variance_inflation,
+)
+from inercal.plan import TableStep
+from inercal.recording import Observations, Track
+from inercal.sensors import Sensor
+
+
+def run_filter(
+    kind: FilterKind,
+    sensor: Sensor,
+    bench: Turntable,
+    track: Track,
+    config: FilterConfig,
+    priors: Sequence[Gaussian] = (),
+    *,
+    smooth: bool = False,
+) -> FilterResult:
+    """Run the filter of the gyros ("w") or of the accelerometers ("f") over one trial's track.
+
+    And back where that is wanted.
+    """
+    made = config.filter(kind, sensor, bench, track, priors)
+    run = made.begin(track)
+    course, steps = run.step(track, made.time_varying_states if smooth else ())
+    found, checked = run.estimate, None
+    if len(steps.s) == len(course.time):
+        checked = filter_tests.innovation_test_data(made, found, track, course.time, steps)
+    return FilterResult(
+        made.triad, course.names, found.value, found.covariance, course,
+        run.state.nis, run.components, minimum_nis(track), made.unit,
+        _untested_noise_note(made.readback_sd if config.source_readback_sd else None),
+        found.shared_covariance, checked,
+    )  # fmt: skip
+
+
+def _untested_noise_note(readback_sd: float | None) -> str:
+    if readback_sd is None:
+        return ""
+    return f"R of the source, {readback_sd / ARCSEC:.3g}″, is not that of the noise"
+
+
+def estimate_by_filters(
+    observations: Observations,
+    sensor: Sensor,
+    bench: Turntable,
+    steps: Sequence[TableStep],
+    priors: Sequence[Gaussian] = (),
+    *,
+    config: FilterConfig,
+) -> Estimate:
+    """Return the estimate of both filters, one trial after the other.
+
+    Parameters
+    ----------
+    observations : Observations
+        With the track that the filters follow.
+    sensor : Sensor
+        Triads of gyros and of accelerometers; gyros alone are found too.
+    bench : Turntable
+    steps : sequence of Position or Rotation
+        Unused: the readback says what was done.
+    priors : sequence of Gaussian
+        On coefficients.
+    config : FilterConfig
+
+    Raises
+    ------
+    InputError
+        No track, no rest at its start, a sensor that the filters do not take, or a prior that joins
+        gyros and accelerometers.
+    NotObserved
+        Directions that the run does not decide.
+    """
+    if observations.track is None:
+        raise InputError("the filters follow a recording; means of positions are not enough")
+    track = temperature.with_steady_temperature(observations.track)
+    kinds = {axis.measures for axis in sensor.axes}
+    priors = split_priors(sensor, priors)
+    lead = track.reading.shape[:-2]
+    trials = [
+        # Of several trials the first one's course is kept.
+        [
+            run_filter(kind, sensor, bench, track.trial(*k), config, priors, smooth=not any(k))
+            for kind in FILTER_KINDS
+            if kind in kinds
+        ]
+        for k in np.ndindex(*lead)
+    ]
+    for one in chain.from_iterable(trials):
+        p = len(one.triad.sensor.coefficients)
+        model.require_decided(one.triad, one.covariance[:p, :p], one.course.name)
+    owners = _owners(trials[0])
+    names = (*sensor.coefficients, *owners)
+    own = [
+        [*one.triad.sensor.coefficients, *(n for n, owner in owners.items() if owner is one)]
+        for one in trials[0]
+    ]
+    made = [_combine_filters(names, trial, own) for trial in trials]
+    # An R above the noise makes the tests of means less sharp, not wrong: biases still add up.
+    checked = [one.test_data for one in trials[0] if one.test_data]
+    q, p = len(names), len(sensor.coefficients)
+    value = np.array([one[0] for one in made]).reshape(*lead, q)
+    covariance = np.array([one[1] for one in made]).reshape(*lead, q, q)
+    chi2 = np.array([one[2] for one in made]).reshape(lead)
+    scaled = made[0][1][:p, :p]
+    moved = [_table_sensitivities(names, trial, bench) for trial in trials]
+    known = np.linalg.eigvalsh(scaled / np.outer(sensor.unit_scale, sensor.unit_scale))
+    return Estimate(
+        names=names,
+        value=value,
+        covariance=covariance,
+        chi2=chi2,
+        dof=sum(one.components for one in trials[0]),
+        wanted=sensor.coefficients,
+        rank=p,
+        singular_values=1 / np.sqrt(known),
+        converged=np.ones(lead, dtype=bool),
+        iterations=np.ones(lead, dtype=np.intp),
+        groups=tuple(residual_group(one, observations) for one in trials[0]),
+        notes=_notes(trials[0], config, bench),
+        courses=tuple(one.course for one in trials[0]),
+        tests=tuple(
+            test for one in checked for test in filter_tests.innovation_tests(one, observations)
+        ),
+        scoring=LazyValue(lambda: filter_tests.score_omissions(checked, names, own))
+        if checked and not lead
+        else NO_SCORE_TESTS,
+        sensitivities={
+            name: np.array([one[name] for one in moved]).reshape(*lead, q) for name in moved[0]
+        },
+    )
+
+
+def _table_sensitivities(
+    names: tuple[str, ...], parts: Sequence[FilterResult], bench: Turntable
+) -> dict[str, Array]:
+    """Return how coefficients move with what is stated of the table, (q,) by its parameters.
+
+    Each filter has its own estimate of the table, and so its own part of every column. Gravity is
+    no state: of accelerometers it is a factor on what they read.
+    """
+    declared, moved = bench.acting_parameters(), dict[str, Array]()
+    for one in parts:
+        own = one.triad.sensor.coefficients
+        at, p = [names.index(name) for name in own], len(own)
+        columns = {
+            name: one.covariance[:p, one.names.index(name)] / declared[name].sd ** 2
+            for name in _table_states(one)
+        }
+        if np.any(one.shared_covariance):
+            columns["g"] = -model.gravity_sensitivity(one.triad) / bench.gravity.value
+        for name, column in columns.items():
+            moved.setdefault(name, np.zeros(len(names)))[at] = column
+    return moved
+
+
+def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
+    """Return priors by triad: each filter has its own.
+
+    Raises
+    ------
+    InputError
+        One that correlates both.
+    """
+    own = [sensor.select_axes(kind).coefficients for kind in ("f", "w")]
+    made: list[Gaussian] = []
+    for prior in priors:
+        first, second = (np.flatnonzero(np.isin(prior.names, names)) for names in own)
+        if np.any(prior.covariance[np.ix_(first, second)]):
+            raise InputError(
+                f"prior on {', '.join(prior.names)}: the filters find gyros and accelerometers "
+                "apart; give priors of each by themselves, or use turntable_trajectory"
+            )
+        made += [part for names in own if (part := prior.marginal(names)) is not None]
+    return made
+
+
+def _notes(
+    parts: Sequence[FilterResult], config: FilterConfig, bench: Turntable
+) -> tuple[str, ...]:
+    """Say how innovations agree, and what the uncertainties do not hold."""
+    made = [describe_innovations(one) for one in parts]
+    made += [words for one in parts if (words := _prior_share_note(one))]
+    if not config.table and (bench.square > 0 or any(bench.harmonics)):
+        which = "gyros" if config.accelerometer_table == "lean" else "gyros and accelerometers"
+        made.append(
+            f"{which}: right angles and harmonics of the table, which the bench declares, are in "
+            "none of the states, and the uncertainties are too small: full holds them"
+        )
+    if (
+        len(parts) > 1
+        and config.table
+        and set(_table_states(parts[0])) & set(_table_states(parts[1]))
+    ):
+        made.append(
+            "gyros and accelerometers are stated as independent, though right angles and harmonics "
+            "of the table are common to both"
+        )
+    return tuple(made)
+
+
+def _prior_share_note(one: FilterResult) -> str:
+    """Say what rests on the guess before the data in some measure."""
+    p = len(one.triad.sensor.coefficients)
+    share, found = model.prior_dominated_directions(one.triad, one.covariance[:p, :p])
+    if not found:
+        return ""
+    return (
+        f"{one.course.name}: up to {100 * share:.2g} % of what is known rests on how large "
+        f"coefficients may be expected to be, not on the run, in units of g and rad/s: "
+        f"{'; '.join(direction.words for direction in found)}"
+    )
+
+
+def _owners(parts: Sequence[FilterResult]) -> dict[str, FilterResult]:
+    """Return, by parameter of the table, the filter that knows it better.
+
+    Each has its own estimate, with its own correlations: one value of the one with correlations of
+    the other would be no covariance.
+    """
+    found: dict[str, tuple[float, FilterResult]] = {}
+    for one in parts:
+        for name in _table_states(one):
+            k = one.names.index(name)
+            variance = float(one.covariance[k, k])
+            if name not in found or variance < found[name][0]:
+                found[name] = variance, one
+    return {name: one for name, (_, one) in found.items()}
+
+
+def _table_states(one: FilterResult) -> list[str]:
+    """Return the states that are parameters of the table for the whole run."""
+    return [
+        name for name in one.names if "." not in name and not name.startswith(("drift[", "hold_"))
+    ]
+
+
+def _combine_filters(
+    names: tuple[str, ...], parts: Sequence[FilterResult], own: Sequence[Sequence[str]]
+) -> tuple[Array, Array, float]:
+    """Return value and covariance in order, by both filters as independent, and the sum of NIS.
+
+    Of each filter those of its states that are its `own`.
+    """
+    value, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
+    for one, taken in zip(parts, own, strict=True):
+        at = [names.index(name) for name in taken]
+        k = [one.names.index(name) for name in taken]
+        value[at] = one.value[k]
+        ratio, first = variance_inflation(one), at[: len(one.shared_covariance)]
+        covariance[np.ix_(at, at)] = ratio * one.covariance[np.ix_(k, k)]
+        # Innovations say nothing of an error that all of them share.
+        covariance[np.ix_(first, first)] -= (ratio - 1) * one.shared_covariance
+    return value, covariance, sum(one.nis for one in parts)
+
+
+__all__ = ["FILTER_CONFIGS", "estimate_by_filters", "run_filter", "split_priors"]

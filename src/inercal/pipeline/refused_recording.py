@@ -1,0 +1,38 @@
+"""What can be shown of a recording that a calibration refused: rests and thresholds."""
+
+from dataclasses import dataclass
+
+from inercal.data.recording_loader import load_recording
+from inercal.errors import InputError
+from inercal.recording import Recording
+from inercal.runfile import Run
+from inercal.segments import RestDetection
+
+
+@dataclass(frozen=True, eq=False)
+class InspectedRecording:
+    """A recording and the rests that were found in it.
+
+    Parameters
+    ----------
+    recording : Recording
+    rests : RestDetection
+        Without marks where none was found.
+    """
+
+    recording: Recording
+    rests: RestDetection
+
+
+def inspect_refused_recording(run: Run) -> InspectedRecording | None:
+    """Return what was found in the recording of a run that was refused.
+
+    None where there is no recording, where it cannot be read, or where its bench has no rests.
+    """
+    if run.data.kind == "means" or run.kind.rests is None:
+        return None
+    try:
+        recording = load_recording(run)
+        return InspectedRecording(recording, run.kind.rests(run, recording))
+    except InputError:
+        return None

@@ -1,0 +1,194 @@
+"""The run's plan carried out in simulation, and written as the run file reads it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from inercal.benches.contract import SimulatedMotion
+from inercal.data.recording_loader import (
+    apply_axis_signs,
+    range_limits,
+    readback_columns,
+    readback_units,
+    reader_columns,
+)
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.recording import Recording
+from inercal.runfile import Run, read
+from inercal.sensors import Axis, Sensor
+from inercal.units import si_factor
+
+_ROUNDING = 1e-9
+_MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
+
+
+def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) -> Recording:
+    """Carry the run's plan out on its simulated bench with the sensor's truth and noise.
+
+    Parameters
+    ----------
+    run : Run or path
+        [sensor.truth] gives the coefficients, others are zero; [data] rate the sampling rate.
+    seed : int
+    trials : int, optional
+        Independent repetitions on a leading axis; None is one recording without that axis.
+
+    Raises
+    ------
+    InputError
+        No sampling rate, or a truth that names no coefficient.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    return _simulate_run(run, np.random.default_rng(seed), seed, trials)[0]
+
+
+def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]:
+    """Simulate what the run file names: its recording, and what the bench writes beside it.
+
+    Parameters
+    ----------
+    run : Run or path
+    seed : int
+
+    Returns
+    -------
+    dict of str to Recording
+        By the names in [data], the recording first; columns and times are as [data] has them,
+        ready to be written.
+
+    Raises
+    ------
+    InputError
+        As `simulate`.
+    """
+    run = run if isinstance(run, Run) else read(run)
+    if run.data.file in run.data.further_files().values():
+        raise InputError(
+            f"{run.path}: [data] names {run.data.file} twice: a simulation writes files of their "
+            "own"
+        )
+    rng = np.random.default_rng(seed)
+    recording, done = _simulate_run(run, rng, seed)
+    files = {run.data.file: apply_data_columns(run, recording)}
+    for name, further in run.kind.files(run, done, rng).items():
+        files[name] = replace(further, source=recording.source)
+    return files
+
+
+def _simulate_run(
+    run: Run, rng: np.random.Generator, seed: int, trials: int | None = None
+) -> tuple[Recording, SimulatedMotion]:
+    if run.rate_hz is None:
+        raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
+    samples = run.rate_hz * run.kind.seconds(run.bench, run.steps) * (trials or 1)
+    if samples > _MOST_SAMPLES:
+        raise InputError(
+            f"{run.path}: {samples:.2g} samples are more than a simulation holds in memory, "
+            f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds"
+        )
+    sensor = run.sensor.with_coefficients(*run.truth)
+    bench, rate, several = run.bench, run.rate_hz, trials or 1
+    steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
+    made = run.kind.simulate(bench, steps, rate, rng, several, sensor, run.method.unknown_attitudes)
+    done, drift = made.simulated_motion, made.drift
+    told = readback_columns(run)
+    readback = {
+        name: values[0] if values.ndim > 1 and not trials else values
+        for name, values in done.readback.items()
+        if name in told
+    }
+    c = np.array([run.truth[name] for name in sensor.coefficients])
+    motion = done.motion
+    if sensor.uses("ai", "ap", "ao"):
+        motion = replace(motion, dw=np.gradient(motion.w, 1 / run.rate_hz, axis=-2))
+    data = read_out(made.sensor, motion, c, run.rate_hz, rng, drift)
+    recording = Recording(
+        time=done.time,
+        data=data if trials else data[0],
+        channels=sensor.channels,
+        units=tuple(axis.readout.unit for axis in sensor.axes),
+        labels=done.labels,
+        readback=readback,
+        source=f"simulation of {run.path.name}, seed {seed}",
+    )
+    return recording, done
+
+
+def apply_data_columns(run: Run, recording: Recording) -> Recording:
+    """Return the recording with columns and times as in the run file's data, to be written."""
+    if run.data.gyro_file is not None:
+        raise InputError(f"{run.path}: [data] gyro_file: a simulation is one file; leave it out")
+    named = {axis: column for axis, column, _ in reader_columns(run).channels}
+    recording = apply_axis_signs(run, recording)
+    readback = {
+        column: recording.readback[name] / readback_units(run)[name]
+        for name, column, _ in reader_columns(run).readback
+    }
+    channels = tuple(named[name] for name in recording.channels)
+    label = reader_columns(run).label or recording.label_name
+    return _apply_data_times(
+        run, replace(recording, channels=channels, readback=readback, label_name=label)
+    )
+
+
+def _apply_data_times(run: Run, recording: Recording) -> Recording:
+    """Return the recording with its times as their column has them: in its unit, or counted."""
+    data, time = run.data, recording.time
+    if data.time is None:
+        return recording
+    if data.time_unit != "sample":
+        time = time / si_factor(data.time_unit, "s")
+    else:
+        assert run.rate_hz is not None  # a simulation needs it
+        time = np.round(time * run.rate_hz)
+        if data.counter_modulus is not None:
+            time = time % data.counter_modulus
+    return replace(recording, time=time, time_name=str(data.time))
+
+
+def read_out(
+    sensor: Sensor,
+    motion: Motion,
+    c: np.ndarray,
+    rate_hz: float,
+    rng: np.random.Generator,
+    drift: np.ndarray | None = None,
+) -> np.ndarray:
+    """Return what the sensor puts out, (..., n, m) in output units, noise and limits included.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    motion : Motion
+        (..., n, 3), at `rate_hz`.
+    c : (p,) array
+        Coefficients in SI.
+    rate_hz : float
+    rng : Generator
+    drift : (..., n, m) array, optional
+        Of the biases, SI.
+    """
+    reading = sensor.forward(motion, c)
+    if drift is not None:
+        reading = reading + drift
+    for k, axis in enumerate(sensor.axes):
+        noisy = reading[..., k] + axis.noise.draw(rng, reading.shape[:-1], rate_hz)
+        reading[..., k] = axis.noise.quantise(noisy)
+    output = sensor.to_output(reading)
+    for k, axis in enumerate(sensor.axes):
+        output[..., k] = _round_to_codes(axis, output[..., k])
+    for name, ends in range_limits(sensor).items():
+        k = sensor.channels.index(name)
+        output[..., k] = np.clip(output[..., k], *ends)
+    return output
+
+
+def _round_to_codes(axis: Axis, output: np.ndarray) -> np.ndarray:
+    """Return output without the rounding of scales, where it goes in whole codes."""
+    step = axis.noise.quantisation * abs(axis.readout.scale)
+    whole = round(step)
+    if whole < 1 or abs(step / whole - 1) > _ROUNDING:
+        return output
+    return np.round((output - axis.readout.offset) / whole) * whole + axis.readout.offset

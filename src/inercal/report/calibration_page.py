@@ -1,0 +1,218 @@
+"""The page of a report: what each of its sections says, and the template that holds them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import degrees, isnan, nan
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup
+
+from inercal.benches.report_data import MeasuredDirection
+from inercal.benches.turntable import is_turntable
+from inercal.calibration.verdict import p_value_text
+from inercal.methods.observability import NOISE_ONLY_NOTE
+from inercal.pipeline import Outcome
+from inercal.plan import Hold, Rotation, Spin, Step, Turn
+from inercal.report import filter_figures, report_tables
+from inercal.report import hypothesis_tests as judged
+from inercal.report.figures import correlations, departures, residuals
+from inercal.report.plots import draw_plot
+from inercal.report.recording_residuals import (
+    residuals_by_step,
+    step_residual_figure,
+    uses_whole_recording,
+)
+from inercal.report.search_history import search_figure
+from inercal.report.sphere import missing_faces, sphere
+from inercal.report.templates import render
+from inercal.report.traces import scatter_figure, section_figure
+
+if TYPE_CHECKING:
+    from inercal.store import SensorHistory
+
+
+@dataclass(frozen=True)
+class AttitudeRow:
+    """One position or turn of the table of attitudes."""
+
+    label: str
+    description: str
+    deviation_angle: str
+    seconds: str
+    samples: str
+
+
+def page(
+    outcome: Outcome, truth: Mapping[str, float] | None, register: "SensorHistory | None" = None
+) -> str:
+    """Return the whole page, HTML.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    truth : mapping of str to float or None
+        Of a simulation, SI.
+    register : SensorHistory, optional
+        Of the sensor's calibrations.
+    """
+    estimate, calibration = outcome.estimate, outcome.calibration
+    kind = outcome.kind
+    words, found = kind.words, kind.directions(outcome)
+    grids, pulls = report_tables.bench_tables(outcome)
+    recording = outcome.recording
+    chosen = calibration.sensor.coefficients
+    return render(
+        "page.html",
+        minus=report_tables.typeset_minus,
+        calibration=calibration,
+        sensor=calibration.sensor,
+        estimate=estimate,
+        outcome=outcome,
+        date=calibration.provenance.get("created", "").partition("T")[0],
+        verdict=outcome.verdict,
+        facts=key_facts(outcome),
+        groups=report_tables.coefficients(outcome, truth),
+        simulated=truth is not None,
+        exact=NOISE_ONLY_NOTE in estimate.notes,
+        bench_counted=bool(pulls),
+        matrix=report_tables.correction_matrix(outcome),
+        calibration_file=f"{Path(calibration.provenance.get('run file', 'run')).stem}"
+        ".calibration.json",
+        run_file=calibration.provenance.get("run file", "run.toml"),
+        residuals=_residual_figure(outcome),
+        tests=judged.hypothesis_test_rows(outcome),
+        candidates=judged.candidate_rows(outcome),
+        candidate_count=judged.candidate_count(outcome),
+        whole=uses_whole_recording(outcome),
+        words=words,
+        plots=[(one.text, draw_plot(one)) for one in kind.plots(outcome)],
+        search=None if outcome.search is None else search_figure(outcome.search),
+        over_time=None if register is None else _history_section(register),
+        course=_filter_figures(outcome, truth),
+        spheres=(sphere(found, 1), sphere(found, -1)) if found else (),
+        sections=attitude_rows(outcome, found),
+        missing=missing_faces(found),
+        has_face_positions=Hold in kind.steps and not estimate.groups,
+        has_gyros=any(axis.measures == "w" for axis in calibration.sensor.axes),
+        has_turns=any(isinstance(step, Turn | Rotation) for step in outcome.steps),
+        norm_residuals=has_norm_residuals(outcome),
+        unjudged="" if estimate.dof else words.unjudged,
+        chance=p_value_text,
+        has_attitude_errors=any(not isnan(attitude.deviation_angle) for attitude in found),
+        has_spins=any(isinstance(step, Spin) for step in outcome.steps),
+        free=bool(estimate.groups),
+        rest_scatter=None
+        if recording is None or outcome.rests is None
+        else scatter_figure(recording, outcome.calibration.sensor, outcome.rests),
+        traces=None if recording is None else section_figure(outcome, recording),
+        correlations=correlations(estimate) if len(chosen) > 1 else None,
+        strongest=report_tables.strongest_correlations(estimate),
+        bench=grids,
+        departures=departures(pulls) if pulls else None,
+        condition=f"{estimate.singular_values[0] / estimate.singular_values[-1]:.3g}",
+    )
+
+
+def _residual_figure(outcome: Outcome) -> Markup | None:
+    """Return the figure of residuals; None where there are none."""
+    if uses_whole_recording(outcome):
+        return step_residual_figure(residuals_by_step(outcome))
+    estimate = outcome.estimate
+    return residuals(outcome) if estimate.whitened.size or estimate.groups else None
+
+
+def _history_section(register: "SensorHistory") -> tuple[list[Markup], Markup]:
+    """Return what a history says, and its figures with the table of verdicts."""
+    # Here, for a history comes with what the register needs, which reports do without.
+    from inercal.report.sensor_history_page import history_section, summary_lines
+
+    return summary_lines(register), history_section(register)
+
+
+@dataclass(frozen=True)
+class FilterFigures:
+    """The figures of sequential filters, SVG."""
+
+    convergence: Markup
+    smoothed: Markup | None
+    innovations: Markup
+    path: Markup | None
+
+
+def _filter_figures(outcome: Outcome, truth: Mapping[str, float] | None) -> FilterFigures | None:
+    """Return the figures of how filters came to the result; None of other estimators."""
+    found, track, bench = outcome.estimate.courses, outcome.observations.track, outcome.bench
+    if not found:
+        return None
+    path = None
+    if track is not None and is_turntable(bench):
+        path = filter_figures.path_figure(track, bench)
+    return FilterFigures(
+        filter_figures.convergence_figure(outcome, truth),
+        filter_figures.smoothed_figure(found, outcome.calibration.sensor),
+        filter_figures.innovation_figure(found),
+        path,
+    )
+
+
+def has_norm_residuals(outcome: Outcome) -> bool:
+    """Whether the residuals are of the norms of readings, one a row."""
+    rows, axes = len(outcome.observations.labels), len(outcome.observations.channels)
+    named = all(name.startswith("|f|") for name in outcome.estimate.observations)
+    return axes > 1 and (named or outcome.estimate.whitened.size == rows)
+
+
+def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
+    """Return the key facts, name and text of one or two lines."""
+    provenance, recording = outcome.calibration.provenance, outcome.recording
+    turns = sum(isinstance(step, Turn | Rotation) for step in outcome.steps)
+    spins = [step for step in outcome.steps if isinstance(step, Spin)]
+    holds = len(outcome.steps) - turns - len(spins)
+    digest = provenance.get("recording sha256", "")
+    source = provenance.get("recording", "") + (f"\nSHA-256 {digest[:12]}…" if digest else "")
+    result = [("Recording", source)]
+    if recording is None:
+        result.append(("Data", "means, read in as a table"))
+    else:
+        rate = f"{recording.rate_hz:.4g} Hz"
+        size = f"{recording.time.size} samples\n{recording.duration:.4g} s at {rate}"
+        result.append(("Data", size))
+    result.append(("Gravity", outcome.calibration.conditions.get("gravity", "")))
+    used = f"{holds} position{'s' * (holds != 1)}"
+    if spins:
+        rates = len({round(abs(step.rate), 3) for step in spins})
+        words = outcome.kind.words
+        used = (
+            f"{len(spins)} {words.rows}\nat {rates} rate{'s' * (rates != 1)} of the "
+            f"{words.turning_device}"
+        )
+    if turns:
+        used += f"\n{turns} turn{'s' * (turns != 1)}"
+    result.append(("Used", used))
+    return [(name, text) for name, text in result if text]
+
+
+def attitude_rows(outcome: Outcome, found: Sequence[MeasuredDirection]) -> list[AttitudeRow]:
+    """Return the rows of the table of positions and turns.
+
+    The axis of a turn has no angle here: the gyros' misalignments were found from it.
+    """
+    observed = outcome.observations
+    off = {attitude.step.label: attitude.deviation_angle for attitude in found}
+
+    in_words = outcome.kind.row
+
+    def what(step: Step, row: int) -> str:
+        return report_tables.typeset_minus(in_words(step, outcome, row))
+
+    def away(step: Step) -> str:
+        angle = off.get(step.label, nan)
+        return "" if isinstance(step, Turn | Rotation) or isnan(angle) else f"{degrees(angle):.2f}"
+
+    return [
+        AttitudeRow(step.label, what(step, row), away(step), f"{seconds:.2f}", str(samples))
+        for row, (step, seconds, samples) in enumerate(
+            zip(outcome.steps, observed.duration.tolist(), observed.samples.tolist(), strict=True)
+        )
+    ]

@@ -1,0 +1,245 @@
+"""The tables of the report as text, rounded to what the uncertainties allow."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from inercal.calibration.verdict import COVERAGE
+from inercal.estimate import Estimate
+from inercal.keys import CoefficientName, ErrorName
+from inercal.parameters import Parameter
+from inercal.pipeline import Outcome
+from inercal.pipeline.truth import true_coefficients
+from inercal.sensors import G0
+from inercal.units import format_value_and_uncertainty
+
+_DISPLAY_UNITS = {  # unit of a parameter of the bench: as printed, its SI size
+    "m/s²": ("m/s²", 1.0),
+    "m": ("mm", 1e-3),
+    "(m/s²)⁻¹": ("ppm/g", 1e-6 / G0),
+    "rad": ("°", pi / 180),
+    "rad/s": ("°/h", pi / 648_000),
+    "1": ("ppm", 1e-6),
+    "s": ("ms", 1e-3),
+}
+_FINE_UNITS = {"rad": ("″", pi / 648_000), "m/s²": ("µg", 1e-6 * G0)}
+_MINUS_PATTERN = re.compile(r"(?<![^\s(\[e=,;:|])-(?=[\d.])")
+_FINE_LIMIT = 1e-3  # rad or m/s²
+_MIN_CORRELATION = 0.5  # correlations from here on are named
+_MAX_PAIRS = 8
+
+
+@dataclass(frozen=True)
+class CoefficientRow:
+    """One coefficient as printed; `error` in standard uncertainties where the truth is known."""
+
+    name: str
+    symbol: str
+    index: str
+    meaning: str
+    value: str
+    expanded: str
+    unit: str
+    significant: bool
+    error: str
+    error_is_large: bool
+
+
+@dataclass(frozen=True)
+class AxisGroup:
+    """The coefficients of one kind of axes; `axes` holds the rows of each."""
+
+    title: str
+    axes: tuple[tuple[CoefficientRow, ...], ...]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table with a heading above each column and a name before each row."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[str, ...]], ...]
+
+
+def typeset_minus(text: str) -> str:
+    """Return text with true minus signs before numbers; hyphens within words stay."""
+    return _MINUS_PATTERN.sub("−", text)
+
+
+def coefficients(outcome: Outcome, truth: Mapping[str, float] | None) -> list[AxisGroup]:
+    """Return the coefficients by kind and axis, with U = k u in the units of the sensor's table."""
+    calibration = outcome.calibration
+    true = None if truth is None else true_coefficients(calibration, truth)
+    groups: list[AxisGroup] = []
+    for kind, title in (("f", "Accelerometers"), ("w", "Gyros")):
+        rows = [
+            tuple(
+                _coefficient_row(outcome, name, true)
+                for name in calibration.sensor.coefficients
+                if CoefficientName(name).axis == axis.name
+            )
+            for axis in calibration.sensor.axes
+            if axis.measures == kind
+        ]
+        if any(rows):
+            groups.append(AxisGroup(title, tuple(row for row in rows if row)))
+    return groups
+
+
+def _coefficient_row(
+    outcome: Outcome, name: str, true: Mapping[str, float] | None
+) -> CoefficientRow:
+    calibration = outcome.calibration
+    line = calibration.sensor.coefficient(name)
+    value, sd = calibration.value(name), calibration.uncertainty(name)
+    shown, expanded = format_value_and_uncertainty(value / line.si, COVERAGE * sd / line.si)
+    symbol, _, index = line.symbol.partition("_")
+    error = float("nan")
+    if true is not None and sd > 0:
+        error = (value - true[name]) / sd
+    return CoefficientRow(
+        name,
+        symbol,
+        index,
+        line.meaning,
+        typeset_minus(shown),
+        expanded,
+        line.unit,
+        abs(value) >= COVERAGE * sd,
+        "" if np.isnan(error) else typeset_minus(f"{error:+.2f}"),
+        abs(error) > 3,
+    )
+
+
+def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float]]]]:
+    """Return what the fit found about the bench, and how far it lies from what was expected.
+
+    Returns
+    -------
+    list of Grid
+        For the run, the positions and the turns.
+    dict of str to list of (str, float)
+        By position, turn or "run": parameters with (found − expected) in expected standard
+        deviations.
+    """
+    estimate, expected = outcome.estimate, outcome.expected
+    found = [name for name in estimate.names if name not in estimate.wanted]
+    known = {name: expected[name] for name in found if name in expected}
+    free = [name for name in found if name not in expected and "[" in name]
+    grids: list[Grid] = []
+    pulls: dict[str, list[tuple[str, float]]] = {}
+    for name, parameter in known.items():
+        if parameter.sd > 0:
+            short, label = ErrorName(name).parts
+            value = estimate.value[estimate.names.index(name)]
+            pull = float((value - parameter.value) / parameter.sd)
+            pulls.setdefault(label or "run", []).append((short, pull))
+    run = [name for name, parameter in known.items() if parameter.scope == "run"]
+    if run:
+        rows = tuple((known[name].meaning, _run_row(estimate, name, known[name])) for name in run)
+        grids.append(Grid("The whole run", ("stated", "found", "unit"), rows))
+    for scope, title in (
+        ("position", "By position"),
+        ("turn", "By turn"),
+        ("pass", "By pass"),
+        ("mounting", "By mounting"),
+        ("speed", "By speed"),
+    ):
+        names = [name for name, parameter in known.items() if parameter.scope == scope]
+        if scope == "turn":
+            names += free
+        if names:
+            names = sorted(names, key=lambda name: _row_index(name, outcome))
+            grids.append(_label_grid(estimate, title, names, known))
+    order = ["run", *outcome.observations.labels]
+    rank = {label: k for k, label in enumerate(order)}
+    return grids, dict(sorted(pulls.items(), key=lambda item: rank.get(item[0], len(rank))))
+
+
+def _row_index(name: str, outcome: Outcome) -> int:
+    """Return the row of the observations that a parameter belongs to; the first for others."""
+    label, labels = ErrorName(name).place, outcome.observations.labels
+    return labels.index(label) if label in labels else 0
+
+
+def _display_unit(parameter: Parameter | None) -> tuple[str, float]:
+    """Return the unit to print a parameter in, and its SI size; None is a force."""
+    if parameter is None:
+        return _DISPLAY_UNITS["m/s²"]
+    fine = abs(parameter.value) + parameter.sd < _FINE_LIMIT and parameter.unit in _FINE_UNITS
+    return (_FINE_UNITS if fine else _DISPLAY_UNITS)[parameter.unit]
+
+
+def _run_row(estimate: Estimate, name: str, parameter: Parameter) -> tuple[str, ...]:
+    unit, si = _display_unit(parameter)
+    k = estimate.names.index(name)
+    before = format_value_and_uncertainty(parameter.value / si, parameter.sd / si)
+    after = format_value_and_uncertainty(estimate.value[k] / si, estimate.std[k] / si)
+    return (typeset_minus(" ± ".join(before)), typeset_minus(" ± ".join(after)), unit)
+
+
+def _label_grid(
+    estimate: Estimate, title: str, names: list[str], known: Mapping[str, Parameter]
+) -> Grid:
+    shorts = list(dict.fromkeys(ErrorName(name).name for name in names))
+    labels = list(dict.fromkeys(ErrorName(name).place for name in names))
+    heads: list[str] = []
+    cells: dict[str, list[str]] = {label: [] for label in labels}
+    for short in shorts:
+        parameter = known.get(next(name for name in names if name.startswith(f"{short}[")))
+        unit, si = _display_unit(parameter)
+        stated = (
+            "free" if parameter is None else f"stated {typeset_minus(_stated_text(parameter, si))}"
+        )
+        heads.append(f"{short}, {unit}\n{stated}")
+        for label in labels:
+            full = f"{short}[{label}]"
+            if full not in estimate.names:
+                cells[label].append("")
+                continue
+            k = estimate.names.index(full)
+            shown = format_value_and_uncertainty(estimate.value[k] / si, estimate.std[k] / si)
+            cells[label].append(typeset_minus(" ± ".join(shown)))
+    return Grid(title, tuple(heads), tuple((label, tuple(row)) for label, row in cells.items()))
+
+
+def _stated_text(parameter: Parameter, si: float) -> str:
+    return f"{parameter.value / si:.3g} ± {parameter.sd / si:.3g}"
+
+
+def strongest_correlations(estimate: Estimate) -> list[str]:
+    """Return the strongest correlations in words, at most eight; empty if none reaches ½."""
+    names = estimate.wanted
+    matrix = estimate.select(names).correlation
+    rows, columns = np.tril_indices(len(names), -1)
+    r = matrix[rows, columns]
+    order = [k for k in np.argsort(-np.abs(r)).tolist() if abs(r[k]) >= _MIN_CORRELATION][
+        :_MAX_PAIRS
+    ]
+    return [
+        f"{names[columns[k]]} and {names[rows[k]]}: {typeset_minus(f'{float(r[k]):+.2f}')}"
+        for k in order
+    ]
+
+
+def correction_matrix(outcome: Outcome) -> Grid | None:
+    """Return C and o of felt = C (output − o), or None for a model that is not affine."""
+    calibration = outcome.calibration
+    sensor = calibration.sensor
+    if not sensor.affine:
+        return None
+    slope, offset = calibration.affine_correction()
+    rounding = 1e-14 * float(np.abs(slope).max())
+    kinds = [kind for kind in "fw" if any(axis.measures == kind for axis in sensor.axes)]
+    # Plain minus signs: these numbers are there to be copied.
+    felt = [f"{kind}_{a}" for kind in kinds for a in "xyz"]
+    rows = [
+        (name, tuple(f"{x:.7g}" if abs(x) > rounding else "0" for x in row))
+        for name, row in zip(felt, slope, strict=True)
+    ]
+    rows.append(("o", tuple(f"{x:.7g}" for x in offset)))
+    return Grid("", sensor.channels, tuple(rows))

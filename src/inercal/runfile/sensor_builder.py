@@ -1,0 +1,108 @@
+"""From the sections of a run file to objects in SI."""
+
+from collections.abc import Callable
+
+from inercal.errors import InputError
+from inercal.runfile.schema import ReadoutSection, SensorSection
+from inercal.section_settings import si_value
+from inercal.sensors import Noise, Readout, Sensor
+from inercal.units import Measured, parse_quantity, si_factor
+
+_QUANTITY = {"accelerometer": "m/s²", "gyro": "rad/s"}
+_EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
+_COUNTS = ("LSB", "V")  # an output that is no acceleration or rate: it needs a scale
+
+
+Output = tuple[Readout, Noise]
+Parts = Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor]
+
+
+def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: Parts) -> Sensor:
+    """Return the sensor with readouts and noise; without coefficients.
+
+    Parameters
+    ----------
+    section : SensorSection
+    columns : tuple of str or int
+        [data] accelerometer.
+    parts : callable
+        What stands on the kind of bench (`inercal.benches.kind_definition.Kind.sensor`).
+
+    Raises
+    ------
+    InputError
+        A unit or a scale that is none, or axes that do not stand on such a bench.
+    """
+    accelerometer = _build_readout("accelerometer", section.accelerometer)
+    gyro = None if section.gyro is None else _build_readout("gyro", section.gyro)
+    sensor = parts(section.name, columns, accelerometer, gyro)
+    form = section.form or sensor.form
+    return Sensor(sensor.name, sensor.axes, (), form, frame=section.frame)
+
+
+def _build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
+    quantity = _QUANTITY[kind]
+    key = f"[sensor.{kind}]"
+    output = next((u for u in _COUNTS if _has_dimension(section.unit, u)), None)
+    if output is None:
+        try:
+            scale = 1.0 / si_factor(section.unit, quantity)
+        except InputError as error:
+            raise InputError(f"{key} unit: {error}; or 'LSB' or 'V' with a scale") from None
+        if section.scale is not None:
+            raise InputError(f"{key} scale: {section.unit} needs none; it is for LSB or V")
+    elif section.scale is None:
+        raise InputError(
+            f"{key}: {section.unit} without a scale: give the nominal one, such as "
+            f'scale = "{_EXAMPLE[kind].format(section.unit)}"'
+        )
+    else:
+        scale = si_value(section.scale, f"{output}/({quantity})", f"{key} scale")
+    if scale == 0:
+        raise InputError(f"{key} scale: must not be zero")
+    full = None
+    if section.full_scale is not None:
+        reach = si_value(section.full_scale, quantity, f"{key} full_scale")
+        if reach <= 0:
+            raise InputError(f"{key} full_scale: {section.full_scale!r} must be positive")
+        full = abs(scale) * reach
+    likes = {
+        "white": f"({quantity})/√Hz",
+        "bias_instability": quantity,
+        "random_walk": f"({quantity})/√s",
+        "quantisation": quantity,
+    }
+    noise = {
+        name: si_value(text, like, f"{key} {name}")
+        for name, like in likes.items()
+        if (text := getattr(section, name)) is not None
+    }
+    for name, value in noise.items():
+        if value < 0:
+            raise InputError(f"{key} {name}: {getattr(section, name)!r} must not be negative")
+    return Readout(scale, section.offset, section.unit, full), Noise(**noise)
+
+
+def _has_dimension(unit: str, like: str) -> bool:
+    try:
+        si_factor(unit, like)
+    except InputError:
+        return False
+    return True
+
+
+def coefficient_value(sensor: Sensor, name: str, text: str | float, key: str) -> Measured:
+    """Return a coefficient given as text in any unit of its dimension, SI.
+
+    Raises
+    ------
+    InputError
+        An unknown coefficient or a wrong unit; the message names `key`.
+    """
+    if name not in sensor.coefficients:
+        raise InputError(f"{key} {name}: no such coefficient; {', '.join(sensor.coefficients)}")
+    unit = sensor.coefficient(name).unit
+    try:
+        return parse_quantity(text, unit)
+    except InputError as error:
+        raise InputError(f"{key} {name}: {error}") from None

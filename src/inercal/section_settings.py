@@ -1,0 +1,165 @@
+"""What sections of a run file are made of, and quantities given as text made SI.
+
+A section is a model whose values with units are text: "60 µg/√Hz". An example stands beside a key
+where its default is none, or says nothing: complaints show it.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+
+from inercal.earth import normal_gravity
+from inercal.errors import InputError
+from inercal.units import Measured, parse_quantity
+
+
+class Limit(NamedTuple):
+    """The largest possible value of a deviation, SI, and what it is: "a bench can lean, 1°"."""
+
+    value: float
+    meaning: str
+
+
+# Tilts act to first order of their square.
+SMALL_ANGLE = Limit(0.0175, "a bench can lean, 1°")
+# What enters no result: names, and the truth of a simulation.
+DESCRIPTION: dict[str, JsonValue] = {"role": "description"}
+# What shapes the plan or its simulation alone: limits of a table's motion, and where the IMU is on
+# it: accelerometers count at rest.
+PLANNING: dict[str, JsonValue] = {"role": "plan"}
+
+
+@dataclass(frozen=True)
+class BenchUsage:
+    """What a run makes of its bench, as far as keys of the bench depend on it.
+
+    Parameters
+    ----------
+    method : str
+    turns : bool
+        Whether its plan has turns of a known angle.
+    attitudes : bool
+        Whether it knows the attitudes, and does not find them itself.
+    gyros : bool
+        Whether there are gyros.
+    means : bool
+        Whether the data are means.
+    """
+
+    method: str
+    turns: bool
+    attitudes: bool
+    gyros: bool
+    means: bool
+
+
+class Section(BaseModel):
+    """A section of a run file: a key that it does not declare is refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class BenchSection(Section):
+    """[bench]: what every kind has. Gravity is given, or computed from latitude and height."""
+
+    gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
+    latitude: str | None = Field(None, examples=["48.1 °"])
+    height: str | None = Field(None, examples=["520 m"])
+    name: str = Field(
+        "",
+        description="what the laboratory calls it",
+        examples=["table 2"],
+        json_schema_extra=DESCRIPTION,
+    )
+
+    @model_validator(mode="after")
+    def _gravity_is_known(self) -> "BenchSection":
+        if self.gravity is None and self.latitude is None:
+            raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
+        if self.height is not None and self.latitude is None:
+            raise ValueError("height goes with latitude: gravity is computed from both, or checked")
+        return self
+
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
+        """Return the keys that change no result of such a use, each with the reason."""
+        return {}
+
+
+def si_value(text: str, like: str, key: str) -> float:
+    """Return a quantity given as text, SI; a complaint names `key`.
+
+    Raises
+    ------
+    InputError
+        What `parse_quantity` refuses, or an uncertainty, which would count for nothing.
+    """
+    try:
+        found = parse_quantity(text, like)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+    if found.sd:
+        raise InputError(f"{key}: {text!r}: no uncertainty of it enters the result; leave ± out")
+    return found.value
+
+
+def measured_constant(text: str, like: str, key: str, *, last_digit: bool = True) -> Measured:
+    """Return a measured constant given as text, SI; a complaint names `key`.
+
+    Without "±" it has the uncertainty of its last digit, if `last_digit`.
+    """
+    try:
+        return parse_quantity(text, like, last_digit=last_digit)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def section_constant(section: BenchSection, name: str, like: str) -> Measured:
+    """Return a measured constant that the section states, SI."""
+    return measured_constant(getattr(section, name), like, f"[bench] {name}")
+
+
+def section_length(section: BenchSection, name: str) -> Measured:
+    """Return a measured length that must be positive, m."""
+    length = section_constant(section, name, "m")
+    if length.value <= 0:
+        raise InputError(f"[bench] {name}: {getattr(section, name)!r} must be positive")
+    return length
+
+
+def section_deviation(
+    section: BenchSection, name: str, like: str, limit: Limit | None = None
+) -> float:
+    """Return a standard deviation that the section states, SI."""
+    text = getattr(section, name)
+    value = si_value(text, like, f"[bench] {name}")
+    if value < 0:
+        raise InputError(f"[bench] {name}: {text!r} must not be negative")
+    if limit is not None and value > limit.value:
+        raise InputError(f"[bench] {name}: {text!r} is more than {limit.meaning}")
+    return value
+
+
+def section_harmonics(section: BenchSection, name: str) -> tuple[float, ...]:
+    """Return several deviations that must be small angles, rad."""
+    key, texts = f"[bench] {name}", getattr(section, name)
+    values = tuple(si_value(text, "°", key) for text in texts)
+    if not all(0 <= sd <= SMALL_ANGLE.value for sd in values):
+        raise InputError(f"{key}: {', '.join(texts)}: give each from 0 to 1°")
+    return values
+
+
+def section_gravity(section: BenchSection) -> Measured:
+    """Return gravity as given, or computed from latitude and height."""
+    if section.gravity is None:
+        assert section.latitude is not None  # the schema requires one of the two
+        latitude = measured_constant(section.latitude, "°", "[bench] latitude")
+        return normal_gravity(
+            latitude.value, si_value(section.height or "0 m", "m", "[bench] height")
+        )
+    gravity = measured_constant(section.gravity, "m/s²", "[bench] gravity")
+    if not 9.5 < gravity.value < 10.0:
+        raise InputError(
+            f"[bench] gravity: {section.gravity!r} is not gravity on earth, 9.76 to 9.84 m/s²"
+        )
+    return gravity

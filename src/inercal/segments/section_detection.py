@@ -1,0 +1,338 @@
+"""Find the sections of a plan in the signal: rests by their quiet, turns by their angle.
+
+The signal's scatter over half a second is compared with its own quietest level, so that no
+threshold depends on units or on the sensor. Where positions scatter so differently that some stand
+above three times that level, the threshold between the two classes of scatter, rest and motion,
+takes its place (`inercal.segments.motion_thresholds`). Rests are told apart by the direction of
+their mean specific force, turns by the axis and the angle of their integrated rate.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.plan import HandStep, Hold, Turn
+from inercal.recording import Finding, Mark, Recording
+from inercal.segments.motion_thresholds import (
+    KIND_NAMES,
+    MotionThreshold,
+    axis_kinds,
+    gapless_segments,
+    motion_threshold,
+)
+from inercal.sensors import Sensor
+
+WINDOW = 0.5  # s over which scatter is judged
+MARGIN = 0.25  # s cut off both ends of a rest: the hand lets go
+SHORTEST = 1.0  # s
+# Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, a hand's
+# movement is tens to thousands.
+_RESTLESS = 3.0
+_TURNING = 10.0  # quietest scatters that a resting rate may differ between attitudes, and
+_SLOWEST = 0.01  # rad/s: no hand turns slower, and neither the earth nor gravity does as much
+_ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the nominal direction
+_LONGER = 2.0  # times, of a position's rest: the shorter one was a quiet moment of it
+_ROUGHLY = 0.7  # the same before biases are taken out
+_EVEN = 1e-6  # length of the mean direction of attitudes in opposite pairs
+_TURN_TOLERANCE = 0.25  # a turn's angle may be wrong by this part and still be meant
+
+
+@dataclass(frozen=True)
+class SectionDetection:
+    """The sections of a plan that were found, and by what.
+
+    Parameters
+    ----------
+    marks : tuple of Mark
+        In the order of the plan; the longest rest where several fit a step.
+    missing : tuple of str
+        Labels of the plan's holds that no rest fits.
+    rests : tuple of Mark
+        All rests, "rest 1", "rest 2", … in the order of time.
+    levels : tuple of MotionThreshold
+        Scatter at rest and in motion, with the threshold that was held against it, by kind of axis.
+    """
+
+    marks: tuple[Mark, ...]
+    missing: tuple[str, ...]
+    rests: tuple[Mark, ...]
+    levels: tuple[MotionThreshold, ...]
+
+    @property
+    def words(self) -> str:
+        """What was found and by which threshold, in one line."""
+        found = f"{len(self.rests)} rests of {SHORTEST:g} s or more are found"
+        return "; ".join([found, *(_threshold_text(level) for level in self.levels)])
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A warning where positions are missing."""
+        if not self.missing:
+            return ()
+        text = f"no rest fits {', '.join(self.missing)}: {self.words}"
+        return (Finding("warning", "missing", text),)
+
+
+def _threshold_text(level: MotionThreshold) -> str:
+    kind, unit = KIND_NAMES[level.kind], level.unit
+    return (
+        f"scatter at rest {level.quiet:.3g} {unit}, threshold {level.threshold:.3g} {unit} ({kind})"
+    )
+
+
+def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[HandStep]) -> tuple[Mark, ...]:
+    """Return a mark for each step that is found: the marks of `find_sections`."""
+    return find_sections(recording, sensor, steps).marks
+
+
+def find_sections(
+    recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
+) -> SectionDetection:
+    """Return what is found of a plan, as `search_sections` does.
+
+    Raises
+    ------
+    InputError
+        Nothing at rest, or the sensor is no triad.
+    """
+    found = search_sections(recording, sensor, steps)
+    if not found.rests:
+        raise InputError(
+            f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s is found "
+            f"({'; '.join(map(_threshold_text, found.levels))}); mark the sections in a file or a "
+            "column"
+        )
+    return found
+
+
+def search_sections(
+    recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
+) -> SectionDetection:
+    """Return what is found of a plan, or that nothing is.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without a trial axis.
+    sensor : Sensor
+        Triads with nominal readouts; gyros are needed for turns and help to tell rests.
+    steps : sequence of HandStep
+
+    Raises
+    ------
+    InputError
+        A recording too short to judge, or the sensor is no triad.
+    """
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    y = sensor.to_si(recording.data[:, columns])
+    force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
+    if len(force) != 3 or len(rate) not in (0, 3):
+        raise InputError("sections can be found for triads only; mark them in a file or a column")
+    window = max(round(WINDOW * recording.rate_hz), 4)
+    if y.shape[0] < 4 * window:
+        raise InputError(
+            f"{recording.source}: {recording.duration:.2g} s are too short to find sections in"
+        )
+    channels = [_Channel(y[:, k], window) for k in range(y.shape[1])]
+    quietest = [channel.limit for channel in channels]
+    found = _sections(recording, sensor, steps, y, channels, quietest)
+    apart = _class_thresholds(recording, sensor, window)
+    wider = [
+        max(own, apart.get(axis.measures, 0.0))
+        for own, axis in zip(quietest, sensor.axes, strict=True)
+    ]
+    if wider != quietest:
+        other = _sections(recording, sensor, steps, y, channels, wider)
+        found = other if _finds_more(other, found) else found
+    return found
+
+
+class _Channel:
+    """Scatter and mean of a channel over a sliding window; and the scatter that is rest, at most.
+
+    The limit is three times the quietest tenth's scatter.
+    """
+
+    def __init__(self, x: Array, window: int):
+        middle = x.mean()
+        centred = x - middle
+        sums = [np.concatenate([[0.0], np.cumsum(v)]) for v in (centred, centred**2)]
+        n = x.size
+        start = np.clip(np.arange(n) - window // 2, 0, n - window)
+        mean, square = ((s[start + window] - s[start]) / window for s in sums)
+        self.mean = mean
+        self.deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
+        # A coarsely quantised channel may stand still: its smallest step is then the least scatter.
+        steps = np.abs(np.diff(x))
+        least = float(steps[steps > 0].min()) if (steps > 0).any() else 1.0
+        self.floor = max(float(np.quantile(self.deviation, 0.1)), 0.3 * least)
+        self.limit = _RESTLESS * self.floor
+
+    def at_rest(self, limit: float, *, rate: bool) -> NDArray[np.bool_]:
+        """Return where the channel scatters less than the limit and, a rate, does not turn."""
+        quiet = self.deviation < limit
+        if rate and quiet.any():
+            # In the middle of a turn the rate may be as steady as at rest, but it is not the same.
+            away = np.abs(self.mean - np.median(self.mean[quiet]))
+            quiet &= away < max(_TURNING * self.floor, _SLOWEST)
+        return quiet
+
+
+def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict[str, float]:
+    """Return the scatter between rest and motion, SI, of the kinds of axis that tell them apart."""
+    segments = gapless_segments(recording)
+    found: dict[str, float] = {}
+    for kind in axis_kinds(recording, sensor):
+        if int((segments[:, 1] - segments[:, 0]).max()) < window:
+            continue
+        level, _ = motion_threshold(recording, kind, segments, window)
+        if np.isfinite(level.threshold):
+            first = next(axis for axis in sensor.axes if axis.measures == kind.kind)
+            found[kind.kind] = level.threshold / abs(first.readout.scale)
+    return found
+
+
+def _finds_more(one: SectionDetection, other: SectionDetection) -> bool:
+    """Whether one search finds all that another one does and a position more, or one of twice."""
+    if not set(other.missing) >= set(one.missing):
+        return False
+    labels = {mark.label for mark in one.marks}
+    if not labels >= {mark.label for mark in other.marks}:
+        return False
+    size = {mark.label: mark.stop - mark.start for mark in other.marks}
+    return one.missing != other.missing or any(
+        mark.label in size and mark.stop - mark.start > _LONGER * size[mark.label]
+        for mark in one.marks
+    )
+
+
+def _sections(
+    recording: Recording,
+    sensor: Sensor,
+    steps: Sequence[HandStep],
+    y: Array,
+    channels: Sequence["_Channel"],
+    limits: Sequence[float],
+) -> SectionDetection:
+    """Return what is found of a plan where rests scatter less than limits, one of each channel."""
+    force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
+    rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
+    quiet = np.ones(len(y), dtype=np.bool_)
+    for k in (*force, *rate):
+        quiet &= channels[k].at_rest(limits[k], rate=k in rate)
+    for before, after in recording.gaps:
+        quiet[before : after + 1] = False
+    margin, shortest = (round(s * recording.rate_hz) for s in (MARGIN, SHORTEST))
+    rests = [(a + margin, b - margin) for a, b in _runs(quiet) if b - a - 2 * margin >= shortest]
+    kinds: list[tuple[Literal["f", "w"], list[int]]] = [("f", force), ("w", rate)]
+    levels = tuple(
+        _level(sensor, kind, [channels[k] for k in own], [limits[k] for k in own], quiet)
+        for kind, own in kinds
+        if own
+    )
+    marks: list[Mark] = []
+    if rests:
+        marks = _holds(y[:, force], rests, steps)
+        if rate:
+            marks += _turns(y[:, rate], y[:, force], recording, quiet, rests, steps)
+    order = [step.label for step in steps]
+    named = {mark.label for mark in marks}
+    return SectionDetection(
+        tuple(sorted(marks, key=lambda mark: order.index(mark.label))),
+        tuple(s.label for s in steps if isinstance(s, Hold) and s.label not in named),
+        tuple(Mark(f"rest {k}", a, b) for k, (a, b) in enumerate(rests, 1)),
+        levels,
+    )
+
+
+def _level(
+    sensor: Sensor,
+    kind: Literal["f", "w"],
+    channels: Sequence[_Channel],
+    limits: Sequence[float],
+    quiet: NDArray[np.bool_],
+) -> MotionThreshold:
+    """Return how a kind of axis scatters, in output units: root mean square over its axes."""
+    axis = next(axis for axis in sensor.axes if axis.measures == kind)
+    scale = abs(axis.readout.scale)
+    scatter = np.sqrt(np.mean([channel.deviation**2 for channel in channels], axis=0)) * scale
+    return MotionThreshold(
+        kind,
+        axis.readout.unit,
+        float(np.median(scatter[quiet])) if quiet.any() else float(np.min(scatter)),
+        float(np.median(scatter[~quiet])) if not quiet.all() else float(np.max(scatter)),
+        float(np.sqrt(np.mean(np.square(limits)))) * scale,
+    )
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the half-open ranges where `flags` is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]) -> list[Mark]:
+    means = np.array([f[a:b].mean(axis=0) for a, b in rests])
+    ups = np.array([step.up for step in steps if isinstance(step, Hold)]).reshape(-1, 3)
+    means = means - _offset(means, ups)
+    directions = means / np.linalg.norm(means, axis=1, keepdims=True)
+    marks: list[Mark] = []
+    for step in steps:
+        if isinstance(step, Hold):
+            fitting: list[int] = np.flatnonzero(directions @ np.array(step.up) > _ALIGNED).tolist()
+            if fitting:
+                a, b = max((rests[k] for k in fitting), key=lambda rest: rest[1] - rest[0])
+                marks.append(Mark(step.label, a, b))
+    return marks
+
+
+def _offset(means: Array, ups: Array) -> Array:
+    """Return rough biases, (3,): what rests in opposite attitudes have in common, else zero.
+
+    A bias of 0.4 g turns the reading of a face by more than the cosine that tells faces apart.
+    """
+    directions = means / np.linalg.norm(means, axis=1, keepdims=True)
+    near = directions @ ups.T
+    found = np.flatnonzero((near > _ROUGHLY).any(axis=0))
+    if len(found) < len(ups) or not len(ups) or np.linalg.norm(ups.mean(axis=0)) > _EVEN:
+        return np.zeros(3)
+    faces = [means[near[:, k] > _ROUGHLY].mean(axis=0) for k in found.tolist()]
+    return np.asarray(np.mean(faces, axis=0), dtype=float)
+
+
+def _turns(
+    w: Array,
+    f: Array,
+    recording: Recording,
+    quiet: NDArray[np.bool_],
+    rests: Sequence[tuple[int, int]],
+    steps: Sequence[HandStep],
+) -> list[Mark]:
+    """Return the turns: about the vertical, so that gravity stays in place, by the right angle."""
+    bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
+    window = round(WINDOW * recording.rate_hz)
+    candidates: list[tuple[int, int, Array]] = []
+    for a, b in (run for run in _runs(~quiet) if run[1] - run[0] > 1):
+        before, after = (
+            f[max(a - window, 0) : a + 1].mean(axis=0),
+            f[b - 1 : b + window].mean(axis=0),
+        )
+        if before @ after > _ALIGNED * np.linalg.norm(before) * np.linalg.norm(after):
+            candidates.append((a, b, (w[a:b] - bias).mean(axis=0) * recording.span(a, b)))
+    marks: list[Mark] = []
+    for step in steps:
+        if not isinstance(step, Turn):
+            continue
+        # The sense is left open: a turn the other way is found, and said by the check of the plan.
+        nominal = np.abs(step.angle * np.array(step.axis))
+        apart = [float(np.linalg.norm(np.abs(angle) - nominal)) for _, _, angle in candidates]
+        if apart and min(apart) < _TURN_TOLERANCE * abs(step.angle):
+            a, b, _ = candidates[int(np.argmin(apart))]
+            marks.append(Mark(step.label, a, b))
+    return marks

@@ -1,0 +1,215 @@
+"""From marked sections to observations: means with an honest covariance.
+
+The noise of the resting sections is pooled: its density at zero frequency, by batch means, gives
+the covariance of every mean, that of the turns included (a turn's own scatter is motion, not
+noise). A correlation that is longer than a batch enlarges it, and a section that scatters by more
+or less than the others has a variance of its own (`inercal.segments.section_noise`). Bias
+instability and random walk, which show between sections, are not found but taken as the sensor's
+noise states them.
+"""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.plan import Rotation, Step, Turn
+from inercal.recording import Mark, Observations, Recording
+from inercal.segments.attitudes import FLAWS
+from inercal.segments.drift import drift_covariance
+from inercal.segments.hand_motion_noise import density_without_tremor, noise_degrees_of_freedom
+from inercal.segments.section_noise import SectionNoise, drift_notes, section_noise_statistics
+from inercal.segments.stillness import require_still
+from inercal.segments.temperature_trend import Sections, remove_temperature_trend
+from inercal.sensors import Sensor
+from inercal.uncertainty import BATCHES, pooled_mean_covariances
+
+MIN_SAMPLES = 20  # fewer leave no batches to judge the noise by
+_FREEDOM = 342  # degrees of freedom behind the noise: those of 18 rests of 20 batches
+
+
+def observe(
+    recording: Recording,
+    sensor: Sensor,
+    marks: Sequence[Mark],
+    steps: Sequence[Step],
+    *,
+    by_hand: bool = False,
+    found: bool = False,
+    drifting: bool = False,
+) -> Observations:
+    """Return one row for each step that is marked, in the order of `steps`.
+
+    Parameters
+    ----------
+    recording : Recording
+    sensor : Sensor
+        Its axes name the channels that are used; its readout gives SI.
+    marks : sequence of Mark
+    steps : sequence of Step
+    by_hand : bool
+        The sensor trembles: the accelerometers' noise is judged along gravity
+        (`inercal.segments.hand_motion_noise`). Without a trial axis.
+    found : bool
+        The sections were judged to be at rest already: they were found by how they scatter, or
+        `require_still` has judged them.
+    drifting : bool
+        A drift linear in time that the sections' slopes show beyond their noise is part of
+        `drift`, about the middle of the rests: for plans that read each axis too seldom to show it
+        otherwise. Without a trial axis.
+
+    Raises
+    ------
+    InputError
+        A section is too short, no hold is marked, or a section lies on a flaw of the recording.
+    """
+    by_label = {mark.label: mark for mark in marks}
+    used = [step for step in steps if step.label in by_label]
+    columns = [recording.channels.index(name) for name in sensor.channels]
+
+    def section(step: Step, data: Array = recording.data) -> Array:
+        # Made anew each time: all sections together may be as large as the recording.
+        mark = by_label[step.label]
+        return sensor.to_si(data[..., mark.start : mark.stop, columns])
+
+    for step in used:
+        mark = by_label[step.label]
+        _refuse_flaws(recording, mark, step, sensor.channels)
+        if mark.stop - mark.start < MIN_SAMPLES:
+            raise InputError(
+                f"{recording.source}: section {mark.label} has {mark.stop - mark.start} "
+                f"sample{'s' * (mark.stop - mark.start > 1)}; at least {MIN_SAMPLES} are needed"
+            )
+    holds = [step for step in used if not isinstance(step, Turn | Rotation)]
+    if not holds:
+        raise InputError(f"{recording.source}: no position at rest is marked")
+    scatter = np.stack([section(step).std(axis=-2) for step in holds])
+    if not found:
+        require_still(recording, sensor, [by_label[step.label] for step in holds])
+    batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
+    warmth = recording.temperature
+
+    def resting(data: Array, kelvin: Array | None) -> Sections:
+        """Return the sections at rest, without what a changing temperature does within them."""
+        raw = partial(map, partial(section, data=data), holds)
+        if kelvin is None or not sensor.uses("dT"):
+            return raw
+        spans = [slice(by_label[s.label].start, by_label[s.label].stop) for s in holds]
+        return remove_temperature_trend(raw, [kelvin[..., span] for span in spans])
+
+    at_rest_all = resting(recording.data, warmth)
+    of_holds, dof = pooled_mean_covariances(at_rest_all(), batches)
+    samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
+    density = of_holds[0] * samples[used.index(holds[0])]
+    if by_hand:
+        density = density_without_tremor(density, sensor, at_rest_all())
+        dof = min(dof, noise_degrees_of_freedom(len(holds)))
+    coarse = coarse_steps(recording.data, columns, sensor, scatter)
+    ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
+    durations = np.array([recording.span(*limits) for limits in ranges])
+    middles = np.array([recording.time[start] for start, _ in ranges]) + 0.5 * durations
+    covariance = density[..., None, :, :] / samples[:, None, None]
+    at_rest = [used.index(step) for step in holds]
+    names = [step.label for step in holds]
+
+    def judged(of: Sections) -> tuple[Array, SectionNoise]:
+        """Return the factors on the deviations of all rows, (r, m), and what they come from."""
+        found = section_noise_statistics(
+            sensor, of, durations[at_rest], names, coarse, by_hand=by_hand
+        )
+        variance = found.factor(durations, durations[at_rest], batches)
+        variance[at_rest] *= found.scale
+        return np.sqrt(variance), found
+
+    tests, notes, found_within = (), (), None
+    drift = drift_covariance(
+        [axis.noise for axis in sensor.axes],
+        middles - recording.time[0],
+        durations,
+        recording.duration,
+    )
+    if recording.data.ndim == 2:
+        factor, found_within = judged(at_rest_all)
+        tests, notes = found_within.tests, found_within.notes
+        if drifting and found_within.trend.any():
+            since = middles - middles[at_rest].mean()
+            shared = np.outer(since, since)[..., None] * found_within.trend**2
+            drift = shared if drift is None else drift + shared
+            notes = (*notes, *drift_notes(sensor, found_within.trend * recording.duration))
+    else:
+        trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
+        kelvins: list[Array | None] = [warmth] * len(trials)
+        if warmth is not None and warmth.ndim > 1:
+            kelvins = list(np.broadcast_to(warmth, trials.shape[:-1]).reshape(len(trials), -1))
+        each = zip(trials, kelvins, strict=True)
+        factor = np.stack([judged(resting(one, kelvin))[0] for one, kelvin in each])
+        factor = factor.reshape(*recording.data.shape[:-2], *factor.shape[1:])
+    covariance = covariance * factor[..., :, None] * factor[..., None, :]
+    if found_within is not None:
+        covariance[at_rest] += found_within.disturbance_variance[:, :, None] * np.eye(len(columns))
+    return Observations(
+        labels=tuple(step.label for step in used),
+        mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),
+        covariance=covariance + np.diag(coarse),
+        duration=durations,
+        samples=samples,
+        time=middles,
+        channels=sensor.channels,
+        dof=dof,
+        drift=drift,
+        rounding=coarse,
+        tests=tests,
+        notes=notes,
+        temperature=None
+        if warmth is None
+        else np.stack([warmth[..., start:stop].mean(axis=-1) for start, stop in ranges], axis=-1),
+    )
+
+
+def coarse_steps(data: Array, columns: Sequence[int], sensor: Sensor, scatter: Array) -> Array:
+    """Return the variance that coarse steps add to each mean, (m,): q²/12, GUM F.2.2.1.
+
+    Noise of more than half a step makes a mean as good as without steps, and less does not: all
+    samples of a hold then share one rounding error. The step is the stated one, or the data's.
+
+    Parameters
+    ----------
+    data : (..., n, k) array
+        Of the recording, output units.
+    columns : sequence of m int
+        Of the sensor's axes.
+    sensor : Sensor
+    scatter : (holds, ..., m) array
+        Standard deviations within the holds, SI.
+    """
+    variance = np.zeros(len(sensor.axes))
+    for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
+        steps = np.abs(np.diff(data[..., column], axis=-1))
+        found = float(np.min(steps, initial=np.inf, where=steps > 0))
+        found = found if np.isfinite(found) else 0.0
+        step = max(axis.noise.quantisation, found / abs(axis.readout.scale))
+        if np.mean(scatter[..., k] ** 2) < (0.5 * step) ** 2:
+            variance[k] = step**2 / 12
+    return variance
+
+
+def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:
+    """Refuse a section that holds saturated or stuck samples, or a turn with samples lost."""
+    where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"
+    for flaw in recording.findings:
+        if flaw.what not in FLAWS or flaw.start is None or flaw.stop is None:
+            continue
+        relevant = flaw.channel is None or flaw.channel in channels
+        if relevant and flaw.start < mark.stop and flaw.stop > mark.start:
+            raise InputError(
+                f"{where} cannot be used: {flaw.message}; mark a section without it or record again"
+            )
+    lost = (recording.gaps[:, 0] >= mark.start) & (recording.gaps[:, 1] < mark.stop)
+    if isinstance(step, Turn) and lost.any():
+        after = int(recording.gaps[np.argmax(lost), 0])
+        raise InputError(
+            f"{where} cannot be used: samples are lost after sample {after}, and with them part of "
+            "the turn's angle; record it again"
+        )

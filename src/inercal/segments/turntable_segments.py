@@ -1,0 +1,165 @@
+"""What a turntable did, by its readback: where it held, and where one axis turned.
+
+The table holds where no axis moves by more than its noise within a second. Such stretches are cut
+where samples are missing and where a label changes to another, and settling goes at both ends. An
+axis turns where it has a rate for itself; a turn is told from a way to the next position by its
+label, or by being more than half a turn: to a position the table takes the shorter way.
+"""
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from inercal.arrays import Array
+
+Indices = NDArray[np.int64]
+_WINDOW = 1.0  # s
+_LEAST = 1.0  # s, of a hold without its settling
+_APART = 0.5  # s without a sample that end a hold
+_NOISE = 10.0  # standard deviations between least and largest of a second's readings
+_STILL = 4.8e-5  # rad, 10″: less in a second is the table's control; the earth turns by 15″
+_QUANTA = 2.5
+_COARSEST = 5e-4  # rad, 0.03°, step of a readback
+_DUST = 1e-9  # rad; smaller steps come from rounding
+_SPAN = 0.1  # s to both sides, over which a rate is taken
+_SLOWEST = 9e-4  # rad/s, 0.05 °/s
+_HALF = 3.15  # rad; a turn that nobody names is more than a way between two positions
+_SETTLES = 0.02  # rad, 1°: one that is named is more than what a servo does when it arrives
+
+
+class AxisTurn(NamedTuple):
+    """One axis turning, samples `start` to `stop`, half open."""
+
+    axis: int
+    start: int
+    stop: int
+    angle: float  # rad
+    rate: float  # rad/s, the median
+
+
+def hold_limits(angles: Array) -> Array:
+    """Return by how much each axis may move within a second and yet hold, (k,) rad.
+
+    Parameters
+    ----------
+    angles : (n, k) array
+        Readback, rad, turns counted on.
+    """
+    found: list[float] = []
+    for column in angles.T:
+        # Second differences are those of noise wherever the rate is steady: 1 + 4 + 1 variances.
+        bent = np.abs(np.diff(column, 2))
+        noise = float(np.median(bent)) / (0.6745 * 6**0.5) if bent.size else 0.0
+        steps = np.abs(np.diff(column))
+        resolution = float(steps[steps > _DUST].min(initial=np.inf))
+        coarse = _QUANTA * resolution if resolution < _COARSEST else 0.0
+        found.append(max(_STILL, _NOISE * noise, coarse))
+    return np.array(found)
+
+
+def find_holds(
+    time: Array, angles: Array, labels: NDArray[np.str_] | None, settling: float
+) -> Indices:
+    """Return the holds, (h, 2): samples from and to, half open.
+
+    Parameters
+    ----------
+    time : (n,) array
+        s.
+    angles : (n, k) array
+        Readback, rad, turns counted on.
+    labels : (n,) array of str or None
+        A hold ends where one label follows another.
+    settling : float
+        s that go at both ends, not at the recording's own.
+    """
+    n = time.size
+    if n < 2:
+        return np.zeros((0, 2), dtype=np.int64)
+    window = max(round(_WINDOW / float(np.median(np.diff(time)))), 2) + 1
+    quiet = np.ones(n, dtype=np.bool_)
+    for column, most in zip(angles.T, hold_limits(angles), strict=True):
+        own = np.ascontiguousarray(column)
+        reach = maximum_filter1d(own, window) - minimum_filter1d(own, window)
+        quiet &= reach <= most
+    held = maximum_filter1d(quiet.astype(np.uint8), window).astype(np.bool_)
+    settled = np.zeros(n, dtype=np.bool_)
+    for start, stop in _runs(held, np.zeros(n - 1, dtype=np.bool_)).tolist():
+        first = np.searchsorted(time, time[start] + settling) if start else 0
+        last = np.searchsorted(time, time[stop - 1] - settling, "right") if stop < n else n
+        settled[first:last] = True
+    parted = np.diff(time) > _APART
+    if labels is not None:
+        parted |= (labels[1:] != labels[:-1]) & (labels[1:] != "") & (labels[:-1] != "")
+    return select_long_holds(time, _runs(settled, parted))
+
+
+def select_long_holds(time: Array, holds: Indices) -> Indices:
+    """Return the holds (h, 2), samples from and to, that last a second."""
+    return holds[time[holds[:, 1] - 1] - time[holds[:, 0]] >= _LEAST * (1 - 1e-3)]
+
+
+def holds_from_numbers(time: Array, number: Array) -> Indices:
+    """Return the holds, (h, 2), of samples (n,) that state theirs; negative is none."""
+    parted = (np.diff(time) > _APART) | (number[1:] != number[:-1])
+    return _runs(number >= 0, parted)
+
+
+def _runs(wanted: NDArray[np.bool_], parted: NDArray[np.bool_]) -> Indices:
+    """Return the unbroken runs of what is wanted, (r, 2), half open; each parting ends one."""
+    cut = np.flatnonzero((wanted[1:] != wanted[:-1]) | parted) + 1
+    bounds = np.stack([np.append(0, cut), np.append(cut, wanted.size)], axis=-1)
+    return bounds[wanted[bounds[:, 0]]].astype(np.int64)
+
+
+def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> tuple[AxisTurn, ...]:
+    """Return the turns of one axis each, in the order of time; arguments as of `find_holds`."""
+    if time.size < 2:
+        return ()
+    rate = _rates(time, angles)
+    least = np.maximum(_SLOWEST, hold_limits(angles) / _SPAN)
+    sense = np.sign(rate) * (np.abs(rate) > least)
+    cut = np.flatnonzero((sense[1:] != sense[:-1]).any(axis=1)) + 1
+    start, stop = np.append(0, cut), np.append(cut, time.size)
+    alone = (sense[start] != 0).sum(axis=1) == 1
+    found: list[AxisTurn] = []
+    margin = _samples(time, _SPAN)
+    for a, b in zip(start[alone].tolist(), stop[alone].tolist(), strict=True):
+        axis = int(np.argmax(sense[a] != 0))
+        a, b = _extend_to_rest(sense[:, axis], a, b, 2 * margin + 1)
+        # Where an axis starts, stops or turns back its rate is too small to tell.
+        reach = float(np.ptp(angles[max(a - margin, 0) : b + margin, axis]))
+        way = float(sense[a, axis]) * reach
+        named = labels is not None and bool(labels[(a + b) // 2])
+        if abs(way) > (_SETTLES if named else _HALF):
+            found.append(AxisTurn(axis, a, b, way, float(np.median(rate[a:b, axis]))))
+    return tuple(found)
+
+
+def _extend_to_rest(sense: Array, start: int, stop: int, most: int) -> tuple[int, int]:
+    """Return a turn up to where it comes to rest, if another axis starts there or has just stopped.
+
+    Rates over a span see that axis too soon, and this one too long: rest is halfway. A row of means
+    goes from rest to rest, or it depends on the latency.
+    """
+    other = sense != sense[start]
+    begin = max(start - most, 0)
+    before = np.flatnonzero(other[begin:start])
+    after = np.flatnonzero(other[stop : stop + most])
+    first = (begin + int(before[-1]) + 1 + start) // 2 if before.size else start
+    return first, stop + int(after[0]) // 2 if after.size else stop
+
+
+def _rates(time: Array, angles: Array) -> Array:
+    """Return the rate of each axis about each sample, (n, k) rad/s."""
+    n, reach = time.size, _samples(time, _SPAN)
+    after = np.minimum(np.arange(n) + reach, n - 1)
+    before = np.maximum(np.arange(n) - reach, 0)
+    return (angles[after] - angles[before]) / (time[after] - time[before])[:, None]
+
+
+def _samples(time: Array, seconds: float) -> int:
+    return max(round(seconds / float(np.median(np.diff(time)))), 1)

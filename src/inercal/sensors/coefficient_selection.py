@@ -1,0 +1,80 @@
+"""Coefficients chosen by full name, short name or group."""
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.keys import CoefficientName
+from inercal.sensors.axis import Axis
+from inercal.sensors.coefficient_tables import GROUPS, TABLES
+
+
+def select_coefficients(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[str, ...]:
+    """Return full coefficient names, axis by axis in the order of the tables.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+    chosen : sequence of str
+        `"k0"`, `"x.k0"`, a group (`"bias"`, `"misalignment"`, …) or `"x.misalignment"`.
+
+    Raises
+    ------
+    InputError
+        A word names nothing on these axes; the message lists what they have.
+    """
+    picked: set[str] = set()
+    for word in chosen:
+        axis_name, short = CoefficientName(word).parts
+        found = {
+            CoefficientName.of(axis.name, c)
+            for k, axis in enumerate(axes)
+            if word == short or axis.name == axis_name
+            for c in _expand_word(axes, k, short)
+        }
+        if not found:
+            raise InputError(_unknown_word_error(axes, word))
+        picked |= found
+    return tuple(
+        full
+        for axis in axes
+        for c in TABLES[axis.measures]
+        if (full := CoefficientName.of(axis.name, c.name)) in picked
+    )
+
+
+def _expand_word(axes: Sequence[Axis], k: int, word: str) -> list[str]:
+    """Return the short names on axis k that `word` stands for."""
+    table = TABLES[axes[k].measures]
+    if word == "nonorthogonality":
+        return _nonorthogonality(axes, k)
+    return [c.name for c in table if word in (c.name, c.group)]
+
+
+def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
+    """Return the misalignments of axis k towards the axes of its kind before it.
+
+    Kept alone they make the matrix of a triad lower triangular: the frame is then the sensor's own
+    (x along the first input axis, y in the plane of the first two), with no mounting angles left.
+    """
+    _, pendulous, output = axes[k].frame
+    earlier = [a.frame[0] for a in axes[:k] if a.measures == axes[k].measures]
+
+    def is_earlier(direction: Array) -> bool:
+        return any(abs(abs(direction @ e) - 1) < 1e-9 for e in earlier)
+
+    toward = {"delta_o": pendulous, "delta_p": output}
+    return [name for name, direction in toward.items() if is_earlier(direction)]
+
+
+def _unknown_word_error(axes: Sequence[Axis], word: str) -> str:
+    short = sorted({c.name for axis in axes for c in TABLES[axis.measures]})
+    words = [*short, *GROUPS, "nonorthogonality", *(axis.name + ".…" for axis in axes)]
+    near = get_close_matches(CoefficientName(word).term, dict.fromkeys(words), n=2)
+    hint = f"; did you mean {' or '.join(near)}?" if near else ""
+    names = ", ".join(axis.name for axis in axes)
+    return (
+        f"no coefficient or group {word!r}{hint} Axes: {names}; coefficients: {', '.join(short)}; "
+        f"groups: {', '.join((*GROUPS, 'nonorthogonality'))}"
+    )

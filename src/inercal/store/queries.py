@@ -1,0 +1,142 @@
+"""What is read from a register, as entries."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import ColumnElement, Connection, Row, func, select
+
+from inercal.errors import InputError
+from inercal.store.entries import CalibrationEntry, FileEntry, RunEntry, SensorEntry
+from inercal.store.register_tables import bench, calibration, coefficient, file, run, sensor
+
+_MAX_LISTED = 8  # sensors that a refusal names
+
+
+def sensors(db: Connection, *where: ColumnElement[bool]) -> tuple[SensorEntry, ...]:
+    """Return the sensors by name."""
+    count, last = func.count(calibration.c.id), func.max(calibration.c.measured)
+    query = (
+        select(sensor, count.label("calibrations"), last.label("last"))
+        .outerjoin(calibration, calibration.c.sensor_id == sensor.c.id)
+        .where(*where)
+        .group_by(sensor.c.id)
+    )
+    found = (
+        SensorEntry(
+            row.id,
+            row.name,
+            tuple(axis["name"] for axis in json.loads(row.axes)),
+            row.calibrations,
+            row.last and row.last.partition("T")[0],
+            row.entered_by,
+            row.entered_at,
+        )
+        for row in db.execute(query)
+    )
+    # Servers have orders of their own for texts.
+    return tuple(sorted(found, key=lambda one: one.name))
+
+
+def find_sensor(db: Connection, key: int | str) -> SensorEntry:
+    """Return one sensor by its id or its name.
+
+    Raises
+    ------
+    InputError
+        There is none; some that there are are named.
+    """
+    column = sensor.c.id if isinstance(key, int) else sensor.c.name
+    found = sensors(db, column == key)
+    if found:
+        return found[0]
+    there = [repr(one.name) for one in sensors(db)]
+    named = ", ".join(there[:_MAX_LISTED]) + ", …" * (len(there) > _MAX_LISTED)
+    raise InputError(
+        f"no sensor {key!r} in the register; " + (f"it has {named}" if there else "it is empty")
+    )
+
+
+def runs(db: Connection, *where: ColumnElement[bool]) -> tuple[RunEntry, ...]:
+    """Return the runs, the first first; `where` is of the table of runs."""
+    query = (
+        select(run, sensor.c.name.label("sensor"), bench.c.kind, bench.c.name.label("bench"))
+        .join(sensor, sensor.c.id == run.c.sensor_id)
+        .join(bench, bench.c.id == run.c.bench_id)
+        .where(*where)
+        .order_by(run.c.begun, run.c.id)
+    )
+    found = db.execute(query).all()
+    files: dict[int, list[FileEntry]] = {row.id: [] for row in found}
+    theirs = select(file).join(run, run.c.id == file.c.run_id).where(*where)
+    for row in db.execute(theirs):
+        if row.run_id in files:  # one may have been entered since
+            files[row.run_id].append(FileEntry(row.name, row.size, row.sha256))
+    return tuple(
+        RunEntry(
+            row.id, row.key, row.sensor, row.kind, row.bench, row.begun, row.state,
+            row.table_address, row.imu_address, row.folder,
+            tuple(sorted(files[row.id], key=lambda one: one.name)),
+            row.entered_by, row.entered_at,
+        )
+        for row in found
+    )  # fmt: skip
+
+
+def calibrations(db: Connection, *where: ColumnElement[bool]) -> tuple[CalibrationEntry, ...]:
+    """Return calibrations in the order in which they were measured."""
+    query = (
+        select(
+            calibration,
+            sensor.c.name.label("sensor"),
+            bench.c.kind.label("kind"),
+            bench.c.name.label("bench"),
+        )
+        .join(sensor, sensor.c.id == calibration.c.sensor_id)
+        .outerjoin(bench, bench.c.id == calibration.c.bench_id)
+        .where(*where)
+        .order_by(calibration.c.measured, calibration.c.id)
+    )
+    return tuple(map(_calibration_entry, db.execute(query)))
+
+
+def calibration_numbers(db: Connection, *where: ColumnElement[bool]) -> tuple[int, ...]:
+    """Return the ids of calibrations in the order in which they were measured."""
+    query = select(calibration.c.id).where(*where)
+    return tuple(db.scalars(query.order_by(calibration.c.measured, calibration.c.id)))
+
+
+def _calibration_entry(row: Row[Any]) -> CalibrationEntry:
+    return CalibrationEntry(
+        row.id, row.sensor, row.kind or "", row.bench or "", row.run_id, row.measured,
+        row.measured_from, row.method, row.estimator, row.grade, row.sha256, row.entered_by,
+        row.entered_at, row.content,
+    )  # fmt: skip
+
+
+def find_calibration(db: Connection, number: int) -> CalibrationEntry:
+    """Return one calibration by its id.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    found = calibrations(db, calibration.c.id == number)
+    if found:
+        return found[0]
+    last = db.scalar(select(func.max(calibration.c.id)))
+    raise InputError(
+        f"no calibration #{number} in the register; "
+        + (f"the last is #{last}" if last else "it has none")
+    )
+
+
+def coefficients(db: Connection, number: int) -> Sequence[tuple[str, float, float, str]]:
+    """Return name, value, standard uncertainty and SI unit of a calibration's coefficients."""
+    query = (
+        select(coefficient)
+        .where(coefficient.c.calibration_id == number)
+        .order_by(coefficient.c.place)
+    )
+    return [(row.name, row.value, row.std, row.unit) for row in db.execute(query)]

@@ -1,0 +1,102 @@
+"""The tables of a register. A change of them goes with a revision in `migrations/versions`.
+
+Times are texts, ISO 8601 in UTC to the millisecond, so that they sort as they follow one another.
+"""
+
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    Double,
+    ForeignKey,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    UniqueConstraint,
+)
+
+metadata = MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+
+def _text_columns(*names: str) -> list[Column[str]]:
+    """Return columns of text that every row has."""
+    return [Column(name, String, nullable=False) for name in names]
+
+
+def _entry_columns() -> list[Column[str]]:
+    """Return who entered a row, and when."""
+    return _text_columns("entered_by", "entered_at")
+
+
+sensor = Table(
+    "sensor",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("name", String, nullable=False, unique=True),
+    Column("axes", Text, nullable=False),  # JSON: list of {name, measures}
+    *_entry_columns(),
+)
+bench = Table(
+    "bench",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("kind", String, nullable=False),
+    Column("name", String, nullable=False),  # empty where a run file gives none
+    *_entry_columns(),
+    UniqueConstraint("kind", "name"),
+)
+run = Table(
+    "run",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("key", String, nullable=False, unique=True),
+    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
+    Column("bench_id", Integer, ForeignKey("bench.id"), nullable=False),
+    *_text_columns("begun", "state", "table_address", "imu_address", "folder"),
+    *_entry_columns(),
+)
+file = Table(
+    "file",
+    metadata,
+    Column("run_id", Integer, ForeignKey("run.id"), primary_key=True),
+    Column("name", String, primary_key=True),
+    Column("size", BigInteger, nullable=False),
+    Column("sha256", String, nullable=False, index=True),
+    *_entry_columns(),
+)
+calibration = Table(
+    "calibration",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("sensor_id", Integer, ForeignKey("sensor.id"), nullable=False, index=True),
+    Column(
+        "bench_id", Integer, ForeignKey("bench.id")
+    ),  # null where its method is none of this version
+    Column("run_id", Integer, ForeignKey("run.id"), index=True),
+    Column("measured", String, nullable=False),
+    Column("measured_from", String, nullable=False),  # "stated", "run" or "created"
+    *_text_columns("method", "estimator"),
+    Column("grade", String, nullable=False, server_default=""),  # of its verdict; empty if unknown
+    Column("recording_sha256", String, nullable=False, index=True),  # empty where it names none
+    Column("content", Text, nullable=False),  # the whole file, JSON
+    Column("sha256", String, nullable=False, unique=True),
+    *_entry_columns(),
+)
+coefficient = Table(
+    "coefficient",
+    metadata,
+    Column("calibration_id", Integer, ForeignKey("calibration.id"), primary_key=True),
+    Column("name", String, primary_key=True),
+    Column("place", Integer, nullable=False),  # in the calibration's order, from 0
+    Column("value", Double, nullable=False),
+    Column("std", Double, nullable=False),
+    Column("unit", String, nullable=False),  # SI
+)

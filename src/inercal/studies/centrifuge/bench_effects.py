@@ -1,0 +1,192 @@
+"""Table 3 and what else the bench does: lever arms, earth's rate, errors of the acceleration."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.methods.centrifuge_norm import closed_formulas, ml
+from inercal.studies.centrifuge import simulated_centrifuge
+from inercal.studies.centrifuge.simulated_centrifuge import (
+    AXES,
+    BENCH,
+    LATITUDE,
+    QUANTITIES,
+    TRUTH,
+    UNITS,
+    G,
+    closed_form_estimate,
+    coefficients_as_printed,
+    dwell_force,
+    ml_estimate,
+    outputs,
+    steps,
+)
+from inercal.studies.claim import Claim, format_significant, judge_claim
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.study_content import StudySection, StudyTable
+
+TEXT = read_section_text("inercal.studies.centrifuge", "bench")
+
+ARM_LENGTH = 0.02  # m
+ACCELERATION_ERROR = 1e-5  # error of the centripetal acceleration
+PRINTED_ERRORS = np.array([  # |ΔS|, |Δb|, |ΔD| of x, y, z
+    [2.073e-10, 3.795e-11, 3.191e-10],
+    [5.012e-8, 7.918e-10, 4.682e-10],
+    [8.117e-11, 2.289e-13, 1.863e-13],
+])  # fmt: skip
+# Of the nine components of three lever arms these act on the readings of the printed positions.
+OBSERVED_ARMS = ("x.arm_i", "x.arm_o", "y.arm_i", "z.arm_i", "z.arm_p")
+
+
+@dataclass(frozen=True, eq=False)
+class LeverArmErrors:
+    """Errors of S, b, D, (3, 3), with lever arms ignored, and what is found of them.
+
+    Parameters
+    ----------
+    paper, ml : (3, 3) arrays
+        Axes B and C 2 cm out along their own directions, A at the centre.
+    least : (3, 3) array
+        The smallest |error| of `paper` over arrangements, by coefficient; `arrangements` many.
+    std : (5,) array
+        Deviations of the components in `OBSERVED_ARMS` where they are estimated, m.
+    left : float
+        Largest |error| of S, b and D then.
+    """
+
+    paper: Array
+    ml: Array
+    least: Array
+    arrangements: int
+    std: Array
+    left: float
+
+
+def lever_arm_errors() -> LeverArmErrors:
+    """Return what lever arms of 2 cm do."""
+    spins = steps()
+    own = np.diag([0.0, ARM_LENGTH, ARM_LENGTH])
+    output = outputs(replace(TRUTH, arms=own), spins)
+    found: list[Array] = []
+    for i in range(3):  # which axis is out
+        for k in range(3):  # and along what
+            for sign in (1, -1):
+                place = np.zeros((3, 3))
+                place[i, k] = sign * ARM_LENGTH
+                other = outputs(replace(TRUTH, arms=place), spins)
+                if np.abs(other - outputs(TRUTH, spins)).max() > 1e-9:
+                    found.append(
+                        np.abs(
+                            closed_form_estimate(closed_formulas.paper, other, spins) - TRUTH.values
+                        )
+                    )
+    made = simulated_centrifuge.sensor(*OBSERVED_ARMS)
+    estimate = ml(simulated_centrifuge.observations(output, made), made, BENCH, spins)
+    index = [estimate.names.index(name) for name in OBSERVED_ARMS]
+    nine = [estimate.names.index(name) for name in simulated_centrifuge.sensor().coefficients]
+    return LeverArmErrors(
+        closed_form_estimate(closed_formulas.paper, output, spins) - TRUTH.values,
+        coefficients_as_printed(ml_estimate(output, spins).value) - TRUTH.values,
+        np.nanmin(np.stack(found), axis=0),
+        len(found),
+        estimate.std[index],
+        float(np.abs(coefficients_as_printed(estimate.value[nine]) - TRUTH.values).max()),
+    )
+
+
+def earth_rate_errors() -> Array:
+    """Return the errors of S, b, D by `ml`, (3, 3), with the earth's rate at 39° ignored."""
+    output = outputs(TRUTH, steps(), dwell_force(steps(), LATITUDE))
+    return coefficients_as_printed(ml_estimate(output, steps()).value) - TRUTH.values
+
+
+def _outputs_with_errors(relative: Array) -> Array:
+    """Return outputs, (..., r, 3), with relative errors, (..., r), of the acceleration."""
+    spins = steps()
+    out, _ = outward_and_up_directions(spins)
+    a = np.array([step.rate for step in spins]) ** 2 / G
+    return outputs(TRUTH, spins, dwell_force(spins) - (a * relative)[..., None] * out)
+
+
+def common_acceleration_error() -> Array:
+    """Return the errors by `ml`, (3, 3), of an acceleration 10⁻⁵ larger than taken, in all rows."""
+    output = _outputs_with_errors(np.full(len(steps()), ACCELERATION_ERROR))
+    return coefficients_as_printed(ml_estimate(output, steps()).value) - TRUTH.values
+
+
+def random_acceleration_scatter(trials: int, seed: int) -> Array:
+    """Return the scatter by `ml`, (3, 3), of an error of 1e-5 of its own in each row."""
+    rng = np.random.default_rng([seed, 836])
+    output = _outputs_with_errors(ACCELERATION_ERROR * rng.standard_normal((trials, len(steps()))))
+    return coefficients_as_printed(ml_estimate(output, steps()).value).std(axis=0)
+
+
+def section(clean: Array, bound: Array, trials: int, seed: int) -> StudySection:
+    """Return the section of Table 3 and of the bench.
+
+    Parameters
+    ----------
+    clean, bound : (3, 3) arrays
+        Errors of `paper` without a lever arm, and the Cramér–Rao bound.
+    trials, seed : int
+        Of the random errors.
+    """
+    lever, turning, shared, own = (
+        lever_arm_errors(),
+        earth_rate_errors(),
+        common_acceleration_error(),
+        random_acceleration_scatter(trials, seed),
+    )
+    findings = [
+        judge_claim(
+            Claim(f"error of {q}_a{axis} by a lever arm of 2 cm", "Table 3", PRINTED_ERRORS[i, k],
+                  UNITS[q], kind="result", last_digit=_last_digit(PRINTED_ERRORS[i, k])),
+            abs(lever.paper[i, k]), abs(clean[i, k]),
+            "u is what the formulas leave without any arm; ml with nine parameters errs by "
+            f"{format_significant(lever.ml[i, k])}, and of {lever.arrangements} arrangements of a "
+            f"single arm the least error is {format_significant(lever.least[i, k])}",
+        )
+        for i, q in reversed(list(enumerate(QUANTITIES)))
+        for k, axis in enumerate(AXES)
+    ]  # fmt: skip
+    for i, q in enumerate(QUANTITIES):
+        worst = np.abs(lever.paper[i]).max()
+        findings.append(
+            TEXT.judge(f"small_{q}", worst, np.abs(clean[i]).max(),
+                f"the largest error of three axes by (16) to (22); by ml "
+                f"{format_significant(np.abs(lever.ml[i]).max())}")
+        )  # fmt: skip
+    rows = {
+        "lever arms of B and C ignored: paper": lever.paper,
+        "lever arms of B and C ignored: ml": lever.ml,
+        "earth's rate at 39° ignored: ml "
+        f"({format_significant(simulated_centrifuge.earth_rate_ratio())} of ω₁)": turning,
+        "acceleration 10⁻⁵ larger than taken: ml": shared,
+        "10⁻⁵ S and 10⁻⁵ D for comparison": ACCELERATION_ERROR
+        * TRUTH.values
+        * np.array([[1.0], [0.0], [1.0]]),
+        "acceleration off by 10⁻⁵ at random in each row: ml, scatter": own,
+        "the same over the bound by noise alone": own / bound,
+    }
+    return TEXT.section(
+        findings,
+        (
+            StudyTable("Errors of S (V/g), b (g) and D (1/g)", "",
+                  [f"{q}_a{axis}" for q in QUANTITIES for axis in AXES],
+                  [(name, [format_significant(x) for x in value.ravel()])
+                   for name, value in rows.items()]),
+        ),
+        arrangements=lever.arrangements,
+        finest=format_significant(lever.std.min() * 1e6),
+        coarsest=format_significant(lever.std.max() * 1e6),
+        left=format_significant(lever.left),
+        least=format_significant((own / bound).min()),
+        most=format_significant((own / bound).max()),
+    )  # fmt: skip
+
+
+def _last_digit(value: float) -> float:
+    """Return one unit in the last of four printed digits."""
+    return 10.0 ** (np.floor(np.log10(value)) - 3)

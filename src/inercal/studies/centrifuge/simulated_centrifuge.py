@@ -1,0 +1,210 @@
+"""The simulated experiment of Wang and Li 2021, section 5: what turned, was read, and is true.
+
+Outputs are N = S (h·f + D (h·f)²) + b (their equation 6) along unit input axes h, in units of
+output ("V", printed as g), specific force in their unit of g, 9.8 m/s². S is in V/g, b in V and D
+in 1/g.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import cos, pi, sin
+from typing import Literal
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.arm_directions import outward_and_up_directions
+from inercal.benches.centrifuge.arm_motion import sensed_motion
+from inercal.benches.centrifuge.bench import Centrifuge
+from inercal.earth import EARTH_RATE
+from inercal.estimate import Estimate
+from inercal.methods.centrifuge_norm import closed_formulas, ml
+from inercal.methods.centrifuge_norm.arm_plans import RATES, plan
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import Readout, Sensor, triad
+from inercal.units import Measured
+
+G = 9.8  # m/s², the source's unit of g
+NOISE = 1e-5  # V, said to be in each reading
+LATITUDE = 39 * pi / 180  # rad, said and then ignored
+NOMINAL_SCALE = 1.25  # V/g, from where ml starts
+BENCH = Centrifuge(Measured(G, 0.0), Measured(1.0, 0.0), latitude=Measured(0.0, 0.0))
+AXES = ("x", "y", "z")
+QUANTITIES = ("S", "b", "D")
+UNITS = {"S": "V/g", "b": "g", "D": "1/g"}
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedTriad:
+    """Three accelerometers.
+
+    Parameters
+    ----------
+    scale, bias, bend : (3,) arrays
+        S in V/g, b in V and D in 1/g of x, y, z.
+    axes : (3, 3) array
+        Rows are the unit input axes h in the body.
+    arms : (3, 3) array
+        Rows are the places of the axes from the sensor's centre in the body, m.
+    """
+
+    scale: Array
+    bias: Array
+    bend: Array
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    arms: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @property
+    def values(self) -> Array:
+        """S, b and D of the axes, (3, 3)."""
+        return np.stack([self.scale, self.bias, self.bend])
+
+
+TRUTH = SimulatedTriad(
+    np.array([1.29, 1.21, 1.26]),
+    np.array([0.213, 0.256, 0.516]),
+    np.array([0.57e-4, 0.31e-4, 0.45e-4]),
+)
+Attitudes = Literal["half-circle", "full-circle"]
+
+
+def steps(attitudes: Attitudes = "half-circle", rates: Sequence[float] = RATES) -> tuple[Spin, ...]:
+    """Return the dwells: the twenty positions at each rate, in the order of the printed table."""
+    return plan(attitudes, rates)
+
+
+def dwell_force(spins: Sequence[Spin], latitude: float = 0.0) -> Array:
+    """Return what is felt in each dwell, (r, 3) g; the arm turns at the stated rate to the ground.
+
+    Parameters
+    ----------
+    spins : sequence of r Spin
+    latitude : float
+        rad; the earth's rate along the spindle goes with its sine.
+    """
+    declared = BENCH.acting_parameters(spins, vectors=True)
+    at = {name: np.array(parameter.value) for name, parameter in declared.items()}
+    return sensed_motion(BENCH, spins, at | {"latitude": np.array(latitude)}).f / G
+
+
+def earth_rate_ratio(latitude: float = LATITUDE) -> float:
+    """Return the earth's rate along the spindle over that of the arm's first rate."""
+    return EARTH_RATE * sin(latitude) / RATES[0]
+
+
+def outputs(device: SimulatedTriad, spins: Sequence[Spin], felt: Array | None = None) -> Array:
+    """Return noise-free outputs, (..., r, 3) V.
+
+    Parameters
+    ----------
+    device : SimulatedTriad
+    spins : sequence of r Spin
+    felt : (..., r, 3) array, optional
+        g, at the sensor's centre; by default what the bench makes.
+
+    Notes
+    -----
+    An axis at r feels −(ω²/g) h·(I − u uᵀ) r besides, u the spindle's direction in the body.
+    """
+    felt = dwell_force(spins) if felt is None else felt
+    along = felt @ device.axes.T
+    if device.arms.any():
+        _, up = outward_and_up_directions(spins)
+        level = device.arms - (up @ device.arms.T)[..., None] * up[:, None, :]  # (r, 3, 3)
+        rate = np.array([step.rate for step in spins])
+        along = along - rate[:, None] ** 2 / G * (level * device.axes).sum(-1)
+    return device.scale * (along + device.bend * along**2) + device.bias
+
+
+def sensor(*also: str, symmetric: bool = False) -> Sensor:
+    """Return the sensor model with bias, scale factor, k2 and what else is asked for."""
+    made = triad("triad", "f", "", Readout(NOMINAL_SCALE / G, 0.0, "V"))
+    made = made.with_coefficients("k0", "k1", "k2", *also)
+    return replace(made, form="tilted", frame="symmetric" if symmetric else "mount")
+
+
+def observations(output: Array, made: Sensor, noise: float = NOISE) -> Observations:
+    """Return outputs, (..., r, 3) V, as observations with `noise`, V, in each."""
+    r: int = output.shape[-2]
+    sd = noise * G / NOMINAL_SCALE
+    return Observations(
+        tuple(f"d{k:02d}" for k in range(1, r + 1)),
+        made.to_si(output),
+        np.broadcast_to(sd**2 * np.eye(3), (r, 3, 3)),
+        np.ones(r),
+        np.ones(r, dtype=np.int64),
+        np.arange(r, dtype=float),
+        made.channels,
+    )
+
+
+def noisy_outputs(output: Array, trials: int, seed: int) -> Array:
+    """Return outputs with noise, (trials, r, 3) V; a seed gives the same noise again."""
+    rng = np.random.default_rng([seed, 2021])
+    return output + NOISE * rng.standard_normal((trials, *output.shape))
+
+
+def coefficients_as_printed(value: Array) -> Array:
+    """Return S, b, D of the axes, (..., 3, 3), from coefficients of `sensor`, (..., p ≥ 9) SI."""
+    k0, k1, k2 = np.moveaxis(value[..., :9].reshape(*value.shape[:-1], 3, 3), -1, 0)
+    return np.stack([NOMINAL_SCALE * (1 + k1), k0 * NOMINAL_SCALE / G, k2 / (1 + k1) * G], axis=-2)
+
+
+def closed_form_estimate(
+    invert: closed_formulas.SeriesInverse, output: Array, spins: Sequence[Spin]
+) -> Array:
+    """Return S, b, D by `closed_formulas`, `paper` or `series`, (..., 3, 3); NaN without a root.
+
+    Parameters
+    ----------
+    invert : callable
+    output : (..., r, 3) array
+        V.
+    spins : sequence of r Spin
+    """
+    rate = np.array([step.rate for step in spins])
+    c = regress_squared_norms(output, (rate**2 * BENCH.radius.value / G) ** 2 + 1)
+    return np.stack(invert(*(c[..., k : k + 3] for k in (1, 4, 7, 10))), axis=-2)
+
+
+def regress_squared_norms(output: Array, target: Array) -> Array:
+    """Return C of (16), C₀ and then C₁ to C₄ by axis, (..., 13), for squared norms `target`, g²."""
+    rows = closed_formulas.regression_matrix(output)
+    size = np.linalg.norm(rows, axis=-2, keepdims=True)
+    q, r = np.linalg.qr(rows / size)
+    right = np.swapaxes(q, -1, -2) @ target[:, None]
+    return np.linalg.solve(r, right)[..., 0] / size[..., 0, :]
+
+
+def ml_estimate(output: Array, spins: Sequence[Spin], bench: Centrifuge = BENCH) -> Estimate:
+    """Return the estimate of `ml` with nine parameters."""
+    made = sensor()
+    return ml(observations(output, made), made, bench, spins)
+
+
+def stated_deviations(estimate: Estimate) -> Array:
+    """Return the deviations that an estimate states of S, b and D, (3, 3)."""
+    spread = 1e-3 * estimate.std[:9]
+    here = coefficients_as_printed(estimate.value[:9])
+    there = np.stack([coefficients_as_printed(estimate.value[:9] + row) for row in np.diag(spread)])
+    slope = (there - here).reshape(9, 9) / spread[:, None]
+    return np.sqrt(np.diagonal(slope.T @ estimate.covariance[:9, :9] @ slope)).reshape(3, 3)
+
+
+def misaligned_triad(phi: Array) -> SimulatedTriad:
+    """Return the triad with input axes along the rows of I + Φ, Φ (3, 3) rad."""
+    axes = np.eye(3) + phi
+    return replace(TRUTH, axes=axes / np.linalg.norm(axes, axis=1, keepdims=True))
+
+
+def non_orthogonal_triad(gamma: float) -> SimulatedTriad:
+    """Return the triad whose axes lean towards one another by γ, rad: Φ symmetric."""
+    return misaligned_triad(gamma * (np.ones((3, 3)) - np.eye(3)))
+
+
+def rotated_triad(gamma: float) -> SimulatedTriad:
+    """Return the triad turned by γ about each axis: the source's Φ with all six angles alike."""
+    angle = gamma * np.sqrt(3)
+    k = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]) / np.sqrt(3)
+    return replace(TRUTH, axes=np.eye(3) + sin(angle) * k + (1 - cos(angle)) * k @ k)

@@ -1,0 +1,121 @@
+"""The four cardinal points by themselves: the mounting angle, K2, and a base that tilts."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.dividing_head.bench import DividingHead, position_plan, sensed_motion
+from inercal.methods.dual_orthogonal.four_points import four_points
+from inercal.motion import Motion
+from inercal.sensors import G0
+from inercal.studies.claim import format_significant
+from inercal.studies.dual_orthogonal.simulated_head import (
+    ARCSEC,
+    MICRO,
+    SENSOR,
+    SIZES,
+    nominal_bench,
+    simulate,
+)
+from inercal.studies.rms import rms
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+
+TEXT = read_section_text("inercal.studies.dual_orthogonal", "four-points")
+
+ANGLES = np.array([0.0, 50.0, 100.0, 200.0, 300.0, 400.0, 600.0])  # ″
+JUDGED_ANGLE = 300.0  # ″
+BASE_DRIFT = 0.1  # ″, of the base between the members of a pair
+
+
+def gain_errors(mounting: float, trials: int, seed: int) -> tuple[Array, Array]:
+    """Return the errors of k1 + K3 without and with the correction, (trials, 2) µg.
+
+    Noise and head apart; `mounting` is the deviation of both mounting angles, rad.
+    """
+    quiet = replace(nominal_bench(0.0), autocollimator=0.0)
+    sizes = SIZES | {"delta_o": mounting}
+    case = simulate(quiet, trials, seed, position_plan(4), sizes=sizes, noise=0.0)
+    true = case.truth["k1"] + case.truth["k3"]
+    found = (four_points(case.observations.mean / G0, corrected=c).gain for c in (False, True))
+    missing, corrected = ((gain - true) / MICRO for gain in found)
+    return missing, corrected
+
+
+def mounting_angle_error(angle: float) -> float:
+    """Return what a mounting angle of both leaves of k1 + K3 without the correction, µg."""
+    y = _exact_readings({"a.delta_o": angle, "b.delta_o": angle}, np.zeros(4))
+    return float(four_points(y, corrected=False).gain[0]) / MICRO
+
+
+def base_tilt_errors() -> dict[str, Array]:
+    """Return the errors of K0 and K2, of A and then of B, µg, by when the base tilts."""
+    return {
+        words: np.stack([found.k0, found.k2], axis=-1).ravel() / MICRO
+        for words, tilt in {
+            "before 180°": (0.0, 0.0, 1.0, 1.0),
+            "before 270°": (0.0, 0.0, 0.0, 1.0),
+        }.items()
+        for found in [four_points(_exact_readings({}, BASE_DRIFT * ARCSEC * np.array(tilt)))]
+    }
+
+
+def second_order_slope(trials: int, seed: int) -> tuple[float, float]:
+    """Return the slope of A's (n + m)/2 − K0 on K2 over trials, and its standard error."""
+    case = simulate(nominal_bench(), trials, seed, position_plan(4))
+    found = four_points(case.observations.mean / G0)
+    off, k2 = (found.k0 + found.k2 - case.truth["k0"])[:, 0], case.truth["k2"][:, 0]
+    slope = float(k2 @ off / (k2 @ k2))
+    return slope, float((off - slope * k2).std() / np.sqrt(k2 @ k2))
+
+
+def _exact_readings(coefficients: dict[str, float], pier: Array) -> Array:
+    """Return exact readings at the four points, (4, 2) g."""
+    steps = position_plan(4)
+    exact = DividingHead(nominal_bench().gravity, collimated="every")
+    q = {f"pier[{step.label}]": tilt for step, tilt in zip(steps, pier, strict=True)}
+    c = np.array([coefficients.get(name, 0.0) for name in SENSOR.coefficients])
+    return SENSOR.forward(Motion(sensed_motion(exact, steps, q).f), c) / G0
+
+
+def section(trials: int, seed: int) -> StudySection:
+    """Return the section of the four points."""
+    missing, corrected = (rms(e) for e in gain_errors(JUDGED_ANGLE * ARCSEC, trials, seed))
+    by_up, u = second_order_slope(trials, seed)
+    findings = (
+        TEXT.judge("first", missing.value, missing.u,
+            "what is left is ½δ², the cosine of the mounting angle: "
+            f"{format_significant(-mounting_angle_error(JUDGED_ANGLE * ARCSEC), 3)} µg where the "
+            f"angle is {JUDGED_ANGLE:g}″, √3 times that where it scatters so; with the correction "
+            f"it is {format_significant(corrected.value)} µg"),
+        TEXT.judge("carried", by_up, u,
+            "the mean of a reading up and one down is K0 + K2; that of two level ones is K0"),
+    )  # fmt: skip
+    angles = ANGLES * ARCSEC
+    left = np.array([mounting_angle_error(angle) for angle in angles.tolist()])
+    scatter = np.array(
+        [[rms(e).value for e in gain_errors(a, trials, seed)] for a in angles.tolist()]
+    )
+    tilts = [(words, [format_significant(x) if abs(x) > 1e-3 else "0" for x in off])
+             for words, off in base_tilt_errors().items()]  # fmt: skip
+    return TEXT.section(
+        findings,
+        (
+            StudyTable("k1 + K3, error in µg, by mounting angle; 1σ without noise and head",
+                  "mounting angle", ("that angle,\nno correction", "1σ,\nno correction",
+                                     "1σ,\ncorrected"),
+                  [(f"{a:g}″", [format_significant(left[k], 3),
+                                *(format_significant(x) for x in scatter[k])])
+                   for k, a in enumerate(ANGLES)]),
+            StudyTable(f"Errors, µg, by a base that tilts by {BASE_DRIFT:g}″ and stays so", "tilts",
+                  ("K0 of A", "K2 of A", "K0 of B", "K2 of B"), tilts),
+        ),
+        (
+            Chart("mounting", "RMS of k1 + K3 by the deviation of the mounting angles, without "
+                  "noise.",
+                  [StudyPanel("", "mounting angle, ″", "RMS, µg",
+                         [Curve("no correction", ANGLES[1:], scatter[1:, 0]),
+                          Curve("corrected", ANGLES[1:], scatter[1:, 1])])]),
+        ),
+    )  # fmt: skip

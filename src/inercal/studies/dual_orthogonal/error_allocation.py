@@ -1,0 +1,191 @@
+"""The error allocation: what each item adds to the zero-order term, and the budget of 0.3 µg.
+
+One item errs at a time, the estimator being told of all of them as ever; then all together.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.dividing_head.bench import DividingHead
+from inercal.studies.claim import format_significant
+from inercal.studies.dual_orthogonal.simulated_head import (
+    ARCSEC,
+    AUTOCOLLIMATOR,
+    HEAD_ERROR,
+    HEAD_ZERO,
+    JUDGED_COLUMNS,
+    MICRO,
+    NOISE,
+    SIZES,
+    SPINDLE_LEAN,
+    estimate_errors,
+    nominal_bench,
+    simulate,
+)
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
+from inercal.studies.rms import Rms, rms
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+
+TEXT = read_section_text("inercal.studies.dual_orthogonal", "allocation")
+
+ErrorsByItem = Mapping[str, Mapping[str, Mapping[str, Array]]]
+"""Errors by way, item and column."""
+K0_BUDGET = TEXT.claims["in_all"].expected  # µg
+BASE_TILT = 0.1  # ″, of the base at each position
+ALL_ITEMS = "together"
+_ALLOCATED_METHODS = ("patent", EVERY_FACE)
+_CHART_MINIMUM, _TABLE_MINIMUM = (
+    0.01,
+    0.001,
+)  # µg; less is left out of the chart, and 0 in the table
+
+BASE_TILT_ITEM = "tilt of base"  # not among the items of the source
+_AUTOCOLLIMATOR_ITEM = "autocollimator"
+
+
+@dataclass(frozen=True)
+class AllocationItem:
+    """One line of the allocation.
+
+    Parameters
+    ----------
+    size : str
+    error : mapping of str to float
+        What it sets of the bench, all else being perfect.
+    random_coefficients : bool
+        Whether the coefficients are drawn, and not 0.
+    """
+
+    size: str
+    error: Mapping[str, float | tuple[float, ...]] = field(default_factory=dict[str, float])
+    random_coefficients: bool = False
+
+
+def _allocation_items() -> dict[str, AllocationItem]:
+    full = nominal_bench()
+    head = {"harmonics": full.harmonics, "division": full.division}
+    return {
+        "readings": AllocationItem(f"{NOISE / MICRO:g} µg"),
+        _AUTOCOLLIMATOR_ITEM: AllocationItem(
+            f"{AUTOCOLLIMATOR:g}″", {"autocollimator": full.autocollimator}
+        ),
+        "head": AllocationItem(f"{HEAD_ERROR:g}″", head),
+        "zero of the head": AllocationItem(f"{HEAD_ZERO:g}″", {"base": full.base}),
+        "lean of the spindle": AllocationItem(f"{SPINDLE_LEAN:g}″", {"lean": full.lean}),
+        "coefficients": AllocationItem("as drawn", random_coefficients=True),
+        BASE_TILT_ITEM: AllocationItem(f"{BASE_TILT:g}″", {"pier": BASE_TILT * ARCSEC}),
+    }
+
+
+ITEMS = _allocation_items()
+
+
+def _error_free_bench(full: DividingHead) -> DividingHead:
+    """Return the bench without an error."""
+    return replace(full, harmonics=tuple(0.0 for _ in full.harmonics), division=0.0,
+                   autocollimator=0.0, base=0.0, pier=0.0, lean=0.0)  # fmt: skip
+
+
+def item_errors(way: str, trials: int, seed: int) -> dict[str, dict[str, Array]]:
+    """Return the errors, µg, by item and column, and of all but the base's tilt together.
+
+    An item is drawn with the readings' noise, and what that does by itself taken off again.
+    """
+    method = METHODS[way]
+    full = nominal_bench(collimated=method.collimated)
+    nominal = dict.fromkeys(SIZES, 0.0)
+
+    def off(drawn: DividingHead, sizes: dict[str, float]) -> dict[str, Array]:
+        case = simulate(drawn, trials, seed, told=full, sizes=sizes)
+        return estimate_errors(method(case), case)
+
+    noise = off(_error_free_bench(full), nominal)
+    found = {"readings": noise}
+    for name, item in ITEMS.items():
+        if name != "readings":
+            own = off(
+                replace(_error_free_bench(full), **item.error),
+                SIZES if item.random_coefficients else nominal,
+            )
+            found[name] = {column: own[column] - noise[column] for column in own}
+    return found | {ALL_ITEMS: off(full, SIZES)}
+
+
+def allowed_autocollimator_deviation(k0: Mapping[str, float]) -> float:
+    """Return the autocollimator's deviation that keeps K0 within the budget beside noise, ″."""
+    return AUTOCOLLIMATOR * np.sqrt(K0_BUDGET**2 - k0["readings"] ** 2) / k0[_AUTOCOLLIMATOR_ITEM]
+
+
+def section(trials: int, seed: int) -> StudySection:
+    """Return the section of the error allocation."""
+    found = {way: item_errors(way, trials, seed) for way in _ALLOCATED_METHODS}
+    patent, faces = found.values()
+    k0 = {name: rms(by_column["K0"]).value for name, by_column in patent.items()}
+    whole = rms(patent[ALL_ITEMS]["K0"])
+    moving = {
+        way: rms(method_errors(way, trials, seed, pier=BASE_TILT)["K0"])
+        for way in _ALLOCATED_METHODS
+    }
+    leaning = max(rms(patent["lean of the spindle"][column]) for column in JUDGED_COLUMNS)
+    findings = (
+        TEXT.judge("in_all", whole.value, whole.u,
+            f"two readings of {AUTOCOLLIMATOR:g}″ in each pair alone make "
+            f"{format_significant(k0[_AUTOCOLLIMATOR_ITEM])} µg; "
+            f"{format_significant(allowed_autocollimator_deviation(k0))}″ would do, or a face "
+            f"at every position, with {format_significant(rms(faces[ALL_ITEMS]['K0']).value)} µg"),
+        TEXT.judge("tilting", moving["patent"].value, moving["patent"].u,
+            "the autocollimator stands on the base and does not see it tilt; with a face at "
+            f"every position it is {format_significant(moving[EVERY_FACE].value)} µg"),
+        TEXT.judge("leaning", leaning.value, leaning.u,
+            f"what a lean of {SPINDLE_LEAN:g}″ adds to the coefficient that it moves most, k1 + "
+            "K3"),
+    )  # fmt: skip
+    return TEXT.section(findings, (_table(found, moving),), (_chart(found),), pier=BASE_TILT)
+
+
+def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> StudyTable:
+    asked = [("patent", column) for column in JUDGED_COLUMNS] + [(EVERY_FACE, "K0")]
+
+    def of(name: str) -> Array:
+        return np.array([rms(found[way][name][column]).value for way, column in asked])
+
+    def row(name: str, size: str, values: Array) -> tuple[str, list[str]]:
+        return name, [
+            size,
+            *(
+                "" if np.isnan(x) else format_significant(x) if x > _TABLE_MINIMUM else "0"
+                for x in values
+            ),
+        ]
+
+    counted = {name: of(name) for name in ITEMS if name != BASE_TILT_ITEM}
+    tilting = [moving[way].value if column == "K0" else np.nan for way, column in asked]
+    rows = [
+        *(row(name, ITEMS[name].size, values) for name, values in counted.items()),
+        row("root of the sum of squares", "", np.linalg.norm(list(counted.values()), axis=0)),
+        row(ALL_ITEMS, "", of(ALL_ITEMS)),
+        row(BASE_TILT_ITEM, ITEMS[BASE_TILT_ITEM].size, of(BASE_TILT_ITEM)),
+        row("together with the tilt", "", np.array(tilting)),
+    ]
+    heads = ("size, 1σ", *(f"patent,\n{column}" for column in JUDGED_COLUMNS), "every face,\nK0")
+    return StudyTable("What each item adds, RMS, µg (δ µrad)", "item", heads, rows)
+
+
+def _chart(found: ErrorsByItem) -> Chart:
+    names = [name for name, by in found["patent"].items() if rms(by["K0"]).value > _CHART_MINIMUM]
+    lines = [
+        Curve(way, np.arange(float(len(names))), np.array([rms(by[n]["K0"]).value for n in names]),
+             connected=False)
+        for way, by in found.items()
+    ]  # fmt: skip
+    lines.append(Curve("budget", np.array([0.0, len(names) - 1.0]), np.full(2, K0_BUDGET)))
+    return Chart(
+        "allocation",
+        "What each item adds to K0, beside the budget of 0.3 µg; the tilt of the base is not in "
+        "“together”. Items below 0.01 µg are left out.",
+        [StudyPanel("", "", "RMS of K0, µg", lines, log_y=False, names=names)],
+    )

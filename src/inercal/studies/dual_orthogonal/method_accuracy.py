@@ -1,0 +1,130 @@
+"""The table of methods: what each knows of each coefficient, and the claim of 1 µg."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.estimate import Estimate
+from inercal.studies.claim import format_significant
+from inercal.studies.dual_orthogonal.simulated_head import (
+    COLUMNS,
+    DividingHeadCase,
+    estimate_errors,
+    nominal_bench,
+    simulate,
+)
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS
+from inercal.studies.rms import Rms, rms
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+
+TEXT = read_section_text("inercal.studies.dual_orthogonal", "accuracy")
+FACES_TEXT = read_section_text("inercal.studies.dual_orthogonal", "faces")
+
+JOINT_METHOD = "joint"
+_CHARTED_METHODS = ("single", "dual, Bayes", "patent, no centrifuge", JOINT_METHOD, EVERY_FACE)
+
+
+@dataclass(frozen=True, eq=False)
+class MethodAccuracy:
+    """What the methods reach on one bench, by method and column, µg.
+
+    Parameters
+    ----------
+    rms : mapping of str to mapping of str to Rms
+    nees : mapping of str to Rms
+        Mean squared error in units of the stated covariance, over the number of coefficients: 1
+        where an estimate knows how well it knows.
+    """
+
+    rms: Mapping[str, Mapping[str, Rms]]
+    nees: Mapping[str, Rms]
+
+
+def compare_methods(trials: int, seed: int) -> MethodAccuracy:
+    """Return what the methods reach with a head of 3″."""
+    found: dict[str, dict[str, Rms]] = {}
+    square: dict[str, Rms] = {}
+    for name, method in METHODS.items():
+        case = simulate(nominal_bench(collimated=method.collimated), trials, seed)
+        estimate = method(case)
+        found[name] = {
+            column: rms(error) for column, error in estimate_errors(estimate, case).items()
+        }
+        if name in (JOINT_METHOD, EVERY_FACE):
+            square[name] = _normalized_error(estimate, case)
+    return MethodAccuracy(found, square)
+
+
+def _normalized_error(found: Estimate, case: DividingHeadCase) -> Rms:
+    p = case.true_values.shape[-1]
+    off = found.value[:, :p] - case.true_values
+    weighted = np.linalg.solve(found.covariance[:, :p, :p], off[..., None])[..., 0]
+    each = np.sum(off * weighted, axis=-1) / p
+    return Rms(float(each.mean()), float(each.std() / np.sqrt(len(each))))
+
+
+def section(found: MethodAccuracy) -> StudySection:
+    """Return the section of the table of methods."""
+    patent, pairs = found.rms["patent, no centrifuge"], found.rms[JOINT_METHOD]
+    reasons = {
+        "K0": "by the four points, each pair trimmed on the autocollimator",
+        "k1": f"k1 + K3 is known to {format_significant(patent['k1 + K3'].value)} µg, but K_A3 and "
+        "K_B3 act "
+        "alike on what is seen; with a K3 of a centrifuge, to 0.5 µg, k1 is known to "
+        f"{format_significant(found.rms['patent']['k1'].value)} µg, and with the autocollimator "
+        f"read at every position to {format_significant(found.rms[EVERY_FACE]['k1'].value)} µg "
+        "without any",
+        "δ": "by g² beside the four points",
+        "K2": "K3 of a centrifuge would make it "
+        f"{format_significant(found.rms['patent']['K2'].value)} µg",
+        "Kip": f"from a prior of 20 µg; joint reaches {format_significant(pairs['Kip'].value)} µg",
+    }
+    findings = [
+        TEXT.judge(name, patent[name].value, patent[name].u, reason)
+        for name, reason in reasons.items()
+    ]
+    rows = [
+        (name, [format_significant(x.value, 3) for x in by_column.values()])
+        for name, by_column in found.rms.items()
+    ]
+    largest = max(x.u / x.value for by_column in found.rms.values() for x in by_column.values())
+    places = np.arange(float(len(COLUMNS)))
+    lines = [
+        # Side by side: some methods agree.
+        Curve(name, places + 0.1 * (k - 2), np.array([x.value for x in found.rms[name].values()]),
+             connected=False)
+        for k, name in enumerate(_CHARTED_METHODS)
+    ]  # fmt: skip
+    return TEXT.section(
+        findings,
+        (StudyTable("RMS of the errors, µg (δ µrad, k1 ppm)", "method", COLUMNS, rows),),
+        (
+            Chart("methods", "RMS of the errors by coefficient. The goal is 1 µg: what lies above "
+                  "wants a centrifuge, or a face at every position.",
+                  [StudyPanel("", "", "RMS, µg", lines, names=COLUMNS)]),
+        ),
+        largest=largest,
+    )  # fmt: skip
+
+
+def faces_section(found: MethodAccuracy) -> StudySection:
+    """Return the section of the polygon read at every position."""
+    few, all_ = found.rms[JOINT_METHOD], found.rms[EVERY_FACE]
+    gain = {name: few[name].value / all_[name].value for name in COLUMNS}
+    rows = [
+        ("four positions", [format_significant(few[name].value, 3) for name in COLUMNS]),
+        ("every position", [format_significant(all_[name].value, 3) for name in COLUMNS]),
+        ("gain", [f"{x:.2f}" for x in gain.values()]),
+    ]
+    near = ", ".join(f"{x.value:.3f} ± {x.u:.3f}" for x in found.nees.values())
+    return FACES_TEXT.section(
+        (),
+        (
+            StudyTable("RMS of joint, µg (δ µrad, k1 ppm), by where the autocollimator is read",
+                  "read at", COLUMNS, rows),
+        ),
+        gain=gain,
+        near=near,
+    )  # fmt: skip

@@ -1,0 +1,193 @@
+"""The simulated bench: a dividing head with two accelerometers at right angles, read many times.
+
+The bench makes the force (`benches.dividing_head.sensed_motion`), the sensor's model the readings.
+Every quantity that errs is drawn by its name: benches of other sizes meet the same draws.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+from zlib import crc32
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.dividing_head.bench import (
+    CollimationMode,
+    DividingHead,
+    Index,
+    mounted_sensor,
+    position_plan,
+    sensed_motion,
+)
+from inercal.estimate import Estimate, Gaussian
+from inercal.keys import CoefficientName
+from inercal.motion import Motion
+from inercal.recording import Observations
+from inercal.sensors import G0
+from inercal.studies.rms import Rms
+from inercal.units import Measured
+
+ARCSEC = pi / 648_000  # rad
+MICRO = 1e-6
+SENSOR = mounted_sensor().with_coefficients("k0", "k1", "k2", "k3", "kip", "delta_o")
+NOISE = 0.2e-6  # g, of each reading
+HEAD_ERROR = 3.0  # ″ rms
+VARIANCE_SHARES = (0.4, 0.3, 0.3)  # of the head's variance: one turn, half a turn, graduations
+AUTOCOLLIMATOR = 0.1  # ″, of each reading
+HEAD_ZERO, SPINDLE_LEAN = 5.0, 20.0  # ″
+
+SIZES = {  # of the accelerometers' coefficients, 1σ in their natural units
+    "k0": 300e-6,
+    "k1": 200e-6,
+    "delta_o": 100 * ARCSEC,
+    "k2": 10e-6,
+    "k3": 5e-6,
+    "kip": 20e-6,
+}
+LARGE_SIZES = SIZES | {"k0": 1e-3, "k1": 1e-3, "delta_o": 300 * ARCSEC}
+NATURAL_UNITS = {"k0": G0, "k1": 1.0, "delta_o": 1.0, "k2": 1 / G0, "k3": 1 / G0**2, "kip": 1 / G0}
+COLUMNS = ("K0", "k1", "δ", "K2", "K3", "Kip", "k1 + K3")
+"""What is asked of an estimate, in µg (ppm, µrad); δ is the angle between both axes."""
+JUDGED_COLUMNS = ("K0", "k1 + K3", "δ", "K2", "Kip")
+"""What the bench can tell without K3 from elsewhere."""
+
+
+def nominal_bench(head: float = HEAD_ERROR, collimated: CollimationMode = "pairs") -> DividingHead:
+    """Return the bench with a head of so many arc seconds rms."""
+    first, second, rest = head * ARCSEC * np.sqrt(VARIANCE_SHARES)
+    return DividingHead(
+        Measured(G0, 0.0),
+        (float(first), float(second)),
+        float(rest),
+        AUTOCOLLIMATOR * ARCSEC,
+        collimated,
+        base=HEAD_ZERO * ARCSEC,
+        lean=SPINDLE_LEAN * ARCSEC,
+    )
+
+
+def standard_normal_draws(seed: int, name: str, shape: tuple[int, ...]) -> Array:
+    """Return standard normal numbers; a seed and a name give the same ones again."""
+    return np.random.default_rng([seed, crc32(name.encode())]).standard_normal(shape)
+
+
+@dataclass(frozen=True, eq=False)
+class DividingHeadCase:
+    """One bench, read in many trials.
+
+    Parameters
+    ----------
+    observations : Observations
+        (trials, r, 2), m/s².
+    bench : DividingHead
+        As the estimators are told.
+    steps : sequence of r Index
+    truth : mapping of str to (trials, 2) array
+        Coefficients of a and b by term, in natural units.
+    seed : int
+    """
+
+    observations: Observations
+    bench: DividingHead
+    steps: Sequence[Index]
+    truth: dict[str, Array]
+    seed: int
+
+    def production_prior(self, term: str, sd: float) -> Gaussian:
+        """Return what is known of a coefficient by its make: about 0, sd in natural units."""
+        return self._prior(term, np.zeros(2), sd)
+
+    def measured_prior(self, term: str, sd: float) -> Gaussian:
+        """Return what a test elsewhere, right to sd, tells of a coefficient."""
+        truth = self.truth[term]
+        return self._prior(
+            term,
+            truth + sd * standard_normal_draws(self.seed, f"{term} elsewhere", truth.shape),
+            sd,
+        )
+
+    def _prior(self, term: str, mean: Array, sd: float) -> Gaussian:
+        unit = NATURAL_UNITS[term]
+        return Gaussian.independent((f"a.{term}", f"b.{term}"), mean * unit, sd * unit)
+
+    @property
+    def true_values(self) -> Array:
+        """Coefficients in the order of the sensor's, (trials, 12) SI."""
+        return coefficient_vector(self.truth)
+
+
+def coefficient_vector(truth: dict[str, Array]) -> Array:
+    """Return coefficients by term, (..., 2) in natural units, as the sensor's, (..., 12) SI."""
+    parts = [CoefficientName(name).parts for name in SENSOR.coefficients]
+    columns = [NATURAL_UNITS[term] * truth[term][..., "ab".index(axis)] for axis, term in parts]
+    return np.stack(columns, axis=-1)
+
+
+def simulate(
+    drawn: DividingHead,
+    trials: int,
+    seed: int,
+    steps: Sequence[Index] | None = None,
+    *,
+    told: DividingHead | None = None,
+    sizes: dict[str, float] = SIZES,
+    noise: float = NOISE,
+) -> DividingHeadCase:
+    """Return readings of so many trials.
+
+    Parameters
+    ----------
+    drawn : DividingHead
+        The sizes of the bench's errors.
+    trials, seed : int
+    steps : sequence of Index, optional
+        By default twelve positions.
+    told : DividingHead, optional
+        As the estimators are told, where it differs.
+    sizes : dict of str to float
+        Of the coefficients.
+    noise : float
+        Of each reading, g; where there is none, estimators are told of the usual.
+    """
+    steps = position_plan(12) if steps is None else steps
+    r = len(steps)
+    truth = {
+        term: size * standard_normal_draws(seed, term, (trials, 2)) for term, size in sizes.items()
+    }
+    q = {
+        name: parameter.value + parameter.sd * standard_normal_draws(seed, name, (trials,))
+        for name, parameter in drawn.simulated_parameters(steps).items()
+    }
+    exact = SENSOR.forward(Motion(sensed_motion(drawn, steps, q).f), coefficient_vector(truth))
+    each = [standard_normal_draws(seed, f"noise[{step.label}]", (trials, 2)) for step in steps]
+    sd = G0 * (noise or NOISE)
+    seen = Observations(
+        tuple(step.label for step in steps),
+        exact + noise * G0 * np.stack(each, axis=1),
+        np.broadcast_to(sd**2 * np.eye(2), (r, 2, 2)),
+        np.ones(r),
+        np.ones(r, dtype=np.int64),
+        np.arange(r, dtype=float),
+        SENSOR.channels,
+    )
+    return DividingHeadCase(seen, told or drawn, steps, truth, seed)
+
+
+def estimate_errors(found: Estimate, case: DividingHeadCase) -> dict[str, Array]:
+    """Return the errors by `COLUMNS`, (trials, 2) or (trials,) in µg."""
+    off: dict[str, Array] = {}
+    for term in SIZES:
+        value = found.select([f"{axis}.{term}" for axis in "ab"]).value / NATURAL_UNITS[term]
+        off[term] = (value - case.truth[term]) / MICRO
+    delta = off["delta_o"][:, 1] - off["delta_o"][:, 0]
+    values = (off["k0"], off["k1"], delta, off["k2"], off["k3"], off["kip"], off["k1"] + off["k3"])
+    return dict(zip(COLUMNS, values, strict=True))
+
+
+def rms_ratio(error: Array, other: Array) -> Rms:
+    """Return the RMS of errors over that of others from the same draws, with its error."""
+    one, two = (np.mean(e.reshape(len(e), -1) ** 2, axis=1) for e in (error, other))
+    value = float(np.sqrt(one.mean() / two.mean()))
+    spread = (one / one.mean() - two / two.mean()).std()
+    return Rms(value, float(value * spread / 2 / np.sqrt(len(one))))

@@ -1,0 +1,203 @@
+"""The step between positions: what g² shows, which estimators work, and whether 30° is best."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.dividing_head.bench import Index, position_plan
+from inercal.benches.dividing_head.passes import matches_any_angle
+from inercal.errors import NotObserved
+from inercal.methods.dual_orthogonal import g_squared
+from inercal.studies.claim import format_significant
+from inercal.studies.dual_orthogonal.simulated_head import JUDGED_COLUMNS, NOISE, rms_ratio
+from inercal.studies.dual_orthogonal.squared_observation import matrix_rank
+from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
+from inercal.studies.rms import Rms, rms
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
+
+TEXT = read_section_text("inercal.studies.dual_orthogonal", "step")
+
+COUNTS = (6, 7, 8, 9, 10, 12, 16, 18, 24)
+CLAIMED_COUNTS = range(9, 19)  # positions of whole turns in steps from 40° to 20°
+CLAIMED_BEST = 12
+_DUAL_TRIAL_RATIO = 8  # one trial of dual for so many: at eight positions they go one by one
+_CHART_MAXIMUM = 1.0  # µg, the most in the chart
+
+
+def positions_with_cardinals(n: int) -> tuple[Index, ...]:
+    """Return n even positions and those of the four cardinal ones that are not among them."""
+    steps = position_plan(n)
+    lacking = [
+        Index(f"c{k}", k * pi / 2)
+        for k in range(4)
+        if not matches_any_angle(k * pi / 2, [step.angle for step in steps])
+    ]
+    return tuple(sorted((*steps, *lacking), key=lambda step: step.angle))
+
+
+def judged_errors(
+    name: str, steps: Sequence[Index], trials: int, seed: int, noise: float = NOISE
+) -> Array | None:
+    """Return the errors in `JUDGED_COLUMNS`, (trials, 9) µg; None where a method refuses."""
+    try:
+        found = method_errors(name, trials, seed, steps, noise=noise)
+    except NotObserved:
+        return None
+    return np.concatenate([found[column].reshape(trials, -1) for column in JUDGED_COLUMNS], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class StepEffect:
+    """What a step does: errors by way, as of `judged_errors`.
+
+    Parameters
+    ----------
+    n, rank : int
+        Even positions, and the rank of g² there.
+    dual : array or None
+    equal_per_position, equal_in_total : mapping of str to array or None
+        By way; as many readings at each position, or in all.
+    """
+
+    n: int
+    rank: int
+    dual: Array | None
+    equal_per_position: Mapping[str, Array | None]
+    equal_in_total: Mapping[str, Array | None]
+
+
+_WITH_CARDINALS = "patent, cardinals added"
+_PLANS = {
+    "patent": ("patent", position_plan),
+    _WITH_CARDINALS: ("patent", positions_with_cardinals),
+    "joint": ("joint", position_plan),
+    EVERY_FACE: (EVERY_FACE, position_plan),
+}
+
+
+def step_effects(trials: int, seed: int) -> list[StepEffect]:
+    """Return what each step does."""
+    found: list[StepEffect] = []
+    for n in COUNTS:
+        each: dict[str, Array | None] = {}
+        total: dict[str, Array | None] = {}
+        for way, (name, plan) in _PLANS.items():
+            visited = plan(n)
+            each[way] = judged_errors(name, visited, trials, seed)
+            # As many readings in all as BEST positions have, shared by more or fewer positions.
+            shared = NOISE * sqrt(len(visited) / CLAIMED_BEST)
+            total[way] = judged_errors(name, visited, trials, seed, shared)
+        told = matrix_rank(g_squared.design_matrix(2 * pi * np.arange(n) / n))
+        dual = judged_errors(
+            "dual, Bayes", position_plan(n), max(trials // _DUAL_TRIAL_RATIO, 20), seed
+        )
+        found.append(StepEffect(n, told, dual, each, total))
+    return found
+
+
+def ratio_to_best_other_step(by_count: Mapping[int, Array | None]) -> tuple[Rms, int]:
+    """Return the RMS at 30° over the least at other steps, and how many positions that one has."""
+    others = {n: e for n, e in by_count.items() if e is not None and n != CLAIMED_BEST}
+    n = min(others, key=lambda k: rms(others[k]).value)
+    here = by_count[CLAIMED_BEST]
+    assert here is not None
+    return rms_ratio(here, others[n]), n
+
+
+def best_step(by_count: Mapping[int, Array | None]) -> tuple[float, float, str]:
+    """Return the step with the least RMS, °, its standard uncertainty, and the reason.
+
+    Where another step is better than 30°, the two are as many uncertainties apart as their ratio of
+    RMS is from one: the Monte Carlo error may make a step the best that is not.
+    """
+    over, n = ratio_to_best_other_step(by_count)
+    words = f"RMS at 30° over that at {360 / n:g}° is {over.value:.3f} ± {over.u:.3f} (k = 1)"
+    if over.value <= 1:
+        return 360 / CLAIMED_BEST, 0.0, words
+    return 360 / n, abs(360 / CLAIMED_BEST - 360 / n) * over.u / (over.value - 1), words
+
+
+def section(trials: int, seed: int) -> StudySection:
+    """Return the section of the step."""
+    found = step_effects(trials, seed)
+    serving, helped = (
+        [n for n in CLAIMED_COUNTS if judged_errors("patent", plan(n), 20, seed) is not None]
+        for plan in (position_plan, positions_with_cardinals)
+    )
+    why = (
+        f"{len(serving)} of {len(CLAIMED_COUNTS)} even steps serve: the four points are among "
+        f"{' and '.join(map(str, serving))} positions alone; with the cardinal ones added "
+        f"{len(helped)} serve"
+    )
+    findings = [
+        TEXT.judge(claim, 360 / n, 0.0, why)
+        for claim, n in (("finest", max(serving)), ("coarsest", min(serving)))
+    ]
+    for claim in ("each", "total"):
+        added = {
+            s.n: (s.equal_per_position if claim == "each" else s.equal_in_total)[_WITH_CARDINALS]
+            for s in found
+        }
+        at, u, words = best_step(added)
+        text = f"{words}; cardinal positions are added where a step lacks them"
+        findings.append(TEXT.judge(claim, at, u, text))
+    finer, here = found[-1], next(s for s in found if s.n == CLAIMED_BEST)
+    full = next(s.n for s in found if s.rank == max(t.rank for t in found))
+    fewest = next(s.n for s in found if s.equal_per_position["patent"] is not None)
+    return TEXT.section(
+        findings,
+        (_table(found),),
+        (_chart(found),),
+        full=full,
+        full_step=360 / full,
+        fewest=fewest,
+        finer=finer.n,
+        reached=_rms_cell(finer.equal_in_total[EVERY_FACE]),
+        here=_rms_cell(here.equal_in_total[EVERY_FACE]),
+    )
+
+
+def _rms_cell(e: Array | None) -> str:
+    return "refused" if e is None else format_significant(rms(e).value, 3)
+
+
+def _table(found: Sequence[StepEffect]) -> StudyTable:
+    rows = [
+        (f"{s.n}, {360 / s.n:.4g}°",
+         [str(s.rank), _rms_cell(s.dual),
+          *(_rms_cell(by[way])
+            for way in _PLANS for by in (s.equal_per_position, s.equal_in_total))])
+        for s in found
+    ]  # fmt: skip
+    heads = [f"{way},\n{what}" for way in _PLANS for what in ("each alike", "in all alike")]
+    return StudyTable(
+        "Rank of g² and RMS, µg, by the number of positions",
+        "positions, step", ("rank", "dual, Bayes", *heads), rows,
+    )  # fmt: skip
+
+
+def _chart(found: Sequence[StepEffect]) -> Chart:
+    def lines(totals: bool) -> list[Curve]:
+        made: list[Curve] = []
+        for way in (_WITH_CARDINALS, "joint", EVERY_FACE):
+            values = [(s.equal_in_total if totals else s.equal_per_position)[way] for s in found]
+            kept = [(k, rms(e).value) for k, e in enumerate(values) if e is not None]
+            x, y = np.array([(k, value) for k, value in kept if value < _CHART_MAXIMUM]).T
+            made.append(Curve(way.removesuffix(", cardinals added"), x, y))
+        return made
+
+    names = [str(s.n) for s in found]
+    return Chart(
+        "step",
+        "RMS by the number of positions, as many readings at each (left) or in all (right). For "
+        "patent cardinal positions are added; joint without both pairs, at more than "
+        f"{_CHART_MAXIMUM:g} µg, is left out.",
+        [
+            StudyPanel("", "", "RMS, µg", lines(totals), log_y=False, names=names)
+            for totals in (False, True)
+        ],
+    )

@@ -1,0 +1,87 @@
+"""What a study says in words, from TOML files beside the modules that compute its figures.
+
+A file named as a section holds its title and text, and the claims of the source that it judges::
+
+    title = "Planar: a calibration that validates itself"
+    text = ["A paragraph; a figure stands in braces: {across} mg."]
+
+    [claims.itself]
+    name = "what is said, and the other fields of `Claim`"
+
+study.toml holds what the page says above all sections.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+from inercal.studies.claim import Claim, ClaimResult, judge_claim
+from inercal.studies.study_content import Chart, Study, StudySection, StudyTable
+
+
+@dataclass(frozen=True)
+class SectionText:
+    """The words of a section.
+
+    Parameters
+    ----------
+    name, title : str
+    text : sequence of str
+        Paragraphs, with the names of figures in braces.
+    claims : mapping of str to Claim
+    """
+
+    name: str
+    title: str
+    text: Sequence[str]
+    claims: Mapping[str, Claim]
+
+    def judge(self, claim: str, computed: float, uncertainty: float, reason: str) -> ClaimResult:
+        """Return the finding on a claim by its key; see `inercal.studies.claim.judge_claim`."""
+        return judge_claim(self.claims[claim], computed, uncertainty, reason)
+
+    def section(
+        self,
+        findings: Sequence[ClaimResult] = (),
+        tables: Sequence[StudyTable] = (),
+        charts: Sequence[Chart] = (),
+        **figures: object,
+    ) -> StudySection:
+        """Return the section, its text with the figures that it names."""
+        text = [paragraph.format(**figures) for paragraph in self.text]
+        return StudySection(self.name, self.title, text, findings, tables, charts)
+
+
+def read_section_text(package: str, name: str) -> SectionText:
+    """Return the words of a section by the package of its study and its name."""
+    content = _read_toml(package, name)
+    claims = {
+        key: Claim(**fields | {"name": _one_line(fields["name"])})
+        for key, fields in content.get("claims", {}).items()
+    }
+    return SectionText(
+        name, content["title"], [_one_line(text) for text in content["text"]], claims
+    )
+
+
+def build_study(package: str, sections: Sequence[StudySection], **figures: object) -> Study:
+    """Return the study of a package, its facts with the figures that they name."""
+    content = _read_toml(package, "study")
+    return Study(
+        content["name"],
+        content["title"],
+        _one_line(content["source"]),
+        _one_line(content["summary"]),
+        [(name, "\n".join(text).format(**figures)) for name, text in content["facts"].items()],
+        sections,
+    )
+
+
+def _read_toml(package: str, name: str) -> dict[str, Any]:
+    return tomllib.loads(files(package).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

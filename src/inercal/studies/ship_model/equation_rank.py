@@ -1,0 +1,99 @@
+"""The rank of the multi-angle equations, and the names of what they leave free."""
+
+from math import radians
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.benches.rate_table.fixture import TiltAxis, TiltConvention, multi_angle_plan
+from inercal.frames import exp_so3
+from inercal.methods.ship_multi_angle.free_norm_directions import FreeDirections, free_directions
+from inercal.methods.ship_multi_angle.norm_equations import (
+    norm_jacobian,
+    norm_residuals,
+    rotation_directions,
+)
+from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel
+from inercal.studies.claim import format_significant
+from inercal.studies.section_texts import read_section_text
+from inercal.studies.ship_model.simulated_rate_table import SENSOR, nominal_force
+from inercal.studies.study_content import StudySection, StudyTable
+
+TEXT = read_section_text("inercal.studies.ship_model", "rank")
+
+_ROTATION_ANGLE = radians(30)
+PLANS: dict[str, tuple[TiltConvention, TiltAxis]] = {
+    "azimuth": ("azimuth", "tangential"),
+    "successive": ("successive", "tangential"),
+    "dihedral": ("dihedral", "tangential"),
+    "dihedral, other tilts about the radial axis": ("dihedral", "radial"),
+}
+
+
+class PlanInformation(NamedTuple):
+    """What a plan tells without any error: what is left free, and how null the rotations are."""
+
+    left: FreeDirections
+    gauge: float  # ‖J·rotation‖ / (‖J‖ ‖rotation‖), the largest
+    turned: float  # what a turn of 30° changes in the exact equations, g²
+
+
+def plan_information(reading: TiltConvention, about: TiltAxis) -> PlanInformation:
+    """Return what sixteen groups of a plan tell of an ideal sensor."""
+    f = nominal_force(multi_angle_plan(reading, about))
+    model = AffineModel.of(IDENTITY_PARAMETERS)
+    j, turns = norm_jacobian(model, f), rotation_directions(model)
+    moved = np.linalg.norm(j @ turns.T, axis=0) / np.linalg.norm(turns, axis=1)
+    turn = exp_so3(_ROTATION_ANGLE * np.ones(3) / np.sqrt(3))
+    away = norm_residuals(AffineModel(turn, np.zeros(3)), f, (f**2).sum(-1))
+    left = free_directions(SENSOR, model, f, np.zeros((3 * len(f), 3 * len(f))))
+    return PlanInformation(left, float(moved.max() / np.linalg.norm(j)), float(np.abs(away).max()))
+
+
+def section() -> StudySection:
+    """Return the section of the rank."""
+    found = {name: plan_information(*plan) for name, plan in PLANS.items()}
+    ranks = {name: one.left.rank for name, one in found.items()}
+    blind = found["dihedral"].left.unobserved
+    named = _free_direction_names(found["dihedral"].left)
+    findings = (
+        TEXT.judge("always", max(ranks.values()), 0.0,
+            "a turn of M and p by any rotation keeps every norm: three null directions of "
+            "twelve, whatever the data"),
+        TEXT.judge("enough", ranks["azimuth"], 0.0,
+            "a norm tells nothing of the rotations, however many groups there are"),
+        TEXT.judge("datum", len(blind), 0.0,
+            f"{named} is free besides: no pose of one tilt presses on x and y together, and "
+            "as dihedral angles 135° and 45° are the pose of 135° again"),
+    )  # fmt: skip
+    table = [
+        (
+            name,
+            [
+                str(one.left.rank),
+                str(len(one.left.rotations)),
+                _free_direction_names(one.left) or "none",
+            ],
+        )
+        for name, one in found.items()
+    ]
+    gauge = max(one.gauge for one in found.values())
+    turned = max(one.turned for one in found.values())
+    return TEXT.section(
+        findings,
+        (
+            StudyTable("Rank of 16 equations in 12 unknowns, readings without error",
+                  "two tilts read as", ("rank", "rotations free", "free besides"), table),
+        ),
+        turned=_bound_text(turned),
+        gauge=_bound_text(gauge),
+    )  # fmt: skip
+
+
+def _free_direction_names(left: FreeDirections) -> str:
+    words = (one.words.partition(":")[0] for one in left.unobserved)
+    return "; ".join(one.removeprefix("the plan's own ") for one in words)
+
+
+def _bound_text(x: float) -> str:
+    return f"less than {format_significant(10.0 ** np.ceil(np.log10(max(x, 1e-16))), 1)}"

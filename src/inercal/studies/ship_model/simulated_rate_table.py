@@ -1,0 +1,208 @@
+"""The simulated rate table: drawn devices, read in nine untilted states and sixteen groups.
+
+The bench makes the force (`benches.rate_table.sensed_motion`), the sensor's model the readings. A
+calibration is judged on fresh poses: any attitude, at any speed up to the fastest, without noise.
+Inside, everything is in g.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import radians
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.rate_table.bench import RateTable, sensed_motion
+from inercal.benches.rate_table.fixture import (
+    FAST_SPEED_RPM,
+    RPM,
+    TiltConvention,
+    multi_angle_plan,
+    planar_plan,
+)
+from inercal.estimate import Estimate
+from inercal.keys import CoefficientName
+from inercal.motion import Motion
+from inercal.plan import Spin
+from inercal.recording import Observations
+from inercal.sensors import G0, triad
+from inercal.sensors.affine import AffineModel, to_affine
+from inercal.units import Measured
+
+SENSOR = triad().with_coefficients("k0", "k1", "delta_o", "delta_p")
+RADIUS = 0.25  # m
+POSE_SD, SEAT_SD, SPEED_SD = radians(0.2), 0.5e-3, 0.05e-2  # rad, m, relative
+NOISE = 0.3e-3  # g, of each mean
+SIZES = {"k0": 0.04 * G0, "k1": 0.02, "delta_o": 0.012, "delta_p": 0.012}  # 1σ of the devices
+SPEEDS = (0.0, 20.0, 46.0, 56.0, 66.0, 76.0, 86.0)  # r/min
+POSE_COUNT = 300  # poses
+MILLI = 1e-3
+BENCH = RateTable(Measured(G0, 0.0), Measured(RADIUS, 0.0), SEAT_SD, POSE_SD, 0.0, SPEED_SD)
+EXACT_BENCH = replace(BENCH, seat=0.0, pose=0.0, speed=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ShipModelCase:
+    """Devices on one bench.
+
+    Parameters
+    ----------
+    observations : Observations
+        (trials, r, 3), m/s².
+    steps : tuple of r Spin
+        Nine untilted states, then the groups.
+    device : AffineModel
+        H and b of what a device reads, a = H f + b, of (trials,).
+    bench : RateTable
+        As the estimators are told.
+    """
+
+    observations: Observations
+    steps: tuple[Spin, ...]
+    device: AffineModel
+    bench: RateTable = BENCH
+
+    @property
+    def level_rows(self) -> slice:
+        """The rows of the untilted states."""
+        return slice(0, len(planar_plan()))
+
+    @property
+    def group_rows(self) -> slice:
+        """The rows of the tilted ones."""
+        return slice(len(planar_plan()), None)
+
+    @cached_property
+    def readings(self) -> Array:
+        """In g, (trials, r, 3)."""
+        return self.observations.mean / G0
+
+    @cached_property
+    def nominal(self) -> Array:
+        """What the bench says was felt, (r, 3) g."""
+        return nominal_force(self.steps)
+
+    @cached_property
+    def squared_norm(self) -> Array:
+        """A² + 1 of the groups, g²."""
+        return np.asarray((self.nominal[self.group_rows] ** 2).sum(-1))
+
+    def single_device(self, trial: int) -> "ShipModelCase":
+        """Return one device by itself."""
+        return replace(
+            self,
+            observations=replace(self.observations, mean=self.observations.mean[trial]),
+            device=select_trials(self.device, trial),
+        )
+
+
+def select_trials(model: AffineModel, trials: int | slice) -> AffineModel:
+    """Return the model of some trials, or of one."""
+    return AffineModel(model.matrix[trials], model.offset[trials])
+
+
+def nominal_force(steps: Sequence[Spin]) -> Array:
+    """Return what is felt without any error, (r, 3) g."""
+    return sensed_motion(EXACT_BENCH, steps, {}).f / G0
+
+
+def simulate(
+    trials: int,
+    seed: int,
+    drawn: RateTable = BENCH,
+    *,
+    reading: TiltConvention = "azimuth",
+    noise: float = NOISE,
+) -> ShipModelCase:
+    """Return the readings of so many devices; estimators are told of the usual bench.
+
+    Parameters
+    ----------
+    trials, seed : int
+    drawn : RateTable
+        The sizes of the bench's errors.
+    reading : "azimuth", "dihedral" or "successive"
+        Of the pose of two tilts.
+    noise : float
+        Of each mean, g.
+    """
+    steps = (*planar_plan(), *multi_angle_plan(reading))
+    rng = np.random.default_rng([seed, 2014])
+    sizes = np.array([SIZES[CoefficientName(name).term] for name in SENSOR.coefficients])
+    c = sizes * rng.standard_normal((trials, len(sizes)))
+    q = {
+        name: parameter.value + parameter.sd * rng.standard_normal(trials)
+        for name, parameter in drawn.acting_parameters(steps).items()
+    }
+    exact = SENSOR.forward(Motion(sensed_motion(drawn, steps, q).f), c)
+    r = len(steps)
+    seen = Observations(
+        tuple(step.label for step in steps),
+        exact + noise * G0 * rng.standard_normal((trials, r, 3)),
+        np.broadcast_to((NOISE * G0) ** 2 * np.eye(3), (r, 3, 3)),
+        np.array([step.seconds for step in steps]),
+        np.ones(r, dtype=np.int64),
+        np.arange(r, dtype=float),
+        SENSOR.channels,
+    )
+    return ShipModelCase(seen, steps, to_affine(SENSOR, c)[0].inverse)
+
+
+def model_from_estimate(found: Estimate) -> AffineModel:
+    """Return M and p of an estimate."""
+    return to_affine(SENSOR, found.select(SENSOR.coefficients).value)[0]
+
+
+def random_pose_forces(seed: int) -> Array:
+    """Return what is felt in fresh poses, (300, 3) g: any direction, at any speed."""
+    rng = np.random.default_rng([seed, POSE_COUNT])
+    direction = rng.standard_normal((POSE_COUNT, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    a = (rng.uniform(0, FAST_SPEED_RPM, POSE_COUNT) * RPM) ** 2 * RADIUS / G0
+    return np.hypot(a, 1)[:, None] * direction
+
+
+def calibration_errors(model: AffineModel, device: AffineModel, f: Array) -> Array:
+    """Return M a + p − f where f (r, 3) is felt and a read without noise, (..., r, 3)."""
+    return model.correct(device.correct(f)) - f
+
+
+def rms_length(vectors: Array) -> Array:
+    """Return the rms length of vectors (..., r, 3)."""
+    return np.sqrt((vectors**2).sum(-1).mean(-1))
+
+
+def vector_rms(model: AffineModel, device: AffineModel, seed: int) -> Array:
+    """Return the rms length of the error on fresh poses, (...) g."""
+    return rms_length(calibration_errors(model, device, random_pose_forces(seed)))
+
+
+def norm_rms(model: AffineModel, case: ShipModelCase) -> Array:
+    """Return the rms of |M a + p| − √(A² + 1) over the groups, (...) g."""
+    norm = np.linalg.norm(model.correct(case.readings[..., case.group_rows, :]), axis=-1)
+    return np.sqrt(((norm - np.sqrt(case.squared_norm)) ** 2).mean(-1))
+
+
+class MedianEstimate(NamedTuple):
+    """A median over devices, its Monte Carlo error, and the 95 % point."""
+
+    value: float
+    u: float
+    percentile_95: float
+
+
+def median_estimate(values: Array) -> MedianEstimate:
+    """Return the median of values (trials,); its error by the distribution's middle quarter."""
+    low, middle, up, high = np.quantile(values, [0.375, 0.5, 0.625, 0.95])
+    # A quantile scatters by √(q(1 − q)/n) of probability: half, over the density there.
+    return MedianEstimate(
+        float(middle), float((up - low) / 0.25 / 2 / np.sqrt(len(values))), float(high)
+    )
+
+
+def median_ratio(one: MedianEstimate, other: MedianEstimate) -> tuple[float, float]:
+    """Return the ratio of two medians, and its error as if they had been drawn apart."""
+    ratio = one.value / other.value
+    return ratio, ratio * float(np.hypot(one.u / one.value, other.u / other.value))

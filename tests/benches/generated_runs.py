@@ -1,0 +1,108 @@
+"""A run file of every method, made of what its kind of bench and the method itself declare."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inercal.benches.kind_definition import Kind
+from inercal.benches.kinds import KINDS
+from inercal.data import DataSection
+from inercal.io.write import write_recording
+from inercal.methods import METHODS
+from inercal.pipeline import Outcome, calibrate, simulate_files
+from inercal.runfile import Run, read
+
+# What a laboratory states beside the keys that a kind of bench cannot do without: so little that
+# what errors do to the means is linear in them.
+BENCHES: Mapping[str, tuple[str, ...]] = {
+    "centrifuge": ('rate_error = "1 ppm"', 'tilt = "2 ″"', 'dwell_rate = "0.5 ppm"'),
+    "dividing_head": ('autocollimation = "every"', 'autocollimator = "0.1 ″"', 'lean = "20 ″"'),
+    "rate_table": ('pose = "0.02 °"', 'speed = "0.05 %"'),
+    "turntable": ('square = "2 ″"', 'lean = "5 ″"', 'harmonics = ["2 ″", "1 ″"]'),
+}
+TURNS = ('turn_angle = "0.02 °"', 'turn_tilt = "0.02 °"')
+HAND: Mapping[str, tuple[str, ...]] = {
+    "six_position": ('tilt = "0.02 °"',),
+    "ferraris": ('tilt = "0.02 °"', *TURNS),
+}
+# Columns that a kind names by default, and whose names a simulation takes from the run file.
+COLUMNS: Mapping[str, tuple[str, ...]] = {"turntable": ('table = ["outer", "middle", "inner"]',)}
+AXES: Mapping[str, tuple[str, ...]] = {"dual_orthogonal": ("a", "b"), "tumble": ("a",)}
+PRIORS: Mapping[str, tuple[str, ...]] = {
+    "dual_orthogonal": ('prior."a.kip" = "0 ± 20 µg/g²"', 'prior."b.kip" = "0 ± 20 µg/g²"')
+}
+WHITE = 'white = "20 µg/√Hz"'
+SMALL = 1e-4  # of coefficients' natural sizes: what closed formulas leave out is then nothing
+
+
+def kind_for(method: str) -> Kind[Any, Any]:
+    """Return the kind of bench that a method is for."""
+    (found,) = (kind for kind in KINDS.values() if kind.bench is METHODS[method].bench)
+    return found
+
+
+def write_run(method: str, folder: Path, more: str = "") -> Path:
+    """Write the run file of a recording; `more` are lines of [method]."""
+    kind, axes = kind_for(method), AXES.get(method, ("ax", "ay", "az"))
+    section, data = kind.section.model_fields, kind.data.model_fields
+    needed = [key for key, one in section.items() if one.is_required() and key != "kind"]
+    columns = [key for key, one in data.items() if one.is_required()]
+    columns = [key for key in columns if key not in DataSection.model_fields]
+    gyros = "w" in METHODS[method].default_coefficients
+    lines = [
+        "[sensor]",
+        'name = "sensor"',
+        "[sensor.accelerometer]",
+        'unit = "g"',
+        WHITE,
+        *(("[sensor.gyro]", 'unit = "°/s"', 'white = "0.1 °/√h"') if gyros else ()),
+        "[bench]",
+        f'kind = "{kind.name}"',
+        'gravity = "9.8073 m/s² ± 0.1 mm/s²"',
+        *(f'{key} = "0.25 m ± 0.1 mm"' for key in needed),
+        *(('latitude = "48.1 °"',) if "latitude" in section else ()),
+        *BENCHES.get(kind.name, HAND.get(method, ())),
+        "[data]",
+        'file = "made.npz"',
+        'time = "time"',
+        'rate = "50 Hz"',
+        'label = "label"',
+        *(() if METHODS[method].unknown_attitudes or kind.sampled else ('marks = "labels"',)),
+        f"accelerometer = {list(axes)}",
+        *(('gyro = ["gx", "gy", "gz"]',) if gyros else ()),
+        *(f'{key} = "{key}"' for key in columns),
+        *COLUMNS.get(kind.name, ()),
+        "[method]",
+        f'name = "{method}"',
+        *PRIORS.get(method, ()),
+        more,
+    ]
+    path = folder / f"{method}.toml"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def simulate_run(path: Path, seed: int) -> Run:
+    """Return the run of a sensor that is drawn, and write what it gives on the simulated bench."""
+    run = read(path)
+    rng = np.random.default_rng(seed)
+    c = SMALL * rng.standard_normal(len(run.sensor.coefficients)) * run.sensor.unit_scale
+    truth = dict(zip(run.sensor.coefficients, c.tolist(), strict=True))
+    for prior in run.priors:
+        of_prior = rng.multivariate_normal(prior.mean, prior.covariance)
+        truth |= dict(zip(prior.names, of_prior.tolist(), strict=True))
+    run = replace(run, truth=truth)
+    for name, recording in simulate_files(run, seed).items():
+        write_recording(recording, run.file(name))
+    return run
+
+
+def calibrate_run(run: Run) -> tuple[Outcome, float]:
+    """Return what a drawn run gives, and its NEES over the number of coefficients."""
+    found = calibrate(run)
+    error = found.calibration.values - [run.truth[n] for n in found.calibration.sensor.coefficients]
+    weighed = error @ np.linalg.solve(found.calibration.covariance, error)
+    return found, float(weighed) / len(error)

@@ -1,0 +1,167 @@
+"""The bench and the method of `examples/own_bench`, as another package brings them."""
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.external_bench import FOLDER, register_example_bench
+
+from inercal.budget import budget
+from inercal.budget.experiment_from_runfile import experiment_from_run
+from inercal.design.worksheet import build_worksheet, worksheet_csv
+from inercal.io.write import write_recording
+from inercal.pipeline import calibrate, simulate, simulate_files
+from inercal.report import write_report
+from inercal.runfile import read
+
+SEEDS = range(40)
+
+
+@pytest.fixture
+def run_file(tmp_path: Path) -> Iterator[Path]:
+    with register_example_bench(tmp_path) as path:
+        yield path
+
+
+def recorded(path: Path, seed: int = 1) -> None:
+    run = read(path)
+    for name, recording in simulate_files(run, seed).items():
+        write_recording(recording, run.file(name))
+
+
+def means(path: Path, seed: int) -> None:
+    """Fill the worksheet as an operator does, and let the run file read it."""
+    run = read(path)
+    made = build_worksheet(run)
+    sensor = run.sensor.with_coefficients(*run.truth)
+    bench, rng = run.bench, np.random.default_rng(seed)
+    steps = run.steps
+    drawn = {
+        name: np.array(one.value + one.sd * rng.standard_normal())
+        for name, one in bench.nuisances(steps, sensor).items()
+    }
+    motion = run.bench.mean_motion(steps, drawn).motion  # pyright: ignore[reportAttributeAccessIssue]
+    c = np.array([run.truth[name] for name in sensor.coefficients])
+    read_in = sensor.to_output(sensor.forward(motion, c))
+    read_in = read_in + 30e-6 * rng.standard_normal(read_in.shape)
+    header, *rows = csv.reader(worksheet_csv(made).splitlines())
+    with run.file("sheet.csv").open("w", encoding="utf-8", newline="") as file:
+        filled = csv.writer(file)
+        filled.writerow(header)
+        for row, values in zip(rows, read_in.tolist(), strict=True):
+            filled.writerow([*row[:2], *(f"{value:.9f}" for value in values)])
+    text = path.read_text(encoding="utf-8")
+    for old, new in (
+        ('file = "tilt.csv"', 'file = "sheet.csv"\nkind = "means"'),
+        ('white = "60 µg/√Hz"\n', ""),
+        ('label = "position"\nmarks = "labels"\n', ""),
+        ("[method]", '[data.sd]\naccelerometer = "30 µg"\n[method]'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    path.with_name("means.toml").write_text(text, encoding="utf-8")
+
+
+def nees(path: Path) -> float:
+    found = calibrate(path)
+    assert found.verdict.grade in ("consistent", "reservations")
+    sensor, truth = found.calibration.sensor, read(path).truth
+    error = found.calibration.values - [truth.get(name, 0.0) for name in sensor.coefficients]
+    return float(error @ np.linalg.solve(found.calibration.covariance, error)) / len(error)
+
+
+def test_it_is_calibrated_from_a_recording(run_file: Path):
+    ratios: list[float] = []
+    for seed in SEEDS:
+        recorded(run_file, seed)
+        ratios.append(nees(run_file))
+    # 12 coefficients of 40 devices: χ² of 480, 99.9 % two-sided.
+    assert 0.80 < np.mean(ratios) < 1.23
+
+
+def test_it_is_calibrated_from_its_worksheet_filled(run_file: Path):
+    ratios: list[float] = []
+    for seed in SEEDS:
+        means(run_file, seed)
+        ratios.append(nees(run_file.with_name("means.toml")))
+    assert 0.80 < np.mean(ratios) < 1.23
+
+
+def test_a_violation_of_its_model_is_said(run_file: Path):
+    text = run_file.read_text(encoding="utf-8")
+    run_file.write_text(
+        text.replace('"ax.k0" = "12 mg"', '"ax.k0" = "12 mg"\n"ax.k3" = "2 mg/g³"'),
+        encoding="utf-8",
+    )
+    recorded(run_file)
+    verdict = calibrate(run_file).verdict
+    assert verdict.grade != "consistent"
+    assert verdict.suspect is not None
+    assert "k3" in verdict.suspect.name
+
+
+def test_trials_are_simulated_together(run_file: Path):
+    run = read(run_file)
+    several = simulate(run, 3, trials=4)
+    assert several.data.shape == (4, 16 * 500, 3)
+    assert np.ptp(several.data.mean(axis=1), axis=0).min() > 0
+
+
+def test_its_budget_is_the_covariance_of_its_estimator(run_file: Path):
+    run = read(run_file)
+    planned = {one.name: one.std for one in build_worksheet(run).expected}
+    found = budget(experiment_from_run(run), trials=400)
+    # A deviation of 400 draws is known to 3.5 %.
+    for spread in (found.stated, found.total.first_order, found.total.monte_carlo):
+        assert list(planned.values()) == pytest.approx(spread.tolist(), rel=0.12)
+
+
+def test_it_is_reported(run_file: Path, tmp_path: Path):
+    recorded(run_file)
+    outcome = calibrate(run_file)
+    page = write_report(outcome, tmp_path / "report.html", read(run_file).truth)
+    text = page.read_text(encoding="utf-8")
+    assert "plane xz at 45°" in text
+    assert "zero of the plate" in text
+
+
+def test_the_command_finds_it_by_its_entry_points(tmp_path: Path):
+    site, work = tmp_path / "site", tmp_path / "work"
+    info = site / "tilt_table-0.dist-info"
+    info.mkdir(parents=True)
+    work.mkdir()
+    shutil.copy(FOLDER / "tilt_table.py", site)
+    shutil.copy(FOLDER / "tilt.toml", work)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: tilt-table\nVersion: 0\n")
+    (info / "entry_points.txt").write_text(
+        "[inercal.benches]\ntilt_table = tilt_table:KIND\n"
+        "[inercal.methods]\ntilt_means = tilt_table:METHOD\n"
+    )
+
+    def inercal(*arguments: str) -> str:
+        command = "import sys; from inercal.cli.app import main; sys.exit(main())"
+        done = subprocess.run(
+            [sys.executable, "-c", command, *arguments],
+            cwd=work,
+            env={**os.environ, "PYTHONPATH": str(site)},
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    inercal("simulate", "tilt.toml")
+    told = json.loads(inercal("calibrate", "tilt.toml", "--json"))
+    assert told["verdict"]["grade"] == "consistent"
+    assert len(told["coefficients"]) == 12
+    assert "zero" in inercal("budget", "tilt.toml")
+    assert "xz 45" in inercal("plan", "tilt-means", "--run", "tilt.toml")

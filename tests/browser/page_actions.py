@@ -1,0 +1,56 @@
+"""What tests of the page do with it."""
+
+import pytest
+from playwright.sync_api import Page, expect
+from tests.browser import messages
+from tests.browser.conftest import PATIENCE
+from tests.browser.scripted_server import ScriptedServer
+
+expect.set_options(timeout=PATIENCE)
+
+
+def open_page(page: Page, server: ScriptedServer, *said: messages.Message) -> Page:
+    """Open the page of a bench that says something at once."""
+    if said:
+        server.says = list(said)
+    page.goto(server.address)
+    expect(page.get_by_text("connected", exact=True)).to_be_visible()
+    return page
+
+
+def open_running_page(page: Page, server: ScriptedServer, time: float = 100.0) -> Page:
+    """Open the page while a run goes on."""
+    said = [messages.estimates(time * k / 20) for k in range(1, 21)]
+    begins = messages.event(0.0, "the run begins")
+    return open_page(
+        page, server, messages.plan(), *said, messages.samples(time - 10, time), begins,
+        messages.state(time),
+    )  # fmt: skip
+
+
+def take_control(page: Page, server: ScriptedServer, name: str = "Ada") -> Page:
+    """Take control of a run, by its dialog."""
+    page.get_by_role("button", name="Take control").click()
+    page.get_by_role("dialog").get_by_label("Name").fill(name)
+    page.keyboard.press("Enter")
+    assert server.order("operate")["name"] == name
+    expect(page.get_by_text(f"you operate ({name})")).to_be_visible()
+    return page
+
+
+def tab_to(page: Page, name: str) -> None:
+    """Press Tab until what has the focus has a name."""
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        if name in accessible_text_of_focus(page):
+            return
+    pytest.fail(f"Tab does not lead to {name}")
+
+
+def accessible_text_of_focus(page: Page) -> str:
+    """Return what a reader says of what has the focus, near enough."""
+    return page.evaluate(
+        """() => { const e = document.activeElement, label = e.labels?.[0]?.textContent;
+        const words = e.getAttribute("aria-label") ?? label ?? e.textContent;
+        return words.replaceAll(/\\s+/g, " ").trim(); }"""
+    )

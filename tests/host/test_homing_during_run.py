@@ -1,0 +1,42 @@
+"""A table that is homed anew in the middle of a run: what it says meanwhile is no angle."""
+
+import numpy as np
+import pytest
+
+from inercal.host.assembly.table_polls import TablePolls
+from inercal.host.drivers.rotary_table import AxisState, TableState
+from inercal.host.run_log import TABLE, LogFrame
+from inercal.host.table_state_codec import pack_state, unpack_states
+
+POLL = 0.02  # s
+
+
+def said(time: float, angle: float, *, homed: bool) -> LogFrame:
+    axis = AxisState(angle, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=homed)
+    return LogFrame(TABLE, time, pack_state(TableState(time, (axis,))))
+
+
+def test_a_state_tells_whether_all_axes_are_homed():
+    frames = [said(k * POLL, 0.0, homed=k > 1) for k in range(4)]
+    assert unpack_states([one.payload for one in frames]).homed.tolist() == [
+        False,
+        False,
+        True,
+        True,
+    ]
+
+
+@pytest.mark.parametrize("found", [0.0, 0.3])
+def test_while_the_zero_is_sought_no_angle_is_known_wherever_it_is_found(found: float):
+    def homed(time: float) -> bool:
+        return not 8.0 <= time < 10.0
+
+    table = TablePolls(POLL)
+    times = np.arange(0.0, 12.0, POLL)
+    table.feed([said(t, found if t >= 10 else 0.0, homed=homed(t)) for t in times.tolist()])
+    asked = np.arange(0.0, 11.9, 0.005)
+    angles, there = table.angles(asked)
+    at_rest = (asked < 7.9) | (asked > 10.1)
+    assert there[at_rest].all()
+    assert not there[(asked > 8.0) & (asked < 10.0)].any()
+    np.testing.assert_allclose(angles[there, 0], np.where(asked[there] > 9, found, 0.0), atol=1e-12)

@@ -1,0 +1,64 @@
+"""What is compiled before a run: all that it works with while a table turns."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.host.synthetic_log import LAYOUT, run_file
+
+from inercal.host import precompilation as host_compile
+from inercal.host.packets import PacketLayout, read_layout
+
+RUN = """
+import sys
+from pathlib import Path
+from numba.core import event
+from tests.host.simulated_runs import carried_out, plan
+from inercal.host.precompilation import precompile_run
+from inercal.host.packets import read_layout
+from inercal.host.bench_simulator import BenchSimulator
+
+
+class Late(event.Listener):
+    def on_start(self, event):
+        print("late:", event.data["dispatcher"], event.data["args"])
+
+    def on_end(self, event):
+        pass
+
+
+folder = Path(sys.argv[1])
+replaced = [] if sys.argv[2] == "turntable_kalman" else [(
+    'name = "turntable_kalman"', f'name = "{sys.argv[2]}"')]
+run = plan(folder / "plan", replaced=replaced)
+with BenchSimulator(run.path, seed=1) as bench:
+    precompile_run(run, read_layout("fixed"))
+    event.register("numba:compile", Late())
+    ended = carried_out(folder / "run", bench, run)
+print("done" if ended.done else ended.words)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["turntable_kalman", "turntable_discrete"])
+def test_a_run_compiles_nothing_more(tmp_path: Path, method: str):
+    made = subprocess.run(
+        [sys.executable, "-c", RUN, str(tmp_path), method],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+    )
+    assert made.stdout.splitlines() == ["done"], made.stdout + made.stderr
+
+
+@pytest.mark.parametrize("name", ["fixed", "ascii", "novatel", "vn100", "xsens"])
+def test_a_rest_is_assembled_in_two_pieces_by_packets_of_every_kind(tmp_path: Path, name: str):
+    layout: PacketLayout = LAYOUT if name == "fixed" else read_layout(name)
+    rate = layout.rate_hz or 200.0
+    run = run_file(tmp_path, **{'rate = "100 Hz"': f'rate = "{rate:g} Hz"'})
+    tracks = host_compile._assemble_rest(run, layout)
+    assert len(tracks) == 2
+    assert all((track.hold == 0).any() for track in tracks)

@@ -1,0 +1,79 @@
+"""The order in which a run, what goes on beside it and what may take its time are left."""
+
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Self
+
+import pytest
+from tests.host.simulated_runs import plan
+
+from inercal.errors import InputError
+from inercal.host.journal import Journal
+from inercal.host.run_execution import RunInterrupted, execute_run
+from inercal.host.run_folder import RunFolder, create_run
+
+
+class Run:
+    """Stands for a `BenchRun`; what is done is kept."""
+
+    done: list[str]
+    ends: bool
+    fails = False
+    trouble = ""
+
+    def __init__(self, *_: object):
+        Run.done.append("connected")
+
+    def execute_plan(self) -> bool:
+        Run.done.append("carried out")
+        if Run.fails:
+            raise InputError("no space left on device")
+        return self.ends
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        Run.done.append("at rest")
+        self.trouble = "stopped, and at rest"
+
+
+@contextmanager
+def kept(name: str) -> Generator[None]:
+    Run.done.append(name)
+    yield
+    Run.done.append(f"{name} left")
+
+
+@pytest.fixture
+def begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RunFolder, Journal]]:
+    Run.done = []
+    monkeypatch.setattr("inercal.host.run_execution.BenchRun", Run)
+    addresses = ("pmac://10.0.0.5?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:9?preset=fixed", "")
+    made, journal = create_run(tmp_path / "run", plan(tmp_path / "plan"), addresses)
+    with journal:
+        yield made, journal
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_table_rests_before_what_may_take_its_time_is_waited_for(
+    begun: tuple[RunFolder, Journal], ends: bool
+):
+    Run.ends = ends
+    with nullcontext() if ends else pytest.raises(RunInterrupted, match="and at rest"):
+        execute_run(
+            *begun, run_context=lambda _: kept("keys"), background_work=lambda: kept("register")
+        )
+    assert Run.done == [
+        "connected", "keys", "register", "carried out", "keys left", "at rest", "register left"
+    ]  # fmt: skip
+
+
+def test_a_run_whose_end_no_disk_takes_may_go_on_later(
+    begun: tuple[RunFolder, Journal], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(Run, "fails", True)
+    with pytest.raises(RunInterrupted, match="no space left"):
+        execute_run(*begun)
+    assert Run.done[-1] == "at rest"

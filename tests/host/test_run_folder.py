@@ -1,0 +1,105 @@
+"""The folder of a run: what it takes in, what it leaves alone, what is left where a run failed."""
+
+from pathlib import Path
+
+import pytest
+from tests.host.simulated_runs import plan
+
+from inercal.errors import InputError
+from inercal.host.journal import Journal
+from inercal.host.run_folder import RunFolder, create_run, reopen_run
+
+TABLE, IMU = "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:99?preset=fixed"
+CLOCK, OTHER_CLOCK = "clock://127.0.0.1:40000", "clock://127.0.0.1:40001"
+ELSEWHERE, OTHER_IMU = TABLE.replace(".5:", ".6:"), IMU.replace(":99", ":98")
+
+
+@pytest.mark.parametrize("name", ["plan.toml", "plan.report.html", "plan.calibration.json"])
+def test_a_folder_that_holds_a_file_of_a_runs_name_is_refused_and_left_as_it_is(
+    tmp_path: Path, name: str
+):
+    run = plan(tmp_path / "plan")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match=f"out holds {name} already: name another folder"):
+        create_run(out, run, (TABLE, IMU, ""))
+    assert [(one.name, one.read_text(encoding="utf-8")) for one in out.iterdir()] == [
+        (name, "mine")
+    ]
+
+
+def test_a_run_in_the_folder_of_its_own_plan_is_refused(tmp_path: Path):
+    run = plan(tmp_path)
+    before = {one.name: one.read_bytes() for one in tmp_path.iterdir()}
+    with pytest.raises(InputError, match=r"holds plan\.toml already"):
+        create_run(tmp_path, run, (TABLE, IMU, ""))
+    assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == before
+
+
+def begun(tmp_path: Path, clock: str = CLOCK) -> RunFolder:
+    made, journal = create_run(tmp_path / "run", plan(tmp_path / "plan"), (TABLE, IMU, clock))
+    journal.close()
+    return made
+
+
+@pytest.mark.parametrize("why", [InputError("nobody is there"), KeyboardInterrupt()])
+def test_of_a_run_that_was_not_begun_nothing_is_left(tmp_path: Path, why: BaseException):
+    made = begun(tmp_path)
+    (made.path / "note").touch()
+    made.log.touch()
+    with pytest.raises(type(why)), made.removed_on_failure("note"):
+        raise why
+    assert not made.path.exists()
+
+
+def test_of_a_run_that_was_begun_all_is_left(tmp_path: Path):
+    made = begun(tmp_path)
+    made.log.write_bytes(b"something")
+    before = sorted(made.path.iterdir())
+    with pytest.raises(KeyboardInterrupt), made.removed_on_failure():
+        raise KeyboardInterrupt
+    assert sorted(made.path.iterdir()) == before
+
+
+def test_a_simulated_run_goes_on_at_a_simulated_bench_wherever_that_is_now(tmp_path: Path):
+    made = begun(tmp_path)
+    for given, now in (
+        (("", "", ""), (TABLE, IMU, CLOCK)),
+        ((TABLE, OTHER_IMU, ""), (TABLE, OTHER_IMU, CLOCK)),
+        ((ELSEWHERE, "", OTHER_CLOCK), (ELSEWHERE, OTHER_IMU, OTHER_CLOCK)),
+    ):
+        _, journal = reopen_run(made.path, given)
+        with journal:
+            assert journal.header().addresses == now
+
+
+@pytest.mark.parametrize(
+    ("clock", "given", "words"),
+    [
+        (CLOCK, (ELSEWHERE, "", ""), "begun on a simulated bench: name the clock beside the table"),
+        ("", (ELSEWHERE, "", CLOCK), "begun by the wall's clock: it goes on without clock://"),
+    ],
+)
+def test_what_was_begun_in_simulation_does_not_go_on_on_iron_nor_the_other_way_round(
+    tmp_path: Path, clock: str, given: tuple[str, str, str], words: str
+):
+    made = begun(tmp_path, clock)
+    with pytest.raises(InputError, match=words):
+        reopen_run(made.path, given)
+    _, journal = reopen_run(made.path)
+    with journal:
+        assert journal.header().addresses == (TABLE, IMU, clock)
+
+
+def test_a_folder_whose_journal_could_not_be_made_may_be_named_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def full(*_: object) -> Journal:
+        raise InputError("no space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Journal, "create", full)
+        with pytest.raises(InputError, match="no space"):
+            begun(tmp_path)
+    assert begun(tmp_path).path.exists()

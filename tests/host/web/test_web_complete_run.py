@@ -1,0 +1,185 @@
+"""A whole run through the page on a simulated bench, while others do their worst."""
+
+import socket
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+import pytest
+from tests.host.simulated_runs import plan, quick
+from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served, sockets
+from websockets.exceptions import InvalidStatus
+
+from inercal.calibration.files import load
+from inercal.host.web.run_process import RunProcess
+from inercal.host.web.run_request import RunRequest
+from inercal.pipeline import calibrate
+from inercal.runfile import read
+from inercal.store import Register
+
+NAME = "MIMU #17"
+
+
+class Whole(NamedTuple):
+    """A run through the page: what the page heard, and what there is afterwards."""
+
+    heard: list[dict[str, Any]]
+    folder: Path
+    register: str
+    answers: dict[str, Any]
+
+    def of(self, kind: str) -> list[dict[str, Any]]:
+        return [one for one in self.heard if one["kind"] == kind]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    folder = tmp_path_factory.mktemp("served")
+    plan(folder / "plans", quick())
+    with Served(folder, start=seeded) as served, served.page() as page:
+        page.operate("Ada")
+        page.say("start", plan="plan", sensor=NAME, **SIMULATED)
+        run = page.until("plan", COMPILING)["run"]
+        page.until("estimates", COMPILING)
+        page.say("pause")
+        page.until("state", paused="paused by the operator")
+        send_nonsense(served)
+        page.say("go on")
+        send_too_much(served)
+        done = page.until("done", RUNNING)
+        answers = {what: served.ask(done[what]) for what in ("report", "calibration", "history")}
+        answers["setup"] = served.ask("/api/setup")
+        return Whole(page.heard, folder / "runs" / run, served.register, answers)
+
+
+def seeded(order: RunRequest) -> RunProcess:
+    """Start a run on a bench that is the same whenever this is tested."""
+    return RunProcess(replace(order, seed=3, speed=50.0))
+
+
+def send_nonsense(served: Served) -> None:
+    """Send what the page refuses for what it is."""
+    with pytest.raises(InvalidStatus):
+        served.page(origin="http://evil.example")
+    for path in ("/static/../app.py", "/runs/%2e%2e/report", "/history/..%2f1"):
+        assert served.ask(path).status == 404
+    with served.page() as other:
+        for message in ("{", '{"do": "abort"}', '{"do": "start"}', "[" * 4000):
+            other.connection.send(message)
+            other.until("refused")
+        other.connection.send(b"\xff" * 100)
+        assert other.closed() == 1003
+
+
+def send_too_much(served: Served) -> None:
+    """Send what the page refuses for its size."""
+    own = f"Host: {served.host}\r\nOrigin: http://{served.host}\r\nContent-Length: 100000000\r\n"
+    with socket.create_connection(("127.0.0.1", served.port), 20) as connection:
+        connection.sendall(f"POST /api/probe HTTP/1.1\r\n{own}\r\n".encode())
+        with suppress(ConnectionError):
+            for _ in range(1000):
+                connection.sendall(b"x" * 100_000)
+    for one in sockets(served.port, 1000):
+        one.close()
+
+
+def test_a_run_through_the_page_ends_with_report_calibration_and_history(whole: Whole):
+    (done,) = whole.of("done")
+    assert done["state"] == "done", done
+    assert done["verdict"]["level"] in ("good", "care")
+    report, calibration, history = (
+        whole.answers[what] for what in ("report", "calibration", "history")
+    )
+    assert [one.status for one in (report, calibration, history)] == [200, 200, 200]
+    assert NAME in report.body.decode()
+    assert NAME in history.body.decode()
+    assert "default-src 'none'" in report.headers["content-security-policy"]
+    assert calibration.json["sensor"]["name"] == NAME
+    (shown,) = whole.answers["setup"].json["runs"]
+    assert (shown["id"], shown["sensor"]) == (whole.folder.name, NAME)
+    assert (shown["state"], shown["report"]) == ("done", True)
+
+
+def test_its_result_is_that_of_its_recording(whole: Whole):
+    again = calibrate(read(whole.folder / "plan.toml")).calibration
+    made = load(whole.folder / "plan.calibration.json")
+    assert made.values.tolist() == again.values.tolist()
+    assert made.covariance.tolist() == again.covariance.tolist()
+    words = [one["words"] for one in whole.of("event")]
+    assert "what was found live is what the recording gives, to the last bit" in words
+
+
+def test_no_packet_is_lost_whatever_others_do(whole: Whole):
+    imu = whole.of("state")[-1]["imu"]
+    assert imu["packets"] > 200 * 280
+    assert (imu["lost"], imu["failed"], imu["thrown"], imu["no_angle"]) == (0, 0, 0, 0)
+    alarms = [one["words"] for one in whole.of("event") if one["level"] == "alarm"]
+    assert alarms == []
+
+
+def test_the_page_is_told_what_the_run_is_of(whole: Whole):
+    (told,) = whole.of("plan")
+    run = read(whole.folder / "plan.toml")
+    assert told["sensor"] == run.sensor.name == NAME
+    assert told["simulated"] is True
+    assert told["axes"] == ["outer", "middle", "inner"]
+    assert [one["name"] for one in told["channels"]] == list(run.sensor.channels)
+    assert [one["unit"] for one in told["channels"]] == ["g"] * 3 + ["°/s"] * 3
+    assert [one["label"] for one in told["steps"]] == [one.label for one in run.steps]
+    assert {one["what"] for one in told["steps"]} == {"hold", "turn"}
+    assert [one["name"] for one in told["coefficients"]] == list(run.sensor.coefficients)
+
+
+def test_estimates_converge_to_the_calibration(whole: Whole):
+    estimates = whole.of("estimates")
+    first, last = estimates[0], estimates[-1]
+    made = load(whole.folder / "plan.calibration.json")
+    sizes = [made.sensor.coefficient(name).si for name in made.sensor.coefficients]
+    np.testing.assert_allclose(np.array(last["values"]) * sizes, made.values, rtol=1e-5, atol=1e-12)
+    shrunk = np.array(last["u2"]) / np.array(first["u2"])
+    assert np.all(shrunk <= 1)
+    assert np.median(shrunk) < 0.2
+    assert all(0.3 < last["nis"][kind] < 3 for kind in ("w", "f"))
+
+
+def test_live_estimation_waits_for_a_rest_and_is_on_to_the_end(whole: Whole):
+    told = [one["live"] for one in whole.of("state")]
+    assert list(dict.fromkeys(told)) == ["waits", "on"]
+
+
+def test_samples_follow_one_another_and_are_those_of_the_recording(whole: Whole):
+    times = np.concatenate([one["t"] for one in whole.of("samples")])
+    assert np.all(np.diff(times) > 0)
+    file: Any
+    with h5py.File(whole.folder / "recording.h5") as file:
+        recorded = file["time"][:]
+    assert times[0] < 2
+    assert recorded[-1] - 1 < times[-1] <= recorded[-1] + 1e-4
+    for one in whole.of("samples"):
+        assert [len(column) for column in one["y"]] == [len(one["t"])] * 6
+    resting = np.array(whole.of("samples")[0]["y"])[2]
+    np.testing.assert_allclose(resting, 1.0, atol=0.1)
+
+
+def test_attitudes_of_table_and_navigation_go_side_by_side(whole: Whole):
+    told = [one["attitude"] for one in whole.of("state") if one["attitude"]]
+    assert told[0]["navigation"] is None  # the table's is known before the filters begin
+    seen = [one for one in told if one["navigation"]]
+    assert len(seen) > 5
+    for one in seen:
+        table = np.array(one["table"]).reshape(3, 3)
+        navigation = np.array(one["navigation"]).reshape(3, 3)
+        np.testing.assert_allclose(table @ table.T, np.eye(3), atol=1e-6)
+        np.testing.assert_allclose(navigation, table, atol=0.05)
+        assert len(one["apart"]) == len(one["velocity"]) == 3
+
+
+def test_the_register_has_the_run_and_who_made_it(whole: Whole):
+    with Register(whole.register) as register:
+        (sensor,) = register.sensors()
+        assert (sensor.name, sensor.calibrations, sensor.by) == (NAME, 1, "Ada")
+        (run,) = register.runs()
+        assert (run.state, run.by) == ("done", "Ada")

@@ -1,0 +1,132 @@
+"""What a run tells: never waiting, news always, pictures as far as somebody takes them."""
+
+import json
+import os
+from itertools import pairwise
+from time import monotonic
+
+import pytest
+
+from inercal.host.web.dropping_queue import DroppingQueue
+from inercal.host.web.message_history import MessageHistory
+from inercal.host.web.publisher import Publisher
+
+PATIENCE = 20.0  # s
+
+
+def test_of_what_waits_the_oldest_pictures_give_way_and_the_order_stays():
+    lanes: DroppingQueue[int] = DroppingQueue(max_droppable=2)
+    for k in range(10):
+        lanes.put(k, must_keep=k % 3 == 0)
+    taken = [lanes.take() for _ in range(7)]
+    assert taken == [0, 3, 6, 7, 8, 9, None]
+
+
+def read_all(descriptor: int) -> list[dict[str, object]]:
+    data = b""
+    while piece := os.read(descriptor, 1 << 16):
+        data += piece
+    lines = data.decode().splitlines()
+    messages = [json.loads(line.partition(" ")[2]) for line in lines]
+    assert [line.partition(" ")[0] for line in lines] == [one["kind"] for one in messages]
+    return messages
+
+
+def test_what_cannot_be_told_is_left_out_with_a_word_and_what_follows_is_told(
+    capsys: pytest.CaptureFixture[str],
+):
+    out, into = os.pipe()
+    with Publisher(into) as publisher:
+        publisher.publish("state", time=float("nan"))
+        publisher.publish("event", words="\ud800")
+        publisher.publish("event", words=object())
+        publisher.publish("event", words="after")
+    os.close(into)
+    assert read_all(out) == [{"kind": "event", "words": "after"}]
+    os.close(out)
+    said = capsys.readouterr().err
+    assert said.count("could not be told") == 2  # once of each kind
+    assert "'state'" in said
+    assert "'event'" in said
+
+
+def test_a_reader_that_takes_nothing_keeps_nobody_waiting_and_misses_no_event():
+    out, into = os.pipe()
+    publisher = Publisher(into)
+    begun = monotonic()
+    for k in range(2000):
+        publisher.publish("samples", y="x" * 1000, n=k)
+        if k % 100 == 0:
+            publisher.publish("event", words=f"{k}")
+    publisher.close(patience=0.0)
+    assert monotonic() - begun < 5.0
+    messages: list[dict[str, object]] = []
+    # What is still to be written is, as soon as somebody reads.
+    while sum(one["kind"] == "event" for one in messages) < 20:
+        line = b""
+        while not line.endswith(b"\n"):
+            line += os.read(out, 1)
+        messages.append(json.loads(line.partition(b" ")[2]))
+    assert [m["words"] for m in messages if m["kind"] == "event"] == [
+        f"{k}" for k in range(0, 2000, 100)
+    ]
+    assert len(messages) < 300
+    os.close(out)
+    publisher.close(PATIENCE)
+    os.close(into)
+
+
+def test_where_nobody_reads_any_more_nothing_is_said():
+    out, into = os.pipe()
+    os.close(out)
+    with Publisher(into) as publisher:
+        for k in range(1000):
+            publisher.publish("event", words=f"{k}")
+    publisher.publish("event", words="too late")
+    os.close(into)
+
+
+def test_what_is_told_last_is_written_before_the_end():
+    out, into = os.pipe()
+    with Publisher(into) as publisher:
+        publisher.publish("state", time=1.0, table=None)
+        publisher.publish("done", words="µ-tests")
+    os.close(into)
+    assert read_all(out) == [
+        {"kind": "state", "time": 1.0, "table": None},
+        {"kind": "done", "words": "µ-tests"},
+    ]
+    os.close(out)
+
+
+def kept(*messages: tuple[str, str]) -> list[str]:
+    made = MessageHistory()
+    for kind, text in messages:
+        made.add_message(kind, text)
+    return list(made.messages())
+
+
+def test_a_latecomer_sees_the_phase_before_the_state_or_after_it_as_it_came():
+    assert kept(("plan", "P"), ("phase", "starting")) == ["P", "starting"]
+    assert kept(("plan", "P"), ("phase", "a"), ("state", "S")) == ["P", "a", "S"]
+    assert kept(("plan", "P"), ("state", "S"), ("phase", "finishing"), ("done", "D")) == [
+        "P", "S", "finishing", "D",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [1, 599, 600, 601, 5000, 100_000])
+def test_estimates_are_thinned_evenly_and_the_last_is_among_them(count: int):
+    told = kept(*(("estimates", str(k)) for k in range(count)))
+    numbers = [int(text) for text in told]
+    assert len(numbers) <= 601
+    assert len(numbers) >= min(count, 300)
+    assert numbers[0] == 0
+    assert numbers[-1] == count - 1
+    steps = {b - a for a, b in pairwise(numbers[:-1])}
+    assert len(steps) <= 1
+
+
+def test_events_and_samples_of_a_long_run_are_bounded():
+    told = kept(*(("event", f"e{k}") for k in range(2000)), *(("samples", "s") for _ in range(999)))
+    assert told.count("s") == 100
+    assert told[-500:] == [f"e{k}" for k in range(1500, 2000)]

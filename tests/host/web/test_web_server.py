@@ -1,0 +1,69 @@
+"""`inercal bench serve`: what it is given is what it serves by."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from inercal.cli.bench_serve import serve
+from inercal.errors import InputError
+from inercal.host.options import RunOptions
+from inercal.host.web import server
+
+TOKEN = "correct-horse-battery"
+
+
+async def ends(*_: object, **__: object) -> None:
+    """Serve nobody."""
+
+
+def test_limits_of_runs_are_taken_as_of_bench_run(monkeypatch: pytest.MonkeyPatch):
+    given: list[server.ServerOptions] = []
+    monkeypatch.setattr(server, "serve", given.append)
+    serve()
+    serve(speed=20.0, temperature="15:40", patience=30.0)
+    ordinary, watched = (one.run_options for one in given)
+    assert ordinary == RunOptions()
+    assert watched == RunOptions(20.0, (288.15, 313.15), 30.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, r"http://127\.0\.0\.1:\d+/"),
+        ({"token": TOKEN}, r"http://127\.0\.0\.1:\d+/ and asks for the token that you gave"),
+        ({"host": "0.0.0.0"}, r"http://[^:]+:\d+/\?token=[\w-]{32}"),
+        ({"host": "0.0.0.0", "token": TOKEN}, r"http://[^:]+:\d+/ and asks for .*"),
+    ],
+)
+def test_the_link_has_a_token_that_was_made_and_none_that_was_given(
+    options: dict[str, Any],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.setattr(server.WebServer, "serve", ends)
+    register = str(tmp_path / "register.db")
+    served = server.ServerOptions(tmp_path, tmp_path / "runs", register, port=0, **options)
+    server.serve(served)
+    printed = capsys.readouterr()
+    assert re.fullmatch(f"the page is at {said}\n", printed.out)
+    assert TOKEN not in printed.out + printed.err
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"temperature": "40:15"}, "give lowest and highest °C, as 15:40"),
+        ({"temperature": "40"}, "give lowest and highest °C, as 15:40"),
+        ({"patience": 0.0}, "--patience 0.0; give a number above 0"),
+        ({"speed": -1.0}, "--speed -1.0; give a number above 0"),
+    ],
+)
+def test_limits_that_are_none_are_refused_before_anything_is_served(
+    option: dict[str, Any], words: str
+):
+    with pytest.raises(InputError, match=words):
+        serve(**option)

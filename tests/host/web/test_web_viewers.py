@@ -1,0 +1,442 @@
+"""Several look on, one operates, anyone may stop; who comes late sees what there was."""
+
+import asyncio
+import json
+import os
+import signal
+from collections.abc import Iterator
+from errno import EMFILE
+from pathlib import Path
+from threading import Event, Thread
+
+import pytest
+from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served, as_header, scripted
+
+from inercal.host.journal import Journal
+from inercal.host.options import RunOptions
+from inercal.host.run_folder import JOURNAL, LOG
+from inercal.host.run_log import RunLog
+from inercal.host.web import app, hub, run_process, viewers
+from inercal.host.web.run_request import PROCESS_RECORD, RunRequest, write_process_record
+from inercal.host.web.runs import StoredRun
+
+
+@pytest.fixture
+def ada(served: Served) -> Iterator[Page]:
+    with served.page() as page:
+        page.operate("Ada")
+        yield page
+
+
+def test_who_comes_is_greeted_and_told_that_nothing_goes_on(served: Served):
+    with served.page() as page:
+        assert [page.next()["kind"] for _ in range(3)] == ["hello", "people", "idle"]
+        assert page.heard[1] == {"kind": "people", "viewers": 1, "operator": None, "yours": False}
+
+
+def test_one_operates_and_hands_it_over(served: Served, ada: Page):
+    with served.page() as other:
+        assert other.until("people", viewers=2)["operator"] == "Ada"
+        other.say("operate", name="Bob")
+        assert other.until("refused")["words"] == "Ada operates"
+        ada.say("leave")
+        other.until("people", operator=None)
+        other.operate("Bob")
+        ada.until("people", operator="Bob", yours=False)
+
+
+def test_who_only_looks_on_commands_nothing(served: Served, ada: Page):
+    ada.start()
+    with served.page() as other:
+        for execute in ("start", "resume", "pause", "go on", "abort", "put away"):
+            other.say(execute, plan="demo", run="x")
+            assert "operator" in other.until("refused")["words"], execute
+    ada.until("samples")
+
+
+def test_an_operator_who_was_gone_for_a_moment_operates_again(served: Served):
+    cookies = served.viewer("of-this-browser")
+    with served.page(cookies=cookies) as page:
+        page.operate("Ada")
+    with served.page() as other:
+        other.say("operate", name="Bob")
+        assert "may be back" in other.until("refused")["words"]
+        with served.page(cookies=cookies) as page:
+            page.until("people", operator="Ada", yours=True)
+
+
+def test_an_operators_browser_has_its_place_back_while_its_old_connection_seems_open(
+    served: Served,
+):
+    cookies = served.viewer("of-this-browser")
+    with served.page(cookies=cookies) as page, served.page(cookies=cookies) as again:
+        page.operate("Ada")
+        again.operate("Ada")
+        page.until("people", operator="Ada", yours=False)
+
+
+def test_only_an_operator_who_leaves_is_news(served: Served, ada: Page):
+    with served.page() as other:
+        other.until("people", viewers=2)
+        other.say("leave")
+        other.say("pause")
+        other.until("refused")
+        assert [one["kind"] for one in other.heard].count("people") == 1
+        ada.say("leave")
+        other.until("people", operator=None)
+
+
+def test_every_viewer_hears_the_server_beat_while_nothing_goes_on(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(app, "_HEARTBEAT_INTERVAL", 0.01)
+    with served.page() as page, served.page() as other:
+        for _ in range(3):
+            assert page.until("beat") == other.until("beat") == {"kind": "beat"}
+
+
+def test_of_people_and_beats_a_slow_viewer_is_told_the_latest():
+    viewer = viewers.Viewer(1, None)
+    for k in range(100):
+        viewer.send("people", f"people {k}")
+        viewer.send("beat", "beat")
+    viewer.send("event", "event")
+
+    async def end_message() -> list[str]:
+        first = [await viewer.next_message() for _ in range(3)]
+        viewer.send("people", "people again")
+        return [*first, await viewer.next_message()]
+
+    assert asyncio.run(end_message()) == ["people 99", "beat", "event", "people again"]
+
+
+def test_an_operator_who_stays_away_is_followed_by_another(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+):
+    with served.page() as page:
+        page.operate("Ada")
+    with served.page() as other:
+        other.until("people", operator="Ada", viewers=1)
+        monkeypatch.setattr(viewers, "OPERATOR_GRACE", 0.0)
+        other.operate("Bob")
+
+
+def test_all_are_told_when_the_place_of_an_operator_who_stays_away_is_free(
+    served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
+):
+    for module in (viewers, hub):
+        monkeypatch.setattr(module, "OPERATOR_GRACE", 0.1)
+    with served.page() as other:
+        other.until("people", operator="Ada", viewers=2)
+        ada.close()
+        other.until("people", operator="Ada", viewers=1)
+        other.until("people", operator=None, viewers=1)
+
+
+def test_after_a_while_an_operators_browser_has_to_take_the_place_again(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(viewers, "OPERATOR_GRACE", 0.0)
+    cookies = served.viewer("of-this-browser")
+    with served.page(cookies=cookies) as page:
+        page.operate("Ada")
+    served.wait(lambda: not served.hub.people.viewers)
+    with served.page(cookies=cookies) as page:
+        page.until("people", yours=False)
+        assert served.ask("/api/probe", "POST", PROBE, as_header(cookies)).status == 403
+        page.operate("Bob")
+
+
+def test_any_viewer_may_stop_the_run(served: Served, ada: Page):
+    ada.start()
+    with served.page() as other:
+        other.until("state")
+        other.say("stop")
+        assert other.until("done")["words"] == "stopped by the operator"
+    ada.until("done", state="interrupted")
+
+
+def begun_elsewhere(served: Served, name: str = "other") -> Path:
+    """Return the folder of a run that this server knows nothing of."""
+    folder = served.runs.folder / name
+    folder.mkdir()
+    Journal.create(folder / JOURNAL, "demo.toml", ("table", "imu", ""), 0.02, 3).close()
+    return folder
+
+
+@pytest.fixture
+def signalled(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """Return which process is sent what, instead of sending it."""
+    sent: list[tuple[int, int]] = []
+    monkeypatch.setattr(hub, "kill", lambda process, what: sent.append((process, what)))
+    return sent
+
+
+@pytest.mark.parametrize("asked", [{}, {"run": "other"}])
+def test_a_stop_reaches_a_run_that_another_server_started(
+    served: Served, signalled: list[tuple[int, int]], asked: dict[str, str]
+):
+    noted = write_process_record(begun_elsewhere(served), None)
+    with served.page() as page:
+        page.say("stop", **asked)
+        served.wait(lambda: signalled)
+        assert signalled == [(os.getpid(), signal.SIGINT)]
+        page.say("stop", run="another")
+        assert page.until("refused")["words"] == "no run goes on"
+    os.close(noted)
+
+
+def test_while_a_run_to_be_stopped_is_sought_others_are_heard(
+    served: Served, signalled: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
+):
+    noted = write_process_record(begun_elsewhere(served), None)
+    sought, others, there = Event(), Event(), served.runs.all
+
+    def slowly() -> dict[str, StoredRun]:
+        sought.set()
+        assert others.wait(PATIENCE)
+        return there()
+
+    monkeypatch.setattr(served.runs, "all", slowly)
+    with served.page() as page, served.page() as other:
+        page.say("stop")
+        try:
+            assert sought.wait(PATIENCE)
+            other.operate("Bob")
+            assert signalled == []
+        finally:
+            others.set()
+        served.wait(lambda: signalled)
+    os.close(noted)
+
+
+def test_a_stop_of_a_terminals_run_is_refused_and_hits_no_process_of_an_old_note(
+    served: Served, signalled: list[tuple[int, int]]
+):
+    folder = begun_elsewhere(served)
+    os.close(write_process_record(folder, None))
+    with served.page() as page:
+        page.say("stop")
+        assert page.until("refused")["words"] == "no run goes on"
+        with RunLog(folder / LOG):
+            page.say("stop")
+            assert page.until("refused")["words"].startswith("a terminal drives it")
+    assert (folder / PROCESS_RECORD).exists()
+    assert signalled == []
+
+
+def test_commands_of_the_operator_reach_the_run(served: Served, ada: Page):
+    ada.start(sensor="  MIMU #17 ")
+    assert (ada.heard[-1]["sensor"], ada.heard[-1]["by"]) == ("MIMU #17", "Ada")
+    assert ada.heard[-1]["speed"] == 5.0
+    ada.say("pause")
+    ada.until("state", paused="paused by the operator")
+    ada.say("go on")
+    ada.until("state", paused="")
+    ada.say("start", plan="demo", table={"id": "simulated"}, imu={"id": "simulated"})
+    assert "a run goes on" in ada.until("refused")["words"]
+    ada.say("put away")
+    assert "goes on" in ada.until("refused")["words"]
+    ada.say("abort")
+    ada.until("done", words="aborted")
+    served.wait(lambda: served.hub.run_process is None)
+    ada.say("put away")
+    ada.until("idle")
+    ada.say("pause")
+    assert "no run goes on" in ada.until("refused")["words"]
+
+
+def test_limits_that_the_server_was_given_are_those_of_each_run(tmp_path: Path):
+    orders: list[RunRequest] = []
+
+    def start(order: RunRequest) -> run_process.RunProcess:
+        orders.append(order)
+        return scripted(order)
+
+    options = RunOptions(None, (288.15, 313.15), 30.0)
+    with Served(tmp_path, start=start, options=options) as served, served.page() as page:
+        page.operate()
+        page.start()
+        page.say("abort")
+        page.until("done")
+    assert [order.options for order in orders] == [options]
+
+
+def test_who_comes_late_is_told_what_there_was_in_order(served: Served, ada: Page):
+    ada.start()
+    for _ in range(3):
+        ada.until("estimates")
+    with served.page() as late:
+        late.until("state")
+        kinds = [message["kind"] for message in late.heard]
+        assert list(dict.fromkeys(kinds)) == [
+            "hello", "people", "plan", "phase", "estimates", "samples", "event", "state",
+        ]  # fmt: skip
+        assert kinds.count("estimates") >= 2
+        assert kinds.count("event") == 3
+    ada.say("abort")
+    ada.until("done")
+    with served.page() as late:
+        late.until("done", words="aborted")
+
+
+def test_a_run_goes_on_when_all_pages_are_closed(served: Served):
+    with served.page() as page:
+        page.operate()
+        page.start()
+    served.wait(lambda: not served.hub.people.viewers)
+    with served.page() as page:
+        first = page.until("state")["time"]
+        assert page.until("state")["time"] > first
+        page.say("stop")
+        page.until("done")
+
+
+def test_a_process_that_cannot_be_started_is_said_and_what_was_shown_stays(
+    served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
+):
+    ada.start()
+    ada.say("abort")
+    ada.until("done", words="aborted")
+    served.wait(lambda: served.hub.run_process is None)
+
+    def fails(*_: object, **__: object) -> None:
+        raise OSError(EMFILE, os.strerror(EMFILE))
+
+    monkeypatch.setattr(run_process, "Popen", fails)
+    ada.say("start", plan="demo", sensor=None, **SIMULATED)
+    words = ada.until("refused")["words"]
+    assert words == "the run's process cannot be started: Too many open files"
+    with served.page() as late:
+        late.until("done", words="aborted")
+    monkeypatch.undo()
+    ada.start()
+
+
+def test_a_process_that_ends_without_a_word_is_an_interrupted_run(served: Served, ada: Page):
+    ada.start()
+    assert served.hub.run_process is not None
+    begun_elsewhere(served, served.hub.run_process.order.name)
+    served.hub.run_process.send_line("fall")
+    done = ada.until("done")
+    assert done["state"] == "interrupted"
+    assert "status 7" in done["words"]
+    assert "can be resumed" in done["words"]
+
+
+def test_a_process_that_ends_before_there_is_a_journal_leaves_nothing_to_resume(
+    served: Served, ada: Page
+):
+    ada.start()
+    assert served.hub.run_process is not None
+    served.hub.run_process.send_line("fall")
+    done = ada.until("done")
+    assert done["state"] == "not begun"
+    assert done["words"] == "the run's process has ended (status 7) before anything moved"
+
+
+def test_to_end_the_server_is_to_stop_the_run(tmp_path: Path):
+    with Served(tmp_path) as served:
+        page = served.page()
+        page.operate()
+        page.start()
+    assert page.closed() == 1012
+    assert page.heard[-1]["kind"] == "done"
+    assert page.heard[-1]["words"] == "stopped by the operator"
+
+
+def test_a_page_that_takes_nothing_misses_pictures_and_no_event(served: Served, ada: Page):
+    ada.start()
+    with served.page(slow=True) as slow:
+        served.wait(lambda: 2 in served.hub.people.viewers)
+        viewer = served.hub.people.viewers[2]
+        big = json.dumps({"kind": "samples", "y": "x" * 100_000})
+
+        def flood() -> None:
+            for k in range(2000):
+                viewer.send("samples", big)
+                if k % 10 == 0:
+                    viewer.send("event", json.dumps({"kind": "event", "words": f"flood {k}"}))
+
+        served.soon(flood)
+        slow.until("event", words="flood 1990")
+        events = [one["words"] for one in slow.heard if "flood" in one.get("words", "")]
+        assert events == [f"flood {10 * k}" for k in range(200)]
+        big_ones = sum(len(str(one.get("y", ""))) > 1000 for one in slow.heard)
+        assert big_ones < 200
+    ada.until("samples")
+
+
+def test_the_setup_says_what_there_is(served: Served):
+    said = served.ask("/api/setup").json
+    assert [plan["id"] for plan in said["plans"]] == ["demo"]
+    assert said["plans"][0]["trouble"] == ""
+    assert said["plans"][0]["steps"] > 10
+    assert said["sensors"] == []
+    assert said["tables"][0] == said["imus"][0] == {"id": "simulated", "what": "simulated bench"}
+    assert {"fixed", "xsens"} <= {preset["name"] for preset in said["presets"]}
+    assert said["register"].endswith("register.db")
+
+
+def test_only_the_operators_browser_may_ask_the_devices(served: Served):
+    mine = served.viewer("mine")
+    cookies = as_header(mine)
+    body = json.dumps({"plan": "demo", "table": {"id": "simulated"}, "imu": {"id": "port-99"}})
+    with served.page(cookies=mine) as page:
+        assert served.ask("/api/probe", "POST", body.encode(), cookies).status == 403
+        page.operate()
+        said = served.ask("/api/probe", "POST", body.encode(), cookies)
+        assert said.status == 200
+        assert said.json["table"] == {"ok": True, "lines": ["simulated: made when the run starts"]}
+        assert said.json["imu"]["ok"] is False
+        assert "no IMU 'port-99'" in said.json["imu"]["lines"][0]
+        assert served.ask("/api/probe", "POST", b"[]", cookies).status == 400
+        other = as_header(served.viewer("other"))
+        assert served.ask("/api/probe", "POST", body.encode(), other).status == 403
+        page.start()
+        assert served.ask("/api/probe", "POST", body.encode(), cookies).status == 409
+
+
+PROBE = json.dumps({"plan": "demo", **SIMULATED}).encode()
+
+
+@pytest.fixture
+def mine(served: Served) -> Iterator[Page]:
+    with served.page(cookies=served.viewer("mine")) as page:
+        page.operate()
+        yield page
+
+
+@pytest.mark.usefixtures("mine")
+def test_the_devices_of_a_run_without_this_page_are_not_asked(served: Served):
+    cookies = as_header(served.viewer("mine"))
+    with RunLog(begun_elsewhere(served) / LOG):
+        said = served.ask("/api/probe", "POST", PROBE, cookies)
+        assert said.status == 409
+        assert said.json["words"].startswith("the run other goes on, without this page")
+    assert served.ask("/api/probe", "POST", PROBE, cookies).status == 200
+
+
+def test_no_run_begins_while_the_devices_are_asked(
+    served: Served, mine: Page, monkeypatch: pytest.MonkeyPatch
+):
+    asked, answer = Event(), Event()
+
+    def probe(*_: object) -> dict[str, str]:
+        asked.set()
+        assert answer.wait(PATIENCE)
+        return {}
+
+    monkeypatch.setattr(app, "probe_devices", probe)
+    cookies = as_header(served.viewer("mine"))
+    asking = Thread(target=served.ask, args=("/api/probe", "POST", PROBE, cookies))
+    asking.start()
+    try:
+        assert asked.wait(PATIENCE)
+        mine.say("start", plan="demo", sensor=None, **SIMULATED)
+        assert "the devices are being asked" in mine.until("refused")["words"]
+        assert served.ask("/api/probe", "POST", PROBE, cookies).status == 409
+    finally:
+        answer.set()
+        asking.join(PATIENCE)
+    mine.start()

@@ -1,0 +1,152 @@
+"""A simulated session passes its check against the plan; the usual mistakes with it do not."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from tests.runfile.run_file_texts import FERRARIS, run_file
+
+from inercal.benches.hand.reading import nominal_plan
+from inercal.errors import InputError
+from inercal.pipeline import simulate
+from inercal.plan import Hold, describe_direction
+from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.runfile import Run, read
+from inercal.segments import check_against_plan, check_turn_ends, marks_from_labels, observe
+
+DEGREE = pi / 180
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return read(run_file(tmp_path_factory.mktemp("run"), FERRARIS))
+
+
+@pytest.fixture(scope="module")
+def made(run: Run) -> Recording:
+    return simulate(run, seed=2)
+
+
+@pytest.fixture(scope="module")
+def observations(run: Run, made: Recording) -> Observations:
+    return observe(made, run.sensor, marks_from_labels(made), nominal_plan(run))
+
+
+def changed(
+    observations: Observations, columns: list[int], factors: list[float], rows: dict[str, str]
+) -> Observations:
+    """Return what would be seen with columns and marks exchanged and units mistaken."""
+    source = [observations.labels.index(rows.get(name, name)) for name in observations.labels]
+    return Observations(
+        observations.labels,
+        observations.mean[source][:, columns] * factors,
+        observations.covariance[source],
+        observations.duration[source],
+        observations.samples[source],
+        observations.time[source],
+        observations.channels,
+    )
+
+
+def check(run: Run, seen: Observations) -> tuple[Finding, ...]:
+    return check_against_plan(seen, run.sensor, nominal_plan(run), run.bench.gravity.value)
+
+
+def test_a_session_as_planned_has_nothing_to_say(run: Run, observations: Observations):
+    assert check(run, observations) == ()
+
+
+AS_THEY_ARE, ONES = [0, 1, 2, 3, 4, 5], [1.0] * 6
+
+
+@pytest.mark.parametrize(
+    ("columns", "factors", "rows", "section", "hint"),
+    [
+        (AS_THEY_ARE, ONES, {"x_a": "y_a"}, "x_a", "is the mark on another section"),
+        (AS_THEY_ARE, ONES, {"x_p": "x_a", "x_a": "x_p"}, "x_p", "is the mark on another section"),
+        (AS_THEY_ARE, ONES, {"x_rot": "z_a"}, "x_rot", "is the mark on another section"),
+        ([1, 0, 2, 3, 4, 5], ONES, {}, "x_p", "are columns swapped"),
+        ([0, 1, 2, 5, 4, 3], ONES, {}, "x_rot", "are columns swapped"),
+        (AS_THEY_ARE, [1, -1, 1, 1, 1, 1], {}, "y_p", "or reversed"),
+        (AS_THEY_ARE, [1, 1, 1, *[1 / DEGREE] * 3], {}, "x_rot", "°/s taken for rad/s"),
+        (AS_THEY_ARE, [1, 1, 1, *[DEGREE] * 3], {}, "x_rot", "rad/s taken for °/s"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_by_section_with_what_was_read(
+    run: Run,
+    observations: Observations,
+    columns: list[int],
+    factors: list[float],
+    rows: dict[str, str],
+    section: str,
+    hint: str,
+):
+    with pytest.raises(InputError) as refused:
+        check(run, changed(observations, columns, factors, rows))
+    message = str(refused.value)
+    step = next(step for step in nominal_plan(run) if step.label == section)
+    assert message.startswith(f"section {section} should ")
+    assert describe_direction(step.up if isinstance(step, Hold) else step.axis) in message
+    assert hint in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize("columns", [[0, 1, 2, 5, 4, 3], [0, 1, 2, 4, 3, 5], [1, 0, 2, 3, 4, 5]])
+def test_a_turn_that_gravity_does_not_follow_is_refused_where_turns_were_found(
+    run: Run, observations: Observations, columns: list[int]
+):
+    seen = changed(observations, columns, ONES, {})
+    # Sections that were found are named by the readings: what each column reads, its row is.
+    renamed = {
+        f"{'xyz'[k]}_{sign}": f"{'xyz'[columns[k]]}_{sign}" for k in range(3) for sign in "pa"
+    }
+    renamed |= {f"{'xyz'[k]}_rot": f"{'xyz'[columns[3 + k] - 3]}_rot" for k in range(3)}
+    seen = changed(seen, AS_THEY_ARE, ONES, renamed)
+    with pytest.raises(InputError, match="all the way") as refused:
+        check(run, seen)
+    assert "_rot" in str(refused.value)
+
+
+@pytest.mark.parametrize("label", ["x_rot", "y_rot", "z_rot"])
+def test_a_turn_the_other_way_is_a_warning_that_names_it(
+    run: Run, observations: Observations, label: str
+):
+    factors = np.ones(observations.mean.shape)
+    factors[observations.labels.index(label), 3:] = -1
+    backwards = Observations(
+        observations.labels,
+        observations.mean * factors,
+        observations.covariance,
+        observations.duration,
+        observations.samples,
+        observations.time,
+        observations.channels,
+    )
+    (finding,) = check(run, backwards)
+    assert finding.severity == "warning"
+    assert finding.message.startswith(f"section {label} should turn +360°")
+    assert "-360 °" in finding.message
+
+
+def turn_ends(run: Run, made: Recording, label: str, start: int, stop: int) -> list[str]:
+    """Return the warnings when a mark's start and stop are moved by so many samples."""
+    marks = [
+        Mark(m.label, m.start + start, m.stop + stop) if m.label == label else m
+        for m in marks_from_labels(made)
+    ]
+    findings = check_turn_ends(made, run.sensor, marks, nominal_plan(run))
+    assert {finding.severity for finding in findings} <= {"warning"}
+    return [finding.message for finding in findings]
+
+
+def test_turns_marked_from_rest_to_rest_have_nothing_to_say(run: Run, made: Recording):
+    assert turn_ends(run, made, "x_rot", 0, 0) == []
+
+
+def test_a_mark_that_cuts_a_turn_short_is_a_warning(run: Run, made: Recording):
+    second = 50  # samples
+    (late,) = turn_ends(run, made, "y_rot", 2 * second, 0)
+    assert late.startswith("section y_rot begins at sample ")
+    (early,) = turn_ends(run, made, "y_rot", 0, -2 * second)
+    assert early.startswith("section y_rot ends at sample ")
+    assert len(turn_ends(run, made, "y_rot", second, -second)) == 2

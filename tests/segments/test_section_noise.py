@@ -1,0 +1,132 @@
+"""Means of rests that change, drift or scatter unlike the others."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from inercal.plan import six_positions
+from inercal.recording import Mark, Observations, Recording
+from inercal.segments import observe
+from inercal.sensors import Noise, Readout, Sensor, imu
+
+Array = NDArray[np.float64]
+RATE, COUNT, G = 100.0, 1000, 9.81
+STEPS = six_positions()
+SENSOR = imu().select_axes("f")
+MARKS = tuple(Mark(step.label, k * COUNT, (k + 1) * COUNT) for k, step in enumerate(STEPS))
+
+
+def data(seed: int = 1, size: float = 0.01) -> Array:
+    """Return six rests of ten seconds, m/s²."""
+    ups = np.repeat([G * np.array(step.up) for step in STEPS], COUNT, axis=0)
+    return ups + size * np.random.default_rng(seed).standard_normal(ups.shape)
+
+
+def seen(values: Array, sensor: Sensor = SENSOR, **options: bool) -> Observations:
+    time = np.arange(len(values)) / RATE
+    recording = Recording(time, values, sensor.channels, ("m/s²",) * 3)
+    return observe(recording, sensor, MARKS, STEPS, **options)
+
+
+def sd(observations: Observations) -> Array:
+    """Return the standard deviation of each mean, (r, 3)."""
+    return np.sqrt(np.diagonal(observations.covariance, axis1=-2, axis2=-1))
+
+
+def p_values(observations: Observations) -> Sequence[float]:
+    return [test.p_value for test in observations.tests]
+
+
+def test_quiet_rests_reject_nothing_and_have_the_variance_of_their_samples() -> None:
+    found = seen(data(), drifting=True)
+    assert len(found.tests) == 2
+    assert min(p_values(found)) > 0.001
+    assert len(found.notes) == 1
+    assert "drift" in found.notes[0]  # as little of it as no test could show
+    assert seen(data()).notes == ()
+    np.testing.assert_allclose(sd(found), 0.01 / np.sqrt(COUNT), rtol=0.25)
+
+
+def test_a_step_within_a_rest_names_the_rest_and_the_axis() -> None:
+    values = data()
+    values[3 * COUNT + COUNT // 2 : 4 * COUNT, 2] += 0.5e-3 * G
+    worst = min(seen(values, found=True).tests, key=lambda test: test.p_value)
+    assert worst.p_value < 1e-6
+    assert STEPS[3].label in worst.name
+    assert SENSOR.channels[2] in worst.name
+
+
+def test_a_drift_over_the_run_is_named_and_counted_between_the_rests() -> None:
+    values, reach = data(), 4e-3 * G
+    time = (np.arange(len(values)) + 0.5) / len(values) - 0.5
+    values += reach * time[:, None]
+    found = seen(values, drifting=True)
+    assert min(p_values(found)) < 1e-6
+    assert found.drift is not None
+    # From the first rest to the last, five sixths of the run.
+    apart = found.drift[0, 0] + found.drift[-1, -1] - 2 * found.drift[0, -1]
+    np.testing.assert_allclose(np.sqrt(apart), 5 / 6 * reach, rtol=0.2)
+    assert seen(values).drift is None
+
+
+def test_slow_noise_enlarges_the_variance_of_means_and_is_reported() -> None:
+    rng = np.random.default_rng(3)
+    ratios: list[float] = []
+    for seed in range(5):
+        values = data(seed, 1e-4)
+        state, keep = rng.standard_normal(3), np.exp(-1 / RATE)
+        slow = np.empty_like(values)
+        for k in range(len(values)):
+            state = keep * state + np.sqrt(1 - keep**2) * rng.standard_normal(3)
+            slow[k] = state
+        found = seen(values + 0.01 * slow)
+        assert len(found.notes) == 1
+        assert "correlated" in found.notes[0]
+        assert min(p_values(found)) > 1e-3
+        ratios.append(float(np.median(sd(found))))
+    seconds = COUNT / RATE
+    expected = 0.01 * np.sqrt(2 / seconds * (1 - (1 - np.exp(-seconds)) / seconds))
+    assert np.median(ratios) == pytest.approx(expected, rel=0.25)
+
+
+def test_slow_noise_that_the_sensor_states_is_not_counted_twice() -> None:
+    stated = imu(accelerometer=(Readout(), Noise(bias_instability=1e-3))).select_axes("f")
+    values = data()
+    values += 4e-3 * G * ((np.arange(len(values)) + 0.5) / len(values) - 0.5)[:, None]
+    found = seen(values, stated, drifting=True)
+    by_statement = seen(data(), stated)
+    assert found.drift is not None
+    assert by_statement.drift is not None
+    np.testing.assert_allclose(found.drift, by_statement.drift, rtol=1e-12)
+    assert min(p_values(found)) < 1e-6  # it is tested all the same
+
+
+def test_a_rest_of_larger_noise_has_a_larger_uncertainty_and_is_no_violation() -> None:
+    values = data()
+    loud = slice(2 * COUNT, 3 * COUNT)
+    values[loud] += 0.12 * np.random.default_rng(5).standard_normal((COUNT, 3))
+    found = seen(values)
+    assert min(p_values(found)) > 1e-3
+    ratio = sd(found)[2] / np.median(sd(found), axis=0)
+    np.testing.assert_allclose(ratio, 12.0, rtol=0.35)
+    assert any(STEPS[2].label in note for note in found.notes)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_coarse_steps_reject_nothing(seed: int) -> None:
+    q = 4e-3 * G
+    found = seen(np.round((data(seed) + 0.3 * q * seed) / q) * q, found=True)
+    assert all(p > 1e-3 for p in p_values(found))
+
+
+def test_many_trials_have_a_variance_each_and_no_tests() -> None:
+    values = np.stack([data(seed) for seed in range(3)])
+    values[1, 2 * COUNT : 3 * COUNT] += 0.12 * np.random.default_rng(6).standard_normal((COUNT, 3))
+    time = np.arange(values.shape[1]) / RATE
+    recording = Recording(time, values, SENSOR.channels, ("m/s²",) * 3)
+    found = observe(recording, SENSOR, MARKS, STEPS)
+    alone = seen(values[1])
+    np.testing.assert_allclose(found.covariance[1], alone.covariance, rtol=1e-12)
+    assert found.tests == ()
