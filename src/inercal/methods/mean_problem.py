@@ -7,7 +7,7 @@ with their stated deviations.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import zip_longest
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,54 @@ from inercal.sensors import G0, Sensor
 ROUNDING = 2.0**-50  # of a reading, by the few operations that give it
 
 MotionFunction = Callable[[Mapping[str, Array]], MeanMotion]
+
+
+class Unknowns(NamedTuple):
+    """What a problem estimates, and what of the bench it takes as exact.
+
+    Parameters
+    ----------
+    p : int
+        How many coefficients the sensor has.
+    sensor : Sensor
+    estimated : mapping of str to Parameter
+        The bench's parameters with a deviation.
+    exact : dict of str to () array
+        Values of the others, SI.
+    nuisances : tuple of str
+        Names of what is estimated behind the coefficients.
+    """
+
+    p: int
+    sensor: Sensor
+    estimated: Mapping[str, Parameter]
+    exact: dict[str, Array]
+    nuisances: tuple[str, ...]
+
+    def bench_values(self, x: Array) -> Mapping[str, Array]:
+        """Return the bench's parameters by full name, (...) SI, of parameters x (..., p + k)."""
+        return self.exact | {n: x[..., self.p + k] for k, n in enumerate(self.nuisances)}
+
+
+class Comparison(NamedTuple):
+    """How n observations are compared with what the bench makes of its parameters.
+
+    Parameters
+    ----------
+    linearise : callable
+        As `Problem.linearise`.
+    noise : array or callable
+        As `Problem.noise`.
+    rows : tuple of n str
+        Names of the observations.
+    relative_size : callable
+        From parameters to the largest ratio of an observation to its standard deviation.
+    """
+
+    linearise: Callable[[Array], tuple[Array, Array]]
+    noise: Array | Callable[[Array], Array]
+    rows: tuple[str, ...]
+    relative_size: Callable[[Array], float]
 
 
 def joint(
@@ -134,40 +182,127 @@ def problem(
         Of m accelerometers.
     declared : mapping of str to Parameter
         The bench's parameters by full name.
-    feel : callable
+    motion_function : callable
         From their values by full name, (...) SI, to what was felt.
     priors : sequence of Gaussian
         On coefficients.
-    added : mapping of str to (m r,) array, optional
+    reading_columns : mapping of str to (m r,) array, optional
         What one of a parameter adds to the readings themselves, row after row.
-    dwells : callable, optional
+    dwell_covariance : callable, optional
         From coefficients and what was felt to a covariance that is added to that of the means.
     gauges : tuple of Gauge
-    timed : bool
+    with_drift_candidate : bool
         Whether a drift of the biases over the rows' times is a candidate of the score tests.
     families : mapping of str to sequence of str, optional
         Of candidates, as of `inercal.methods.candidates.candidate_function`.
     common_errors : sequence of str, optional
-        Errors of single rows that may be alike, as of `inercal.methods.candidates.common_error_candidates`.
-    forces : mapping of str to (...) array, optional
-        Specific forces that nothing is known of, by the names that `feel` takes: where the search
-        begins, m/s².
-    stated : (..., m r) or (..., m r, m r) array, optional
+        Errors of single rows that may be alike, as of
+        `inercal.methods.candidates.common_error_candidates`.
+    unknown_forces : mapping of str to (...) array, optional
+        Specific forces that nothing is known of, by the names that `motion_function` takes: where
+        the search begins, m/s².
+    stated_noise : (..., m r) or (..., m r, m r) array, optional
         Deviations of the readings, or their covariance, in place of that of the observations.
     zero_input : (m r,) array of bool, optional
         As of `inercal.methods.candidates.candidate_function`.
     """
-    p, not_found = len(sensor.coefficients), unknown_forces or {}
+    forces = unknown_forces or {}
+
+    def compare(unknowns: Unknowns) -> Comparison:
+        return compare_vectors(
+            unknowns, observations, motion_function, reading_columns, dwell_covariance, stated_noise
+        )
+
+    def larger() -> Problem:
+        whole = candidates.extended_sensor(
+            sensor, temperature_varies=observations.temperature_varies
+        )
+        freed = candidates.parameters_with_deviations(declared)
+        return build_problem(whole, freed, compare, forces=forces)
+
+    built = build_problem(sensor, declared, compare, priors, forces=forces)
+    return replace(
+        built,
+        gauges=gauges,
+        candidates=candidates.candidate_function(
+            larger,
+            built.names,
+            sensor,
+            declared,
+            observations.time if with_drift_candidate else None,
+            families,
+            [name for prior in priors for name in prior.names],
+            common_errors,
+            zero_input,
+        ),
+    )
+
+
+def build_problem(
+    sensor: Sensor,
+    declared: Mapping[str, Parameter],
+    compare: Callable[[Unknowns], Comparison],
+    priors: Sequence[Gaussian] = (),
+    *,
+    forces: Mapping[str, Array] | None = None,
+) -> Problem:
+    """Return the problem of mean readings of steps, by either comparison.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        With the coefficients that are wanted.
+    declared : mapping of str to Parameter
+        The bench's parameters by full name; those with a deviation are nuisances.
+    compare : callable
+        From the unknowns to how readings are compared: `compare_vectors`, or the norms of
+        `inercal.methods.centrifuge_norm.problems`.
+    priors : sequence of Gaussian
+        On coefficients.
+    forces : mapping of str to (...) array, optional
+        Specific forces without a prior, as of `problem`.
+    """
     loose, known = split_parameters(declared)
-    nuisances = (*loose, *not_found)
-    beside = {name: column for name, column in (reading_columns or {}).items() if name in loose}
-    at = [p + list(loose).index(name) for name in beside]
-    warmth = temperature.row_offsets(observations, sensor)
-    columns = np.array(list(beside.values())).T
+    forces = forces or {}
+    unknowns = Unknowns(len(sensor.coefficients), sensor, loose, known, (*loose, *forces))
+    comparison = compare(unknowns)
+    first = start_values(unknowns.p, loose)
+    # Without forces all trials start from one point, which is then worked out once.
+    if forces:
+        begin = np.stack([*forces.values()], axis=-1)
+        alike = np.broadcast_to(first, (*begin.shape[:-1], first.size))
+        first = np.concatenate([alike, begin], axis=-1)
+    return Problem(
+        names=(*sensor.coefficients, *unknowns.nuisances),
+        start=first,
+        linearise=comparison.linearise,
+        noise=comparison.noise,
+        scale=np.concatenate([parameter_scales(sensor, loose), np.full(len(forces), G0)]),
+        priors=with_bench_priors(loose, priors),
+        wanted=sensor.coefficients,
+        observations=comparison.rows,
+        rounding=comparison.relative_size(first) * ROUNDING,
+    )
+
+
+def compare_vectors(
+    unknowns: Unknowns,
+    observations: Observations,
+    motion_function: MotionFunction,
+    reading_columns: Mapping[str, Array] | None = None,
+    dwell_covariance: Callable[[Array, MeanMotion], Array] | None = None,
+    stated_noise: Array | None = None,
+) -> Comparison:
+    """Compare each axis's reading with that of the motion it sensed; arguments as of `problem`."""
+    p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
+    added = {n: one for n, one in (reading_columns or {}).items() if n in unknowns.estimated}
+    at = [p + nuisances.index(name) for name in added]
+    offsets = temperature.row_offsets(observations, sensor)
+    columns = np.array(list(added.values())).T
 
     def sensed_motion(x: Array) -> MeanMotion:
-        made = motion_function(known | {n: x[..., p + k] for k, n in enumerate(nuisances)})
-        return replace(made, motion=replace(made.motion, dT=warmth)) if warmth.ndim else made
+        made = motion_function(unknowns.bench_values(x))
+        return replace(made, motion=replace(made.motion, dT=offsets)) if offsets.ndim else made
 
     def linearise(x: Array) -> tuple[Array, Array]:
         here = sensed_motion(x)
@@ -178,7 +313,7 @@ def problem(
         residual, slope = vector_residuals(
             sensor, observations.mean, x[..., :p], here.motion, df, dw
         )
-        if beside:
+        if added:
             residual = residual - x[..., at] @ columns.T
             slope[..., at] = columns
         return residual, slope
@@ -186,60 +321,18 @@ def problem(
     full = observations.full_covariance if stated_noise is None else stated_noise
 
     def noise(x: Array) -> Array:
-        return (
-            full
-            if dwell_covariance is None
-            else full + dwell_covariance(x[..., :p], sensed_motion(x))
-        )
+        assert dwell_covariance is not None
+        return full + dwell_covariance(x[..., :p], sensed_motion(x))
 
-    def larger() -> Problem:
-        whole = candidates.extended_sensor(
-            sensor, temperature_varies=observations.temperature_varies
-        )
-        freed = candidates.parameters_with_deviations(declared)
-        return problem(
-            observations,
-            whole,
-            freed,
-            motion_function,
-            reading_columns=reading_columns,
-            unknown_forces=unknown_forces,
-            stated_noise=stated_noise,
-        )
+    def relative_size(x: Array) -> float:
+        own = observations.full_covariance
+        if stated_noise is None and dwell_covariance is not None:
+            own = noise(x)
+        read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
+        return float(np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))))
 
-    first = start_values(p, loose)
-    # Without forces all trials start from one point, which is then worked out once.
-    if not_found:
-        begin = np.stack([*not_found.values()], axis=-1)
-        alike = np.broadcast_to(first, (*begin.shape[:-1], first.size))
-        first = np.concatenate([alike, begin], axis=-1)
-    names = (*sensor.coefficients, *nuisances)
-    read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
-    own = observations.full_covariance if stated_noise is not None else noise(first)
-    largest = read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))
-    return Problem(
-        names=names,
-        start=first,
-        linearise=linearise,
-        noise=full if dwell_covariance is None else noise,
-        scale=np.concatenate([parameter_scales(sensor, loose), np.full(len(not_found), G0)]),
-        priors=with_bench_priors(loose, priors),
-        gauges=gauges,
-        wanted=sensor.coefficients,
-        observations=tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
-        rounding=float(np.max(largest)) * ROUNDING,
-        candidates=candidates.candidate_function(
-            larger,
-            names,
-            sensor,
-            declared,
-            observations.time if with_drift_candidate else None,
-            families,
-            [name for prior in priors for name in prior.names],
-            common_errors,
-            zero_input,
-        ),
-    )
+    rows = tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels)
+    return Comparison(linearise, full if dwell_covariance is None else noise, rows, relative_size)
 
 
 def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:

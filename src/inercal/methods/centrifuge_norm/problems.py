@@ -31,6 +31,7 @@ from inercal.methods.centrifuge_norm.rotation_gauge import (
     require_gauge,
     rotation_null_directions,
 )
+from inercal.methods.mean_problem import Comparison, Unknowns
 from inercal.observe import NoisyNormResiduals, noisy_norm_residuals, norm_residuals
 from inercal.parameters import Parameter
 from inercal.plan import Spin
@@ -188,15 +189,26 @@ def _ungauged_norm_problem(
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of norms for any coefficients, without gauges."""
-    p = len(sensor.coefficients)
+    return mean_problem.build_problem(
+        sensor,
+        declared,
+        lambda unknowns: _compare_norms(unknowns, observations, bench, steps),
+        priors,
+    )
+
+
+def _compare_norms(
+    unknowns: Unknowns, observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
+) -> Comparison:
+    """Compare the norm of each row's specific force with that which the arm makes."""
+    p, sensor, loose = unknowns.p, unknowns.sensor, unknowns.nuisances
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
-    loose, known = mean_problem.split_parameters(declared)
     shared = _same_dwell_rows(observations, bench, steps)
     warmth = temperature.row_offsets(observations, sensor)
 
     @_cache_last_result
     def compared(x: Array) -> tuple[SpecificForceNorm, MeanMotion | None, NoisyNormResiduals]:
-        q = known | {n: x[..., p + k] for k, n in enumerate(loose)}
+        q = unknowns.bench_values(x)
         made = specific_force_norm(bench, steps, q)
         turned = sensed_motion(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
@@ -238,21 +250,12 @@ def _ungauged_norm_problem(
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full
 
-    start = mean_problem.start_values(p, loose)
-    # A norm of tens of g is rounded at a millionth of what it is known to.
-    made, _, seen = compared(start)
-    rounding = float(np.max(made.norm / np.sqrt(seen.variance))) * mean_problem.ROUNDING
-    return Problem(
-        names=(*sensor.coefficients, *loose),
-        start=start,
-        linearise=linearise,
-        noise=noise,
-        scale=mean_problem.parameter_scales(sensor, loose),
-        priors=mean_problem.with_bench_priors(loose, priors),
-        wanted=sensor.coefficients,
-        observations=observations.labels,
-        rounding=rounding,
-    )
+    def relative_size(x: Array) -> float:
+        # A norm of tens of g is rounded at a millionth of what it is known to.
+        made, _, seen = compared(x)
+        return float(np.max(made.norm / np.sqrt(seen.variance)))
+
+    return Comparison(linearise, noise, observations.labels, relative_size)
 
 
 def _same_dwell_rows(
