@@ -5,7 +5,6 @@ from math import pi, radians
 
 import numpy as np
 import pytest
-from inercal.budget.effect_shifts import effect_shifts
 from numpy.typing import NDArray
 from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, Triad
 from tests.methods.test_centrifuge_norm import NOISE, NOMINAL, sensor
@@ -13,6 +12,7 @@ from tests.methods.test_centrifuge_norm import NOISE, NOMINAL, sensor
 from inercal.benches import Centrifuge
 from inercal.budget import Budget, Experiment, budget
 from inercal.budget.contributions import first_order_contributions
+from inercal.budget.effect_shifts import effect_shifts
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods.centrifuge_norm import ml, series

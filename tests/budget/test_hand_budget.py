@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from inercal.budget.effect_shifts import effect_shifts
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.benches import Hand
@@ -14,6 +13,7 @@ from inercal.budget import Experiment, budget
 from inercal.budget.budget_json import budget_as_dict
 from inercal.budget.contribution_table import contribution_rows
 from inercal.budget.contributions import first_order_contributions, sample_deviation
+from inercal.budget.effect_shifts import effect_shifts
 from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.errors import InputError
 from inercal.methods import method

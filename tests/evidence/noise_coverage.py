@@ -37,8 +37,8 @@ _PAGE = """\
 Written by `make evidence`; do not edit. Noise with a memory, or a drift of the accelerometers'
 biases, is added to recordings made by generators that know nothing of inercal
 (`tests/evidence/noise_coverage.py`). Counted are coefficients that err by more than 2u in sessions
-that are called consistent, as a share of all coefficients of all sessions: at most {most:.0%} are allowed,
-4.6 % are what a normal distribution has. Seed {seed}.
+that are called consistent, as a share of all coefficients of all sessions: at most
+{most:.0%} are allowed, 4.6 % are what a normal distribution has. Seed {seed}.
 
 | method | what is added | sessions | called consistent | beyond 2u | NEES of those |
 |---|---|---|---|---|---|
