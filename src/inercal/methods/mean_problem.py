@@ -54,7 +54,7 @@ class Unknowns(NamedTuple):
         return self.exact | {n: x[..., self.p + k] for k, n in enumerate(self.nuisances)}
 
 
-class Comparison(NamedTuple):
+class RowComparison(NamedTuple):
     """How n observations are compared with what the bench makes of its parameters.
 
     Parameters
@@ -208,7 +208,7 @@ def problem(
     """
     forces = unknown_forces or {}
 
-    def compare(unknowns: Unknowns) -> Comparison:
+    def compare(unknowns: Unknowns) -> RowComparison:
         return compare_vectors(
             unknowns, observations, motion_function, reading_columns, dwell_covariance, stated_noise
         )
@@ -241,7 +241,7 @@ def problem(
 def build_problem(
     sensor: Sensor,
     declared: Mapping[str, Parameter],
-    compare: Callable[[Unknowns], Comparison],
+    compare: Callable[[Unknowns], RowComparison],
     priors: Sequence[Gaussian] = (),
     *,
     forces: Mapping[str, Array] | None = None,
@@ -292,7 +292,7 @@ def compare_vectors(
     reading_columns: Mapping[str, Array] | None = None,
     dwell_covariance: Callable[[Array, MeanMotion], Array] | None = None,
     stated_noise: Array | None = None,
-) -> Comparison:
+) -> RowComparison:
     """Compare each axis's reading with that of the motion it sensed; arguments as of `problem`."""
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
     added = {n: one for n, one in (reading_columns or {}).items() if n in unknowns.estimated}
@@ -332,7 +332,9 @@ def compare_vectors(
         return float(np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))))
 
     rows = tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels)
-    return Comparison(linearise, full if dwell_covariance is None else noise, rows, relative_size)
+    return RowComparison(
+        linearise, full if dwell_covariance is None else noise, rows, relative_size
+    )
 
 
 def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:

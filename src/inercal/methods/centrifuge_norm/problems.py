@@ -31,7 +31,7 @@ from inercal.methods.centrifuge_norm.rotation_gauge import (
     require_gauge,
     rotation_null_directions,
 )
-from inercal.methods.mean_problem import Comparison, Unknowns
+from inercal.methods.mean_problem import RowComparison, Unknowns
 from inercal.observe import NoisyNormResiduals, noisy_norm_residuals, norm_residuals
 from inercal.parameters import Parameter
 from inercal.plan import Spin
@@ -199,7 +199,7 @@ def _ungauged_norm_problem(
 
 def _compare_norms(
     unknowns: Unknowns, observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
-) -> Comparison:
+) -> RowComparison:
     """Compare the norm of each row's specific force with that which the arm makes."""
     p, sensor, loose = unknowns.p, unknowns.sensor, unknowns.nuisances
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
@@ -255,7 +255,7 @@ def _compare_norms(
         made, _, seen = compared(x)
         return float(np.max(made.norm / np.sqrt(seen.variance)))
 
-    return Comparison(linearise, noise, observations.labels, relative_size)
+    return RowComparison(linearise, noise, observations.labels, relative_size)
 
 
 def _same_dwell_rows(
