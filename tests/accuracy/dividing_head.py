@@ -107,9 +107,9 @@ def draw(
     if reverse:
         face = np.concatenate([face, face[:, ::-1]], axis=1)
     pier = bench.pier * later.standard_normal((trials, len(theta)))
-    run_process = ramps(len(theta), n)
-    creep = bench.creep * later.standard_normal((trials, len(run_process))) @ run_process
-    rates = bench.drifting * later.standard_normal((trials, 2, len(run_process))) + bench.drift
+    drift_shapes = ramps(len(theta), n)
+    creep = bench.creep * later.standard_normal((trials, len(drift_shapes))) @ drift_shapes
+    rates = bench.drifting * later.standard_normal((trials, 2, len(drift_shapes))) + bench.drift
     gravity = 1 + bench.gravity * later.standard_normal(trials)
     first, second, rest = bench.head * np.sqrt(bench.shares)
     head = (
@@ -132,5 +132,5 @@ def draw(
                 # Both members are read on the autocollimator: their difference has both errors.
                 head[:, other] = head[:, one] + collimated[:, other] - collimated[:, one]
     psi = theta + ARCSEC * (head + pier + creep) + base[:, None]
-    drift = np.swapaxes(rates @ run_process, -1, -2)
+    drift = np.swapaxes(rates @ drift_shapes, -1, -2)
     return theta, truth, readings(truth, psi, lean, gravity) + noise + drift

@@ -114,9 +114,9 @@ def test_latitude_decides_what_of_the_earths_rate_is_known():
     assert of(known, "earth_up") == pytest.approx((0.6 * EARTH_RATE, 0.0))
     # A level vector of known length and unknown azimuth has this rms in each component.
     assert of(known, "earth1") == pytest.approx((0.0, 0.8 * EARTH_RATE / np.sqrt(2)))
-    not_found = [of(Hand(Measured(9.81, 0.0)), name) for name in ("earth_up", "earth1", "earth2")]
-    assert [value for value, _ in not_found] == [0, 0, 0]
-    assert np.linalg.norm([sd for _, sd in not_found]) == pytest.approx(EARTH_RATE)
+    unknown = [of(Hand(Measured(9.81, 0.0)), name) for name in ("earth_up", "earth1", "earth2")]
+    assert [value for value, _ in unknown] == [0, 0, 0]
+    assert np.linalg.norm([sd for _, sd in unknown]) == pytest.approx(EARTH_RATE)
 
 
 def test_nuisances_are_one_a_run_one_a_position_and_one_a_turn():

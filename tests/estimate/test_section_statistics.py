@@ -71,15 +71,10 @@ def test_correlated_noise_is_found_and_rejects_nothing(tau: float) -> None:
         found = judged(sections)
         means += [one.mean(axis=0) for one in sections]
         pooled = np.mean([contrast**2 for one in sections for contrast in levels(one)])
-        expansion_point = np.mean(found.correlation.contrast_variance_ratio(blocks()))
+        typical = np.mean(found.correlation.contrast_variance_ratio(blocks()))
         seconds = np.array([SECONDS])
         predicted.append(
-            float(
-                pooled
-                / expansion_point
-                * found.correlation.mean_variance_ratio(seconds)[0]
-                / SAMPLES
-            )
+            float(pooled / typical * found.correlation.mean_variance_ratio(seconds)[0] / SAMPLES)
         )
         rejected += min(test.p_value for test in found.tests) < 0.001
     # The tail of what is extrapolated is long.

@@ -60,8 +60,8 @@ def test_what_an_axis_must_not_do_is_told_at_its_second_reading(wrong: dict[str,
 def test_what_an_axis_may_do_is_no_fault():
     fine = _state(rate=radians(119), following_error=radians(-0.99))
     assert _shown(_interlocks(), fine, fine, fine) == [None] * 3
-    not_found = _state(following_error=nan)
-    assert _shown(_interlocks(), not_found, not_found) == [None] * 2
+    unknown = _state(following_error=nan)
+    assert _shown(_interlocks(), unknown, unknown) == [None] * 2
     free = Interlocks((AxisLimits(following_error=inf),) * 3, BENCH, IMU)
     assert _shown(free, *[_state(following_error=1.0)] * 3) == [None] * 3
 

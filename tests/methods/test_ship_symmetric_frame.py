@@ -62,8 +62,8 @@ def test_damped_states_what_it_reaches_in_the_stated_frame(seed: int):
         reached = (e * np.linalg.solve(spread, e[..., None])[..., 0]).sum(-1).mean() / 9
         print("NEES", size, reached)
         assert found.converged.all()
-        allocate_steps = 4 * np.sqrt(2 / 9 / trials)
-        assert 1 - allocate_steps < reached < most + allocate_steps
+        margin = 4 * np.sqrt(2 / 9 / trials)
+        assert 1 - margin < reached < most + margin
 
 
 def test_the_frame_moves_no_residual():

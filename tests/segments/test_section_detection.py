@@ -172,10 +172,10 @@ def test_positions_are_found_without_gyros_and_with_large_biases():
 
 
 def test_rests_that_belong_to_no_step_are_left_alone():
-    edge, row_heading = sqrt(0.5), sqrt(1 / 3)
+    edge, corner = sqrt(0.5), sqrt(1 / 3)
     others = (
         Hold("on an edge", (edge, edge, 0.0), 9.0),
-        Hold("on a corner", (row_heading, -row_heading, row_heading), 9.0),
+        Hold("on a corner", (corner, -corner, corner), 9.0),
         Hold("on another edge", (0.0, -edge, edge), 9.0),
     )
     plan = (others[0], *PLAN[:4], others[1], *PLAN[4:7], others[2], *PLAN[7:])

@@ -192,8 +192,8 @@ def test_the_rank_of_g2(n: int, rank: int):
 
 
 def test_combinations_left_open():
-    not_found, known, left = squared_observation.null_space_dimensions()
-    assert (not_found, known) == (3, 2)
+    unknown, known, left = squared_observation.null_space_dimensions()
+    assert (unknown, known) == (3, 2)
     assert left < 1e-12
 
 

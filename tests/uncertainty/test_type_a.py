@@ -14,9 +14,9 @@ MIX = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [-0.3, 0.2, 2.0]])
 
 def noise(rng: np.random.Generator, trials: int, n: int, phi: float) -> Array:
     """Return AR(1) noise x' = φ x + e of three correlated channels, (trials, n, 3)."""
-    synchronise_imu = 300
-    e = rng.normal(size=(trials, n + synchronise_imu, 3)) @ MIX.T
-    return np.asarray(lfilter([1.0], [1.0, -phi], e, axis=1))[:, synchronise_imu:]
+    settling = 300
+    e = rng.normal(size=(trials, n + settling, 3)) @ MIX.T
+    return np.asarray(lfilter([1.0], [1.0, -phi], e, axis=1))[:, settling:]
 
 
 def long_run(phi: float) -> Array:

@@ -100,10 +100,10 @@ class Problem:
             object.__setattr__(self, "wanted", self.names)
 
     def _known(self, names: tuple[str, ...], what: str) -> None:
-        not_found = [name for name in names if name not in self.names]
-        if not_found:
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
             raise InputError(
-                f"{what}: no parameter '{not_found[0]}'; this problem has {', '.join(self.names)}"
+                f"{what}: no parameter '{unknown[0]}'; this problem has {', '.join(self.names)}"
             )
 
     @property

@@ -243,11 +243,9 @@ class Estimate:
         InputError
             A name that was not estimated.
         """
-        not_found = [name for name in names if name not in self.names]
-        if not_found:
-            raise InputError(
-                f"'{not_found[0]}' was not estimated; there are {', '.join(self.names)}"
-            )
+        unknown = [name for name in names if name not in self.names]
+        if unknown:
+            raise InputError(f"'{unknown[0]}' was not estimated; there are {', '.join(self.names)}")
         index = [self.names.index(name) for name in names]
         return replace(
             self,

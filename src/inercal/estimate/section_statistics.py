@@ -181,8 +181,8 @@ def analyse_sections(
     size = _rms_contrasts(sections)
     used = np.flatnonzero(size > 0)
     if not used.size or not r:
-        not_found, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
-        return SectionStatistics(WHITE, np.ones(r), not_found, not_found, none)
+        unknown, none = np.full(len(names), np.nan), np.zeros((r, len(names)))
+        return SectionStatistics(WHITE, np.ones(r), unknown, unknown, none)
     fitted, others = fit_correlations(
         [contrast_powers(one, size, used) for one in sections], sections
     )

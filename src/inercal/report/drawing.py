@@ -129,7 +129,7 @@ def panels(
         foot -= _ABOVE + height
         size = ((each - _LEFT - _RIGHT) / _WIDTH, height / total)
         corners = [((_LEFT + k * each) / _WIDTH, foot / total) for k in range(columns)]
-        rows.append([figure.add_axes((*row_heading, *size)) for row_heading in corners])
+        rows.append([figure.add_axes((*corner, *size)) for corner in corners])
         foot -= under
     return figure, rows
 

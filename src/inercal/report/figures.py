@@ -182,9 +182,9 @@ def correlations(estimate: Estimate) -> Markup:
     p = len(names)
     matrix = estimate.select(names).correlation
     size = max(4.6, 0.215 * p)
-    allocate_steps = 0.15 + drawing.LETTER_WIDTH * max(map(len, names))
-    figure = Figure(figsize=(size + allocate_steps, size + allocate_steps))
-    share = size / (size + allocate_steps)
+    margin = 0.15 + drawing.LETTER_WIDTH * max(map(len, names))
+    figure = Figure(figsize=(size + margin, size + margin))
+    share = size / (size + margin)
     axes = figure.add_axes((1 - share, 1 - share, share, share))
     axes.set(xlim=(-0.6, p - 0.4), ylim=(p - 0.4, -0.6))
     axes.axis("off")

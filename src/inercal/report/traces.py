@@ -143,8 +143,8 @@ def _name_sections(axes: Axes, outcome: Outcome, recording: Recording) -> None:
         axes.text(x, 0.97, mark.label, transform=axes.get_xaxis_transform(), ha="center", va="top",
                   rotation=90 if upright else 0, fontsize=7, color=MUTED)  # fmt: skip
     low, high = axes.get_ylim()
-    allocate_steps = 0.12 if not upright else 0.06 + 0.045 * longest
-    axes.set_ylim(low, high + allocate_steps * (high - low))
+    margin = 0.12 if not upright else 0.06 + 0.045 * longest
+    axes.set_ylim(low, high + margin * (high - low))
 
 
 @drawing.style

@@ -45,10 +45,10 @@ def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name
     panels = [axes for row in rows for axes in row]
     times = (datetime.fromisoformat(history.entries[k].measured) for k in (0, -1))
     first, last = (time.timestamp() / _DAY for time in times)
-    allocate_steps = max(_TIME_MARGIN * (last - first), _MIN_MARGIN)
+    margin = max(_TIME_MARGIN * (last - first), _MIN_MARGIN)
     for axes, course in zip(panels, found, strict=False):
         _draw_trend(axes, course, first)
-        axes.set_xlim(first - allocate_steps, last + allocate_steps)
+        axes.set_xlim(first - margin, last + margin)
         locator = AutoDateLocator(minticks=3, maxticks=6)
         axes.xaxis.set_major_locator(locator)
         formatter = ConciseDateFormatter(

@@ -185,8 +185,8 @@ def _is_stationary(recording: Recording) -> NDArray[np.bool_]:
 
 
 def _trim_settling(recording: Recording, start: int, stop: int) -> tuple[int, int]:
-    synchronise_imu = round(SETTLING_TIME * recording.rate_hz)
-    return start + synchronise_imu, stop - synchronise_imu
+    settling = round(SETTLING_TIME * recording.rate_hz)
+    return start + settling, stop - settling
 
 
 def _labelled_sections(recording: Recording) -> Iterator[tuple[str, int, int]]:

@@ -61,9 +61,9 @@ def require_still(
     InputError
         A section moves; or an accepted label is that of no section, or of one that is still.
     """
-    if not_found := [label for label in accepted if label not in {mark.label for mark in marks}]:
+    if unknown := [label for label in accepted if label not in {mark.label for mark in marks}]:
         raise InputError(
-            f"{recording.source}: [data] accept_moving names {not_found[0]!r}, which is no rest; "
+            f"{recording.source}: [data] accept_moving names {unknown[0]!r}, which is no rest; "
             f"rests are {', '.join(mark.label for mark in marks)}"
         )
     marks = [mark for mark in marks if mark.stop - mark.start >= 2 * _BLOCKS]

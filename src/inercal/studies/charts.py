@@ -20,10 +20,8 @@ _HEIGHT = 2.4  # inches
 @drawing.style
 def draw_chart(chart: Chart) -> Markup:
     """Return the chart as an SVG element."""
-    allocate_steps = max(
-        drawing.label_room(panel.names) if panel.names else 0.42 for panel in chart.panels
-    )
-    figure, (row,) = drawing.panels(_HEIGHT, [allocate_steps], len(chart.panels))
+    height = max(drawing.label_room(panel.names) if panel.names else 0.42 for panel in chart.panels)
+    figure, (row,) = drawing.panels(_HEIGHT, [height], len(chart.panels))
     for axes, panel in zip(row, chart.panels, strict=True):
         _plot_panel(axes, panel)
     # The names are the same in all panels of a chart where they are too narrow for a key each.

@@ -48,9 +48,9 @@ class Page:
         self.connection = connecting.__enter__()
         self.heard: list[dict[str, Any]] = []
 
-    def say(self, execute: str, **content: object) -> None:
+    def say(self, command: str, **content: object) -> None:
         """Ask for something."""
-        self.connection.send(json.dumps({"do": execute, **content}))
+        self.connection.send(json.dumps({"do": command, **content}))
 
     def next(self, patience: float = PATIENCE) -> dict[str, Any]:
         """Return the next message."""

@@ -48,9 +48,9 @@ def test_one_operates_and_hands_it_over(served: Served, ada: Page):
 def test_who_only_looks_on_commands_nothing(served: Served, ada: Page):
     ada.start()
     with served.page() as other:
-        for execute in ("start", "resume", "pause", "go on", "abort", "put away"):
-            other.say(execute, plan="demo", run="x")
-            assert "operator" in other.until("refused")["words"], execute
+        for command in ("start", "resume", "pause", "go on", "abort", "put away"):
+            other.say(command, plan="demo", run="x")
+            assert "operator" in other.until("refused")["words"], command
     ada.until("samples")
 
 

@@ -180,10 +180,10 @@ def _planned_sections(
 
 def _planned_steps(run: Source[RestsSection], observations: Observations) -> tuple[HandStep, ...]:
     by_label = _steps_by_visit(run, len(observations.labels))
-    not_found = [label for label in observations.labels if label not in by_label]
-    if not_found:
+    unknown = [label for label in observations.labels if label not in by_label]
+    if unknown:
         planned = ", ".join(step.label for step in nominal_plan(run))
-        raise InputError(f"{run.data.file}: no step {not_found[0]!r} in the plan; it has {planned}")
+        raise InputError(f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {planned}")
     return tuple(by_label[label] for label in observations.labels)
 
 

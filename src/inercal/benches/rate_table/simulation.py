@@ -61,7 +61,7 @@ def simulate_table_motion(
     """
     declared = bench.acting_parameters(steps)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
-    allocate_steps = bench.lean * rng.standard_normal((trials, 2))
+    tilts = bench.lean * rng.standard_normal((trials, 2))
     named = dict(zip((step.attitude for step in steps), mounting_names(steps), strict=True))
     set_to = dict(zip((step.rate for step in steps), speed_names(steps), strict=True))
     off = {rate: drawn.get(f"speed[{speed}]", np.zeros(trials)) for rate, speed in set_to.items()}
@@ -69,7 +69,7 @@ def simulate_table_motion(
     told: list[Array] = []
     labels: list[str] = []
     for own in group_by_mounting(steps):
-        lean = _rotate_horizontal(allocate_steps, rng.uniform(0, 2 * pi, trials))
+        lean = _rotate_horizontal(tilts, rng.uniform(0, 2 * pi, trials))
         for step in own:
             if step.rate == 0:
                 drawn |= {f"lean_{k + 1}[{step.label}]": lean[:, k] for k in (0, 1)}

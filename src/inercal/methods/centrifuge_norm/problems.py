@@ -96,7 +96,7 @@ def norm_problem(
         prior_names=[name for prior in priors for name in prior.names],
     )
 
-    def score_tests(x: Array) -> list[Candidate]:
+    def all_candidates(x: Array) -> list[Candidate]:
         arms = (
             () if larger.uses("wi", "wp", "wo") else _lever_arm_candidates(built, sensor, steps, x)
         )
@@ -106,7 +106,7 @@ def norm_problem(
         built,
         gauges=gauges(sensor),
         known_nulls=rotation_null_directions(sensor, len(built.names)),
-        candidates=score_tests,
+        candidates=all_candidates,
     )
 
 

@@ -30,9 +30,7 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale)
     covariance -= np.outer(clock, clock)
     sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
-    expansion_point = GeometryErrors(
-        *(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations"))
-    )
+    typical = GeometryErrors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
     ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
     before = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     more, after = next_attitudes(
@@ -40,7 +38,7 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
         before,
         ups[-1],
         rests.bench.gravity.value,
-        expansion_point,
+        typical,
         target_deviation=0.0,
         max_attitudes=_ADVISED_ATTITUDES,
     )
