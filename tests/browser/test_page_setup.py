@@ -30,6 +30,23 @@ def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: Scr
     }
 
 
+def test_plans_that_are_loaded_again_keep_the_focus(page: Page, scripted: ScriptedServer):
+    open_page(page, scripted)
+    chosen = page.get_by_role("radio", name=re.compile("mimu.toml"))
+    chosen.focus()
+    with page.expect_response("**/api/setup"):  # as after a connection that was lost
+        scripted.tell({"kind": "idle"})
+    expect(chosen).to_be_focused()
+    changed = dict(scripted.setup)
+    changed["plans"] = [{**one, "steps": 40} for one in changed["plans"]]
+    scripted.setup = changed
+    scripted.tell({"kind": "idle"})
+    expect(page.get_by_text("40 steps").first).to_be_visible()
+    expect(chosen).to_be_focused()
+    page.keyboard.press("ArrowDown")
+    expect(page.get_by_role("radio", name=re.compile("quick.toml"))).to_be_checked()
+
+
 def test_enter_in_a_field_starts_no_run(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
     page.get_by_label("Name").first.fill("Ada")

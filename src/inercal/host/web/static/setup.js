@@ -57,12 +57,7 @@ export function makeSetup(people) {
 
   function fill() {
     const { plans: all, tables, imus, presets, register, trouble } = setup.whole;
-    const before = planId();
-    plans.replaceChildren(...all.map((one) => planCard(one)));
-    const first = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`)
-      ?? plans.querySelector("input:enabled");
-    if (first) first.checked = true;
-    if (!all.length) plans.append(make("p", {}, "There is no plan in the folder of plans."));
+    fillPlans(all);
     put(byId("register-trouble"), trouble ? `✗ The register: ${trouble}` : "");
     put(byId("register"), register ? `Register: ${register}` : "");
     const typed = { id: TYPED, what: "network address, typed" };
@@ -72,6 +67,20 @@ export function makeSetup(people) {
       ...presets.map((one) => [one.name, `${one.name} (${one.protection})`])]);
     couple(table);
     show();
+  }
+
+  /** Offer the plans; the choice is kept, and with it the focus, which new elements would lose. */
+  function fillPlans(all) {
+    const offered = JSON.stringify(all);
+    if (plans.offered === offered) return;
+    const [before, focused] = [planId(), plans.contains(document.activeElement)];
+    plans.offered = offered;
+    plans.replaceChildren(...all.map((one) => planCard(one)));
+    const first = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`)
+      ?? plans.querySelector("input:enabled");
+    if (first) first.checked = true;
+    if (focused) first?.focus();
+    if (!all.length) plans.append(make("p", {}, "There is no plan in the folder of plans."));
   }
 
   /** The simulated bench is both: a table without its IMU, or the other way round, is no bench. */
