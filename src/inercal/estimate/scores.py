@@ -49,9 +49,8 @@ _MANY = 5000  # rows, beyond which fewer dimensions stand for them
 _VISIBLE = 3.0  # η at the largest plausible size; below, a candidate is not scored
 _ETA, _MISSED = 6.0, 0.05  # at which η all candidates are missed alike, with what probability
 _MOST = 6  # directions, for the share of the level
-_MIN_RESIDUAL_SHARE = (
-    1e-6  # least share of a candidate's column that the fit leaves to the residuals
-)
+# Least share of a candidate's column that the fit leaves to the residuals
+_MIN_RESIDUAL_SHARE = 1e-6
 
 
 def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> float:

@@ -43,9 +43,8 @@ from inercal.host.tasks import plan_tasks
 
 SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
 _PACKET_TIMEOUT = 5.0  # s
-_RECORDING_TAIL = (
-    1.0  # s that are recorded on: the last samples wait for what the table says after them
-)
+# Time that recording goes on, s: the last samples wait for the table's next reading
+_RECORDING_TAIL = 1.0
 _PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that it looks for a table that is gone
 _GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
 

@@ -29,9 +29,8 @@ from inercal.units import ZERO_CELSIUS
 _FOLLOWING_ERROR_SHARE = 0.5  # of the following error at which the servo gives up
 _RATE_MARGIN = 1.2  # times the bench's limit of rate
 _CLOCK_TIMEOUT = 0.5  # s that the controller's clock may stand
-_TEMPERATURE_PERSISTENCE = (
-    1.0  # s that a temperature must be outside: one false packet tells nothing
-)
+# Time that a temperature must be outside its limits, s: one false packet is no reason to stop
+_TEMPERATURE_PERSISTENCE = 1.0
 _RATE_DIFFERENCE, _RATE_SHARE, _DIFFERENCE_PERSISTENCE = (
     radians(5),
     0.05,

@@ -20,9 +20,8 @@ from inercal.host.drivers.rotary_table import AxisState, TableFault, TableState
 from inercal.host.tasks import Task
 
 Phase = Literal["enable", "home", "approach", "work", "return", "paused", "done", "aborted"]
-_MOTION_THRESHOLD = (
-    1e-4  # rad: there, as far as the choice of a way goes; a servo's band is smaller
-)
+# Angle below which the table is already there, rad; a servo's band is smaller
+_MOTION_THRESHOLD = 1e-4
 _ARRIVAL_TOLERANCE = radians(0.05)  # beyond it an axis at rest is not where it was sent
 _DURATION_MARGIN = 1.5  # times what a motion takes by its limits
 _GRACE = 5.0  # s on top: to speed up, to settle

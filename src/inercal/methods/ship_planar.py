@@ -39,9 +39,8 @@ from inercal.sensors import G0, Sensor
 from inercal.sensors.affine import AffineModel, require_affine_triad, to_coefficients
 
 _ROUNDING = 1e-13
-_EXCITATION_LIMIT = (
-    1e-3  # of the largest singular value of what was felt: below, an axis is not excited
-)
+# Of the largest singular value of what was felt: below, an axis is not excited
+_EXCITATION_LIMIT = 1e-3
 
 
 class LevelStates(NamedTuple):

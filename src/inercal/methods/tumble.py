@@ -69,9 +69,8 @@ from inercal.sensors import G0, Sensor
 from inercal.uncertainty.propagation import value_and_jacobian
 
 _MAX_ANGLE_CORRECTION = 0.01  # rad; what `fourier` moves readings by to even angles, at most
-_CORRECTION_ITERATIONS = (
-    6  # each leaves `_MAX_ANGLE_CORRECTION` of what the one before left, at most
-)
+# Each leaves `_MAX_ANGLE_CORRECTION` of what the one before left, at most
+_CORRECTION_ITERATIONS = 6
 _ROUNDING_LIMIT = 1e-12  # of g
 
 

@@ -6,9 +6,8 @@ from inercal.errors import InputError
 
 MATCHING_TIME = 5.0  # s in which the least difference of two clocks is looked for
 _ARRIVAL_TOLERANCE, _DRIFT = 1.0, 2e-4  # s, and of an outage: what arrival may be off by
-_ARRIVAL_UNCERTAINTY = (
-    0.1  # s, of an arrival: turns of a clock are told apart where half a turn is more
-)
+# Uncertainty of an arrival, s: turns of a clock are distinguished where half a turn is more
+_ARRIVAL_UNCERTAINTY = 0.1
 
 
 def wrap_correction(behind: float, wraps: float, outage: float, whose: str) -> float:

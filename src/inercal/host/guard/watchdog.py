@@ -14,14 +14,12 @@ from inercal.host.drivers.rotary_table import REST_RATE, RotaryTable, TableState
 
 _TIMEOUT = 0.5  # s of a reply
 _START_ATTEMPTS = 4  # to find the table at the beginning
-_IDLE_INTERVAL = (
-    1.0  # s between looks at a table that need not stop: a link is found lost before it matters
-)
+# Time between checks of a table that need not stop, s: a lost link is noticed before it matters
+_IDLE_INTERVAL = 1.0
 _STOP_POLL_INTERVAL = 0.03  # s between looks at one that shall
 _REST_READINGS = 2  # at rest in a row
-_DECELERATION_WINDOW = (
-    0.5  # s over which a rate must fall by this part, or the table does not slow down
-)
+# Time over which a rate must fall by this part, s, or the table does not slow down
+_DECELERATION_WINDOW = 0.5
 _MIN_RATE_DROP = 0.1
 _WAKE_UP_DELAY = 0.1  # s that a wake-up may be late
 _GRACE = 1.0  # s beyond what deceleration takes

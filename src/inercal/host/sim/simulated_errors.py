@@ -21,9 +21,8 @@ from inercal.errors import InputError
 from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
 from inercal.runfile import Run
 
-_LOOKAHEAD_CYCLES = (
-    4  # servo cycles: of the two about a time and one beside them, none may be to come
-)
+# Servo cycles: of the two about a time and one beside them, none may be to come
+_LOOKAHEAD_CYCLES = 4
 _NOISE_BLOCK = 4096  # of noise
 
 

@@ -24,9 +24,8 @@ from inercal.sensors import Sensor
 CANDIDATE_GROUPS = ("k3", "koq", "nonorthogonality")  # that norms show, as [method] also takes them
 _INLIER_LIMIT = 4.0  # deviations of most rows; farther ones are left out of the score tests
 _EXPECTED_SCATTER = 1.5  # scatter over what is stated that needs no explanation
-_EXPLAINED_RATIO = (
-    0.5  # of scatter, or of outlying rows, that is left where a coefficient explains it
-)
+# Of scatter, or of outlying rows, that is left where a coefficient explains it
+_EXPLAINED_RATIO = 0.5
 _TRIED_PER_STEP = 2  # coefficients with the best scores
 _MAX_OMITTED = 2  # coefficients that are left out at a time
 

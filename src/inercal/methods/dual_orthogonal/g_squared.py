@@ -59,9 +59,8 @@ PRIOR_ADVICE = "kip of single tests and k3 of a centrifuge tell them; or take es
 MOUNTING_ANGLES = ("a.delta_o", "b.delta_o")
 _NEWTON_STEPS = 4  # from an error of 1e-3 each step squares it
 _DENSE_POSITIONS = 24  # positions that show all that there is
-_RANK_TOLERANCE = (
-    1e-2  # singular value of the design; angles read anew, off by 1e-4, show nothing more
-)
+# Singular value of the design; angles read anew, off by 1e-4, show nothing more
+_RANK_TOLERANCE = 1e-2
 
 
 def design_matrix(theta: Array) -> Array:

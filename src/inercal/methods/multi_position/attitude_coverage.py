@@ -31,9 +31,8 @@ WORST_TURN = 1e-2  # rad of a rotation, and rad/s of a rate
 MOVE_SECONDS = 2.0
 _TURN_STEPS = 8  # of a turn, each at a constant attitude
 _MAX_ATTITUDES = 6  # attitudes to name
-_REGULARISATION = (
-    1e-3  # of information, beside 100 for what counts as observed: finite determinants
-)
+# Of information, beside 100 for what counts as observed: finite determinants
+_REGULARISATION = 1e-3
 _MAX_TURN_COSINE = 0.8  # cosine: a turn of 37 to 143° is easy by hand, and its way is no question
 
 _CORNERS = np.array([v for v in product((0.0, 1.0, -1.0), repeat=3) if any(v)])

@@ -47,9 +47,8 @@ from inercal.sensors import G0
 
 Places = NDArray[np.int64]
 _COARSE_ITERATIONS = 6  # steps
-_MAX_SCORED_RESTS = (
-    100  # rests, beyond which no axis is scored apart: memory grows with their square
-)
+# Rests, beyond which no axis is scored apart: memory grows with their square
+_MAX_SCORED_RESTS = 100
 _ROUNDING = 1e-9  # of χ²: a rotation is the product of hundreds of steps
 _EXACT_LIMIT = 1e-15  # SI; what is known better is exact
 KNOWN_QUANTITIES = ("g", "earth_1", "earth_2", "earth_up", "timebase")

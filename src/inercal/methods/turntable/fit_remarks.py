@@ -14,9 +14,8 @@ from inercal.recording import Finding, Track
 from inercal.sensors import Sensor
 from inercal.units import format_quantity
 
-_MAX_DEVIATION_SD = (
-    4.0  # standard deviations: of twenty parameters as stated, one run in 800 has one
-)
+# Standard deviations: of twenty parameters as stated, one run in 800 has one
+_MAX_DEVIATION_SD = 4.0
 _MAX_SD_RATIO = 0.8  # of the stated deviation: less than a third of the variance is from the data
 _SOURCE_BIAS_SD = radians(0.004) / 60  # rad/s
 _BENCH_KEYS = {

@@ -46,9 +46,8 @@ EXPECTED_SIZES = {
     "delta_o": 0.02,
     "delta_p": 0.02,
 }
-_DEFAULT_SIZE = (
-    1e-3  # of the natural size: 1000 µg/g², 200 °/h/g; of temperature LARGEST of it, 1 mg/K
-)
+# Of the natural size: 1000 µg/g², 200 °/h/g; of temperature LARGEST of it, 1 mg/K
+_DEFAULT_SIZE = 1e-3
 # Of the variance before: a direction that keeps more was decided by the guess, or owes it a share.
 _MAX_DECIDED_SHARE, _MIN_PRIOR_SHARE = 0.25, 0.01
 

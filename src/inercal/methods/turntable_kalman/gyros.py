@@ -40,9 +40,8 @@ from inercal.sensors import Sensor
 _LATENCY_COVERAGE = 4.0  # standard deviations
 # s; where less is known of a delay it does not act in first order as the table speeds up.
 _MAX_LATENCY_SPAN = 0.1
-_SPARE_SAMPLES = (
-    8  # samples of the ring beyond those: two at either end for a cubic, and uneven steps
-)
+# Samples of the ring beyond those: two at either end for a cubic, and uneven steps
+_SPARE_SAMPLES = 8
 _DURATION_FACTOR, _PAUSE_ALLOWANCE = (
     2.0,
     600.0,

@@ -20,9 +20,8 @@ from inercal.methods.turntable_kalman.filter_tests import InnovationTestData
 from inercal.recording import Observations, Track
 
 _CONFIDENCE_LEVEL = 0.95
-_MIN_NIS_RATIO = (
-    0.9  # of NIS as stated: noise is seldom known to 5 %, and what is less does no harm
-)
+# Of NIS as stated: noise is seldom known to 5 %, and what is less does no harm
+_MIN_NIS_RATIO = 0.9
 
 
 class FilterResult(NamedTuple):
