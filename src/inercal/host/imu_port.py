@@ -77,12 +77,14 @@ class ImuPort(Closeable):
             self._thread = Thread(target=self._read, name=f"reads {link.address}", daemon=True)
             self._thread.start()
 
-    def take(self, upto: int | None = None, timeout: float = 1.0) -> list[tuple[float, bytes]]:
+    def take(
+        self, total_bytes: int | None = None, timeout: float = 1.0
+    ) -> list[tuple[float, bytes]]:
         """Return what came, with the time at which each piece did.
 
         Parameters
         ----------
-        upto : int, optional
+        total_bytes : int, optional
             How many bytes in all since opening: exactly those are handed out. What is still under
             way is waited for; what is beyond stays for the next time.
         timeout : float
@@ -92,22 +94,27 @@ class ImuPort(Closeable):
         ------
         LinkLost
             The other end is gone, and all that came before is handed out; or the bytes up to
-            `upto` do not come in time.
+            `total_bytes` do not come in time.
         """
         if self._thread is None:
-            self._read_now(upto, timeout)
+            self._read_now(total_bytes, timeout)
         with self._condition:
-            if upto is not None and self.received_bytes < upto and self._error is None:
+            if (
+                total_bytes is not None
+                and self.received_bytes < total_bytes
+                and self._error is None
+            ):
                 left = 0.0 if self._thread is None else timeout
                 self._condition.wait_for(
-                    lambda: self.received_bytes >= upto or self._error is not None, left
+                    lambda: self.received_bytes >= total_bytes or self._error is not None, left
                 )
-                if self.received_bytes < upto and self._error is None:
+                if self.received_bytes < total_bytes and self._error is None:
+                    missing = total_bytes - self.received_bytes
                     raise LinkLost(
-                        f"{self.address}: {upto - self.received_bytes} bytes that were sent have "
-                        f"not come in {timeout:g} s"
+                        f"{self.address}: {missing} sent bytes have not come in {timeout:g} s"
                     )
-            pieces = self._pop_pieces(self.received_bytes if upto is None else upto)
+            upto = self.received_bytes if total_bytes is None else total_bytes
+            pieces = self._pop_pieces(upto)
             if not pieces and not self._pieces and self._error is not None:
                 raise LinkLost(str(self._error))
             return pieces
@@ -119,26 +126,30 @@ class ImuPort(Closeable):
             self._thread.join()
         self._link.close()
 
-    def _pop_pieces(self, upto: int) -> list[tuple[float, bytes]]:
+    def _pop_pieces(self, total_bytes: int) -> list[tuple[float, bytes]]:
         """Hand out pieces up to so many bytes in all, the last one cut where it goes beyond."""
         pieces: list[tuple[float, bytes]] = []
-        while self._pieces and self._taken_bytes < upto:
+        while self._pieces and self._taken_bytes < total_bytes:
             time, data = self._pieces.popleft()
-            if len(data) > upto - self._taken_bytes:
-                self._pieces.appendleft((time, data[upto - self._taken_bytes :]))
-                data = data[: upto - self._taken_bytes]
+            if len(data) > total_bytes - self._taken_bytes:
+                self._pieces.appendleft((time, data[total_bytes - self._taken_bytes :]))
+                data = data[: total_bytes - self._taken_bytes]
             pieces.append((time, data))
             self._taken_bytes += len(data)
         return pieces
 
-    def _read_now(self, upto: int | None, timeout: float) -> None:
+    def _read_now(self, total_bytes: int | None, timeout: float) -> None:
         """Read what there is, or up to so many bytes in all."""
         end = monotonic() + timeout
-        if upto is not None and self.received_bytes >= upto:
-            upto = None  # nothing is due: whether the port is still there is asked all the same
+        if total_bytes is not None and self.received_bytes >= total_bytes:
+            total_bytes = (
+                None  # nothing is due: whether the port is still there is asked all the same
+            )
         try:
-            while self._error is None and (upto is None or self.received_bytes < upto):
-                left = 0.0 if upto is None else end - monotonic()
+            while self._error is None and (
+                total_bytes is None or self.received_bytes < total_bytes
+            ):
+                left = 0.0 if total_bytes is None else end - monotonic()
                 data = self._link.read(_MAX_BYTES, max(left, 0.0))
                 if data:
                     self._pieces.append((self._now(), data))

@@ -74,7 +74,7 @@ class ImuReceiver:
                 pieces = self._port.take()
             else:
                 # Bytes of a simulated bench are of the time that the bench says, however they came.
-                came = self._port.take(upto=tick.bytes_sent - self._sent_before_opening)
+                came = self._port.take(total_bytes=tick.bytes_sent - self._sent_before_opening)
                 data = b"".join(piece for _, piece in came)
                 pieces = [(tick.sent_time, data)] if data else []
         except LinkLost as error:

@@ -15,7 +15,7 @@ _IDLE_TIMEOUT, _REQUEST_TIMEOUT = 10.0, 120.0  # s without a request, and for on
 def limited_protocol(refused: RefusalLog) -> type[H11Protocol]:
     """Return the web server's side of a connection, with these limits."""
 
-    class Limited(H11Protocol):
+    class LimitedProtocol(H11Protocol):
         """A connection of HTTP that may become one of a websocket."""
 
         def __init__(self, *args: Any, **kwargs: Any):
@@ -61,4 +61,4 @@ def limited_protocol(refused: RefusalLog) -> type[H11Protocol]:
             for timer in self._timers:
                 timer.cancel()
 
-    return Limited
+    return LimitedProtocol

@@ -16,12 +16,12 @@ from inercal.studies.dual_orthogonal import (
 from inercal.studies.section_texts import build_study
 from inercal.studies.study_content import MessageCallback, Study
 
-SHARE = 4  # one trial of each further question for so many of the table of methods
+TRIAL_RATIO = 4  # one trial of each further question for so many of the table of methods
 
 
 def run(trials: int, seed: int, say: MessageCallback) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
-    fewer = max(trials // SHARE, 20)
+    fewer = max(trials // TRIAL_RATIO, 20)
     say(f"the methods, {trials} trials each")
     compared = method_accuracy.compare_methods(trials, seed)
     say("heads of several sizes")

@@ -17,12 +17,13 @@ from inercal.studies.ship_model import (
 )
 from inercal.studies.study_content import MessageCallback, Study
 
-SHARE, SEARCHES = 4, 500  # trials for one device of the tables, and of the searches
+TRIALS_PER_DEVICE = 4  # of the tables
+TRIALS_PER_SEARCH = 500
 
 
 def run(trials: int, seed: int, say: MessageCallback) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
-    devices, searches = max(trials // SHARE, 20), max(trials // SEARCHES, 3)
+    devices, searches = max(trials // TRIALS_PER_DEVICE, 20), max(trials // TRIALS_PER_SEARCH, 3)
     say(f"estimators on {devices} devices")
     found = estimators.compare_estimators(devices, seed)
     say("the planar calibration")

@@ -11,12 +11,13 @@ from inercal.studies.study_content import MessageCallback, Study
 from inercal.studies.turntable import duration, failures, printed_accuracy, state_models
 from inercal.studies.turntable import turntable_trials as of_devices
 
-SHARE, FEWEST = 250, 6  # trials for one device, which is half an hour of samples; devices
+TRIALS_PER_DEVICE = 250  # a device is half an hour of samples
+MIN_DEVICES = 6
 
 
 def run(trials: int, seed: int, say: MessageCallback) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
-    devices = max(trials // SHARE, FEWEST)
+    devices = max(trials // TRIALS_PER_DEVICE, MIN_DEVICES)
     found = of_devices.run_filters(devices, seed, say)
     return build_study(
         __name__,
