@@ -11,7 +11,12 @@ export PYTHONDONTWRITEBYTECODE :=
 # One process a core; one that is done takes tests from the others.
 SIDE_BY_SIDE := --numprocesses auto --dist worksteal
 
-.PHONY: help demo test slow check bench evidence lock format clean
+# What the core does, without the host, the page, the studies and what takes long to compile.
+QUICK := tests/benches tests/budget tests/calibration tests/design tests/estimate tests/io \
+  tests/methods tests/observe tests/runfile tests/segments tests/sensors tests/uncertainty \
+  $(wildcard tests/test_*.py)
+
+.PHONY: help demo quick test slow check bench evidence lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
@@ -26,6 +31,9 @@ $(INSTALLED): requirements.lock pyproject.toml
 
 demo: $(INSTALLED)  ## install, then calibrate an IMU on a simulated bench, live and from its recording, write the report
 	$(BIN)/inercal demo --out demo-output
+
+quick: $(INSTALLED)  ## the core's tests, in a minute
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(QUICK)
 
 test: $(INSTALLED)  ## all tests but the slow ones
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE)

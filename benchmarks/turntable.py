@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 HZ = 200.0
 LIMIT = 1.0  # s
 READBACK = 10 * ARCSEC
-# Long enough that setting up, some ms, is no part of it.
+# Long enough that setting up, some ms, is not a part of it.
 SHORT = [("warm-up", (0, 0, 0), 20.0), *turntable.turns(1080.0, 30.0, back=True)[:-1]]
 # 30 min: the note's path with positions of two and a half minutes.
 LONG = turntable.complete_path(120.0)

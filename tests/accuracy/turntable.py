@@ -257,7 +257,7 @@ def flicker(
     """Return noise of the two-sided density B²/(2π f), B = `size`, (*shape, n), less its mean.
 
     White noise, whose density is one sample's variance over `hz`, is shaped in frequency over four
-    times the length, of which one piece is taken: what repeats after the whole is no neighbour, and
+    times the length, of which one piece is taken: what repeats after it is not a neighbour, and
     the noise goes on below the inverse of the length.
     """
     whole = 1 << (4 * n - 1).bit_length()

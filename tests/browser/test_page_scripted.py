@@ -371,8 +371,8 @@ def test_what_is_grave_stays_in_sight_where_the_page_is_scrolled(
 ):
     page.set_viewport_size({"width": 768, "height": 1024})
     open_running_page(page, scripted)
-    page.evaluate("scrollTo(0, document.body.scrollHeight)")
-    assert page.evaluate("scrollY") > 200
+    # The page becomes long when the run's panels are drawn, a frame after its plan is there.
+    page.wait_for_function("scrollTo(0, document.body.scrollHeight), scrollY > 200")
     scripted.tell(messages.event(100.5, "axis inner: amplifier fault", "alarm"))
     alarm = page.get_by_role("alert").filter(has_text="axis inner: amplifier fault")
     expect(alarm).to_be_in_viewport(ratio=1)

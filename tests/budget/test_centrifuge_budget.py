@@ -63,7 +63,7 @@ def single_contribution(made: Experiment, name: str) -> Array:
 
 
 def assert_agree(found: Budget, widest: float) -> None:
-    """Where a contribution is no less than a thousandth of the total, and the total itself."""
+    """Where a contribution is not less than a thousandth of the total, and the total itself."""
     worst = 0.0
     for one, spread in found.contributions.items():
         counts = spread.first_order > 1e-3 * found.total.first_order

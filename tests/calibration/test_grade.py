@@ -85,7 +85,7 @@ def test_a_suspect_that_shifts_a_coefficient_by_more_than_u_is_not_relied_on() -
 
 
 def test_noise_three_times_as_large_names_no_suspect_and_is_not_relied_on() -> None:
-    # A scatter of all rows is no candidate's, however large its score is.
+    # A scatter of all rows is not a candidate's, however large its score is.
     for seed in range(10):
         one = graded(estimate(noise=3.0, seed=seed))
         assert one.grade == "unreliable"

@@ -138,7 +138,10 @@ def test_nothing_is_written_where_the_plan_leaves_coefficients_open(
         "dual-orthogonal", "--run", pair, "--positions", "4", "--out", out
     )
     assert (status, printed) == (2, "")
-    assert "the plan of 8 positions leaves open what is asked for: 4 different positions" in errors
+    assert (
+        "the plan of 8 positions does not determine the coefficients: 4 different positions"
+        in errors
+    )
     assert errors.count("\n") == 1
     assert not out.exists()
 

@@ -164,7 +164,7 @@ def test_accepting_rests_that_are_found_is_refused(tmp_path: Path):
         ("six_position", "multi_position"),
         ('time = "time"', 'time = "time"\naccept_moving = ["r01"]'),
     )
-    with pytest.raises(InercalError, match="goes with marks of your own"):
+    with pytest.raises(InercalError, match="accept_moving is for marks that you give"):
         calibrate(run)
 
 

@@ -297,12 +297,12 @@ def test_of_a_folder_without_a_run_its_calibrations_are_imported(program: Progra
         (["diff", "1", "none.json"], "none.json: no such calibration file"),
         (["diff", "1", "."], "cannot be read"),
         (["import", "none.json"], "none.json: no such calibration file"),
-        (["import", "none.json", "--measured", "soon"], "'soon' is no time; write it in ISO 8601"),
+        (["import", "none.json", "--measured", "soon"], "'soon' is not a time; write it in ISO"),
         (["import", "a", "b", "--measured", "2020-01-01"], "--measured goes with one calibration"),
         (["import", "."], "no run of a bench is in it"),
         (["list", "--register", "mysql://h/x"], "begins with mysql://"),
         (["list", "--register", "/none/r.db"], "register sqlite:////none/r.db: cannot be opened"),
-        (["show", "\udcff"], "a text that is no Unicode"),
+        (["show", "\udcff"], "a text that is not Unicode"),
     ],
 )
 def test_wrong_input_is_one_line(

@@ -168,7 +168,7 @@ def test_classical_takes_the_earth_for_sensitivity_to_gravity_and_ml_does_not():
 def test_faces_of_half_a_degree_leave_every_coefficient_unbiased_and_covered(turn_tilt: float):
     """What bare hands do: at this size the second order of a tilt is as large as the noise.
 
-    The cosine of an unknown lean is no Gaussian error; what is asked for is that each stated
+    The cosine of an unknown lean is not a Gaussian error; what is asked for is that each stated
     ± 2 u covers as often as it should.
     """
     rng = np.random.default_rng(39)

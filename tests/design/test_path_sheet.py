@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.test_turntable_runs import copy_run, path_with_labels, simulate_recording
+from tests.runs.test_turntable_runs import copy_run, path_with_labels, simulate_recording
 
 from inercal.cli.app import app
 from inercal.design.turntable_path import turntable_path_sheet

@@ -97,5 +97,5 @@ def test_noise_that_is_not_stated_is_asked_for(tmp_path: Path):
 def test_a_plan_that_leaves_coefficients_open_says_which(tmp_path: Path):
     sheet = planned(tmp_path)
     run = replace(sheet.run, plan=lambda: sheet.run.steps[:3])
-    with pytest.raises(NotObserved, match=r"plan of 3 states leaves open.* YX"):
+    with pytest.raises(NotObserved, match=r"plan of 3 states does not determine.* YX"):
         build_worksheet(run)

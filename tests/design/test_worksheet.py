@@ -236,7 +236,7 @@ def test_sums_known_far_better_than_their_terms_are_said_as_the_calibration_says
 
 
 def test_a_plan_that_leaves_coefficients_open_says_which(tmp_path: Path):
-    with pytest.raises(NotObserved, match=r"plan of 8 positions leaves open.* 4 different"):
+    with pytest.raises(NotObserved, match=r"plan of 8 positions does not determine.* 4 different"):
         planned(tmp_path, ("seconds =", "positions = 4\nseconds ="))
 
 

@@ -110,7 +110,7 @@ def test_without_noise_the_residual_of_the_estimator_has_the_norm_that_is_comput
 @pytest.mark.parametrize(
     "name",
     # A recording of six positions leaves a drift open, which is in the estimator's u of biases and
-    # is no unknown here.
+    # is not an unknown here.
     [
         pytest.param(n, marks=pytest.mark.slow if n in SLOW else ())
         for n in CASES

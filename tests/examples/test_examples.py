@@ -69,12 +69,12 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     }
     run = {"six_position/run.toml", "ferraris_simulated/run.toml", "hand_held/simulated.toml"}
     run |= {f"hand_held/{name}.toml" for name in ("xsens", "mpu9150")}  # by tests/accuracy
-    run |= {"six_position/soaks.toml"}  # by tests/test_temperature_runs.py
-    # by tests/test_centrifuge_runs.py
+    run |= {"six_position/soaks.toml"}  # by tests/runs/test_temperature_runs.py
+    # by tests/runs/test_centrifuge_runs.py
     run |= {f"centrifuge/{name}.toml" for name in ("printed", "corrected", "lab", "arm_run")}
-    # by tests/test_dividing_head_runs.py
-    run |= {"rate_table/ship.toml"}  # by tests/test_rate_table_runs.py
-    run |= {"rate_table/ship_recording.toml"}  # by tests/test_rate_table_simulated.py
+    # by tests/runs/test_dividing_head_runs.py
+    run |= {"rate_table/ship.toml"}  # by tests/runs/test_rate_table_runs.py
+    run |= {"rate_table/ship_recording.toml"}  # by tests/runs/test_rate_table_simulated.py
     run |= {"turntable/mimu.toml", "turntable/two_clocks.toml"}
     run |= {"bench/packets.toml"}  # by tests/host/packets/test_how_to_page.py
     run |= {"bench/plan.toml", "verdict/left_out.toml"}

@@ -76,7 +76,7 @@ def test_a_motor_is_opened_over_any_link_and_held_to_the_benchs_limits(terminal:
 @pytest.mark.parametrize(
     ("address", "says"),
     [
-        ("tcp://h:1025", "is no address of a table; possible: pmac://HOST:1025"),
+        ("tcp://h:1025", "is not an address of a table; possible: pmac://HOST:1025"),
         ("pmac://h:1025", "does not say motors; give such as motors=1,2,3"),
         ("pmac://h:1025?motors=1,2,3", "does not say counts; give such as counts=3600000"),
         ("pmac://h?motors=1,2&counts=1", "2 motors, and the bench's axes are outer, middle, inner"),

@@ -1,4 +1,4 @@
-"""A table that is homed anew in the middle of a run: what it says meanwhile is no angle."""
+"""A table that is homed anew in the middle of a run: what it says meanwhile is not an angle."""
 
 import numpy as np
 import pytest

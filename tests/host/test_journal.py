@@ -61,7 +61,7 @@ def test_what_is_no_journal_is_refused_in_one_line(path: Path, tmp_path: Path):
     db = sqlite3.connect(tmp_path / "other.sqlite")
     db.execute("CREATE TABLE t (a)")
     db.close()
-    with pytest.raises(InputError, match="no journal of this version"):
+    with pytest.raises(InputError, match="not a journal of this version"):
         Journal(tmp_path / "other.sqlite")
 
 

@@ -111,7 +111,7 @@ def test_a_port_that_is_not_there_is_a_lost_link():
         ("tcp://host", "possible: tcp://192"),
         ("tcp://host:99999", "possible: tcp://192"),
         ("tcp://host:1025?baud=9600", "unknown parameter 'baud'"),
-        ("serial:", "is no address"),
+        ("serial:", "is not an address"),
         ("serial:/dev/null?speed=1", "possible: baud, bits, parity, stop"),
         ("serial:/dev/null?baud=fast", "possible: 50 to 4000000"),
         ("serial:/dev/null?bits=9", "possible: 5 to 8"),

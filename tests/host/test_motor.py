@@ -83,7 +83,7 @@ def test_a_late_reply_is_read_away_before_the_next_question(server: Served):
 def test_what_is_no_number_is_refused(scripted: Any):
     with (
         Motor("tcp://x:1", LIMITS, opener=lambda _: scripted(lambda _: b"12,5\r\n>")) as motor,
-        pytest.raises(ProtocolError, match="no number in answer to 'PPO'"),
+        pytest.raises(ProtocolError, match="not a number in answer to 'PPO'"),
     ):
         motor.read()
 

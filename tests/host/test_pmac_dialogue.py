@@ -85,7 +85,7 @@ def test_the_rest_of_a_reply_cut_by_a_timeout_is_never_taken_for_the_next(script
     links: list[Link] = []
     with PmacDialogue("tcp://x:1", 0.02, _keeping(links, opener)) as dialogue:
         with pytest.raises(
-            ProtocolError, match=r"within 0.02 s \(3 bytes came\); it may have been"
+            ProtocolError, match=r"within 0.02 s \(3 bytes came\); the command may have been"
         ):
             dialogue.ask("#1P #2P", 2)
         assert late

@@ -77,7 +77,11 @@ def test_a_simulated_run_goes_on_at_a_simulated_bench_wherever_that_is_now(tmp_p
 @pytest.mark.parametrize(
     ("clock", "given", "words"),
     [
-        (CLOCK, (ELSEWHERE, "", ""), "begun on a simulated bench: name the clock beside the table"),
+        (
+            CLOCK,
+            (ELSEWHERE, "", ""),
+            "begun on a simulated bench: give the clock's address as well as the table's",
+        ),
         ("", (ELSEWHERE, "", CLOCK), "begun by the wall's clock: it goes on without clock://"),
     ],
 )

@@ -69,7 +69,7 @@ def test_a_changed_byte_before_the_end_is_named_and_nothing_is_cut(path: Path):
 def test_another_file_is_no_log(tmp_path: Path):
     other = tmp_path / "notes.txt"
     other.write_text("warm up two minutes")
-    with pytest.raises(InputError, match="is no log of a run"):
+    with pytest.raises(InputError, match="is not a log of a run"):
         RunLog(other)
     assert other.read_text() == "warm up two minutes"
     with pytest.raises(InputError, match="cannot be read"):
@@ -145,7 +145,7 @@ def test_a_log_that_another_host_writes_is_refused_untouched_until_that_host_is_
 def test_a_log_that_was_refused_can_be_opened_again_by_the_same_host(path: Path):
     whole = path.read_bytes()
     path.write_bytes(b"no" + whole)
-    with pytest.raises(InputError, match="is no log of a run"):
+    with pytest.raises(InputError, match="is not a log of a run"):
         RunLog(path)
     path.write_bytes(whole)
     with RunLog(path), pytest.raises(InputError, match="another host"):

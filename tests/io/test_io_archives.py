@@ -47,7 +47,7 @@ def test_numbers_serve_as_labels(tmp_path: Path):
     [
         ({"t": np.array([{}, 1], dtype=object)}, "'t' is damaged or holds objects"),
         ({"t": T, "x": X[:2]}, "columns of unequal length: t 3, x 2"),
-        ({"t": np.zeros((3, 2))}, r"'t' \(3, 2\) is no column"),
+        ({"t": np.zeros((3, 2))}, r"'t' \(3, 2\) is not a column"),
         ({"t": T + 1j}, "complex128 is neither numbers nor text"),
         ({"t": T[:0]}, "no rows"),
         ({"data": T, "columns": np.array(["t"])}, r"'data' \(3,\) needs \(n, k\)"),

@@ -285,7 +285,7 @@ UNUSABLE: dict[str, tuple[Callable[[Path], None], str]] = {
     "empty array": (saved(save_v5, T=np.zeros((0, 3))), "'T' is empty"),
     "empty array v7.3": (saved(save_hdf5, T=np.zeros((0, 3))), "'T' is empty"),
     "single number": (saved(save_hdf5, T=np.float64(1)), "'T' is a single number"),
-    "big matrix": (saved(save_v5, T=np.zeros((1001, 1001))), r"'T' \(1001, 1001\) is no table"),
+    "big matrix": (saved(save_v5, T=np.zeros((1001, 1001))), r"'T' \(1001, 1001\) is not a table"),
     "structs": (
         saved(save_v5, T=np.array([({},)] * 2, dtype=[("x", object)])),
         "'T' is an array of structs: save a struct of arrays",
@@ -312,9 +312,9 @@ UNUSABLE: dict[str, tuple[Callable[[Path], None], str]] = {
     "no file content": (content(b""), "is empty: record or export"),
     "title only": (
         content(b"MATLAB 5.0 MAT-file, Platform: PCWIN64".ljust(100)),
-        "is no MATLAB file or is damaged",
+        "is not a MATLAB file or is damaged",
     ),
-    "junk": (content(bytes(range(256)) * 8), "no MATLAB file or is"),
+    "junk": (content(bytes(range(256)) * 8), "not a MATLAB file or is"),
 }
 
 
@@ -351,7 +351,7 @@ def test_a_damaged_file_is_refused_in_one_line(
         content[130:3000] = b"\xff" * 2870
     path.write_bytes(content[: {"cut": 20_000, "cut short": 200}.get(damage)])
     with pytest.raises(
-        InputError, match=r"^run\.mat is no (MATLAB|HDF5) file or is damaged: "
+        InputError, match=r"^run\.mat is not an? (MATLAB|HDF5) file or is damaged: "
     ) as e:
         read_table(path)
     assert len(str(e.value)) < 200
@@ -366,7 +366,7 @@ def test_damaged_chunks_are_refused(tmp_path: Path):
     content = bytearray(path.read_bytes())
     content[start + 50 : start + 90] = b"\xff" * 40
     path.write_bytes(content)
-    with pytest.raises(InputError, match="is no HDF5 file or is damaged"):
+    with pytest.raises(InputError, match="is not an HDF5 file or is damaged"):
         read_table(path)
 
 

@@ -140,11 +140,11 @@ def test_iso_8601_times_are_seconds_from_the_first(tmp_path: Path):
 @pytest.mark.parametrize(
     ("bad", "said"),
     [
-        ("2026-13-23T03:10:09Z", "is no time"),
+        ("2026-13-23T03:10:09Z", "is not a time"),
         ("2026-11-23T03:10:61Z", "seconds run from 0 to 59"),
         ("2026-11-23T03:10:09.123", "no time zone"),
-        ("yesterday", "no ISO 8601 time"),
-        ("", "no ISO 8601 time"),
+        ("yesterday", "not an ISO 8601 time"),
+        ("", "not an ISO 8601 time"),
     ],
 )
 def test_a_bad_iso_8601_time_is_refused_with_its_line(tmp_path: Path, bad: str, said: str):

@@ -173,5 +173,5 @@ def test_priors_beside_a_frame_are_refused():
     given = one()
     few, steps = groups_alone(given)
     prior = Gaussian.independent(SENSOR.coefficients, np.zeros(12), 1.0)
-    with pytest.raises(InputError, match="no priors beside"):
+    with pytest.raises(InputError, match="no priors together with"):
         damped(few, FRAMED, given.bench, steps, [prior])

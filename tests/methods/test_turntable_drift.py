@@ -133,7 +133,7 @@ def carried(made: Drift, steps: Array) -> Array:
 
 @pytest.mark.parametrize("since", [0.0, 37.0])
 def test_the_states_hold_the_mean_over_the_run(since: float):
-    # One Gauss–Markov process, and a walk that is no part of it.
+    # One Gauss–Markov process, and a walk that is not part of it.
     tau, variance, walk = 50.0, np.array([4.0, 1.0, 0.0]), np.array([0.0, 0.5, 2.0])
     made = Drift(np.array([tau, inf]), np.stack([variance, np.zeros(3)]), walk, mean_over_run=True)
     steps = np.random.default_rng(1).uniform(0.1, 20.0, 30)

@@ -115,7 +115,7 @@ def on_a_cone(opening: float, count: int) -> Array:
 
 
 def tipped(seed: int) -> Array:
-    """Return a rotation that is no plan's usual one."""
+    """Return a rotation that is not a plan's usual one."""
     return np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
 
 

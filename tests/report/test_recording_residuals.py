@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from tests.test_turntable_runs import copy_run, path_with_labels, simulate_recording
+from tests.runs.test_turntable_runs import copy_run, path_with_labels, simulate_recording
 
 from inercal.pipeline import calibrate
 from inercal.report import write_report

@@ -115,7 +115,8 @@ def test_a_server_without_that_database_says_so(database: str):
 def test_a_file_that_is_no_database_is_refused_and_left(tmp_path: Path):
     path = tmp_path / "text.db"
     path.write_text("no database at all, but longer than a hundred bytes " * 4)
-    assert refusal(str(path)) == f"register sqlite:///{path}: is there, but is no SQLite database"
+    said = f"register sqlite:///{path}: is there, but is not an SQLite database"
+    assert refusal(str(path)) == said
     assert path.read_text().startswith("no database")
     assert "cannot be opened" in refusal(str(tmp_path))
     assert "cannot be opened" in refusal(str(tmp_path / "none" / "r.db"))

@@ -222,11 +222,11 @@ def test_a_folder_of_all_kinds_of_characters_holds_a_register(tmp_path: Path):
     [
         ({"conditions": 7}, "conditions: texts by name"),
         ({"provenance": {"created": 3}}, "provenance: texts by name"),
-        ({"provenance": {"created": "yesterday"}}, "'yesterday' is no time in ISO 8601"),
-        ({"provenance": {}}, "does not say when it was made; give --measured"),
-        ({"method": 7}, "7 is no text"),
+        ({"provenance": {"created": "yesterday"}}, "'yesterday' is not a time in ISO 8601"),
+        ({"provenance": {}}, "it has no date of measurement; give --measured"),
+        ({"method": 7}, "7 is not a text"),
         ({"covariance": (-np.eye(24)).tolist()}, "a variance is negative"),
-        ({"notes": ["\ud800"]}, "a text is no Unicode"),
+        ({"notes": ["\ud800"]}, "a text is not Unicode"),
     ],
 )
 def test_content_that_a_register_cannot_keep_is_refused(

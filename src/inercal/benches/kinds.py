@@ -28,7 +28,7 @@ def kind_for_class(bench: type[Any]) -> Kind[Any, Any]:
     for kind in KINDS.values():
         if issubclass(bench, kind.bench):
             return kind
-    raise InputError(f"{bench.__name__} is no kind of bench; there are {', '.join(KINDS)}")
+    raise InputError(f"{bench.__name__} is not a kind of bench; there are {', '.join(KINDS)}")
 
 
 def kind_name_for_class(bench: type[Any]) -> str:

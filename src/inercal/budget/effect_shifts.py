@@ -69,7 +69,7 @@ def effect_shifts(experiment: Experiment) -> tuple[Shift, ...]:
 
 
 def _effect_value(stated: Measured | float | None) -> float:
-    """Return the value of a field; an unknown one is no known effect."""
+    """Return the value of a field; an unknown one is not a known effect."""
     if stated is None:
         return 0.0
     return stated.value if isinstance(stated, Measured) else stated

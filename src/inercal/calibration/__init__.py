@@ -258,7 +258,9 @@ class Calibration:
         if frame == self.frame:
             return self
         if frame not in ("triangular", "symmetric"):
-            raise InputError(f"frame {frame!r}; 'triangular' or 'symmetric' can be made of 'mount'")
+            raise InputError(
+                f"frame {frame!r}; 'mount' can be converted to 'triangular' or 'symmetric' only"
+            )
         plain = self.in_form("reference")
         sensor, values, by, turn = convert_frame(
             plain.sensor, plain.values, plain.covariance, frame

@@ -123,7 +123,7 @@ def read_text(path: str | Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValueError:
-        raise InputError(f"{path}: not a calibration file: it is no JSON text") from None
+        raise InputError(f"{path}: not a calibration file: it is not JSON text") from None
 
 
 def parse(text: str, source: str) -> Calibration:
@@ -138,7 +138,7 @@ def parse(text: str, source: str) -> Calibration:
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
-        raise InputError(f"{source}: not a calibration file: it is no JSON text") from None
+        raise InputError(f"{source}: not a calibration file: it is not JSON text") from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
     if fields.get("schema") not in _READABLE_SCHEMAS:
         read = " and ".join(map(repr, _READABLE_SCHEMAS))
@@ -147,7 +147,7 @@ def parse(text: str, source: str) -> Calibration:
     try:
         digest = _hash(fields)
     except ValueError:  # half of a surrogate pair
-        raise InputError(f"{source}: broken calibration file: a text is no Unicode") from None
+        raise InputError(f"{source}: broken calibration file: a text is not Unicode") from None
     if stated != digest:
         raise InputError(
             f"{source}: changed since it was written (its SHA-256 differs); calibrate again or "

@@ -35,7 +35,7 @@ class Validity:
         for name, found in self.ranges.items():
             least, largest = found
             if not (isfinite(least) and isfinite(largest) and least <= largest):
-                raise InputError(f"validity: {name} from {least} to {largest} is no range")
+                raise InputError(f"validity: {name} from {least} to {largest} is not a range")
 
     @property
     def ranges(self) -> dict[str, Range]:

@@ -24,7 +24,7 @@ def positive_number(option: str, given: float | str, otherwise: str = "") -> flo
         As it is written.
     given : float or str
     otherwise : str
-        What else is possible, said where it is no number above 0.
+        What else is possible, said where it is not a number above 0.
 
     Raises
     ------

@@ -171,7 +171,7 @@ def readback_units(run: Source[DataSection]) -> dict[str, float]:
     Raises
     ------
     InputError
-        A unit that is no angular rate or no angle.
+        A unit that is not an angular rate or an angle.
     """
     return {one.name: one.size for one in readbacks(run)}
 

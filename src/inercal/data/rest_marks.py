@@ -45,8 +45,8 @@ def check_rests(
         return check_marked_rests(run, recording, marks)
     if run.data.accept_moving is not None:
         raise InputError(
-            f"{run.path}: [data] accept_moving goes with marks of your own: rests that are found "
-            "are still"
+            f"{run.path}: [data] accept_moving is for marks that you give: detected rests "
+            "do not move"
         )
     return ()
 

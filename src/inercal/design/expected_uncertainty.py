@@ -60,7 +60,7 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
         estimate = experiment.estimate()
     except NotObserved as error:
         raise NotObserved(
-            f"{run.path}: the plan of {len(run.steps)} {rows} leaves open what is asked for: "
+            f"{run.path}: the plan of {len(run.steps)} {rows} does not determine the coefficients: "
             f"{error}",
             error.directions,
         ) from None

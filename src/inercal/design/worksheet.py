@@ -81,7 +81,7 @@ def worksheet_csv(made: Worksheet) -> str:
         if isinstance(column, int):
             raise InputError(
                 f"{made.run.path}: [data] gives column {column} by its number; a worksheet needs "
-                "the names of its columns"
+                "column names"
             )
     text = StringIO()
     lines = csv.writer(text, lineterminator="\n")

@@ -85,7 +85,7 @@ def open_table(address: str, bench: Turntable | None, timeout: float = 1.0) -> R
         where = given.tcp_address(None)
         axes = [AcutrolAxis(*axis) for axis in zip(names, numbers, strict=True)]
         return Acutrol(where, axes, timeout)
-    raise InputError(f"{address!r} is no address of a table; possible: {_TABLES}")
+    raise InputError(f"{address!r} is not an address of a table; possible: {_TABLES}")
 
 
 def allows_second_connection(address: str) -> bool:

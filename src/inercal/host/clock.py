@@ -93,7 +93,7 @@ class SimulatedClock:
         parts = urlsplit(address)
         place = host_and_port(parts)
         if parts.scheme != "clock" or place is None:
-            raise InputError(f"{address!r} is no clock; possible: clock://127.0.0.1:4000")
+            raise InputError(f"{address!r} is not a clock; possible: clock://127.0.0.1:4000")
         self._socket = connect_socket(address, place, _ANSWER_TIMEOUT)
         # The system's own time limit: with that of Python each call asks twice.
         self._socket.settimeout(None)
@@ -163,7 +163,7 @@ class SimulatedClock:
             now, sent, sent_time = line.split()
             return Tick(float(now), int(sent), float(sent_time))
         except ValueError as error:
-            raise LinkLost(f"{self._address}: {line[:40]!r} is no time of a bench") from error
+            raise LinkLost(f"{self._address}: {line[:40]!r} is not a time of a bench") from error
 
 
 Clock = WallClock | SimulatedClock

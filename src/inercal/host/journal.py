@@ -93,7 +93,7 @@ class Journal(Closeable):
     Raises
     ------
     InputError
-        The file cannot be opened, is no journal or one of a newer version.
+        The file cannot be opened, is not a journal or one of a newer version.
     """
 
     def __init__(self, path: str | os.PathLike[str]):
@@ -216,7 +216,7 @@ def _open_database(path: Path) -> sqlite3.Connection:
             (version,) = db.execute("PRAGMA user_version").fetchone()
             if version != _VERSION:
                 raise InputError(
-                    f"{path} is no journal of this version: it says {version}, not {_VERSION}"
+                    f"{path} is not a journal of this version: it says {version}, not {_VERSION}"
                 )
         except BaseException:
             db.close()

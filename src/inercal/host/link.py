@@ -16,7 +16,7 @@ from urllib.parse import SplitResult, parse_qsl, urlsplit
 from inercal.errors import InercalError, InputError, require_extra
 from inercal.host.closeable import Closeable
 
-# What a terminal says that is gone, where a system has them: it is no OSError.
+# What a terminal says that is gone, where a system has them: it is not an OSError.
 if sys.platform == "win32":
     _TERMINAL_ERRORS: tuple[type[Exception], ...] = ()
 else:
@@ -154,7 +154,9 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
         _refuse_unknown_parameters(address, given, ())
         place = host_and_port(parts)
         if place is None or parts.path not in ("", "/"):
-            raise InputError(f"{address!r} is no address of TCP; possible: tcp://192.168.0.5:1025")
+            raise InputError(
+                f"{address!r} is not an address of TCP; possible: tcp://192.168.0.5:1025"
+            )
         return TcpLink(*place, opening)
     if parts.scheme == "serial" and parts.path:
         _refuse_unknown_parameters(address, given, ("baud", "bits", "parity", "stop"))
@@ -166,7 +168,7 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
         stop = _integer_parameter(address, given, "stop", 1, range(1, 3))
         return SerialLink(parts.path, baud, bits, parity, stop)
     raise InputError(
-        f"{address!r} is no address; possible: tcp://HOST:PORT or serial:PATH?baud=115200"
+        f"{address!r} is not an address; possible: tcp://HOST:PORT or serial:PATH?baud=115200"
     )
 
 

@@ -204,7 +204,10 @@ def _require_same_kind(
 ) -> None:
     """Refuse to go on by another time: granted by a simulated bench, or the wall's."""
     if was.clock and not clock and table != was.table:
-        raise InputError(f"{path} was begun on a simulated bench: name the clock beside the table")
+        raise InputError(
+            f"{path} was begun on a simulated bench: give the clock's address "
+            "as well as the table's"
+        )
     if clock and not was.clock:
         raise InputError(f"{path} was begun by the wall's clock: it goes on without {clock}")
 
@@ -217,7 +220,7 @@ def _referenced_files(run_file: Path) -> list[str]:
     for name in files:
         if Path(name).parent != Path():
             raise InputError(
-                f"{run_file}: [method] names {name}: a run takes copies into a folder of its own; "
-                "have it lie beside the run file"
+                f"{run_file}: [method] names {name}: a run copies its files into its own folder; "
+                "put this file into the run file's folder"
             )
     return files

@@ -197,7 +197,7 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
         at = 0
         while head := file.read(_HEAD.size + _CHECK.size):
             if _MAGIC[: len(head)] != head[:2]:
-                what = "is damaged" if at else "is no log of a run"
+                what = "is damaged" if at else "is not a log of a run"
                 raise InputError(f"{path} {what}: byte {at} begins no frame")
             if len(head) < _HEAD.size + _CHECK.size:
                 return

@@ -49,7 +49,7 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
             return table_from_variables(path, variables, wanted)
     except DAMAGED as error:
         raise InputError(
-            f"{path.name} is no HDF5 file or is damaged: {shorten(str(error), 120)}"
+            f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}"
         ) from error
 
 

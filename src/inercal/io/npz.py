@@ -121,14 +121,14 @@ def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
             f"{source}: array {name!r} is damaged or holds objects; save plain numbers"
         ) from error
     if isinstance(array, bytes):  # how NumPy hands out members that are no arrays
-        raise InputError(f"{source}: {name!r} is no array; is it a workbook? Save it as CSV")
+        raise InputError(f"{source}: {name!r} is not an array; is it a workbook? Save it as CSV")
     return array
 
 
 def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArray[Any]:
     """Return a column of numbers as it is, one of text as str."""
     if array.ndim != 1:
-        raise InputError(f"{source}: array {name!r} {array.shape} is no column (n,)")
+        raise InputError(f"{source}: array {name!r} {array.shape} is not a column (n,)")
     if as_text and array.dtype.kind in "iub":
         return array.astype(np.str_)
     if array.dtype.kind not in "fiubU":

@@ -145,13 +145,13 @@ def detect_reader(path: Path) -> Reader:
     Raises
     ------
     InputError
-        It is no regular file, it cannot be opened, or it is compressed.
+        It is not a regular file, it cannot be opened, or it is compressed.
     """
     try:
         if path.is_dir():
             raise InputError(f"{path} is a folder; name a file in it")
         if path.exists() and not path.is_file():
-            raise InputError(f"{path} is no regular file; it is read more than once")
+            raise InputError(f"{path} is not a regular file; it is read more than once")
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
     except OSError as error:
@@ -265,7 +265,7 @@ def _number_block(table: Table, together: tuple[str, ...]) -> Array:
     for column in together:
         table.numbers(column)
     if table.block is None:
-        raise TypeError(f"{table.source}: no block was asked for")
+        raise TypeError(f"{table.source}: no block was requested")
     return table.block
 
 

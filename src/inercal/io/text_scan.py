@@ -1,4 +1,4 @@
-"""A first pass over the raw bytes of a text file: its hash, its lines, and what is no text at all.
+"""A first pass over the raw bytes of a text file: its hash, its lines, and what is not text.
 
 It reads in blocks, so a file that cannot be used costs little time and memory however large.
 """

@@ -167,7 +167,7 @@ def times_from_iso(
         match = _ISO.fullmatch(cell.strip())
         if match is None:
             raise InputError(
-                f"{place}: {shorten(cell)!r} is no ISO 8601 time such as 2026-11-23T03:10:09.123Z"
+                f"{place}: {shorten(cell)!r} is not an ISO 8601 time such as 2026-11-23T03:10:09Z"
             )
         zone = match["zone"] or ""
         if zoned is not None and zoned != bool(zone):
@@ -182,11 +182,11 @@ def times_from_iso(
             try:
                 at = datetime.fromisoformat(minute + zone.upper())
             except ValueError as error:
-                raise InputError(f"{place}: {shorten(cell)!r} is no time: {error}") from None
+                raise InputError(f"{place}: {shorten(cell)!r} is not a time: {error}") from None
             at = at if zone else at.replace(tzinfo=UTC)
             known[minute, zone] = round(at.timestamp())
         if second > 59:
-            raise InputError(f"{place}: {shorten(cell)!r} is no time: seconds run from 0 to 59")
+            raise InputError(f"{place}: {shorten(cell)!r} is not a time: seconds run from 0 to 59")
         fraction = (match["fraction"] or "0").ljust(9, "0")[:9]
         ns[k] = (known[minute, zone] + second) * _NS + int(fraction)
     start = int(ns[0]) if origin is None else origin

@@ -31,7 +31,7 @@ from inercal.io.column_table import (
     select_columns,
 )
 
-# Why a variable is no column.
+# Why a variable is not a column.
 OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
 FUNCTION = "is a function handle, not numbers"
 COMPLEX = "holds complex numbers: save their parts apart"
@@ -74,7 +74,7 @@ class Variable:
     chunk : int
         Samples stored together; as many are read at once.
     refused : str
-        Why it is no column; empty where it is.
+        Why it is not a column; empty where it is.
     """
 
     name: str
@@ -87,16 +87,16 @@ class Variable:
 
     @property
     def refusal_reason(self) -> str:
-        """Why it is no column; empty where it is one or several."""
+        """Why it is not a column; empty where it is one or several."""
         if self.refused:
             return self.refused
         if 0 in self.shape:
             return "is empty"
         if not 1 <= len(self.shape) <= 2:
             return "is a single number" if not self.shape else f"has {len(self.shape)} axes, not 2"
-        return (
-            f"{self.shape} is no table" if min(self.sample_and_column_counts) > MOST_COLUMNS else ""
-        )
+        if min(self.sample_and_column_counts) > MOST_COLUMNS:
+            return f"{self.shape} is not a table"
+        return ""
 
     @property
     def sample_and_column_counts(self) -> tuple[int, int]:

@@ -1,7 +1,7 @@
-"""The problem of readings in known attitudes: each against that of what its axis felt there.
+"""The problem of mean readings: each compared with the motion that the bench states for it.
 
-What the bench makes of its declared parameters is felt; those that are not exact are nuisances
-with their stated deviations.
+The motion is a function of the bench's declared parameters. Parameters with a standard deviation
+are nuisances; the others are exact.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,8 +32,6 @@ class Unknowns(NamedTuple):
 
     Parameters
     ----------
-    p : int
-        How many coefficients the sensor has.
     sensor : Sensor
     estimated : mapping of str to Parameter
         The bench's parameters with a deviation.
@@ -43,11 +41,15 @@ class Unknowns(NamedTuple):
         Names of what is estimated behind the coefficients.
     """
 
-    p: int
     sensor: Sensor
     estimated: Mapping[str, Parameter]
     exact: dict[str, Array]
     nuisances: tuple[str, ...]
+
+    @property
+    def p(self) -> int:
+        """How many coefficients the sensor has."""
+        return len(self.sensor.coefficients)
 
     def bench_values(self, x: Array) -> Mapping[str, Array]:
         """Return the bench's parameters by full name, (...) SI, of parameters x (..., p + k)."""
@@ -264,7 +266,7 @@ def build_problem(
     """
     loose, known = split_parameters(declared)
     forces = forces or {}
-    unknowns = Unknowns(len(sensor.coefficients), sensor, loose, known, (*loose, *forces))
+    unknowns = Unknowns(sensor, loose, known, (*loose, *forces))
     comparison = compare(unknowns)
     first = start_values(unknowns.p, loose)
     # Without forces all trials start from one point, which is then worked out once.

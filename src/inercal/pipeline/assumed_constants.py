@@ -98,7 +98,7 @@ def require_small_assumed_share(
     count : int
     bench : Bench
     solve : callable
-        The estimate on another bench; called where a constant is no parameter of the estimate.
+        The estimate on another bench; called where a constant is not a parameter of the estimate.
 
     Raises
     ------

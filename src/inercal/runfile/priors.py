@@ -23,7 +23,7 @@ def static_prior(path: Path, sensor: Sensor) -> Gaussian:
     known = load(path)
     if known.method == centrifuge_norm.METHOD.name:
         raise InputError(
-            f"{key}: {path.name} was made on a centrifuge; give a calibration made at rest"
+            f"{key}: {path.name} is a calibration on a centrifuge; give a calibration at rest"
         )
     if known.sensor.name != sensor.name:
         raise InputError(
@@ -94,7 +94,7 @@ def prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian
         _require_same_readout(key, path, mine, other)
         index.append(known.sensor.coefficients.index(theirs))
     if len(set(index)) < len(index):
-        raise InputError(f"{key}: one coefficient of {path.name} stands for two")
+        raise InputError(f"{key}: one coefficient of {path.name} gives the values of two")
     return Gaussian(tuple(taken), known.values[index], known.covariance[np.ix_(index, index)])
 
 

@@ -78,6 +78,6 @@ def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
         if one.norm_only_estimators
     )
     raise InputError(
-        f"[sensor] frame {frame!r} is for estimators that see norms alone, {possible}; leave it "
+        f"[sensor] frame {frame!r} is for estimators that use only norms, {possible}; leave it "
         f"out with {estimator} of {chosen.name}"
     )

@@ -155,7 +155,8 @@ def _describe_wrong_value(
     if taken == (bool,):
         return f"{_format_value(value)}; it is true or false"
     if taken in ((int,), (float,)):
-        return f"{_format_value(value)} is no {'whole ' * (taken == (int,))}number"
+        whole = "whole " if taken == (int,) else ""
+        return f"{_format_value(value)} is not a {whole}number"
     return f"{_describe_type(value)}; give {_describe_expected_type(taken, place)}"
 
 

@@ -314,7 +314,7 @@ def _pooled_covariance(
     if freedom.min() < 10 * m:
         raise InputError(
             f"{recording.source or 'recording'}: {int(turns.sum())} turns in {len(dwells)} dwells "
-            f"do not tell the noise of {m} channels; dwell longer"
+            f"are too few to estimate the noise of {m} channels; dwell longer"
         )
     densities = np.stack(scatters) * (seconds / turns)[:, None, None]
     total = np.einsum("de,eij->dij", alike, densities)

@@ -92,7 +92,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
     """
     if recording.data.ndim != 2:
         raise InputError(
-            f"{recording.source}: rests are found in one recording, not in data of shape "
+            f"{recording.source}: rests are detected in one recording, not in data of shape "
             f"{recording.data.shape}"
         )
     found: list[WeightedAxes] = []

@@ -101,8 +101,9 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
             f"{level.quiet:.2g} {level.unit} ({KIND_NAMES[level.kind]})" for level in levels
         )
         raise InputError(
-            f"{recording.source}: rest and motion cannot be told apart: all samples scatter alike, "
-            f"{scatters}, as in one position only; rests in several positions are needed"
+            f"{recording.source}: rest and motion cannot be distinguished: "
+            f"all samples scatter equally, "
+            f"{scatters}; rests in several positions are needed"
         )
     margin, most = (max(round(limit * rate), 1) for limit in MARGIN)
     shortest = max(round(SHORTEST * rate), MIN_SAMPLES)

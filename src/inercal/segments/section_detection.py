@@ -98,7 +98,7 @@ def find_sections(
     Raises
     ------
     InputError
-        Nothing at rest, or the sensor is no triad.
+        Nothing at rest, or the sensor is not a triad.
     """
     found = search_sections(recording, sensor, steps)
     if not found.rests:
@@ -126,14 +126,16 @@ def search_sections(
     Raises
     ------
     InputError
-        A recording too short to judge, or the sensor is no triad.
+        A recording too short to judge, or the sensor is not a triad.
     """
     columns = [recording.channels.index(name) for name in sensor.channels]
     y = sensor.to_si(recording.data[:, columns])
     force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
     rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     if len(force) != 3 or len(rate) not in (0, 3):
-        raise InputError("sections can be found for triads only; mark them in a file or a column")
+        raise InputError(
+            "sections can be detected for triads only; mark them in a file or a column"
+        )
     window = max(round(WINDOW * recording.rate_hz), 4)
     if y.shape[0] < 4 * window:
         raise InputError(

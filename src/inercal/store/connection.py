@@ -26,7 +26,7 @@ _KEEPALIVE_OPTIONS = {
 _LOCK_KEY = 0x696E6572  # "iner": of PostgreSQL's advisory locks the one that writing takes
 _SQLITE_MESSAGES = {  # of what SQLite says
     "unable to open database file": "cannot be opened: is its folder there, and can it be written?",
-    "file is not a database": "is there, but is no SQLite database",
+    "file is not a database": "is there, but is not an SQLite database",
     "database disk image is malformed": "is damaged: restore it from a copy",
     "attempt to write a readonly database": "cannot be written",
     "database is locked": f"another program has held it for {_LOCK_TIMEOUT} s",
@@ -79,7 +79,7 @@ def translate_errors(address: RegisterAddress) -> Generator[None]:
     except SQLAlchemyError as error:
         raise InputError(f"register {address.display_url}: {_error_text(error)}") from None
     except UnicodeEncodeError:
-        raise InputError(f"register {address.display_url}: a text that is no Unicode") from None
+        raise InputError(f"register {address.display_url}: a text that is not Unicode") from None
 
 
 def _error_text(error: SQLAlchemyError) -> str:

@@ -70,7 +70,7 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
     try:
         created = created and to_utc(created)
     except ValueError:
-        raise InputError(f"{name}: {created!r} is no time in ISO 8601") from None
+        raise InputError(f"{name}: {created!r} is not a time in ISO 8601") from None
     return CalibrationDocument(
         name,
         json.dumps(content, ensure_ascii=False),
@@ -91,7 +91,7 @@ def _content_defect(calibration: Calibration, content: dict[str, Any]) -> str:
             return f"{name}: texts by name are expected"
     for text in (content["method"], content["estimator"], content["sensor"]["name"]):
         if not isinstance(text, str):
-            return f"{text!r} is no text"
+            return f"{text!r} is not a text"
     if not calibration.sensor.name.strip():
         return "its sensor has no name"
     variances = np.diag(calibration.covariance)

@@ -169,9 +169,7 @@ def enter_calibration(
     if measured is not None:
         time, source = to_utc(measured), "stated"
     if not time:
-        raise InputError(
-            f"{entered.source}: it does not say when it was made; give --measured DATE"
-        )
+        raise InputError(f"{entered.source}: it has no date of measurement; give --measured DATE")
     values = {
         "sensor_id": sensor_id,
         "bench_id": bench_id,

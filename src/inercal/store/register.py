@@ -40,7 +40,7 @@ class Register:
     Raises
     ------
     InputError
-        Nothing can be opened there, or it is no register, or one of a newer version.
+        Nothing can be opened there, or it is not a register, or one of a newer version.
     """
 
     def __init__(self, address: str | None = None, by: str | None = None):
@@ -161,7 +161,7 @@ class Register:
         Raises
         ------
         InputError
-            The file cannot be used, or `measured` is no time.
+            The file cannot be used, or `measured` is not a time.
         """
         return self.enter_calibrations((source,), measured)[0]
 
@@ -174,7 +174,7 @@ class Register:
                 to_utc(measured)
             except ValueError:
                 raise InputError(
-                    f"{measured!r} is no time; write it in ISO 8601, as 2026-03-01 or "
+                    f"{measured!r} is not a time; write it in ISO 8601, as 2026-03-01 or "
                     "2026-03-01T14:30:00+01:00"
                 ) from None
         made = [make_document(source) for source in sources]

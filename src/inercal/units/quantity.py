@@ -151,7 +151,7 @@ def _plain_quantity(text: object, like: str) -> str:
     if isinstance(text, str) and text.strip():
         return re.sub(r"\+ ?/? ?-", "±", plain_text(text))
     if isinstance(text, bool) or not isinstance(text, (int, float)):
-        raise NotationError(f"is no quantity; write one such as {_example_text(1, like)}")
+        raise NotationError(f"is not a quantity; write one such as {_example_text(1, like)}")
     if not abs(text) <= sys.float_info.max:
         raise NotationError("is not a finite number")
     return repr(float(text))
@@ -175,9 +175,9 @@ def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
     found = _QUANTITY.fullmatch(text.strip())
     if not found or not math.isfinite(float(found[1])):
         if like == "1":
-            raise NotationError("is no finite number, such as '0.5' or '50 %'")
+            raise NotationError("is not a finite number, such as '0.5' or '50 %'")
         raise NotationError(
-            f"is no finite number with its unit, such as {_example_text(0.5, like)}"
+            f"is not a finite number with its unit, such as {_example_text(0.5, like)}"
         )
     return float(found[1]), found[2].strip()
 

@@ -81,7 +81,7 @@ def test_presets_say_what_they_are_and_how_protected(name: str):
         ("100 Hz", "0 Hz", "rate: '0 Hz'; it must be above 0"),
         ('rate = "100 Hz"', "", "[gyro] scale: '°' is an increment and needs the rate"),
         ("1 mg", "1 mm", "[accelerometer] scale: 'mm' is a length; expected an acceleration"),
-        ("1 mg", "mg", "[accelerometer] scale: 'mg' is no number with a unit, such as \"1 µg\""),
+        ("1 mg", "mg", "[accelerometer] scale: 'mg' is not a number with a unit, such as \"1 µg\""),
         ("1 mg", "1/0 mg", "[accelerometer] scale: '1/0 mg' divides by 0"),
         ("1 mg", "0 mg", "[accelerometer] scale: '0 mg' is no size of a step"),
         ("[accelerometer]", "[accelerometers]", "unknown key accelerometers; possible here: about"),
@@ -137,7 +137,7 @@ def test_packets_of_one_stream_have_the_same_readings():
 
 def test_packets_of_one_stream_are_told_apart_by_a_fixed_byte():
     other = '[[frame]]\nlength = 4\npacket = "AA 55 counter:u8 ax:i8"\n'
-    with pytest.raises(InputError, match="no fixed byte tells one packet from another"):
+    with pytest.raises(InputError, match="no fixed byte distinguishes this packet from another"):
         parse_layout(GOOD.replace("[accelerometer]", f"{other}[accelerometer]"), "own.toml")
 
 

@@ -94,17 +94,17 @@ def test_a_choice_becomes_addresses(
         ({"id": "port-9"}, IMU, "no table 'port-9'"),
         ({"id": "/dev/ttyS0"}, IMU, "no table"),
         ({"id": ["port-0"]}, IMU, "id: no text"),
-        ({"address": "motor:serial:/dev/ttyS0"}, IMU, "no table on the network"),
-        ({"address": "unix:/run/x"}, IMU, "no table on the network"),
-        ({"address": "pmac://h:1/../../etc?motors=1"}, IMU, "no table on the network"),
-        ({"address": "pmac://u:p@h:1?motors=1"}, IMU, "no table on the network"),
-        ({"address": "pmac://h:1?motors=1&layout=/etc/passwd"}, IMU, "no table on the network"),
-        ({"address": "pmac://h:1\n?motors=1"}, IMU, "no table on the network"),
-        (TABLE, {"address": "serial:/dev/ttyS0?preset=xsens"}, "no IMU on the network"),
-        (TABLE, {"address": "tcp://h:1?layout=/etc/passwd"}, "preset=NAME and nothing else"),
+        ({"address": "motor:serial:/dev/ttyS0"}, IMU, "not a table on the network"),
+        ({"address": "unix:/run/x"}, IMU, "not a table on the network"),
+        ({"address": "pmac://h:1/../../etc?motors=1"}, IMU, "not a table on the network"),
+        ({"address": "pmac://u:p@h:1?motors=1"}, IMU, "not a table on the network"),
+        ({"address": "pmac://h:1?motors=1&layout=/etc/passwd"}, IMU, "not a table on the network"),
+        ({"address": "pmac://h:1\n?motors=1"}, IMU, "not a table on the network"),
+        (TABLE, {"address": "serial:/dev/ttyS0?preset=xsens"}, "not an IMU on the network"),
+        (TABLE, {"address": "tcp://h:1?layout=/etc/passwd"}, "only preset=NAME is possible"),
         (TABLE, {"address": "tcp://h:1?preset=fixed&layout=own.toml"}, "no preset"),
         (TABLE, {"address": "tcp://h:1?preset=../own.toml"}, "no preset"),
-        (TABLE, {"address": "tcp://h:1/etc"}, "no IMU on the network"),
+        (TABLE, {"address": "tcp://h:1/etc"}, "not an IMU on the network"),
         (TABLE, {"address": "tcp://h:1"}, "say what the IMU sends"),
         (TABLE, {"id": "port-0"}, "say what the IMU sends"),
         (TABLE, {"id": "port-0", "preset": "own.toml"}, "no preset"),
@@ -183,7 +183,7 @@ def test_an_order_comes_through_as_it_was_given():
         '{"folder": "x", "burn": 1}',
         '{"folder": "x", "temperature": 3}',
     ):
-        with pytest.raises(InputError, match="no order"):
+        with pytest.raises(InputError, match="not an order"):
             RunRequest.from_json(line)
 
 

@@ -413,7 +413,7 @@ def test_the_devices_of_a_run_without_this_page_are_not_asked(served: Served):
     with RunLog(begun_elsewhere(served) / LOG):
         said = served.ask("/api/probe", "POST", PROBE, cookies)
         assert said.status == 409
-        assert said.json["words"].startswith("the run other goes on, without this page")
+        assert said.json["words"].startswith("the run other continues without this page")
     assert served.ask("/api/probe", "POST", PROBE, cookies).status == 200
 
 
@@ -434,7 +434,7 @@ def test_no_run_begins_while_the_devices_are_asked(
     try:
         assert asked.wait(PATIENCE)
         mine.say("start", plan="demo", sensor=None, **SIMULATED)
-        assert "the devices are being asked" in mine.until("refused")["words"]
+        assert "the devices are being probed" in mine.until("refused")["words"]
         assert served.ask("/api/probe", "POST", PROBE, cookies).status == 409
     finally:
         answer.set()

@@ -108,7 +108,7 @@ def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     rates = said["arm_rate"]
     size, unit = units["arm_rate"], run.data.arm_rate_unit
     if unit[:1].isdigit():
-        size, unit = pi / 30, "rpm"  # the size of one step is no name of a unit
+        size, unit = pi / 30, "rpm"  # the size of one step is not a name of a unit
     if wanted.label is None:
         names = [f"row {k}" for k in range(1, len(rates) + 1)]
     else:

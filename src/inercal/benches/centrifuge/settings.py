@@ -70,7 +70,7 @@ def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
     latitude = None
     if section.latitude is not None:
         latitude = section_constant(section, "latitude", "°")
-        earth_rate_up_north(latitude.value)  # refuses what is no latitude
+        earth_rate_up_north(latitude.value)  # refuses what is not a latitude
     return build_bench(
         Centrifuge,
         section,

@@ -75,8 +75,8 @@ def require_phases(
             )
         k = int(np.argmax(off))
         raise InputError(
-            f"{where}: {given[k]} reads most at {most[k]:.0f}°, where {'AB'[k]} reads most at "
-            f"{(90, 0)[k]}°: the head counts the other way, or {given[k]} is mounted otherwise"
+            f"{where}: the largest reading of {given[k]} is at {most[k]:.0f}°, that of {'AB'[k]} "
+            f"at {(90, 0)[k]}°: the head counts the other way, or {given[k]} is mounted otherwise"
         )
     swing = np.hypot(sine, cosine) / G0
     if not ((swing > _SWING[0]) & (swing < _SWING[1])).all():

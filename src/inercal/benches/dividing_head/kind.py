@@ -21,7 +21,7 @@ def _sensor(
             f'such as ["a", "b"]; there are {len(columns)}: {", ".join(map(str, columns))}'
         )
     if gyro is not None:
-        raise InputError("[sensor.gyro]: a dividing head stands still; leave it out")
+        raise InputError("[sensor.gyro]: a dividing head is at rest during a reading; leave it out")
     return mounted_sensor(name, "ab"[: len(columns)], *accelerometer)
 
 

@@ -56,7 +56,9 @@ def observe(run: Source[DividingHeadData]) -> EstimatorInput:
     """
     bench: DividingHead = run.bench
     if run.data.seconds is not None:
-        raise InputError(f"{run.path}: [data] seconds: a dividing head stands still; leave it out")
+        raise InputError(
+            f"{run.path}: [data] seconds: a dividing head is at rest during a reading; leave it out"
+        )
     require_own_columns(run)
     made = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in made.steps if isinstance(step, Index)]

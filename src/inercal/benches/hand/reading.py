@@ -155,7 +155,8 @@ def _planned_sections(
         marks, missing = found.marks, found.findings
         if not marks:
             raise InputError(
-                f"{recording.source}: no rest fits a position of the plan, {', '.join(labels)}: "
+                f"{recording.source}: no rest agrees with a position of the plan, "
+                f"{', '.join(labels)}: "
                 f"{found.words}"
             )
     else:

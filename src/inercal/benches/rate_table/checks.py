@@ -136,8 +136,8 @@ def require_rates(
     read, made = norms(1.0)
     worst = int(np.argmax(np.abs(read / made - 1) * turning))
     raise InputError(
-        f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s² where "
-        f"radius and rate make {made[worst]:.4g}; look at arm_rate_unit, [bench] radius and the "
+        f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s² but "
+        f"radius and rate give {made[worst]:.4g}; check arm_rate_unit, [bench] radius and the "
         "scale in [sensor.accelerometer]"
     )
 
@@ -151,7 +151,7 @@ def require_axes(
     made, read = _nominal_force(bench, steps), observations.mean
     model = _fit_triad(read, made)
     if model is not None:
-        # Its bias is no sign of a wrong axis: what remains is how its axes stand.
+        # Its bias is not a sign of a wrong axis: what remains is how its axes stand.
         read = read - model.inverse.offset
     fits = {
         (order, signs): float(np.sum((read[:, order] * np.array(signs) - made) ** 2))

@@ -116,7 +116,7 @@ def reduce_recording(run: Source[RateTableData], recording: Recording) -> Estima
     Raises
     ------
     InputError
-        No dwell, too few turns, or a label that is no mounting.
+        No dwell, too few turns, or a label that is not a mounting.
     """
     size = readback_units(run)["arm_rate"]
     recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})

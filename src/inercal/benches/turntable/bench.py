@@ -99,7 +99,7 @@ class Turntable:
             )
         if not (isfinite(self.gravity.value) and self.gravity.value > 0):
             raise InputError(f"turntable: gravity is {self.gravity.value} m/s²; give it > 0")
-        earth_rate_up_north(self.latitude)  # refuses what is no latitude
+        earth_rate_up_north(self.latitude)  # refuses what is not a latitude
         if len(self.limits) not in (1, k):
             raise InputError(f"turntable: {len(self.limits)} limits; give one for all or {k}")
         if len(self.lever) != len("xyz"):

@@ -194,7 +194,7 @@ class Acutrol(Closeable):
 
 def _number(text: str) -> float:
     if not _NUMBER.fullmatch(text.strip()):
-        raise ProtocolError(f"{text[:40]!r} is no number of an ACUTROL")
+        raise ProtocolError(f"{text[:40]!r} is not a number of an ACUTROL")
     return float(text)
 
 

@@ -124,5 +124,5 @@ class Motor(Closeable):
     def _query_number(self, line: str) -> float:
         said = self._send(line)
         if not _NUMBER.fullmatch(said):
-            raise ProtocolError(f"{said[:40]!r} is no number in answer to {line!r}")
+            raise ProtocolError(f"{said[:40]!r} is not a number in answer to {line!r}")
         return float(said)

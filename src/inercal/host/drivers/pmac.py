@@ -10,7 +10,8 @@ same number twice says that all belong to that cycle; otherwise `TableState.span
 passed. It wraps after 2 h at 2.26 kHz (`Pmac.wraps`), which readings count on: a table must be read
 more often than that for its time to be right. Nothing checks the digits on the line, and one that
 is wrong must not count a turn: where both numbers are further apart than a reply may take, or the
-first goes back by no more than that, it is no reading. What goes back further, in both, began anew.
+first goes back by no more than that, it is not a reading. What goes back further, in both,
+began anew.
 
 **Limits.** Rates are held to Ixx16 and accelerations to Ixx17, which nothing here writes: Ixx19 and
 Ixx22, those of jogs, are what a motion is commanded by, and would hold the next one back. Soft
@@ -99,7 +100,7 @@ class Pmac(Closeable):
         try:
             self.period = codec.parse_number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
             if self.period <= 0:
-                raise ProtocolError(f"{address}: I10 says that the servo clock stands still")
+                raise ProtocolError(f"{address}: I10 reports that the servo clock is stopped")
             self.wrap_period = _CYCLES * self.period
             self.limits = tuple(self._read_limits(a) for a in self._axes)
         except BaseException:

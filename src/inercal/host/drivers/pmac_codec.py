@@ -115,7 +115,7 @@ def response_request(line: str) -> bytes:
         data = b""
     if not 0 < len(data) <= _MAX_LINE_SIZE or min(data) < 0x20:
         raise InputError(
-            f"{line!r} is no command line: 1 to {_MAX_LINE_SIZE} printable ASCII characters"
+            f"{line!r} is not a command line: 1 to {_MAX_LINE_SIZE} printable ASCII characters"
         )
     return pack(">BBHHH", _DOWNLOAD, _GETRESPONSE, 0, 0, len(data)) + data
 
@@ -173,7 +173,7 @@ class ReplyReader:
             self._end = found.start() if found else None
             junk = _JUNK.search(self._data, seen, found.start() if found else len(self._data))
             if junk:
-                raise ProtocolError(f"reply to {self._line!r}: byte {junk[0].hex()} is no text")
+                raise ProtocolError(f"reply to {self._line!r}: byte {junk[0].hex()} is not a text")
         if self._end is None:
             if len(self._data) > _MAX_REPLY_SIZE:
                 raise ProtocolError(
@@ -199,7 +199,7 @@ class ReplyReader:
         match = _REFUSAL.fullmatch(rest + b"\x07ERR000\r"[len(rest) :])
         if match is None:
             raise ProtocolError(
-                f"reply to {self._line!r}: {rest[:20]!r}; errors are told as ERRnnn where I6 is 1"
+                f"reply to {self._line!r}: {rest[:20]!r}; errors are reported as ERRnnn if I6 is 1"
             )
         if len(rest) == match.end():
             code = int(match[2])
@@ -216,7 +216,7 @@ def parse_number(text: str) -> float:
         return float(text)
     match = _NUMBER.fullmatch(text)
     if match is None:
-        raise ProtocolError(f"{text[:40]!r} is no number of a PMAC")
+        raise ProtocolError(f"{text[:40]!r} is not a number of a PMAC")
     size = float(int(match[2][1:], 16)) if match[2][0] == "$" else float(match[2])
     return -size if match[1] == "-" else size
 
@@ -227,7 +227,7 @@ def parse_word(text: str, digits: int) -> int:
     Raises `ProtocolError` for any other text.
     """
     if not _WORDS[digits].fullmatch(text):
-        raise ProtocolError(f"{text[:40]!r} is no word of {digits} hexadecimal digits")
+        raise ProtocolError(f"{text[:40]!r} is not a word of {digits} hexadecimal digits")
     return int(text, 16)
 
 
@@ -236,7 +236,7 @@ def parse_word(text: str, digits: int) -> int:
 def parse_status(text: str) -> MotorStatus:
     """Return the status of a motor from the 12 digits that answer `#n?`: two words of 24 bits."""
     if len(text.strip()) != 12:
-        raise ProtocolError(f"{text[:40]!r} is no status of 12 hexadecimal digits")
+        raise ProtocolError(f"{text[:40]!r} is not a status of 12 hexadecimal digits")
     both = parse_word(text, 12)
     first, second = both >> 24, both & 0xFFFFFF
     activated = bool(first >> 23 & 1)

@@ -2,7 +2,8 @@
 
 A reply is read to its ACK. Where it does not come whole in time, or what comes is no reply, the
 controller is told to forget it, the connection is given up and a new one opened: bytes under way
-to the old one can no longer arrive. The question is not repeated, as it may have been carried out.
+to the old one can no longer arrive. The question is not repeated, as the command may have been
+executed.
 """
 
 from collections.abc import Callable
@@ -73,7 +74,7 @@ class PmacDialogue(Closeable):
             if not read_until(link, take, self._timeout, codec.CHUNK_SIZE):
                 raise ProtocolError(
                     f"{self.address}: no whole reply to {line!r} within {self._timeout:g} s "
-                    f"({reader.size} bytes came); it may have been carried out"
+                    f"({reader.size} bytes came); the command may have been executed"
                 )
             if len(lines) != replies:
                 raise ProtocolError(

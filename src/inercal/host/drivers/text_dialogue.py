@@ -45,7 +45,7 @@ class TextDialogue(Closeable):
         Raises
         ------
         ProtocolError
-            No whole reply in time, or one that is no text: nothing of it is used, and the link is
+            No whole reply in time, or a reply that is not text: it is not used, and the link is
             a new one. The command may have been carried out.
         LinkLost
             The link is lost and cannot be opened anew; the next call tries again.
@@ -66,7 +66,7 @@ class TextDialogue(Closeable):
             if not read_until(link, whole, self._timeout):
                 raise ProtocolError(
                     f"{self.address}: no whole reply to {line!r} within {self._timeout:g} s "
-                    f"({len(came)} bytes came); it may have been carried out"
+                    f"({len(came)} bytes came); the command may have been executed"
                 )
             text, behind = came.split(self._ending, 1)
             if behind or not text.isascii():

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-_MAX_STEP = 2.0**62  # a longer step is no step
+_MAX_STEP = 2.0**62  # a longer step is not a step
 
 
 class Flag(IntFlag):

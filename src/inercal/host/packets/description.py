@@ -179,7 +179,7 @@ def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine
     if not frames:
         raise InputError("[[frame]] is missing")
     if any(not _distinguishable(*pair) for pair in combinations(frames, 2)):
-        raise InputError("[frame] packet: no fixed byte tells one packet from another")
+        raise InputError("[frame] packet: no fixed byte distinguishes this packet from another")
     for frame in frames[1:]:
         differ = {f[:3] for f in frame.fields} ^ {f[:3] for f in frames[0].fields}
         roles = {role for role, _, _ in differ} - {"temperature", "status"}
@@ -240,7 +240,9 @@ def _parse_scale(text: str, example: str) -> tuple[float, str]:
     found = _SCALE.fullmatch(text.strip())
     terms = [term.strip() for term in found[1].split("/")] if found else []
     if found is None or not all(_TERM.fullmatch(term) for term in terms):
-        raise InputError(f'{text!r} is no number with a unit, such as "{example}" or "2^-33 rad"')
+        raise InputError(
+            f'{text!r} is not a number with a unit, such as "{example}" or "2^-33 rad"'
+        )
     powers = [2.0 ** int(t[2:]) if t.startswith("2^") else float(t) for t in terms]
     first, *others = powers
     if not all(others):

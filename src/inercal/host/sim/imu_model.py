@@ -104,7 +104,7 @@ class SimulatedImu:
     Raises
     ------
     InputError
-        A sensor that is no IMU of three accelerometers and three gyros.
+        A sensor that is not an IMU of three accelerometers and three gyros.
     """
 
     def __init__(self, run: Run, drawn: SimulatedErrors, rate_hz: float, seconds: float):

@@ -85,7 +85,7 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
     Raises
     ------
     InputError
-        The bench is no turntable, or a latency is longer than the table's memory.
+        The bench is not a turntable, or a latency is longer than the table's memory.
     """
     bench = require_turntable(run)
     rng = np.random.default_rng(seed)

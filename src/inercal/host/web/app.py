@@ -106,7 +106,8 @@ class Page:
             self._refusals(who, "probe: no JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
         if self._hub.probe_lock.locked():
-            return JSONResponse({"words": "the devices are being asked"}, 409)
+            words = "the devices are being probed: try again when the probe has ended"
+            return JSONResponse({"words": words}, 409)
         async with self._hub.probe_lock:
             try:
                 await self._hub.require_no_active_run()

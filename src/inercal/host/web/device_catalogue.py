@@ -94,7 +94,7 @@ class DeviceCatalogue:
         if (address := _text_value(of, "address")) is not None:
             if not _TABLE.fullmatch(address):
                 raise InputError(
-                    f"{address!r} is no table on the network; possible: "
+                    f"{address!r} is not a table on the network; possible: "
                     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://HOST:PORT?axes=1,2,3 "
                     "or motor:tcp://HOST:PORT"
                 )
@@ -117,11 +117,11 @@ class DeviceCatalogue:
             link, _, query = given.partition("?")
             if not _IMU.fullmatch(link):
                 raise InputError(
-                    f"{given!r} is no IMU on the network; possible: tcp://HOST:PORT?preset=NAME"
+                    f"{given!r} is not an IMU on the network; possible: tcp://HOST:PORT?preset=NAME"
                 )
             key, _, named = query.partition("=")
             if query and key != "preset":
-                raise InputError(f"{given!r}: behind the ? stands preset=NAME and nothing else")
+                raise InputError(f"{given!r}: after the ? only preset=NAME is possible")
             preset = _preset_name({"preset": named} if query else of)
         if preset is None:
             if preset_needed:

@@ -169,7 +169,7 @@ class Hub:
         if self.run_process is not None:
             raise InputError("a run goes on")
         if name := next((n for n, one in runs.items() if one.state == "running"), None):
-            raise InputError(f"the run {name} goes on, without this page: stop it, or wait")
+            raise InputError(f"the run {name} continues without this page: stop it, or wait")
         return runs
 
     async def wait_until_idle(self, patience: float | None = None) -> None:
@@ -222,7 +222,7 @@ class Hub:
             await self.wait_until_idle(_EXIT_TIMEOUT)
         runs = await self.require_no_active_run()
         if self.probe_lock.locked():
-            raise InputError("the devices are being asked: start when they have answered")
+            raise InputError("the devices are being probed: start when the probe has ended")
         return runs
 
     def _run_request(

@@ -67,7 +67,7 @@ class Plans:
 
 
 def _read_plan(name: str, path: Path) -> Plan | None:
-    """Return what a file is as a plan; None for one that is no run file at all."""
+    """Return what a file is as a plan; None for one that is not a run file at all."""
     summary: dict[str, Any] = {
         "id": name, "file": path.name, "sensor": "", "steps": 0, "seconds": 0.0, "method": "",
         "trouble": "",

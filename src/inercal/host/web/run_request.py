@@ -74,7 +74,7 @@ class RunRequest:
         Raises
         ------
         InputError
-            It is no order.
+            It is not an order.
         """
         try:
             made = cls(**json.loads(line))
@@ -83,7 +83,7 @@ class RunRequest:
             low, high = made.temperature  # JSON has lists alone
             return replace(made, temperature=(low, high))
         except (TypeError, ValueError):
-            raise InputError(f"{line[:80]!r} is no order for a run") from None
+            raise InputError(f"{line[:80]!r} is not an order for a run") from None
 
     @property
     def name(self) -> str:

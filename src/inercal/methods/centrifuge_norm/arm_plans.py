@@ -53,7 +53,7 @@ def plan(
     if attitudes not in ATTITUDES:
         raise InputError(f"attitudes {attitudes!r}; there are {', '.join(ATTITUDES)}")
     if not rates or not all(rates):
-        raise InputError("rates: at least one, and none of zero, which is no dwell on the arm")
+        raise InputError("rates: at least one, and none of zero, which is not a dwell on the arm")
     return tuple(
         Spin(f"p{k:02d}_r{j}", rate, 2 * pi * turns / abs(rate), attitude)
         for j, rate in enumerate(rates, start=1)

@@ -119,7 +119,7 @@ def regression_singular_values(sensor: Sensor, y: Array, name: str) -> Array:
         large = np.flatnonzero(np.abs(vector) > 0.3 * np.abs(vector).max()).tolist()
         words = ", ".join(powers[k] for k in large)
         raise NotObserved(
-            f"estimator {name}: these dwells do not tell {words} apart (rank "
+            f"estimator {name}: these dwells do not separate {words} (rank "
             f"{int(np.sum(singular > 1e-10 * singular[0]))} of {scaled.shape[1]}); add a rate, or "
             "attitudes all round the circle",
             (words,),

@@ -22,7 +22,7 @@ def require_gauge(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
     """Refuse rotations of the triad: no norm sees them.
 
     In the reference form they show through the nonlinear terms alone, which bend along other axes;
-    that is no measurement of an angle, and it is not taken for one.
+    that is not a measurement of an angle, and it is not taken for one.
 
     Raises
     ------

@@ -131,8 +131,8 @@ def screen_rows(
     bad: list[int] = found.outlier_rows.tolist()
     if found.inconsistent:
         raise InputError(
-            f"the rows agree with no norm ({len(bad)} of {len(steps)} stand out, the others "
-            f"scatter {noise:.3g} times as much as stated): look at the rates, the radius and the "
+            f"the rows agree with no norm ({len(bad)} of {len(steps)} are outliers, the noise of "
+            f"the others is {noise:.3g} times the stated): check the rates, the radius and the "
             "nominal scale before single rows"
         )
 

@@ -11,7 +11,7 @@ rotation that the sensor's whole model finds behind both readings, ‖f̂‖ = g
 compensated to α and β this is α² + β² + 2αβ sin δ = cos² δ, free of the angle to all orders.
 
 The exact form is not blind to the three combinations to all orders: they show through products of
-errors. That is no measurement of them, and it is not taken for one: what is observed is judged at
+errors. That is not a measurement of them and is not taken for one: what is observed is judged at
 the nominal sensor.
 
 Source: CN101852817A (Harbin Institute of Technology, 2010), step 3, rebuilt from the physics.

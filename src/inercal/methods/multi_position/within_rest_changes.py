@@ -1,6 +1,6 @@
 """What the accelerometers change by within a rest, beyond the tilt that the gyros see.
 
-A hand sways, and a tilt across gravity is no fault. With Δf̂ the change of f̂ from the first half of
+A hand sways: a tilt across gravity is not a fault. With Δf̂ the change of f̂ from the first half of
 a rest to the second and θ what the corrected rate turns through between their mean attitudes
 (`inercal.segments.rest_changes`), three rows for each rest are
 

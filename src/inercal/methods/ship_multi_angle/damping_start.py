@@ -50,7 +50,8 @@ def starting_point(
     if sensor.frame == "symmetric":
         if priors:
             raise InputError(
-                f"damped takes no priors beside [sensor] frame {sensor.frame!r}: norms and the "
+                f"damped takes no priors together with [sensor] frame {sensor.frame!r}: "
+                "norms and the "
                 "frame decide all"
             )
         if not _nominal_free_directions(sensor, bench, steps, groups).unobserved:

@@ -58,7 +58,7 @@ class AttitudeSettings(NamedTuple):
     timing_states: (
         Indices  # (3,), where latency, clock and azimuth stand among the states; -1 is not there
     )
-    delay: float  # s, latency where it is no state
+    delay: float  # s, latency where it is not a state
     feedback: bool  # whether what is found is fed back
     azimuth: float  # rad, that the model's earth rate is of
 

@@ -54,7 +54,7 @@ class EquationCheck:
 
 
 def norm_of_sum() -> EquationCheck:
-    """(4): the norm of a sum at right angles is no sum of norms."""
+    """(4): the norm of a sum at right angles is not a sum of norms."""
     a = RATES[0] ** 2 / G
     true = float(np.linalg.norm(dwell_force(steps())[0]))
     return EquationCheck("(4)", "|g + A| = g + A, at ω₁", "g", 1 + a, float(np.hypot(a, 1)), true,

@@ -165,7 +165,9 @@ def _gyro_readings(run: Source[TurntableData], recording: Recording) -> Array:
     """Return the gyros' readings, (n, 3) rad/s."""
     gyros = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "w"]
     if len(gyros) != len("xyz"):
-        raise InputError("its clock is found by three gyros, which the sensor lacks")
+        raise InputError(
+            "its clock offset is estimated from three gyros, which the sensor does not have"
+        )
     places = [recording.channels.index(name) for name in run.sensor.channels]
     return run.sensor.to_si(recording.data[:, places])[:, gyros]
 

@@ -137,8 +137,8 @@ def align_readback(
     table, gyros = table_rates(bench, table_time, angles), gyro_rates(time, rates)
     if (near := _search(table, gyros)) is None:
         raise ClockMismatch(
-            "the readback's clock: by the readback the table never turned, and nothing tells an "
-            "offset; look at its columns and unit",
+            "the readback's clock offset cannot be estimated: the table never turns in the "
+            "readback; check its columns and unit",
             _interpolate_angles(table_time, angles, time),
         )
     refined = _refine_alignment(table, gyros, near)

@@ -103,8 +103,8 @@ def _require_motion(where: str, track: Track, made: BlockMeans) -> None:
     fastest = float(np.percentile(_rate_beyond_bias(made), 99)) if gyros.size else 0.0
     if fastest > _TURNS:
         raise InputError(
-            f"{where}: the readback stands still while the gyros turn at {degrees(fastest):.3g} "
-            "°/s: look at the readback's columns and unit"
+            f"{where}: the readback does not change while the gyros measure {degrees(fastest):.3g} "
+            "°/s: check the readback's columns and unit"
         )
     raise InputError(
         f"{where}: the table never moved, by its readback; a calibration takes holds in several "
@@ -162,9 +162,9 @@ def _require_rate_ratio(
     if len(off) < len(by) or not alike:
         told = ", ".join(f"{columns.readback[k]} {times:.3g}" for k, times in by.items())
         raise InputError(
-            f"{where}: while one axis of the table turns the gyros read so many times what its "
-            f"readback implies: {told}; look at the unit of each column of the readback, and at "
-            "the gyros' scales"
+            f"{where}: while one axis of the table turns, the gyros measure these multiples of the "
+            f"readback's rate: {told}; check the unit of each readback column and the gyros' "
+            "scales"
         )
 
     def falls(size: float) -> bool:
@@ -245,9 +245,9 @@ def _require_axes(
         factors = zip(names, m.factors().tolist(), strict=True)
         told.append(f"[data] {named}: " + ", ".join(f"{n} {x:.3g}" for n, x in factors))
     raise InputError(
-        f"{where}: readings and readback do not agree in any order or sign of their columns; they "
-        f"change so many times as much as they should: {'; '.join(told)}; look at columns, scales "
-        "and the zero of the table's angles"
+        f"{where}: readings and readback do not agree in any order or sign of their columns; "
+        f"their changes are these multiples of the expected ones: {'; '.join(told)}; check the "
+        "columns, the scales and the zero of the table's angles"
     )
 
 

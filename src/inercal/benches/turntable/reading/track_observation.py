@@ -192,8 +192,8 @@ def _require_track(run: Source[TurntableData]) -> None:
     if run.data.seconds is not None or run.data.marks != "found":
         key = "marks" if run.data.seconds is None else "seconds"
         raise InputError(
-            f"{run.path}: [data] {key}: holds of a turntable are found by its readback; leave it "
-            "out"
+            f"{run.path}: [data] {key}: holds of a turntable are detected in its readback; leave "
+            "it out"
         )
 
 

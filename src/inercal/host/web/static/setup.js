@@ -83,7 +83,7 @@ export function makeSetup(people) {
     if (!all.length) plans.append(make("p", {}, "There is no plan in the folder of plans."));
   }
 
-  /** The simulated bench is both: a table without its IMU, or the other way round, is no bench. */
+  /** The simulated bench is both: a table without its IMU, or the other way round, is not a bench. */
   function couple(changed) {
     const [mine, other] = changed === table ? [table, imu] : changed === imu ? [imu, table] : [];
     if (!mine || (mine.value === "simulated") === (other.value === "simulated")) return;

@@ -15,7 +15,7 @@ from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.plan import Spin
 from inercal.runfile import Run, read
 
-FOLDER = Path(__file__).parents[1] / "examples" / "rate_table"
+FOLDER = Path(__file__).parents[2] / "examples" / "rate_table"
 
 
 def write_states_table(folder: Path) -> tuple[Run, Outcome, Path]:

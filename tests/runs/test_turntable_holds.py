@@ -17,7 +17,7 @@ from inercal.pipeline import apply_data_columns, calibrate, load_recording, simu
 from inercal.recording import Recording, Track
 from inercal.runfile import Run, read
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "turntable"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "turntable"
 
 
 def copy_run(folder: Path, *changes: tuple[str, str]) -> Run:

@@ -22,7 +22,7 @@ from inercal.recording import Recording, Track
 from inercal.report import write_report
 from inercal.runfile import Run, read
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "turntable"
 FILE = ('file = "mimu.csv"', 'file = "mimu.npz"')
 Change = tuple[str, str]

@@ -14,7 +14,7 @@ from inercal.pipeline import apply, apply_data_columns, calibrate, simulate
 from inercal.report.report_tables import coefficients
 from inercal.runfile import Run, read
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "rate_table" / "ship_recording.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_table" / "ship_recording.toml"
 EXACT = (
     ('"9.7936 m/s² ± 0.5 mm/s²"', '"9.7936 m/s² ± 0"'),
     ('"250 mm ± 0.3 mm"', '"250 mm ± 0"'),

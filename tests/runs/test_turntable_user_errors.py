@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.test_turntable_runs import Change, copy_run, path_with_labels, refused
+from tests.runs.test_turntable_runs import Change, copy_run, path_with_labels, refused
 
 from inercal.errors import InputError
 from inercal.io.write import write_recording

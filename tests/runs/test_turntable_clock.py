@@ -133,7 +133,7 @@ def test_a_table_that_never_turned_has_no_offset():
     made = draw_dense_recording("slow", SEEDS[0])
     time = made.time[: int(20 * DENSE * HZ) : DENSE]
     rates = made.rates[0, : int(20 * DENSE * HZ) : DENSE]
-    with pytest.raises(InputError, match="never turned"):
+    with pytest.raises(InputError, match="the table never turns"):
         align_readback(BENCH, time, rates, time, np.zeros((time.size, 3)))
 
 

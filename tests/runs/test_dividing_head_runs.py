@@ -25,7 +25,7 @@ from inercal.segments import observe
 from inercal.sensors import G0, triad
 
 Array = NDArray[np.float64]
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SCALE = {"k0": G0, "k1": 1.0, "delta": 1.0, "k2": 1 / G0, "k3": 1 / G0**2, "kip": 1 / G0}
 NOISE = 0.2e-6  # g
 RUN = """
@@ -278,7 +278,7 @@ def test_k3_comes_from_a_centrifuge_with_its_covariance(tmp_path: Path):
         ("az.k3", "aw.k3", r"no 'aw.k3'; arm.calibration.json knows ax.k0"),
         ('"b.k3"', '"c.k3"', r"no 'c.k3'; the method finds a.k0"),
         ("az.k3", "az.k0", "not of one kind"),
-        ("az.k3", "ax.k3", "stands for two"),
+        ("az.k3", "ax.k3", "gives the values of two"),
     ):
         with pytest.raises(InputError, match=words):
             read(run_file(tmp_path, more=more.replace(old, new)))
@@ -306,7 +306,7 @@ def test_a_and_b_swapped_are_found_by_their_phase(tmp_path: Path):
 def test_a_head_that_counts_the_other_way_is_found(tmp_path: Path):
     table = Table()
     table.columns["angle"] = -table.columns["angle"]
-    refused(table.write(tmp_path), "A reads most at 270°, where A reads most at 90°: the head")
+    refused(table.write(tmp_path), "largest reading of A is at 270°, that of A at 90°: the head")
 
 
 def test_a_wrong_unit_is_found(tmp_path: Path):
@@ -399,7 +399,7 @@ def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Pa
         ('angle = "angle"\n', "", r"\[data\] angle is missing: name the column of the head's"),
         ('angle = "angle"', 'angle = "angle"\narm_rate = "r"', "arm_rate goes with .*centrifuge"),
         ('angle = "angle"', 'angle = "angle"\nangle_unit = "V"', "angle_unit"),
-        ('angle = "angle"', 'angle = "angle"\nseconds = "s"', "a dividing head stands still"),
+        ('angle = "angle"', 'angle = "angle"\nseconds = "s"', "is at rest during a reading"),
         ('division = "1.643 ″"', 'division = "-1 ″"', "division: '-1 ″' must not be negative"),
         ('base = "5 ″"', 'base = "5 °"', "more than a bench can lean"),
         ('"1.643 ″"]', '"-1.6 ″"]', "give each from 0 to 1°"),
@@ -409,7 +409,7 @@ def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Pa
         ('"pairs"', '"none"\npolygon = "p.csv"', "reads no face"),
         ('name = "pair"', 'name = "pair"\nform = "reference"', "state form = \"tilted\""),
         ('name = "dual_orthogonal"', 'name = "six_position"', "takes 'hand', not 'dividing_head'"),
-        ('[bench]', '[sensor.gyro]\nunit = "°/s"\n\n[bench]', "a dividing head stands still"),
+        ('[bench]', '[sensor.gyro]\nunit = "°/s"\n\n[bench]', "is at rest during a reading"),
         ('kind = "dividing_head"', 'kind = "dividing_head"\nradius = "1 m"', "unknown key bench"),
         ("sd.accelerometer", "# sd.accelerometer", r"\[data.sd\] accelerometer is missing"),
     ],

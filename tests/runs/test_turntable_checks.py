@@ -160,7 +160,7 @@ def test_factors_of_two_are_reported_with_their_device(path: str):
         assert "[data] accelerometer: at rest the readings' norm" in said
     said = check_message(replace(track, reading=track.reading * np.array([1, 1, 1, 1, 1, 2])))
     # All turns of "discrete" are about the vertical: only there does no axis turn gz alone.
-    name = ", gz " if path == "discrete" else "implies: outer "
+    name = ", gz " if path == "discrete" else "rate: outer "
     assert number_after(name, said) == pytest.approx(2, rel=0.03)
     said = check_message(replace(track, reading=track.reading * np.array([2, 1, 1, 1, 1, 1])))
     assert number_after("[data] accelerometer: ax ", said) == pytest.approx(2, rel=0.03)
@@ -182,7 +182,7 @@ def test_accelerometers_in_g_are_named():
 def test_a_table_that_never_moved_and_a_frozen_readback_differ():
     track = draw_first_device("paper")
     frozen = replace(track, angles=np.zeros_like(track.angles))
-    assert "stands still while the gyros turn" in check_message(frozen)
+    assert "the readback does not change while the gyros measure" in check_message(frozen)
     assert "never moved" in check_message(track.slice(0, int(100 * HZ)))
 
 

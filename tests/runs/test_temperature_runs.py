@@ -15,7 +15,7 @@ from inercal.pipeline import Outcome, apply, calibrate
 from inercal.runfile import read
 
 Array = NDArray[np.float64]
-EXAMPLE = Path(__file__).parents[1] / "examples" / "six_position"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "six_position"
 # What made soaks.csv, and its tilts of 0.1°: µg, ppm, µg/K, ppm/K.
 TRUTH = {
     "k0": (4200, -8100, 11600), "k1": (1200, -2200, 3400),

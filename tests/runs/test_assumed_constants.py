@@ -16,7 +16,7 @@ from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate
 from inercal.runfile import read
 
 GRAVITY = 'gravity = "9.81 m/s² ± 0.2 mm/s²"'
-CENTRIFUGE = Path(__file__).parents[1] / "examples" / "centrifuge"
+CENTRIFUGE = Path(__file__).parents[2] / "examples" / "centrifuge"
 
 
 def calibrate_with_gravity(folder: Path, gravity: str, *changes: tuple[str, str]) -> Outcome:

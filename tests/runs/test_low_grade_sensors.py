@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.low_grade_cases import LowGradeCase, case_makers, rate_table_case
+from tests.runs.low_grade_cases import LowGradeCase, case_makers, rate_table_case
 
 from inercal.errors import InputError
 from inercal.pipeline import calibrate
@@ -90,5 +90,5 @@ def test_mistakes_are_refused_of_crude_sensors_too(tmp_path: Path, mistake: Mist
         assert (text, data) != before
         path.write_text(text, encoding="utf-8")
         table.write_text(data, encoding="utf-8")
-        with pytest.raises(InputError, match=words.get(mistake, "look at arm_rate_unit")):
+        with pytest.raises(InputError, match=words.get(mistake, "check arm_rate_unit")):
             calibrate(path)

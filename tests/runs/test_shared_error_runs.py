@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
-from tests.test_pipeline import recorded
+from tests.runs.test_pipeline import recorded
 
 from inercal.calibration import Calibration, SharedError
 from inercal.calibration.files import load, save
 from inercal.pipeline import calibrate
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 EXAMPLES = [
     "six_position/run.toml",
     "centrifuge/lab.toml",

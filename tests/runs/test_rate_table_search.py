@@ -23,7 +23,7 @@ from inercal.report.search_history import search_figure
 from inercal.runfile import read
 from inercal.sensors import G0
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "rate_table"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "rate_table"
 NAME = 'name = "ship_multi_angle"\n'
 SYMMETRIC = ('name = "model 12, midships"\n', 'name = "model 12"\nframe = "symmetric"\n')
 
@@ -81,14 +81,14 @@ def test_estimators_that_do_not_search_refuse_the_section(tmp_path: Path, estima
     ("search", "words"),
     [
         ("seed = -1", "[method.search] seed: -1; it must be 0 or more"),
-        ("seed = 1.5", "[method.search] seed: 1.5 is no whole number"),
-        ('seed = "abc"', "[method.search] seed: 'abc' is no whole number"),
+        ("seed = 1.5", "[method.search] seed: 1.5 is not a whole number"),
+        ('seed = "abc"', "[method.search] seed: 'abc' is not a whole number"),
         ('time_limit = "-1 s"', "[method.search] time_limit: '-1 s' must be positive"),
         ('time_limit = "0 s"', "must be positive"),
         ('time_limit = "20 m"', "[method.search] time_limit: "),
         ("time_limit = 20", '20 is a number; give text with its unit, such as "20 s"'),
         ("goal = 5", '[method.search] goal: 5 is a number; give text with its unit, such as "5 %"'),
-        ('goal = "abc"', "goal: 'abc' is no finite number, such as '0.5' or '50 %'"),
+        ('goal = "abc"', "goal: 'abc' is not a finite number, such as '0.5' or '50 %'"),
         ('goal = "0 %"', "[method.search] goal: '0 %' must be positive"),
         ('goal = "100 %"', "[method.search] goal: '100 %' must be less than 100 %"),
         ('goal = "5 mg"', "[method.search] goal: "),

@@ -149,7 +149,7 @@ def test_a_simulation_without_a_rate_is_refused(tmp_path: Path):
 
 
 def test_a_truth_beyond_the_method_is_simulated_and_shows_as_misfit(tmp_path: Path):
-    # K₂ of 5 mg/g² is no part of the six-position model: up and down no longer agree.
+    # K₂ of 5 mg/g² is not part of the six-position model: up and down no longer agree.
     k2 = ('"ax.k0" = "32 mg"', '"ax.k0" = "32 mg"\n"ax.k2" = "5 mg/g²"')
     run = recorded(tmp_path, SIX_POSITIONS, k2, ('tilt = "0.3 °"', 'tilt = "0.01 °"'))
     outcome = calibrate(run)

@@ -15,7 +15,7 @@ from inercal.runfile import read
 from inercal.sensors import G0
 from inercal.sensors.affine import to_affine
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "rate_table"
 # What the example's table was made with, apart from the package: scale factors − 1, biases in g.
 SCALE = (-0.01603863, -0.02648718, -0.00496723)
@@ -110,7 +110,7 @@ def refused(path: Path, words: str, kind: type[InercalError] = InputError) -> No
         ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "are in rpm, not in"),
         ('["ax", "ay", "az"]', '["ay", "ax", "az"]', "as x, y, z = ax, ay, az, not as ay, ax, az"),
         ('"250 mm ± 0.3 mm"', '"0 mm"', r"radius: '0 mm' must be positive"),
-        ('"250 mm ± 0.3 mm"', '"25 mm"', "look at arm_rate_unit, \\[bench\\] radius and the scale"),
+        ('"250 mm ± 0.3 mm"', '"25 mm"', "check arm_rate_unit, \\[bench\\] radius and the scale"),
         ('mounting = "mounting"\n', "", r"\[data\] mounting is missing: name the column"),
         ('arm_rate = "rpm"\n', "", r"\[data\] arm_rate is missing: name the column of the table"),
         ('kind = "means"\n', "", r"\[data\] rate is missing"),

@@ -19,7 +19,7 @@ from inercal.plan import Spin
 from inercal.report import write_report
 from inercal.runfile import read
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "centrifuge"
 # Signs that print lost, by position and rate of the arm.
 LOST = {(p, rpm, "az") for p in (1, 5, 9, 13, 17, 10) for rpm in (60, 120, 180)}
@@ -164,7 +164,7 @@ def test_a_prior_of_another_sensor_or_of_the_same_data_is_refused(tmp_path: Path
     path = tmp_path / "static.calibration.json"
     run = changed(tmp_path, "arm_run", PRIOR)
     for calibration, words in (
-        (found, "was made on a centrifuge"),
+        (found, "is a calibration on a centrifuge"),
         (
             replace(found, method="six_position", sensor=replace(found.sensor, name="B")),
             "is of 'B'",
