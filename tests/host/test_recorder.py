@@ -15,7 +15,8 @@ from inercal.estimate import Gaussian
 from inercal.host.journal import Journal
 from inercal.host.recorder import RunRecorder
 from inercal.host.run_folder import RunFolder, create_run
-from inercal.host.run_log import LogFrame, RunLog
+from inercal.host.run_log import EVENT, IMU, LogFrame, RunLog, read_frames
+from inercal.host.sequencer import SectionEvent
 from inercal.methods import METHODS, PartialEstimate
 from inercal.plan import TableStep
 from inercal.runfile import read
@@ -184,3 +185,20 @@ def test_of_a_run_that_goes_on_losses_are_told_when_there_are_more(
         (event,) = journal.events(told)
     assert event.time == pytest.approx(120, abs=6)  # as if nothing had interrupted it
     assert lost < int(event.words.split()[2]) < account.assembly.tally.bytes.lost
+
+
+def test_a_section_is_done_when_the_samples_of_its_end_are_in_the_log(
+    tmp_path: Path, logged: list[LogFrame]
+):
+    folder = interrupted(tmp_path, [])
+    ended = SectionEvent(0, "rest", "done", 40.0)
+    with Journal(folder.journal) as journal, RunRecorder(folder, journal, LAYOUT) as account:
+        account.record_section(40.0, ended, holds=True)
+        done_at: list[float] = []
+        for frame in logged:
+            account.record_frame(*frame)
+            if journal.completed_steps() == 1:
+                done_at.append(frame.time)
+        assert 40.0 < done_at[0] < 40.2
+    kinds = [frame.kind for frame in read_frames(folder.log)]
+    assert kinds[0] == EVENT  # the log has the section at once

@@ -22,7 +22,7 @@ from inercal.host.live_estimator import LiveEstimator
 from inercal.host.navigation import NavigationSolution, Navigator
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
-from inercal.host.run_log import EVENT, LogFrame, RunLog, read_frames
+from inercal.host.run_log import EVENT, IMU, LogFrame, RunLog, read_frames
 from inercal.host.sequencer import SectionEvent
 
 _PIECE_MIN, _PIECE_MAX = 0.5, 5.0  # s of the bench that are worked through at a time
@@ -30,6 +30,9 @@ _PIECE_WALL = 0.1  # s of the wall's
 _RECENT_COUNT = 8  # events, and blocks, that are at hand
 _TRIAD = 3
 _LOSS_WARNING_INTERVAL = 60.0  # s
+_IMU_LATENCY = (
+    0.05  # s from a sample to its bytes' arrival, at most: a USB converter's and a tick's
+)
 
 
 class RunRecorder(Closeable):
@@ -80,6 +83,8 @@ class RunRecorder(Closeable):
         self.recent_messages: deque[tuple[str, str]] = deque(maxlen=_RECENT_COUNT)
         self.blocks: deque[SampleBlock] = deque(maxlen=_RECENT_COUNT)
         self._journal = journal
+        # Sections that the journal has yet to be told of, with the run's time of each.
+        self._waiting_sections: deque[tuple[float, SectionEvent]] = deque()
         self._last_processing = 0.0, 0.0
         self._losses, self._last_loss_warning = (0, 0, 0), 0.0
         with ExitStack() as opened:
@@ -98,6 +103,8 @@ class RunRecorder(Closeable):
         """Keep what came from a device, at a time of the run."""
         self._log.append(kind, time, payload)
         self.assembly.feed(LogFrame(kind, time, payload))
+        if kind == IMU:
+            self._record_waiting_sections(time - _IMU_LATENCY)
 
     def record_session(self, time: float, following: int, wraps: float) -> None:
         """Keep that what follows does not follow what was before.
@@ -115,10 +122,14 @@ class RunRecorder(Closeable):
         self._event(time, {"what": "session", "next": following, **known})
 
     def record_section(self, time: float, one: SectionEvent, *, holds: bool) -> None:
-        """Keep that a section began or ended, first in the log: what the journal calls done is."""
+        """Keep that a section began or ended.
+
+        The log has it at once. The journal has it when the IMU's bytes up to then are in the log: a
+        host that is killed before repeats the section, whose last samples are lost.
+        """
         content = {"number": one.number, "label": one.label, "state": one.state, "time": one.time}
         self._event(time, {"what": "section", **content, "hold": holds})
-        self._journal.record_section(one.number, one.label, one.state, one.time)
+        self._waiting_sections.append((time, one))
 
     def record_message(
         self, time: float, level: Literal["info", "warning", "alarm"], words: str
@@ -199,6 +210,11 @@ class RunRecorder(Closeable):
                 "the table was read too seldom while it turned, or sought its zero"
             )
         return made
+
+    def _record_waiting_sections(self, until: float) -> None:
+        while self._waiting_sections and self._waiting_sections[0][0] <= until:
+            _, one = self._waiting_sections.popleft()
+            self._journal.record_section(one.number, one.label, one.state, one.time)
 
     def _event(self, at: float, content: dict[str, object]) -> None:
         self.record_frame(EVENT, at, json.dumps(content).encode())
