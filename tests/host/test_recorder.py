@@ -15,7 +15,7 @@ from inercal.estimate import Gaussian
 from inercal.host.journal import Journal
 from inercal.host.recorder import RunRecorder
 from inercal.host.run_folder import RunFolder, create_run
-from inercal.host.run_log import EVENT, IMU, LogFrame, RunLog, read_frames
+from inercal.host.run_log import EVENT, LogFrame, RunLog, read_frames
 from inercal.host.sequencer import SectionEvent
 from inercal.methods import METHODS, PartialEstimate
 from inercal.plan import TableStep
