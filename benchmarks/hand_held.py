@@ -9,7 +9,7 @@ norms of the static means,
 
 gyros by the rotations between them, ω = T K (y − b) with six angles in T and b their mean in the
 first 50 s, and q̇ = Ω(ω) q / 2 by Runge and Kutta's fourth order from sample to sample. Derivatives
-are numeric. One peer integrates one passage after the other, the other all of them side by side.
+are numeric. One peer integrates one transition after the other, the other all of them side by side.
 Ours also finds the threshold, the noise, excess scatter and uncertainties, which the peers do not.
 """
 
@@ -34,9 +34,9 @@ from inercal.runfile import Run, read
 from inercal.segments import (
     find_rests,
     holds_from_marks,
-    marks_without_flaws,
     observe,
-    passages_between_rests,
+    transitions_between_rests,
+    valid_marks,
 )
 
 Array = NDArray[np.float64]
@@ -61,9 +61,9 @@ def load() -> tuple[Run, Recording]:
 def ours(run: Run, recording: Recording) -> Array:
     """Return the scale of each axis, (6,), of its nominal one."""
     sensor = run.sensor
-    marks, _ = marks_without_flaws(recording, sensor, find_rests(recording, sensor).marks)
+    marks, _ = valid_marks(recording, sensor, find_rests(recording, sensor).marks)
     seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
-    seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
+    seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     estimate = run.method.estimator(run.estimator)(seen, sensor, run.bench, run.steps, run.priors)
     assert estimate.converged
     still, c = Motion(np.zeros((1, 3))), estimate.value[: len(sensor.coefficients)]
@@ -135,7 +135,7 @@ def off_gravity(x: Array, means: Array, g: float) -> Array:
 
 
 def one_by_one(time: Array, rates: Array, ways: Ways, up: Array) -> Array:
-    """Return where gravity's direction is at the end of each passage, (k, 3)."""
+    """Return where gravity's direction is at the end of each transition, (k, 3)."""
     whole, middle = derivatives(rates)
     arrived = np.empty_like(up)
     for k, (start, stop) in enumerate(ways):
@@ -153,7 +153,7 @@ def one_by_one(time: Array, rates: Array, ways: Ways, up: Array) -> Array:
 
 
 def side_by_side(time: Array, rates: Array, ways: Ways, up: Array) -> Array:
-    """Do the same for all passages at once; those that have ended stand still."""
+    """Do the same for all transitions at once; those that have ended stand still."""
     whole, middle = derivatives(rates)
     start, stop = np.array(ways).T
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(ways), 1))
@@ -192,7 +192,7 @@ def rows() -> list[Row | Skipped]:
         return [Skipped(name, f"no {FOLDER} in {DATA}; set INERCAL_DATA to its folder")]
     run, recording = load()
     y, g = run.sensor.to_si(recording.data), run.bench.gravity.value
-    peers = {"one passage after another": one_by_one, "passages side by side": side_by_side}
+    peers = {"one transition after another": one_by_one, "transitions side by side": side_by_side}
     work = {name: partial(peer, recording.time, y, g, carry) for name, carry in peers.items()}
     scales = ours(run, recording)
     for other in work.values():

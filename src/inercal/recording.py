@@ -210,10 +210,10 @@ def _temperature_varies(temperature: Array | None) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Passages:
+class Transitions:
     """How the sensor was moved from one rest to the next: ranges of samples, which stay in place.
 
-    A passage is weighed from the mean attitude of one rest to that of the next: the weight of a
+    A transition is weighed from the mean attitude of one rest to that of the next: the weight of a
     sample rises from 0 to 1 along samples `start` to `left`, and falls along `reached` to `stop`.
 
     Parameters
@@ -223,10 +223,10 @@ class Passages:
     output : (n, m) array
         Readings of the sensor's axes in output units.
     rest : (k,) array of int
-        Row of the observations that each passage leaves; it leads to the row after.
+        Row of the observations that each transition leaves; it leads to the row after.
     start, left, reached, stop : (k,) arrays of int
         Samples; `left` is the last one of the rest before, `reached` the first one of the rest
-        after, `stop` the last one of the passage.
+        after, `stop` the last one of the transition.
     temperature : (n,) array or None
         K, of each sample.
     """
@@ -242,7 +242,7 @@ class Passages:
 
     @property
     def duration(self) -> Array:
-        """Effective duration of each passage, (k,) s: what a constant rate turns through."""
+        """Effective duration of each transition, (k,) s: what a constant rate turns through."""
         t = self.time
         ends = t[self.left] - t[self.start] + t[self.stop] - t[self.reached]
         return t[self.reached] - t[self.left] + 0.5 * ends
@@ -370,7 +370,7 @@ class Observations:
         Covariance between rows of each channel's slow drift, which `covariance` leaves out.
     rounding : (m,) array or None
         Variance that coarse steps of the channels add to each mean, within `covariance`.
-    passages : Passages or None
+    transitions : Transitions or None
         Between neighbouring rows, for methods that follow the rate from rest to rest.
     halves : HalfSectionChanges or None
         How readings change within each row, for sensors in a hand that have gyros.
@@ -402,7 +402,7 @@ class Observations:
     dof: float = np.inf
     drift: Array | None = None
     rounding: Array | None = None
-    passages: Passages | None = None
+    transitions: Transitions | None = None
     halves: HalfSectionChanges | None = None
     track: Track | None = None
     tests: tuple[ModelTest, ...] = ()
@@ -477,7 +477,7 @@ class Observations:
             samples=self.samples[kept],
             time=self.time[kept],
             drift=None if drift is None else drift[np.ix_(kept, kept)],
-            passages=None,
+            transitions=None,
             halves=None,
             track=None,
             temperature=None if t is None else t[..., kept],

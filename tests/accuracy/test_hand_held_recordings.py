@@ -111,7 +111,7 @@ def test_mpu9150_accelerometers_agree_with_the_published(folder: Path):
 
 def left_out(seen: Observations, k: int) -> Observations:
     """Return the observations without rest k and the ways to it and from it."""
-    rest, way = np.arange(len(seen.labels)) != k, seen.passages
+    rest, way = np.arange(len(seen.labels)) != k, seen.transitions
     assert way is not None
     kept = (way.rest != k) & (way.rest + 1 != k)
     return replace(
@@ -122,7 +122,7 @@ def left_out(seen: Observations, k: int) -> Observations:
         duration=seen.duration[rest],
         samples=seen.samples[rest],
         time=seen.time[rest],
-        passages=replace(
+        transitions=replace(
             way,
             rest=(way.rest - (way.rest > k))[kept],
             start=way.start[kept],

@@ -27,7 +27,7 @@ from inercal.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
-    passages_between_rests,
+    transitions_between_rests,
 )
 from inercal.sensors import Sensor, imu
 from inercal.units import Measured
@@ -169,7 +169,7 @@ def in_hand(seed: int, trials: int, *, soaked: bool) -> tuple[Array, Array, Sens
         units = ("m/s²",) * 3 + ("rad/s",) * 3
         recording = Recording(made.time, data, sensor.channels, units, temperature=temperature)
         seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True, found=True)
-        seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
+        seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
         estimate = METHODS["multi_position"].estimator("joint")(
             seen, sensor, plate, holds_from_observations(seen, sensor)
         )
@@ -291,7 +291,7 @@ def test_what_follows_the_temperature_is_a_suspect_in_a_hand():
         made.time, data, sensor.channels, ("m/s²",) * 3 + ("rad/s",) * 3, temperature=temperature
     )
     seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True, found=True)
-    seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
+    seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     solve = METHODS["multi_position"].estimator("joint")
     plate = Hand(Measured(session.gravity, 0.0), None)
     found = solve(seen, sensor, plate, holds_from_observations(seen, sensor))

@@ -18,7 +18,7 @@ from inercal.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
-    passages_between_rests,
+    transitions_between_rests,
 )
 from inercal.sensors import imu
 from inercal.units import Measured
@@ -64,7 +64,7 @@ def judge(seed: int, session: Session, estimator: str, trials: int) -> Judged:
     for data in made.data:
         recording = Recording(made.time, data, sensor.channels, units)
         seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
-        seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
+        seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
         found = METHOD.estimator(estimator)(
             seen, sensor, bench, holds_from_observations(seen, sensor)
         )

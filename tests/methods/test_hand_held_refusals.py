@@ -20,7 +20,7 @@ from inercal.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
-    passages_between_rests,
+    transitions_between_rests,
 )
 from inercal.sensors import imu
 from inercal.units import Measured
@@ -37,7 +37,7 @@ def calibrated(ups: Array, also: Sequence[str] = (), **session: float) -> Estima
     recording = Recording(made.time, made.data[0], sensor.channels, units)
     marks = [Mark(f"r{k:02d}", a + 10, b - 10) for k, (a, b) in enumerate(made.rests)]
     seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
-    seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
+    seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     bench = Hand(Measured(9.81, 1e-3))
     return METHOD.estimator("")(seen, sensor, bench, holds_from_observations(seen, sensor))
 

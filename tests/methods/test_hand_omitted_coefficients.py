@@ -21,7 +21,7 @@ from inercal.segments import (
     holds_from_marks,
     holds_from_observations,
     observe,
-    passages_between_rests,
+    transitions_between_rests,
 )
 from inercal.sensors import imu
 from inercal.units import Measured
@@ -125,7 +125,7 @@ def hand_held(
     sections = [Mark(f"r{k:02d}", a + TRIMMED, b - TRIMMED) for k, (a, b) in enumerate(made.rests)]
     log = Recording(made.time, data, sensor.channels, ("m/s²",) * 3 + ("rad/s",) * 3)
     seen = observe(log, sensor, sections, holds_from_marks(sections), by_hand=True)
-    seen = replace(seen, passages=passages_between_rests(log, sensor, sections))
+    seen = replace(seen, transitions=transitions_between_rests(log, sensor, sections))
     place = Hand(Measured(session.gravity, session.gravity_sd), session.latitude)
     return METHODS["multi_position"].estimator("joint")(
         seen, sensor, place, holds_from_observations(seen, sensor)

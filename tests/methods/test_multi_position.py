@@ -24,14 +24,14 @@ from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
 from inercal.estimate.residual_scatter import ScatterModel
 from inercal.methods.multi_position import METHOD, joint, sequential
-from inercal.methods.multi_position._kernels import integrate_passages
+from inercal.methods.multi_position._kernels import integrate_transitions
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.multi_position.row_whitening import whitener
 from inercal.methods.multi_position.timing import gyro_delay
-from inercal.recording import Mark, Observations, Passages, Recording
+from inercal.recording import Mark, Observations, Recording, Transitions
 from inercal.segments.section_means import observe
-from inercal.segments.transitions import passages_between_rests
+from inercal.segments.transitions import transitions_between_rests
 from inercal.sensors import Sensor, imu
 from inercal.units import Measured
 
@@ -46,7 +46,7 @@ def whole(*also: str) -> Sensor:
 
 
 def observed(made: Handheld, sensor: Sensor) -> Observations:
-    """Return the first trial's rests and, where there are gyros, the passages between them."""
+    """Return the first trial's rests and, where there are gyros, the transitions between them."""
     marks = [Mark(f"r{k:02d}", a + INSIDE, b - INSIDE) for k, (a, b) in enumerate(made.rests)]
     steps = METHOD.plan(positions=max(len(marks), 9))
     steps = [replace(step, label=mark.label) for step, mark in zip(steps, marks, strict=False)]
@@ -55,7 +55,9 @@ def observed(made: Handheld, sensor: Sensor) -> Observations:
     recording = Recording(made.time, output, sensor.channels, ("SI",) * m)
     seen = observe(recording, sensor, marks, steps, by_hand=True)
     return (
-        replace(seen, passages=passages_between_rests(recording, sensor, marks)) if m == 6 else seen
+        replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
+        if m == 6
+        else seen
     )
 
 
@@ -65,11 +67,11 @@ def truth(device: Imu, sensor: Sensor, **more: float) -> Array:
 
 
 def session(positions: int = 12, seed: int = 80) -> tuple[Rests, Array]:
-    """Return rests whose passages lack the fifth, and x near the truth but at random."""
+    """Return rests whose transitions lack the fifth, and x near the truth but at random."""
     rng = np.random.default_rng(seed)
     device, sensor = mems(rng), whole("g")
     seen = observed(record(device, replace(SESSION, positions=positions), rng), sensor)
-    way = seen.passages
+    way = seen.transitions
     assert way is not None
     kept = np.delete(np.arange(positions - 1), 4)
     way = replace(
@@ -80,7 +82,7 @@ def session(positions: int = 12, seed: int = 80) -> tuple[Rests, Array]:
         reached=way.reached[kept],
         stop=way.stop[kept],
     )
-    rests = Rests(replace(seen, passages=way), sensor, BENCH)
+    rests = Rests(replace(seen, transitions=way), sensor, BENCH)
     x = rests.start()
     p = len(sensor.coefficients)
     x[:p] = truth(device, sensor) + 1e-3 * sensor.unit_scale * rng.standard_normal(p)
@@ -105,7 +107,7 @@ SCATTERS = [
 
 def dense_noise(rests: Rests, x: Array, scatter: Scatter) -> Array:
     """Return the covariance of all rows from that of every sample of the rate."""
-    rows, way = rests.rows(x), rests.passages
+    rows, way = rests.rows(x), rests.transitions
     turns = rows.rotations
     assert turns is not None
     assert way is not None
@@ -193,7 +195,7 @@ def test_ramps_within_a_rest_share_their_samples(hold_seconds: float):
     np.testing.assert_allclose(W @ C @ W.T, np.eye(len(C)), rtol=0, atol=0.03)
 
 
-def test_rotations_of_neighbouring_passages_are_correlated():
+def test_rotations_of_neighbouring_transitions_are_correlated():
     """Else the oracle above would say little."""
     rests, x = session()
     rows = rests.rows(x)
@@ -204,7 +206,7 @@ def test_rotations_of_neighbouring_passages_are_correlated():
     sd = np.sqrt(np.diag(C))
     correlation = np.abs(C / np.outer(sd, sd))
     assert correlation[0:2, 2:4].max() > 0.3
-    # The fifth passage is missing: what lies before and after it has no reading in common.
+    # The fifth transition is missing: what lies before and after it has no reading in common.
     assert correlation[6:8, 8:10].max() < 1e-12
 
 
@@ -232,7 +234,7 @@ def turned(v: Array) -> Array:
     return np.eye(3) - np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-def dense_steps(way: Passages, i: int, back: Array, zero: Array) -> tuple[Array, Array, Array]:
+def dense_steps(way: Transitions, i: int, back: Array, zero: Array) -> tuple[Array, Array, Array]:
     """Return the frames of all samples seen from the last, weighed steps of time, (f, ω, 1)."""
     span = np.arange(way.start[i], way.stop[i] + 1)
     felt = np.column_stack([way.output[span] @ back.T + zero, np.ones(len(span))])
@@ -250,8 +252,8 @@ def dense_steps(way: Passages, i: int, back: Array, zero: Array) -> tuple[Array,
     return np.array(after), dt, felt
 
 
-def dense_carry(way: Passages, i: int, back: Array, zero: Array, white: Array):
-    """Return rotation, sensitivity and noise of a passage by products of all its steps."""
+def dense_carry(way: Transitions, i: int, back: Array, zero: Array, white: Array):
+    """Return rotation, sensitivity and noise of a transition by products of all its steps."""
     C, dt, felt = dense_steps(way, i, back, zero)
     ends, middle = 0.5 * (C[1:] + C[:-1]), 0.5 * (felt[1:] + felt[:-1])
     sensitivity = np.einsum("nab,nq,n->abq", ends, middle, dt)
@@ -263,11 +265,11 @@ def dense_carry(way: Passages, i: int, back: Array, zero: Array, white: Array):
 
 def test_what_is_carried_along_is_the_product_of_all_steps():
     rests, x = session()
-    way = rests.passages
+    way = rests.transitions
     assert way is not None
     model = inverse_model(rests.sensor, x[: len(rests.sensor.coefficients)])
     white = 1e-6 * np.array([[2.0, 0.3, -0.2], [0.3, 1.0, 0.1], [-0.2, 0.1, 3.0]])
-    found = integrate_passages(
+    found = integrate_transitions(
         way.time, way.output, way.start, way.left, way.reached, way.stop,
         model.matrix, model.offset, white, np.zeros(0),
     )  # fmt: skip
@@ -283,7 +285,7 @@ def test_a_turn_of_known_rate_is_carried_as_that_turn(axis: int):
     output = np.zeros((n, 6))
     output[:, 3 + axis] = rate
     one, last = np.array([0]), np.array([n - 1])
-    rotation, _, _ = integrate_passages(
+    rotation, _, _ = integrate_transitions(
         dt * np.arange(n, dtype=np.float64),
         output,
         one,

@@ -13,7 +13,7 @@ from inercal.methods import METHODS
 from inercal.methods.multi_position.rest_observations import Rests, Scatter
 from inercal.methods.multi_position.stages import fit_accelerometers, fit_gyros
 from inercal.recording import Mark, Recording
-from inercal.segments import holds_from_marks, observe, passages_between_rests
+from inercal.segments import holds_from_marks, observe, transitions_between_rests
 from inercal.sensors import imu
 from inercal.units import Measured
 
@@ -30,7 +30,7 @@ def session(seed: int, **tremor: float) -> Rests:
     recording = Recording(made.time, made.data[0], sensor.channels, ("SI",) * 6)
     marks = [Mark(f"r{k:02d}", a + INSIDE, b - INSIDE) for k, (a, b) in enumerate(made.rests)]
     seen = observe(recording, sensor, marks, holds_from_marks(marks), by_hand=True)
-    seen = replace(seen, passages=passages_between_rests(recording, sensor, marks))
+    seen = replace(seen, transitions=transitions_between_rests(recording, sensor, marks))
     return Rests(seen, sensor, Hand(Measured(session.gravity, 2e-4), session.latitude))
 
 

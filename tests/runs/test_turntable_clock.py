@@ -9,7 +9,10 @@ import pytest
 from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.dropped_samples import find_slips, slip_findings
+from inercal.benches.turntable.reading.dropped_samples import (
+    dropped_sample_findings,
+    find_dropped_samples,
+)
 from inercal.benches.turntable.reading.readback_clock import align_readback
 from inercal.errors import InputError
 from inercal.recording import Track
@@ -142,7 +145,7 @@ def test_a_table_that_never_turned_has_no_offset():
 def test_runs_that_lost_nothing_raise_no_alarm(path: str, seed: int):
     made = draw_recording(path, seed)
     for trial in range(len(made.rates)):
-        assert slip_findings(make_track(made, trial), SENSOR, BENCH) == ()
+        assert dropped_sample_findings(make_track(made, trial), SENSOR, BENCH) == ()
 
 
 @pytest.mark.parametrize("where", ["turn", "change"])
@@ -151,7 +154,7 @@ def test_runs_that_lost_nothing_raise_no_alarm(path: str, seed: int):
 def test_one_row_lost_while_turning_is_found_where_it_is(path: str, seed: int, where: str):
     made, rng = draw_recording(path, seed), np.random.default_rng(seed)
     for sample in rng.choice(sample_places(made, where), 2).tolist():
-        (slip,) = find_slips(
+        (slip,) = find_dropped_samples(
             track_without_sample(make_track(made), sample, readback=True), SENSOR, BENCH
         )
         assert (slip.first, slip.last, round(slip.samples), slip.row) == (
@@ -167,7 +170,7 @@ def test_one_sample_of_the_sensor_alone_is_found_between_changes_of_rate(
 ):
     made, rng = draw_recording(path, seed), np.random.default_rng(seed)
     for sample in rng.choice(sample_places(made, where), 2).tolist():
-        (slip,) = find_slips(
+        (slip,) = find_dropped_samples(
             track_without_sample(make_track(made), sample, readback=False), SENSOR, BENCH
         )
         assert not slip.row
@@ -181,7 +184,9 @@ def test_a_row_lost_at_rest_does_not_show(seed: int):
     made = draw_recording("slow", seed)
     sample = int(np.random.default_rng(seed).choice(sample_places(made, "rest")))
     assert (
-        find_slips(track_without_sample(make_track(made), sample, readback=True), SENSOR, BENCH)
+        find_dropped_samples(
+            track_without_sample(make_track(made), sample, readback=True), SENSOR, BENCH
+        )
         == ()
     )
 
@@ -193,7 +198,7 @@ def test_several_rows_and_a_repeated_one_are_counted(seed: int):
     rows = np.r_[:first, first + 3 : second, second, second : one.time.size]
     size = rows.size
     odd = Track(one.time[:size], one.reading[rows], one.angles[rows], one.hold[:size])
-    found = slip_findings(odd, SENSOR, BENCH)
+    found = dropped_sample_findings(odd, SENSOR, BENCH)
     assert [finding.severity for finding in found] == ["warning"] * 2
     assert found[0].message.startswith(f"3 samples lost unnoticed at {(first - 1) / HZ:.6g} s")
     assert found[1].message.startswith("1 sample too many")
@@ -204,4 +209,4 @@ def test_a_gap_in_time_is_no_slip():
     one, sample = make_track(made), int(sample_places(made, "turn")[700])
     kept = np.arange(one.time.size) != sample
     noticed = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
-    assert find_slips(noticed, SENSOR, BENCH) == ()
+    assert find_dropped_samples(noticed, SENSOR, BENCH) == ()

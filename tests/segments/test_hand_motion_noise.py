@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.handheld import directions
 
-from inercal.segments.hand_motion_noise import density_without_tremor
+from inercal.segments.hand_motion_noise import density_without_hand_motion
 from inercal.sensors import imu
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ def rests(seed: int, wobble: float, push: float, count: int = 300) -> list[Array
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize(("wobble", "push"), [(0.0, 0.0), (1e-3, 0.0), (1e-3, 0.03)])
 def test_each_axis_noise_is_found_whatever_the_hand_does(seed: int, wobble: float, push: float):
-    found = density_without_tremor(10 * DENSITY, imu(), rests(seed, wobble, push))
+    found = density_without_hand_motion(10 * DENSITY, imu(), rests(seed, wobble, push))
     # 300 rests of about 10 degrees of freedom, a third of them an axis': 5 %.
     np.testing.assert_allclose(np.diag(found)[:3], NOISE**2 * RATE, rtol=0.3)
     assert np.all(found[:3, 3:] == 0)
@@ -44,7 +44,7 @@ def test_each_axis_noise_is_found_whatever_the_hand_does(seed: int, wobble: floa
 
 def test_the_mean_of_many_axes_noise_is_unbiased():
     ratio = [
-        np.trace(density_without_tremor(DENSITY, imu(), rests(seed, 1e-3, 0.0))[:3, :3])
+        np.trace(density_without_hand_motion(DENSITY, imu(), rests(seed, 1e-3, 0.0))[:3, :3])
         / np.sum(NOISE**2 * RATE)
         for seed in range(10, 20)
     ]
@@ -54,7 +54,7 @@ def test_the_mean_of_many_axes_noise_is_unbiased():
 
 def test_rests_without_any_noise_leave_the_density_as_it_is():
     still = [np.tile([0.0, 0.0, G, 0, 0, 0], (300, 1))] * 3
-    np.testing.assert_array_equal(density_without_tremor(DENSITY, imu(), still), DENSITY)
+    np.testing.assert_array_equal(density_without_hand_motion(DENSITY, imu(), still), DENSITY)
 
 
 def test_axes_that_are_alike_are_not_set_apart_by_chance():
@@ -67,7 +67,7 @@ def test_axes_that_are_alike_are_not_set_apart_by_chance():
             body = np.zeros((round(SECONDS * RATE), 6))
             body[:, :3] = G * up + np.sqrt(alike[0]) * rng.standard_normal((len(body), 3))
             made.append(body)
-        found = np.diag(density_without_tremor(DENSITY, imu(), made))[:3]
+        found = np.diag(density_without_hand_motion(DENSITY, imu(), made))[:3]
         ratios.append(found / alike)
     # By 24 rests of 10 degrees of freedom each: 9 %. An axis apart would have some 22 %.
     scatter = np.std(ratios, axis=0)

@@ -13,7 +13,7 @@ from inercal.pipeline import read_out
 from inercal.plan import Hold, Step
 from inercal.recording import Mark, Recording
 from inercal.runfile import Run
-from inercal.segments import marks_from_labels, observe, passages_between_rests
+from inercal.segments import marks_from_labels, observe, transitions_between_rests
 from inercal.sensors import Sensor
 
 SESSIONS = 5
@@ -80,7 +80,9 @@ def rehearse_plan(run: Run, sessions: int = SESSIONS) -> RehearsalResult:
         marks = _trimmed_marks(recording)
         seen = observe(recording, run.sensor, marks, holds, by_hand=True)
         if run.sensor.select_axes("w").axes:
-            seen = replace(seen, passages=passages_between_rests(recording, run.sensor, marks))
+            seen = replace(
+                seen, transitions=transitions_between_rests(recording, run.sensor, marks)
+            )
         estimate = estimator(seen, run.sensor, run.bench, run.steps, run.priors)
         found.append(estimate.std[:p])
     return RehearsalResult(run.steps, run.sensor, np.median(found, axis=0), length)

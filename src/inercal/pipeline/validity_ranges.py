@@ -37,15 +37,15 @@ def _readings(sensor: Sensor, gathered: EstimatorInput, kind: str) -> Iterator[A
     """Yield the readings of the axes of a kind, SI."""
     observations = gathered.observations
     at = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
-    track, passages = observations.track, observations.passages
+    track, transitions = observations.track, observations.transitions
     if track is not None:
         samples = np.ones(track.time.size, dtype=bool) if kind == "w" else track.hold >= 0
         yield track.reading[..., samples, :][..., at]
         return
     yield observations.mean[..., at]
-    if passages is not None and kind == "w":
-        for start, stop in zip(passages.start.tolist(), passages.stop.tolist(), strict=True):
-            yield sensor.to_si(passages.output[start : stop + 1])[:, at]
+    if transitions is not None and kind == "w":
+        for start, stop in zip(transitions.start.tolist(), transitions.stop.tolist(), strict=True):
+            yield sensor.to_si(transitions.output[start : stop + 1])[:, at]
 
 
 def _temperatures(gathered: EstimatorInput) -> Iterator[Array]:
@@ -57,7 +57,7 @@ def _temperatures(gathered: EstimatorInput) -> Iterator[Array]:
         return
     if observations.track is not None or not marks:
         yield recording.temperature
-    elif observations.passages is not None:
+    elif observations.transitions is not None:
         first, last = min(mark.start for mark in marks), max(mark.stop for mark in marks)
         yield recording.temperature[..., first:last]
     else:

@@ -3,7 +3,7 @@
 from inercal.segments.attitudes import (
     holds_from_marks,
     holds_from_observations,
-    marks_without_flaws,
+    valid_marks,
 )
 from inercal.segments.dwells import average_dwells, find_dwells
 from inercal.segments.motion_thresholds import scatter
@@ -15,7 +15,7 @@ from inercal.segments.section_marks import check_marks, marks_from_labels
 from inercal.segments.section_means import observe
 from inercal.segments.stationary_states import find_stationary_states, omitted_state_findings
 from inercal.segments.stillness import require_still
-from inercal.segments.transitions import passages_between_rests
+from inercal.segments.transitions import transitions_between_rests
 from inercal.segments.turntable_segments import (
     AxisTurn,
     find_holds,
@@ -45,12 +45,12 @@ __all__ = [
     "holds_from_numbers",
     "holds_from_observations",
     "marks_from_labels",
-    "marks_without_flaws",
     "observe",
     "omitted_state_findings",
-    "passages_between_rests",
     "require_still",
     "scatter",
     "search_sections",
     "select_long_holds",
+    "transitions_between_rests",
+    "valid_marks",
 ]

@@ -12,10 +12,10 @@ from inercal.plan import Hold
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.sensors import Sensor, inverse
 
-FLAWS = ("saturation", "stuck")
+INVALID_SAMPLES = ("saturation", "stuck")
 
 
-def marks_without_flaws(
+def valid_marks(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark]
 ) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
     """Return the marks in the order of time without those on saturated or stuck samples.
@@ -34,7 +34,7 @@ def marks_without_flaws(
     kept: list[Mark] = []
     findings: list[Finding] = []
     ordered = sorted(marks, key=lambda mark: mark.start)
-    spoilt = range_flaws(recording, sensor, [(mark.start, mark.stop) for mark in ordered])
+    spoilt = range_findings(recording, sensor, [(mark.start, mark.stop) for mark in ordered])
     for mark, flaw in zip(ordered, spoilt, strict=True):
         if flaw is None:
             kept.append(mark)
@@ -46,7 +46,7 @@ def marks_without_flaws(
     return tuple(kept), tuple(findings)
 
 
-def range_flaws(
+def range_findings(
     recording: Recording, sensor: Sensor, ranges: Sequence[tuple[int, int]]
 ) -> list[Finding | None]:
     """Return for each range of samples (half open) a finding of saturated or stuck ones in it.
@@ -57,7 +57,7 @@ def range_flaws(
     found = sorted(
         (finding.start, finding.stop, k)
         for k, finding in enumerate(recording.findings)
-        if finding.what in FLAWS and finding.channel in (None, *sensor.channels)
+        if finding.what in INVALID_SAMPLES and finding.channel in (None, *sensor.channels)
         if finding.start is not None and finding.stop is not None
     )
     begins = [start for start, _, _ in found]

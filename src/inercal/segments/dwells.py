@@ -28,7 +28,7 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Attitude, Spin, arm_attitude
 from inercal.recording import Finding, Mark, Observations, Recording
-from inercal.segments.attitudes import FLAWS
+from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.segments.drift import drift_covariance
 from inercal.segments.section_means import coarse_steps
 from inercal.sensors import Sensor
@@ -159,7 +159,7 @@ def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
 def flaw_text(recording: Recording, mark: Mark) -> str | None:
     """Return what the audit says of the samples of a mark, if they saturate or are stuck."""
     for finding in recording.findings:
-        if finding.what not in FLAWS or finding.start is None or finding.stop is None:
+        if finding.what not in INVALID_SAMPLES or finding.start is None or finding.stop is None:
             continue
         if finding.start < mark.stop and finding.stop > mark.start:
             return finding.message

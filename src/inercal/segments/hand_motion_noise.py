@@ -35,7 +35,7 @@ _ROUNDS = 5  # of weighting; the third changes a per cent
 _LEAST = 0.05  # of the mean density: fewer rests than axes along gravity leave some unseen
 
 
-def density_without_tremor(density: Array, sensor: Sensor, sections: Iterable[Array]) -> Array:
+def density_without_hand_motion(density: Array, sensor: Sensor, sections: Iterable[Array]) -> Array:
     """Return the noise density with the accelerometers' replaced by what is seen along gravity.
 
     Parameters

@@ -17,9 +17,9 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.plan import Rotation, Step, Turn
 from inercal.recording import Mark, Observations, Recording
-from inercal.segments.attitudes import FLAWS
+from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.segments.drift import drift_covariance
-from inercal.segments.hand_motion_noise import density_without_tremor, noise_degrees_of_freedom
+from inercal.segments.hand_motion_noise import density_without_hand_motion, noise_degrees_of_freedom
 from inercal.segments.section_noise import SectionNoise, drift_notes, section_noise_statistics
 from inercal.segments.stillness import require_still
 from inercal.segments.temperature_trend import Sections, remove_temperature_trend
@@ -104,7 +104,7 @@ def observe(
     samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
     density = of_holds[0] * samples[used.index(holds[0])]
     if by_hand:
-        density = density_without_tremor(density, sensor, at_rest_all())
+        density = density_without_hand_motion(density, sensor, at_rest_all())
         dof = min(dof, noise_degrees_of_freedom(len(holds)))
     coarse = coarse_steps(recording.data, columns, sensor, scatter)
     ranges = [(by_label[step.label].start, by_label[step.label].stop) for step in used]
@@ -199,7 +199,7 @@ def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequen
     """Refuse a section that holds saturated or stuck samples, or a turn with samples lost."""
     where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"
     for flaw in recording.findings:
-        if flaw.what not in FLAWS or flaw.start is None or flaw.stop is None:
+        if flaw.what not in INVALID_SAMPLES or flaw.start is None or flaw.stop is None:
             continue
         relevant = flaw.channel is None or flaw.channel in channels
         if relevant and flaw.start < mark.stop and flaw.stop > mark.start:

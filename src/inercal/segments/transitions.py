@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.recording import Mark, Passages, Recording
-from inercal.segments.attitudes import range_flaws
+from inercal.recording import Mark, Recording, Transitions
+from inercal.segments.attitudes import range_findings
 from inercal.sensors import Sensor
 
 # s of a rest that are weighed: a hand's sway takes some 3 s, and the noise of a weighed rest costs
@@ -20,8 +20,10 @@ from inercal.sensors import Sensor
 WEIGHTED_DURATION = 5.0
 
 
-def passages_between_rests(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Passages:
-    """Return the passages between marks that follow one another in time.
+def transitions_between_rests(
+    recording: Recording, sensor: Sensor, marks: Sequence[Mark]
+) -> Transitions:
+    """Return the transitions between marks that follow one another in time.
 
     Those with a gap, or with saturated or stuck gyros, are left out.
 
@@ -45,9 +47,9 @@ def passages_between_rests(recording: Recording, sensor: Sensor, marks: Sequence
     last_gap = np.searchsorted(recording.gaps[:, 0], np.stack([start, stop]))
     whole_way = last_gap[0] == last_gap[1]
     ways = list(zip(start.tolist(), (stop + 1).tolist(), strict=True))
-    clean = [flaw is None for flaw in range_flaws(recording, sensor.select_axes("w"), ways)]
+    clean = [flaw is None for flaw in range_findings(recording, sensor.select_axes("w"), ways)]
     kept = np.flatnonzero(whole_way & np.array(clean, dtype=np.bool_))
-    return Passages(
+    return Transitions(
         time=recording.time,
         output=recording.data if in_place else recording.data[:, columns],
         rest=kept,

@@ -35,9 +35,9 @@ from inercal.segments import (
     find_sections,
     holds_from_marks,
     holds_from_observations,
-    marks_without_flaws,
-    passages_between_rests,
     search_sections,
+    transitions_between_rests,
+    valid_marks,
 )
 from inercal.segments import (
     observe as averaged,
@@ -198,7 +198,7 @@ def _free_rests(
     else:
         marks = stated_marks(run, recording, again=_allows_repeat_visits(run))
         check_marks(marks, recording, [mark.label for mark in marks])
-    marks, left_out = marks_without_flaws(recording, run.sensor, marks)
+    marks, left_out = valid_marks(recording, run.sensor, marks)
     findings += check_rests(run, recording, marks)
     observations = averaged(
         recording, run.sensor, marks, holds_from_marks(marks), by_hand=True, found=True
@@ -211,7 +211,7 @@ def _free_rests(
         )
         observations = replace(
             observations,
-            passages=passages_between_rests(recording, run.sensor, marks),
+            transitions=transitions_between_rests(recording, run.sensor, marks),
             halves=changes_within_rests(recording, run.sensor, marks),
             tests=(*observations.tests, *cut),
         )

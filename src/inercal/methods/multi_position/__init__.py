@@ -65,7 +65,7 @@ def joint(
     Parameters
     ----------
     observations : Observations
-        Rows are rests, with the passages between them where there are gyros.
+        Rows are rests, with the transitions between them where there are gyros.
     sensor : Sensor
         With the coefficients that are wanted.
     bench : Hand
@@ -80,11 +80,11 @@ def joint(
     InputError
         Observations with a trial axis.
     NotObserved
-        Coefficients that these rests and passages leave open, and what to add.
+        Coefficients that these rests and transitions leave open, and what to add.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
     last = fit_accelerometers(rests, priors)
-    if rests.passages is not None:
+    if rests.transitions is not None:
         last = fit_jointly(rests, fit_gyros(rests, last, priors), priors)
     return _final_estimate(rests, last, priors)
 
@@ -102,7 +102,7 @@ def sequential(
     """
     rests = _checked_rests(observations, sensor, bench, priors)
     last = fit_accelerometers(rests, priors)
-    if rests.passages is not None:
+    if rests.transitions is not None:
         last = fit_gyros(rests, last, priors)
     return _final_estimate(rests, last, priors)
 
@@ -112,8 +112,10 @@ def _checked_rests(
 ) -> Rests:
     if observations.mean.ndim != 2:
         raise InputError("method multi_position works on one recording at a time")
-    if len(sensor.axes) > len(sensor.select_axes("f").axes) and observations.passages is None:
-        raise InputError("the gyros need the passages between rests; leave them out, or give them")
+    if len(sensor.axes) > len(sensor.select_axes("f").axes) and observations.transitions is None:
+        raise InputError(
+            "the gyros need the transitions between rests; leave them out, or give them"
+        )
     rests = Rests(observations, sensor, bench)
     require_coverage(rests, priors)
     return rests
@@ -125,7 +127,7 @@ def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) ->
     notes = g_sensitivity_notes(rests, estimate)
     if not rests.temperature_offsets.ndim:  # else another temperature may help as well
         notes += advice(rests, estimate)
-    if rests.passages is None:
+    if rests.transitions is None:
         notes += (_SIGN_NOTE,)
     return replace(
         with_shared_drift(rests, estimate),

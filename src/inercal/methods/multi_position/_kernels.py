@@ -1,4 +1,4 @@
-"""Compiled: the rotation that integrated rates make of each passage, sample by sample.
+"""Compiled: the rotation that integrated rates make of each transition, sample by sample.
 
 With ω̂ = W y + w₀ the corrected rate of a sample and φ the rotation of one step between samples
 (rates taken as linear in between; Magnus series to fourth order in the step)::
@@ -33,7 +33,7 @@ def _corrected_motion(felt: Array, back: Array, zero: Array, output: Array, i: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def integrate_passages(
+def integrate_transitions(
     time: Array,
     output: Array,
     start: Indices,
@@ -45,12 +45,12 @@ def integrate_passages(
     white: Array,
     weight: Array,
 ) -> tuple[Array, Array, Array]:
-    """Return rotation, sensitivity and noise of each of k passages.
+    """Return rotation, sensitivity and noise of each of k transitions.
 
     Parameters
     ----------
     time, output, start, left, reached, stop
-        Of `inercal.recording.Passages`.
+        Of `inercal.recording.Transitions`.
     back, zero : (6, m) and (6,) arrays
         f and ω from the output: back @ y + zero, SI.
     white : (3, 3) array
@@ -170,12 +170,12 @@ def delay_sums(
     before: Array,
     g: float,
 ) -> tuple[Array, Array]:
-    """Return Σ d·(f − g u) and Σ d·d over each passage, d = g u × ω: their ratio is a delay, s.
+    """Return Σ d·(f − g u) and Σ d·d over each transition, d = g u × ω: their ratio is a delay, s.
 
     Parameters
     ----------
     time, output, left, reached
-        Of `inercal.recording.Passages`.
+        Of `inercal.recording.Transitions`.
     back, zero : (6, m) and (6,) arrays
         f and ω from the output, SI.
     before : (k, 3) array

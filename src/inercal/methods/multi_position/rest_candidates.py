@@ -2,7 +2,7 @@
 
 A candidate adds something to the readings. What it adds at the rests enters the rows as their noise
 does (`row_whitening.reading_sensitivities`); what it adds to the gyros on the way turns the
-passages, whose rotations are integrated once more with it, for a small step of the candidate::
+transitions, whose rotations are integrated once more with it, for a small step of the candidate::
 
     column = (ρ(ω + δ basis) − ρ(ω)) / δ
 
@@ -24,8 +24,8 @@ from inercal.methods.candidates import family_name
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests
 from inercal.methods.multi_position.rotations import (
     inverse_model,
-    passage_rotations,
     rotation_residuals,
+    transition_rotations,
 )
 from inercal.methods.multi_position.row_whitening import reading_sensitivities, sum_over_rests
 from inercal.motion import Motion
@@ -39,7 +39,7 @@ _TESTED_GROUPS = {
 }
 _NAMES = {"f": "accelerometers", "w": "gyros"}
 _UNITS = {"f": "m/s²", "w": "rad/s"}
-_TURN_STEP = 1e-4  # rad that a candidate turns in all passages at most
+_TURN_STEP = 1e-4  # rad that a candidate turns in all transitions at most
 _CHUNK_SAMPLES = 100_000  # samples
 _ROUNDING_LIMIT = 1e-12  # SI per SI unit; less is rounding
 
@@ -74,7 +74,7 @@ def _coefficient_candidates(
     sensor, larger = rests.sensor, _extended_sensor(rests.sensor, more)
     warmth = rests.observations.temperature_offset(sensor.reference_temperature)
     at_rest = Motion(rows.norm.specific_force, np.zeros_like(rows.norm.specific_force), dT=warmth)
-    of_samples = rests.recorded_passage_offsets
+    of_samples = rests.recorded_transition_offsets
     columns: dict[str, Array] = {}
     kinds: dict[tuple[str, str], list[str]] = {}
     turned = _rotation_column(rests, rows, x)
@@ -128,8 +128,8 @@ def _rotation_column(
     It gives the column of what that does to the rotations.
     """
     nothing = np.zeros(len(rows.residual))
-    way, turns = rests.passages, rows.rotations
-    if way is None or turns is None or rows.passage_rotations is None or rows.attitude is None:
+    way, turns = rests.transitions, rows.rotations
+    if way is None or turns is None or rows.transition_rotations is None or rows.attitude is None:
         return lambda axis, basis: nothing
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     model = inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))
@@ -153,8 +153,13 @@ def _rotation_column(
         try:
             changed[:, axis] += size
             moved_way = replace(way, output=changed)
-            there = passage_rotations(
-                moved_way, sensor, x[:p], rests.rate_noise, clock, rests.passage_temperature_offsets
+            there = transition_rotations(
+                moved_way,
+                sensor,
+                x[:p],
+                rests.rate_noise,
+                clock,
+                rests.transition_temperature_offsets,
             )
         finally:
             changed[:, axis] = before
@@ -176,7 +181,7 @@ def _drift_candidates(
     rests: Rests, rows: ResidualRows, x: Array, enter: Array
 ) -> Iterator[Candidate]:
     """Return a drift of the biases, linear in time from the first rest to the last."""
-    time, way = rests.observations.time, rests.passages
+    time, way = rests.observations.time, rests.transitions
     span, middle = float(np.ptp(time)), float(time.mean())
     if len(time) < 3 or not span > 0:
         return
@@ -207,7 +212,7 @@ def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:
     Apart: six directions at once would take a large share of the level from all other candidates.
     """
     sensor, seen = rests.sensor, rests.observations
-    kinds = {one.measures for one in sensor.axes if one.measures == "f" or rests.passages}
+    kinds = {one.measures for one in sensor.axes if one.measures == "f" or rests.transitions}
     for kind in sorted(kinds):
         axes = [k for k, one in enumerate(sensor.axes) if one.measures == kind]
         for k, (label, time) in enumerate(zip(seen.labels, seen.time.tolist(), strict=True)):

@@ -1,10 +1,10 @@
-"""Rests in unknown attitudes and the passages between them: residuals, and how they are correlated.
+"""Rests in unknown attitudes and the transitions between them: residuals and their correlations.
 
-Three kinds of rows, for r rests and k passages::
+Three kinds of rows, for r rests and k transitions::
 
     norms      0 − (‖f̂_i‖ − g)                                   one a rest
     rates      ȳ_i − h(f̂_i, C_i ω_e)                             three a rest
-    rotations  across û_after: û_after − E R û_before               two a passage
+    rotations  across û_after: û_after − E R û_before               two a transition
 
 f̂ is what the accelerometers' mean readings say by the model. Their errors enter the norm of the
 rest and the rotations to and from it, so that neighbouring rotations are correlated. In the order
@@ -15,7 +15,7 @@ The gyros' noise at a rest is in its mean rate and in the rotations to and from 
 
 Rows may scatter by more than the samples say, or by less, where the samples hold the hand's wobble:
 `Scatter` has a share and an excess (`inercal.estimate.residual_scatter`) for a rest's accelerometer
-readings, its gyro readings (a bias that wanders also turns the passages), and a rotation.
+readings, its gyro readings (a bias that wanders also turns the transitions), and a rotation.
 """
 
 from collections.abc import Callable
@@ -32,14 +32,14 @@ from inercal.estimate.residual_scatter import ScatterModel
 from inercal.frames import attitude_from_vertical, exp_so3
 from inercal.methods import temperature
 from inercal.methods.multi_position.rotations import (
-    PassageRotations,
     RotationResiduals,
-    passage_rotations,
+    TransitionRotations,
     rotation_residuals,
+    transition_rotations,
 )
 from inercal.motion import Motion
 from inercal.observe import NormResiduals, norm_residuals
-from inercal.recording import Observations, Passages
+from inercal.recording import Observations, Transitions
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
@@ -63,7 +63,7 @@ class ResidualRows(NamedTuple):
     residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
     jacobian: Array  # of the predictions to x
     norm: NormResiduals
-    passage_rotations: PassageRotations | None
+    transition_rotations: TransitionRotations | None
     rotations: RotationResiduals | None
     attitude: Array | None  # (r, 3, 3), from the level frame to the body's, where there are turns
 
@@ -91,9 +91,9 @@ class Rests:
         return self.sensor.select_axes("f")
 
     @property
-    def passages(self) -> Passages | None:
+    def transitions(self) -> Transitions | None:
         """What lies between the rests, where there are gyros to follow it."""
-        return self.observations.passages if len(self.sensor.axes) > self.m else None
+        return self.observations.transitions if len(self.sensor.axes) > self.m else None
 
     @property
     def m(self) -> int:
@@ -106,16 +106,16 @@ class Rests:
         return temperature.row_offsets(self.observations, self.sensor)
 
     @cached_property
-    def passage_temperature_offsets(self) -> Array | None:
-        """ΔT of each sample of the passages, (n,) K; None without."""
+    def transition_temperature_offsets(self) -> Array | None:
+        """ΔT of each sample of the transitions, (n,) K; None without."""
         if not self.temperature_offsets.ndim:
             return None
-        return self.recorded_passage_offsets
+        return self.recorded_transition_offsets
 
     @property
-    def recorded_passage_offsets(self) -> Array | None:
+    def recorded_transition_offsets(self) -> Array | None:
         """The same whether the sensor depends on it or not."""
-        seen, way = self.observations, self.passages
+        seen, way = self.observations, self.transitions
         if way is None or seen.temperature is None:
             return None
         kelvin = way.temperature
@@ -191,15 +191,15 @@ class Rests:
         r = len(at.residual)
         jacobian = np.zeros((r, x.size))
         jacobian[:, :a], jacobian[:, p] = at.jacobian[:, :-1], at.jacobian[:, -1]
-        if self.passages is None:
+        if self.transitions is None:
             return ResidualRows(at.residual, jacobian, at, None, None, None)
         motion_derivatives = np.zeros((r, 3, p))
         motion_derivatives[..., :a] = at.by_coefficient
-        before, after = self.passages.rest, self.passages.rest + 1
+        before, after = self.transitions.rest, self.transitions.rest + 1
         earth = slice(p + 1, p + 4)
         way = self._cached_rotations(x[:p].tobytes(), float(x[p + 4]))
         to_level = self._attitudes(at, way) if attitude is None else attitude
-        by_earth = to_level[after] * self.passages.duration[:, None, None]
+        by_earth = to_level[after] * self.transitions.duration[:, None, None]
         turns = rotation_residuals(
             before, way, at.specific_force, self.cross_directions, by_earth @ x[earth]
         )
@@ -222,28 +222,28 @@ class Rests:
         )
 
     @cached_property
-    def _cached_rotations(self) -> Callable[[bytes, float], PassageRotations]:
-        """Return what `passage_rotations` returns; a fit begins where the last one ended."""
-        assert self.passages is not None
-        passages = self.passages
+    def _cached_rotations(self) -> Callable[[bytes, float], TransitionRotations]:
+        """Return what `transition_rotations` returns; a fit begins where the last one ended."""
+        assert self.transitions is not None
+        transitions = self.transitions
 
         @lru_cache(maxsize=2)
-        def at(c: bytes, timebase: float) -> PassageRotations:
-            return passage_rotations(
-                passages, self.sensor, np.frombuffer(c), self.rate_noise, timebase,
-                self.passage_temperature_offsets,
+        def at(c: bytes, timebase: float) -> TransitionRotations:
+            return transition_rotations(
+                transitions, self.sensor, np.frombuffer(c), self.rate_noise, timebase,
+                self.transition_temperature_offsets,
             )  # fmt: skip
 
         return at
 
-    def _attitudes(self, at: NormResiduals, way: PassageRotations) -> Array:
+    def _attitudes(self, at: NormResiduals, way: TransitionRotations) -> Array:
         """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).
 
-        The azimuth is carried along by the gyros; behind a missing passage it is lost, and the
+        The azimuth is carried along by the gyros; behind a missing transition it is lost, and the
         level part of the earth's rate is left out from there on.
         """
-        assert self.passages is not None
-        level, before = attitude_from_vertical(at.up), self.passages.rest
+        assert self.transitions is not None
+        level, before = attitude_from_vertical(at.up), self.transitions.rest
         # Up is taken from the accelerometers, so that only the azimuth drifts.
         turned = np.swapaxes(level[before + 1], -1, -2) @ way.rotation @ level[before]
         step = np.full(len(level), np.nan)
@@ -276,14 +276,14 @@ class Rests:
         """Return the covariance of what each rest lends its rows, (r, m + 12, m + 12) or (r, m, m).
 
         In the order of the accelerometers' means, the gyros' means, the gyros' integrals over the
-        ramps by which the passages arrive and leave (the same samples, hence correlated), and the
-        offset that the gyros keep all through the rest; without passages the first alone.
+        ramps by which the transitions arrive and leave (the same samples, hence correlated), and
+        the offset that the gyros keep all through the rest; without transitions the first alone.
         """
         m, r = self.m, len(self.noise)
         force, rate, turn = scatter
         whole = np.zeros((r, m + 12, m + 12))
         whole[:, :m, :m] = force.of(self.noise[:, :m, :m])
-        if self.passages is None:
+        if self.transitions is None:
             return whole[:, :m, :m]
         n, lengths = self.observations.samples, self._ramp_samples
         step = self.observations.duration / n
@@ -312,9 +312,9 @@ class Rests:
 
     @cached_property
     def _ramp_samples(self) -> Array:
-        """Samples of the ramps by which passages arrive at each rest and leave it, (r, 2)."""
-        assert self.passages is not None
-        way, ramps = self.passages, np.zeros((len(self.noise), 2))
+        """Samples of the ramps by which transitions arrive at each rest and leave it, (r, 2)."""
+        assert self.transitions is not None
+        way, ramps = self.transitions, np.zeros((len(self.noise), 2))
         ramps[way.rest + 1, 0] = way.stop - way.reached + 1
         ramps[way.rest, 1] = way.left - way.start + 1
         return ramps

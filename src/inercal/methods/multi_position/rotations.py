@@ -1,7 +1,7 @@
 """Gravity's direction carried by the gyros from one rest to the next, against what is found there.
 
-With û the direction of f̂ at a rest and R the rotation that the corrected rate makes of the passage
-to the next, the residual is what is left across û at its end::
+With û the direction of f̂ at a rest and R the rotation that the corrected rate makes of the
+transition to the next, the residual is what is left across û at its end::
 
     ρ = B (û_after − E R û_before),   B (2 × 3): two unit vectors across the nominal û_after
 
@@ -13,7 +13,7 @@ inverse of the sensor's model, and û by the part of δf̂ across it over its le
 
 Source: Tedaldi, Pretto, Menegatti, "A robust and easy to implement method for IMU calibration
 without external equipments", ICRA 2014, 3042–3049, equations 14 to 16; the errors of û, which
-neighbouring passages share, and of the rate on the way are ours.
+neighbouring transitions share, and of the rate on the way are ours.
 """
 
 from dataclasses import replace
@@ -26,9 +26,9 @@ from inercal.arrays import Array
 from inercal.errors import NotInvertible
 from inercal.frames import exp_so3, skew
 from inercal.methods import temperature
-from inercal.methods.multi_position._kernels import integrate_passages
+from inercal.methods.multi_position._kernels import integrate_transitions
 from inercal.motion import Motion
-from inercal.recording import Passages
+from inercal.recording import Transitions
 from inercal.sensors import Sensor
 
 Indices = NDArray[np.int64]
@@ -44,8 +44,8 @@ class InverseModel(NamedTuple):
     coefficient_derivatives: Array  # (3, 7, p), of ω per unit of (f, ω, 1)
 
 
-class PassageRotations(NamedTuple):
-    """What the corrected rate makes of k passages, and how that depends on it."""
+class TransitionRotations(NamedTuple):
+    """What the corrected rate makes of k transitions, and how that depends on it."""
 
     rotation: Array  # (k, 3, 3), R
     coefficient_derivatives: Array  # (k, 3, p), of ψ
@@ -55,7 +55,7 @@ class PassageRotations(NamedTuple):
 
 
 class RotationResiduals(NamedTuple):
-    """The residuals of k passages; see the module."""
+    """The residuals of k transitions; see the module."""
 
     residual: Array  # (k, 2), ρ in rad
     to_end_turn: Array  # (k, 2, 3), ∂(−ρ)/∂ψ: how the prediction runs ahead of the observation
@@ -167,19 +167,19 @@ def output_at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> A
     return made
 
 
-def passage_rotations(
-    passages: Passages,
+def transition_rotations(
+    transitions: Transitions,
     sensor: Sensor,
     c: Array,
     white: Array,
     timebase: float = 0.0,
     dT: Array | None = None,
-) -> PassageRotations:
+) -> TransitionRotations:
     """Return the rotations that the corrected rate makes.
 
     Parameters
     ----------
-    passages : Passages
+    transitions : Transitions
     sensor : Sensor
         Accelerometers and gyros.
     c : (p,) array
@@ -191,17 +191,17 @@ def passage_rotations(
     dT : (n,) array, optional
         Temperature of each sample minus the sensor's reference temperature, K.
     """
-    model, way = inverse_model(sensor, c), passages
+    model, way = inverse_model(sensor, c), transitions
     time = way.time * (1 + timebase)
     output = way.output if dT is None else output_at_reference(way.output, sensor, c, dT)
     ends = way.start, way.left, way.reached, way.stop
     white = np.ascontiguousarray(white)
-    turn, sensitivity, noise = integrate_passages(
+    turn, sensitivity, noise = integrate_transitions(
         time, output, *ends, model.matrix, model.offset, white, np.zeros(0)
     )
     coefficient_derivatives = np.einsum("kabq,bqp->kap", sensitivity, model.coefficient_derivatives)
     if dT is not None:
-        _, warmed, _ = integrate_passages(
+        _, warmed, _ = integrate_transitions(
             time, output, *ends, model.matrix, model.offset, white, dT
         )
         by_kelvin = (
@@ -209,25 +209,27 @@ def passage_rotations(
         )
         coefficient_derivatives += np.einsum("kabq,bqp->kap", warmed, by_kelvin)
     to_timebase = np.einsum("kabb->ka", sensitivity[..., 3:6]) / (1 + timebase)
-    return PassageRotations(turn, coefficient_derivatives, sensitivity[..., 6], to_timebase, noise)
+    return TransitionRotations(
+        turn, coefficient_derivatives, sensitivity[..., 6], to_timebase, noise
+    )
 
 
 def rotation_residuals(
-    rest: Indices, way: PassageRotations, felt: Array, across: Array, earth: Array
+    rest: Indices, way: TransitionRotations, felt: Array, across: Array, earth: Array
 ) -> RotationResiduals:
     """Return the residuals and their derivatives.
 
     Parameters
     ----------
     rest : (k,) array of int
-        Where each passage begins.
-    way : PassageRotations
+        Where each transition begins.
+    way : TransitionRotations
     felt : (r, 3) array
         f̂ of each rest, m/s².
     across : (r, 2, 3) array
         B of each rest.
     earth : (k, 3) array
-        What the earth turns in each passage, ω_e T in the body's frame after it, rad.
+        What the earth turns in each transition, ω_e T in the body's frame after it, rad.
     """
     length = np.linalg.norm(felt, axis=-1)
     up = felt / length[:, None]

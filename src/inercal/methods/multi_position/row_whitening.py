@@ -1,10 +1,10 @@
-"""Whitening of the rows of rests and passages: a band of their covariance, in the order of time.
+"""Whitening of the rows of rests and transitions: a band of their covariance, in the order of time.
 
 Rest i has eight rows that its readings' errors enter: the two of the rotation that reaches it, its
 norm, its three rates, the two of the rotation that leaves it. Each such block is added onto a band
-of eight diagonals, at 6 i; the rotations' own noise onto theirs. Rows that do not exist (a passage
-across a gap) keep a variance of one and take no part. Work and memory grow with the number of
-rests.
+of eight diagonals, at 6 i; the rotations' own noise onto theirs. Rows that do not exist (a
+transition across a gap) keep a variance of one and take no part. Work and memory grow with the
+number of rests.
 """
 
 # SciPy has no stubs.
@@ -39,13 +39,17 @@ def row_covariance(rests: Rests, rows: ResidualRows, scatter: Scatter) -> RowCov
     readings = rests.reading_covariance(scatter)
     enter, own = reading_sensitivities(rests, rows), np.zeros((0, 2, 2))
     turns = rows.rotations
-    if turns is not None and rows.passage_rotations is not None and rests.passages is not None:
+    if (
+        turns is not None
+        and rows.transition_rotations is not None
+        and rests.transitions is not None
+    ):
         own = (
             turns.to_end_turn
-            @ rows.passage_rotations.noise
+            @ rows.transition_rotations.noise
             @ np.swapaxes(turns.to_end_turn, -1, -2)
         )
-        on_the_way = _passage_offset_sensitivities(rests, rows)
+        on_the_way = _transition_offset_sensitivities(rests, rows)
         wander = scatter.rate.excess**2 * 2 * on_the_way @ np.swapaxes(on_the_way, -1, -2)
         own = scatter.turn.of(own) + wander
     return RowCovariance(enter @ readings @ np.swapaxes(enter, -1, -2), own)
@@ -57,20 +61,24 @@ def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
     The readings are in the order of `Rests.readings`.
     """
     r, m, turns = len(rows.norm.residual), rests.m, rows.rotations
-    enter = np.zeros((r, _BLOCK_ROWS, m if rests.passages is None else m + 12))
+    enter = np.zeros((r, _BLOCK_ROWS, m if rests.transitions is None else m + 12))
     back = np.broadcast_to(rows.norm.by_reading, (r, 3, m))
     enter[:, NORM_ROW, :m] = -(rows.norm.up[:, None, :] @ back)[:, 0]
-    if turns is not None and rows.passage_rotations is not None and rests.passages is not None:
-        before = rests.passages.rest
+    if (
+        turns is not None
+        and rows.transition_rotations is not None
+        and rests.transitions is not None
+    ):
+        before = rests.transitions.rest
         after = before + 1
         arriving, leaving = _ramp_sensitivities(rests, rows)
-        on_the_way = _passage_offset_sensitivities(rests, rows)
+        on_the_way = _transition_offset_sensitivities(rests, rows)
         enter[:, RATE_ROWS, m : m + 3] = enter[:, RATE_ROWS, m + 9 :] = np.eye(3)
         enter[after, :2, :m] = turns.to_after @ back[after]
         enter[after, :2, m + 3 : m + 6] = -turns.to_end_turn
         enter[after, :2, m + 9 :] = arriving + on_the_way
         enter[before, 6:, :m] = turns.to_before @ back[before]
-        enter[before, 6:, m + 6 : m + 9] = -turns.to_end_turn @ rows.passage_rotations.rotation
+        enter[before, 6:, m + 6 : m + 9] = -turns.to_end_turn @ rows.transition_rotations.rotation
         enter[before, 6:, m + 9 :] = leaving + on_the_way
     return enter
 
@@ -78,29 +86,29 @@ def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
 def _ramp_sensitivities(rests: Rests, rows: ResidualRows) -> tuple[Array, Array]:
     """Return what an offset of the gyros on the ramps does to the rotations, (k, 2, 3) each."""
     assert rows.rotations is not None
-    assert rows.passage_rotations is not None
-    assert rests.passages is not None
-    before = rests.passages.rest
+    assert rows.transition_rotations is not None
+    assert rests.transitions is not None
+    before = rests.transitions.rest
     arriving = -rows.rotations.to_end_turn * rests.ramps[before + 1, 0, None, None]
     leaving = (
         -rows.rotations.to_end_turn
-        @ rows.passage_rotations.rotation
+        @ rows.transition_rotations.rotation
         * rests.ramps[before, 1, None, None]
     )
     return arriving, leaving
 
 
-def _passage_offset_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
+def _transition_offset_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
     """Return what half an offset of the gyros between the ramps does, (k, 2, 3).
 
     An offset stays through a rest; on the way it is the mean of those at its ends, and as much
     again of its own.
     """
     assert rows.rotations is not None
-    assert rows.passage_rotations is not None
+    assert rows.transition_rotations is not None
     arriving, leaving = _ramp_sensitivities(rests, rows)
     return np.asarray(
-        0.5 * (-rows.rotations.to_end_turn @ rows.passage_rotations.to_bias - arriving - leaving)
+        0.5 * (-rows.rotations.to_end_turn @ rows.transition_rotations.to_bias - arriving - leaving)
     )
 
 
@@ -124,8 +132,8 @@ def row_positions(rests: Rests, *, norms: bool = True) -> Indices:
     r = len(rests.observations.labels)
     start = _ROWS_PER_REST * np.arange(r)
     place = (start + NORM_ROW)[: r if norms else 0]
-    if rests.passages is not None:
-        at = _ROWS_PER_REST * (rests.passages.rest + 1)
+    if rests.transitions is not None:
+        at = _ROWS_PER_REST * (rests.transitions.rest + 1)
         of_rates = (start[:, None] + np.arange(_ROWS_PER_REST)[RATE_ROWS]).ravel()
         place = np.concatenate([place, np.stack([at, at + 1], axis=-1).ravel(), of_rates])
     return place
@@ -152,8 +160,8 @@ def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool 
             stop = column + _ROWS_PER_REST * r
             band[row - column, column:stop:_ROWS_PER_REST] += of_rests[:, row, column]
     place = row_positions(rests, norms=norms)
-    if rests.passages is not None:
-        at = _ROWS_PER_REST * (rests.passages.rest + 1)
+    if rests.transitions is not None:
+        at = _ROWS_PER_REST * (rests.transitions.rest + 1)
         band[0, at] += of_turns[:, 0, 0]
         band[0, at + 1] += of_turns[:, 1, 1]
         band[1, at] += of_turns[:, 1, 0]

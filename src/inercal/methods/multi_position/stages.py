@@ -108,7 +108,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     NotObserved
         Coefficients that the turns leave open.
     """
-    assert rests.passages is not None
+    assert rests.transitions is not None
     sensor, p = rests.sensor, len(rests.force.coefficients)
     count = len(sensor.coefficients)
     own = np.arange(p, count)
@@ -118,7 +118,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     still = np.array([k for k in own.tolist() if not _needs_rotation(rests, k)], dtype=np.int64)
     x = first.x.copy()
     rows = rests.rows(x)
-    r, k = len(rows.norm.residual), len(rests.passages.rest)
+    r, k = len(rows.norm.residual), len(rests.transitions.rest)
     # Attitudes along the run, and with them the earth's rate, need a bias first.
     of_rest = slice(r + 2 * k, None)
     x[still] += np.linalg.lstsq(rows.jacobian[of_rest, still], rows.residual[of_rest], rcond=None)[
@@ -162,7 +162,7 @@ def score_tests(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Sco
     free = _free_indices(
         rests, np.arange(len(rests.sensor.coefficients)), known_count=len(KNOWN_QUANTITIES)
     )
-    if rests.passages is None:
+    if rests.transitions is None:
         free = free[free <= len(rests.sensor.coefficients)]
     return _fit(
         rests,
@@ -328,8 +328,8 @@ def _residual_groups(
     of_rests, of_turns = row_covariance(rests, rows, scatter)
     variance = np.diagonal(of_rests, axis1=1, axis2=2)
     kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], variance[:, [NORM_ROW]])]
-    if rows.rotations is not None and rests.passages is not None:
-        before = rests.passages.rest
+    if rows.rotations is not None and rests.transitions is not None:
+        before = rests.transitions.rest
         ways = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
         arriving, leaving = variance[before + 1, :2], variance[before, 6:]
         of_ways = arriving + leaving + np.diagonal(of_turns, axis1=1, axis2=2)

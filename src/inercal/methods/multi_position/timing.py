@@ -1,9 +1,9 @@
 """The gyros' delay against the accelerometers, from the way between rests.
 
 Gravity's direction u, carried along by the rate, moves as u̇ = u × ω. If the gyros lag by τ, so
-does u, and the specific force runs ahead of g u by τ g u × ω. Each passage gives the τ that fits
-it best; what the hand's own acceleration does to that differs from passage to passage, so that
-their scatter is its uncertainty.
+does u, and the specific force runs ahead of g u by τ g u × ω. Each transition gives the τ that fits
+it best; what the hand's own acceleration does to that differs between transitions, so that their
+scatter is its uncertainty.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
-_MIN_PASSAGES = 5  # passages: of fewer, the scatter says too little
+_MIN_PASSAGES = 5  # transitions: of fewer, the scatter says too little
 
 
 def gyro_delay(
@@ -26,13 +26,13 @@ def gyro_delay(
 ) -> Measured:
     """Return how much later the gyros' samples are than the accelerometers', s.
 
-    The mean over passages, each with the weight of its own turning; its uncertainty from their
+    The mean over transitions, each with the weight of its own turning; its uncertainty from their
     scatter (Cochran 1977, Sampling Techniques, 2.30, of a ratio).
 
     Parameters
     ----------
     observations : Observations
-        Rests with the passages between them.
+        Rests with the transitions between them.
     sensor : Sensor
     estimate : Estimate
         Of the sensor's coefficients.
@@ -42,9 +42,9 @@ def gyro_delay(
     Raises
     ------
     NotObserved
-        Too few passages, or nothing turned.
+        Too few transitions, or nothing turned.
     """
-    way = observations.passages
+    way = observations.transitions
     if way is None or len(way.rest) < _MIN_PASSAGES:
         raise NotObserved(f"a time offset needs gyros and {_MIN_PASSAGES} turns between rests")
     force, c = sensor.select_axes("f"), estimate.value[: len(sensor.coefficients)]

@@ -67,7 +67,7 @@ def rest_changes(
     """
     seen = rests.observations
     halves = seen.halves
-    if halves is None or rests.passages is None or rows.attitude is None:
+    if halves is None or rests.transitions is None or rows.attitude is None:
         return None
     sensor, m, p = rests.sensor, rests.m, len(rests.sensor.coefficients)
     scale = np.array([axis.readout.scale for axis in sensor.axes[:m]])

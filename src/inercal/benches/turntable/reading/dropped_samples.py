@@ -40,7 +40,7 @@ _MOVING = np.radians(5)  # rad/s, of turns
 _TURNING = np.radians(0.05)  # rad/s
 
 
-class SampleSlip(NamedTuple):
+class SampleDrop(NamedTuple):
     """Samples lost after sample `first` and before `last`; negative: as many too many."""
 
     first: int
@@ -49,7 +49,7 @@ class SampleSlip(NamedTuple):
     row: bool  # with their readback
 
 
-def slip_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
+def dropped_sample_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
     """Return a warning for each slip: when, and how many samples.
 
     Parameters
@@ -61,7 +61,7 @@ def slip_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Findi
     bench : Turntable
     """
     found: list[Finding] = []
-    for slip in find_slips(track, sensor, bench):
+    for slip in find_dropped_samples(track, sensor, bench):
         count = round(abs(slip.samples))
         some = f"{count} sample{'s' * (count > 1)} {'lost' if slip.samples > 0 else 'too many'}"
         start, stop = track.time[slip.first], track.time[slip.last]
@@ -78,8 +78,8 @@ def slip_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Findi
     return tuple(found)
 
 
-def find_slips(track: Track, sensor: Sensor, bench: Turntable) -> tuple[SampleSlip, ...]:
-    """Return the slips that `slip_findings` tells of, in their order."""
+def find_dropped_samples(track: Track, sensor: Sensor, bench: Turntable) -> tuple[SampleDrop, ...]:
+    """Return the slips that `dropped_sample_findings` tells of, in their order."""
     gyros = [axis.measures == "w" for axis in sensor.axes]
     if sum(gyros) != 3 or track.time.size < 100:
         return ()
@@ -103,7 +103,7 @@ def find_slips(track: Track, sensor: Sensor, bench: Turntable) -> tuple[SampleSl
     steps = _offset_steps(local.time[kept], local.value[kept], local.sd[kept], track.time)
     spans = local.spans[kept] + h
     # It may lie within one of the changes itself.
-    alone = [SampleSlip(int(spans[k, 0]), int(spans[j, 1]), n, False) for k, j, n in steps]
+    alone = [SampleDrop(int(spans[k, 0]), int(spans[j, 1]), n, False) for k, j, n in steps]
     return tuple(sorted([*rows, *alone]))
 
 
@@ -114,7 +114,7 @@ def _readback_slips(
     bench: Turntable,
     known: RateRegression,
     fastest: float,
-) -> list[SampleSlip]:
+) -> list[SampleDrop]:
     """Return the steps over which the readback alone goes on by more or fewer than one."""
     dt = np.diff(time)
     usual = float(np.median(dt))
@@ -142,7 +142,7 @@ def _readback_slips(
     steady &= np.maximum(np.roll(speed, 2), np.roll(speed, -2)) < 2 * size
     at = np.flatnonzero((np.abs(alone) > least) & moving & steady)
     share = (more - (before + after) / 2)[at] / (size * usual)[at]
-    return [SampleSlip(int(k), int(k) + 1, float(n), True) for k, n in zip(at, share, strict=True)]
+    return [SampleDrop(int(k), int(k) + 1, float(n), True) for k, n in zip(at, share, strict=True)]
 
 
 def _offset_steps(

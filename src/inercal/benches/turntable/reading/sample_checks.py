@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.recording import Finding, Recording, Track
-from inercal.segments.attitudes import FLAWS
+from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.sensors import G0, Sensor
 
 _TURNING = radians(1)  # rad/s
@@ -43,7 +43,10 @@ def require_range(where: str, recording: Recording, track: Track, sensor: Sensor
         flaws = [
             f
             for f in recording.findings
-            if f.what in FLAWS and f.channel == name and f.start is not None and f.stop is not None
+            if f.what in INVALID_SAMPLES
+            and f.channel == name
+            and f.start is not None
+            and f.stop is not None
         ]
         flat = np.zeros(turning.size, np.bool_)
         for flaw in flaws:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.dropped_samples import slip_findings
+from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
 from inercal.benches.turntable.reading.plan_comparison import compare_with_plan
 from inercal.benches.turntable.reading.readback_angles import (
@@ -160,7 +160,7 @@ def _check_track(
     return (
         *check_track(where, track, run.sensor, bench, told),
         *check_earth_rate(where, track, run.sensor, bench),
-        *(slip_findings(track, run.sensor, bench) if again is None else (again,)),
+        *(dropped_sample_findings(track, run.sensor, bench) if again is None else (again,)),
     )
 
 
