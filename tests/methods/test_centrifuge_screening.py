@@ -94,5 +94,5 @@ def test_a_table_that_is_wrong_as_a_whole_is_refused():
     output, rates = made(3)
     shuffled = output[np.random.default_rng(3).permutation(len(output))]
     seen, sensor, spins = table(shuffled, rates)
-    with pytest.raises(InputError, match="look at the rates"):
+    with pytest.raises(InputError, match="check the rates"):
         screen_rows(seen, sensor, BENCH, spins)

@@ -44,5 +44,5 @@ def test_residuals_of_a_whole_recording_are_drawn_by_step(tmp_path: Path):
     total = sum(float(np.sum(one.counts[:, None] * one.rms**2)) for one in (gyros, accelerometers))
     assert total <= np.sum(outcome.estimate.whitened**2) * (1 + 1e-9)
     text = write_report(outcome, tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "Residuals of the whole recording" in text
+    assert "of the whole recording by step" in text
     assert "Each dot is" not in text

@@ -215,9 +215,17 @@ def test_means_without_a_recording_make_a_page(outcome: Outcome):
 
 def test_an_estimate_without_residuals_says_what_its_uncertainty_lacks(run: Run):
     text = page(calibrate(replace(run, estimator="classical")), None)
-    assert "U holds the noise of the means only" in " ".join(text.split())
+    assert "U holds only the noise of the means" in " ".join(text.split())
     assert "Consistent" in text  # by the problem of ml: the formulas leave no residuals
-    assert "bench is taken as exact" in text
+    assert "takes the bench as exact" in text
+
+
+def test_each_linked_term_is_defined_once_at_the_end(outcome: Outcome):
+    text = page(outcome, None)
+    linked = set(re.findall(r'<a class="term" href="#(term-[a-z0-9-]+)"', text))
+    defined = re.findall(r'<dt id="(term-[a-z0-9-]+)"', text)
+    assert len(linked) > 10
+    assert sorted(linked) == sorted(defined)
 
 
 def test_faces_without_a_position_are_named(outcome: Outcome):

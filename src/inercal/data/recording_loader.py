@@ -176,7 +176,7 @@ def readback_units(run: Source[DataSection]) -> dict[str, float]:
     return {one.name: one.size for one in readbacks(run)}
 
 
-def require_own_columns(run: Source[DataSection], *further: str) -> None:
+def require_distinct_columns(run: Source[DataSection], *further: str) -> None:
     """Refuse a column that is named for two things; `further` are columns beside the readback.
 
     Raises

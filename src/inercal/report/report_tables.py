@@ -116,14 +116,14 @@ def _coefficient_row(
 
 
 def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str, float]]]]:
-    """Return what the fit found about the bench, and how far it lies from what was expected.
+    """Return the estimated errors of the bench, and how far they lie from what was stated.
 
     Returns
     -------
     list of Grid
         For the run, the positions and the turns.
     dict of str to list of (str, float)
-        By position, turn or "run": parameters with (found − expected) in expected standard
+        By position, turn or "run": parameters with (estimated − stated) in stated standard
         deviations.
     """
     estimate, expected = outcome.estimate, outcome.expected
@@ -141,7 +141,7 @@ def bench_tables(outcome: Outcome) -> tuple[list[Grid], dict[str, list[tuple[str
     run = [name for name, parameter in known.items() if parameter.scope == "run"]
     if run:
         rows = tuple((known[name].meaning, _run_row(estimate, name, known[name])) for name in run)
-        grids.append(Grid("The whole run", ("stated", "found", "unit"), rows))
+        grids.append(Grid("The whole run", ("stated", "estimated", "unit"), rows))
     for scope, title in (
         ("position", "By position"),
         ("turn", "By turn"),
@@ -227,7 +227,7 @@ def strongest_correlations(estimate: Estimate) -> list[str]:
 
 
 def correction_matrix(outcome: Outcome) -> Grid | None:
-    """Return C and o of felt = C (output − o), or None for a model that is not affine."""
+    """Return C and o of motion = C (output − o), or None for a model that is not affine."""
     calibration = outcome.calibration
     sensor = calibration.sensor
     if not sensor.affine:
@@ -236,10 +236,10 @@ def correction_matrix(outcome: Outcome) -> Grid | None:
     rounding = 1e-14 * float(np.abs(slope).max())
     kinds = [kind for kind in "fw" if any(axis.measures == kind for axis in sensor.axes)]
     # Plain minus signs: these numbers are there to be copied.
-    felt = [f"{kind}_{a}" for kind in kinds for a in "xyz"]
+    components = [f"{kind}_{a}" for kind in kinds for a in "xyz"]
     rows = [
         (name, tuple(f"{x:.7g}" if abs(x) > rounding else "0" for x in row))
-        for name, row in zip(felt, slope, strict=True)
+        for name, row in zip(components, slope, strict=True)
     ]
     rows.append(("o", tuple(f"{x:.7g}" for x in offset)))
     return Grid("", sensor.channels, tuple(rows))

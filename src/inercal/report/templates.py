@@ -4,6 +4,9 @@ from functools import cache
 from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from inercal.glossary import Term, find_term
 
 _PACKAGE = "inercal.report"
 
@@ -17,9 +20,19 @@ def render(template: str, package: str = _PACKAGE, **values: Any) -> str:
         Name of a file in `package`; what it extends or includes may lie here.
     package : str
     **values
-        What the template names.
+        What the template names. It has besides `term`, a function that links a word to its
+        definition, and `terms`, what was linked so far: `base.html` lists them at the end.
     """
-    return _environment(package).get_template(template).render(values)
+    terms: dict[str, Term] = {}
+
+    def link(shown: str, name: str = "") -> Markup:
+        term = find_term(name or shown)
+        terms[term.name] = term
+        return Markup('<a class="term" href="#term-{}" title="{}">{}</a>').format(
+            term.anchor, term.text, shown
+        )
+
+    return _environment(package).get_template(template).render(values, term=link, terms=terms)
 
 
 @cache

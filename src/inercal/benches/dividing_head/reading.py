@@ -32,7 +32,7 @@ from inercal.data.recording_loader import (
     readback_columns,
     readback_units,
     reader_columns,
-    require_own_columns,
+    require_distinct_columns,
     stated_deviations,
 )
 from inercal.data.rest_marks import check_rests, stated_marks
@@ -59,7 +59,7 @@ def observe(run: Source[DividingHeadData]) -> EstimatorInput:
         raise InputError(
             f"{run.path}: [data] seconds: a dividing head is at rest during a reading; leave it out"
         )
-    require_own_columns(run)
+    require_distinct_columns(run)
     made = _table(run, bench) if run.data.kind == "means" else _recording(run)
     steps = [step for step in made.steps if isinstance(step, Index)]
     require_small_readings(run, steps)

@@ -43,7 +43,7 @@ from inercal.data import EstimatorInput, Source
 from inercal.data.recording_loader import (
     load_recording,
     readback_columns,
-    require_own_columns,
+    require_distinct_columns,
 )
 from inercal.errors import InputError
 from inercal.plan import Position, Rotation, TableStep
@@ -77,7 +77,7 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     """
     bench: Turntable = run.bench
     _require_track(run)
-    require_own_columns(run, *(str(c) for c in (run.data.table_time,) if c is not None))
+    require_distinct_columns(run, *(str(c) for c in (run.data.table_time,) if c is not None))
     _require_small_latency(run, bench)
     recording = load_recording(run)
     try:

@@ -1,0 +1,139 @@
+"""The words of the interface: those of the glossary, or plain English ones."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import inercal
+from inercal.glossary import find_term, glossary, glossary_markdown
+from inercal.sensors.coefficient_tables import TABLES
+
+SOURCE = Path(inercal.__file__).parent
+PLAIN = frozenset((Path(__file__).parent / "plain_words.txt").read_text("utf-8").split())
+PAGE = Path(__file__).parents[1] / "docs" / "reference" / "glossary.md"
+# Our own words for what has a name in the field: none stands in a public name.
+BANNED = frozenset(
+    [
+        "felt",
+        "teller",
+        "lanes",
+        "kept",
+        "people",
+        "going",
+        "carrying",
+        "told",
+        "asked",
+        "ending",
+        "keeper",
+        "driven",
+        "heard",
+        "entering",
+        "drawn",
+        "gathered",
+        "gather",
+        "passage",
+        "passages",
+        "slip",
+        "slips",
+        "stands",
+        "tremor",
+        "alike",
+        "wording",
+        "fresh",
+        "natural",
+        "way",
+        "thrown",
+        "own",
+        "say",
+        "says",
+        "saying",
+        "goes",
+        "lean",
+        "leans",
+        "lain",
+        "sought",
+    ]
+)
+NAMED = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+
+
+def words(text: str) -> set[str]:
+    return {word.lower() for word in WORD.findall(text)}
+
+
+GLOSSARY = frozenset(
+    word
+    for group in glossary()
+    for term in group.terms
+    for word in words(f"{term.name} {term.symbol}")
+)
+
+
+def public_names() -> dict[str, str]:
+    """Return every public class, function and method with the file that it stands in."""
+    names: dict[str, str] = {}
+    for path in SOURCE.rglob("*.py"):
+        bodies = [ast.parse(path.read_text(encoding="utf-8")).body]
+        while bodies:
+            for node in bodies.pop():
+                if not isinstance(node, NAMED) or node.name.startswith("_"):
+                    continue
+                names[node.name] = str(path.relative_to(SOURCE))
+                bodies += [node.body] if isinstance(node, ast.ClassDef) else []
+    return names
+
+
+def headings() -> dict[str, str]:
+    """Return the headings, captions and heads of columns of the pages with their files."""
+    pattern = re.compile(
+        r"<(h2|caption|th scope=\"col\"[^>]*)>(.*?)</(?:h2|caption|th)>", re.DOTALL
+    )
+    made: dict[str, str] = {}
+    for path in SOURCE.rglob("*.html"):
+        for _, text in pattern.findall(path.read_text(encoding="utf-8")):
+            plain = re.sub(
+                r"<[^>]*>|&\w+;", " ", re.sub(r"{[{%].*?[%}]}", " ", text, flags=re.DOTALL)
+            )
+            made[plain] = str(path.relative_to(SOURCE))
+    return made
+
+
+@pytest.mark.parametrize("named", [public_names, headings], ids=["names", "headings"])
+def test_words_of_names_and_headings_are_plain_or_in_the_glossary(named):
+    found = {
+        f"{word} in {name!r}, {where}"
+        for name, where in named().items()
+        for word in words(name) - GLOSSARY - PLAIN
+    }
+    assert sorted(found) == []
+
+
+def test_no_banned_word_stands_in_a_public_name():
+    found = {f"{name}, {where}" for name, where in public_names().items() if words(name) & BANNED}
+    assert sorted(found) == []
+    assert not PLAIN & BANNED
+
+
+def test_every_coefficient_is_in_the_glossary():
+    for table in TABLES.values():
+        for coefficient in table:
+            assert find_term(coefficient.symbol).symbol == coefficient.symbol
+    listed = {term for group in glossary() for term in group.terms}
+    assert {(term.name, term.unit) for term in listed} >= {
+        (coefficient.name, coefficient.unit) for table in TABLES.values() for coefficient in table
+    }
+
+
+def test_no_term_is_defined_twice():
+    names = [term.name for group in glossary()[:-2] for term in group.terms]
+    symbols = [term.symbol for group in glossary()[:-2] for term in group.terms if term.symbol]
+    assert len(set(names)) == len(names)
+    # Lower-case r and p serve twice in the field too.
+    assert {one for one in symbols if symbols.count(one) > 1} <= {"r"}
+
+
+def test_the_page_of_the_documentation_is_the_glossary():
+    assert PAGE.read_text(encoding="utf-8") == glossary_markdown()
