@@ -2,6 +2,7 @@
 
 import ast
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -102,7 +103,9 @@ def headings() -> dict[str, str]:
 
 
 @pytest.mark.parametrize("named", [public_names, headings], ids=["names", "headings"])
-def test_words_of_names_and_headings_are_plain_or_in_the_glossary(named):
+def test_words_of_names_and_headings_are_plain_or_in_the_glossary(
+    named: Callable[[], dict[str, str]],
+):
     found = {
         f"{word} in {name!r}, {where}"
         for name, where in named().items()

@@ -46,10 +46,11 @@ class Term(NamedTuple):
 
 
 class TermGroup(NamedTuple):
-    """The terms of one field."""
+    """The terms of one field; `prefix` tells the anchors of the coefficients' groups apart."""
 
     title: str
     terms: tuple[Term, ...]
+    prefix: str = ""
 
 
 @cache
@@ -60,8 +61,9 @@ def glossary() -> tuple[TermGroup, ...]:
         TermGroup(group["title"], tuple(Term(**term) for term in group["terms"]))
         for group in content["group"]
     ]
-    for title, table in (("accelerometer", ACCELEROMETER), ("gyro", GYRO)):
-        groups.append(TermGroup(f"Coefficients: {title}", tuple(map(_coefficient_term, table))))
+    for title, table in (("accelerometers", ACCELEROMETER), ("gyros", GYRO)):
+        terms = tuple(map(_coefficient_term, table))
+        groups.append(TermGroup(f"Coefficients of {title}", terms, f"{title}-"))
     return tuple(groups)
 
 

@@ -30,6 +30,7 @@ def plan(**changed: Any) -> Message:
             "name": f"{axis}.{own}",
             "axis": axis,
             "own": own,
+            "meaning": f"meaning of {own}",
             "measures": measures,
             "unit": unit,
         }

@@ -15,6 +15,8 @@ from tests.browser.page_actions import (
 )
 from tests.browser.scripted_server import ScriptedServer
 
+from inercal.report.glossary_page import glossary_page
+
 
 def test_a_run_is_shown_with_its_numbers_and_units(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
@@ -88,6 +90,10 @@ def test_of_a_method_that_estimates_too_little_to_navigate_by_no_navigation_is_s
     found = messages.estimates(30.0) | {"nis": {"all": 1.03}}
     open_page(page, scripted, messages.plan(), found, messages.state(30.0, **only))
     expect(page.get_by_text(re.compile(r"NIS, all axes 1\.03: "))).to_be_visible()
+    for word in ("NIS", "k0"):
+        linked = page.get_by_role("link", name=word, exact=True).first
+        anchor = (linked.get_attribute("href") or "").partition("#")[2]
+        assert f'id="{anchor}"' in glossary_page()
     expect(page.get_by_role("button", name=re.compile(r"^ax\.k0: [−\d.]+ ± "))).to_be_visible()
     expect(page.get_by_text("only the table's attitude is shown")).to_be_visible()
     expect(page.get_by_role("img", name="Attitude by the IMU's readings")).to_be_hidden()

@@ -44,7 +44,15 @@ def test_a_name_that_was_made_to_lead_here_is_refused(served: Served, watched: P
 
 def test_without_the_token_nothing_is_served(tmp_path: Path):
     with Served(tmp_path, TOKEN) as served:
-        for path in ("/", "/api/setup", "/static/page.js", "/runs/x/report", "/history/1", "/x"):
+        for path in (
+            "/",
+            "/api/setup",
+            "/static/page.js",
+            "/runs/x/report",
+            "/history/1",
+            "/glossary",
+            "/x",
+        ):
             answer = served.ask(path)
             assert answer.status == 401
             assert b"<form" in answer.body

@@ -71,6 +71,7 @@ class Page:
             Route("/api/probe", self.probe, methods=["POST"]),
             Route("/runs/{name}/{what}", self.output_file),
             Route("/history/{sensor}", self.history),
+            Route("/glossary", self.glossary),
             WebSocketRoute("/live", self.live),
         ]
 
@@ -154,6 +155,13 @@ class Page:
             return PlainTextResponse(f"{error}\n", 404)
         finally:
             self._pending_histories -= 1
+        return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})
+
+    async def glossary(self, request: Request) -> Response:
+        """Return the page of the terms."""
+        from inercal.report.glossary_page import glossary_page
+
+        content = await asyncio.to_thread(glossary_page)
         return HTMLResponse(content, headers={"content-security-policy": _STANDALONE_POLICY})
 
     async def not_found(self, request: Request, error: Exception | None = None) -> Response:

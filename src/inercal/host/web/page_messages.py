@@ -45,6 +45,7 @@ def plan_message(run: Run, bench: Turntable) -> dict[str, Any]:
                 "name": name,
                 "axis": CoefficientName(name).axis,
                 "own": line.name,
+                "meaning": line.meaning,
                 "measures": measures[CoefficientName(name).axis],
                 "unit": line.unit,
             }

@@ -12,13 +12,23 @@ const WORDS = {
     + "results are made of it at the end.",
   none: "By this method nothing is estimated live: the results are made at the end.",
 };
+const NIS = "normalised innovation squared";
+const NIS_MEANING = "Innovation squared over its stated variance: about 1 where all is as stated";
 const DECADES = 3; // of shrinking from the top of a small picture to its bottom
 const POINTS = 100; // of a small picture
 const OFTEN = 300; // ms between pictures
 
+/** A word with the way to its definition. */
+function term(shown, name, meaning) {
+  const anchor = name.toLowerCase().replace(/[^a-z0-9]+/g, "-");
+  return make("a", { class: "term", href: `/glossary#term-${anchor}`, target: "_blank",
+    title: meaning }, shown);
+}
+
 export function makeEstimates(course) {
   const [place, nis, waits] = ["coefficients", "nis", "waits"].map(byId);
   const sections = ["estimates", "course"].map(byId);
+  const found = make("span", {});
   let cells = [];
   let history = null;
   let chosen = ""; // by its name: the page keeps it when it connects again
@@ -31,7 +41,7 @@ export function makeEstimates(course) {
     cells = coefficients.map(cell);
     const tables = Object.keys(KINDS).map((kind) => table(kind, coefficients));
     place.replaceChildren(...tables.filter(Boolean));
-    put(nis, "");
+    nis.replaceChildren();
     explain("waits");
     const before = cells.findIndex(({ coefficient }) => coefficient.name === chosen);
     choose(Math.max(before, 0), false);
@@ -58,7 +68,8 @@ export function makeEstimates(course) {
     const rows = names.map((name) => {
       const of = (axis) => own.find((one) => one.axis === axis && one.own === name);
       const unit = own.find((one) => one.own === name).unit;
-      const head = make("th", { scope: "row" }, name, make("span", { class: "small" }, ` ${unit}`));
+      const { meaning } = own.find((one) => one.own === name);
+      const head = make("th", { scope: "row" }, term(name, `${KINDS[kind]}-${name}`, meaning), make("span", { class: "small" }, ` ${unit}`));
       return make("tr", {}, head,
         ...axes.map((axis) => make("td", {}, of(axis) ? cells[of(axis).i].button : "")));
     });
@@ -121,7 +132,7 @@ export function makeEstimates(course) {
     last = null;
   }
 
-  function show({ values, u2, nis: found }) {
+  function show({ values, u2, nis: ratios }) {
     cells.forEach((one, i) => {
       const [value, spread] = digits(values[i] ?? NaN, u2[i] ?? NaN);
       const { name, unit } = one.coefficient;
@@ -130,10 +141,11 @@ export function makeEstimates(course) {
         ? `${name}: ${value} ± ${spread} ${unit}` : `${name}: not known yet`);
       spark(one, i);
     });
-    const parts = Object.entries(PARTS).filter(([kind]) => Number.isFinite(found?.[kind]))
-      .map(([kind, name]) => `${name} ${fixed(found[kind], 2)}`);
-    put(nis, parts.length ? `NIS, ${parts.join(", ")}: innovations squared over `
-      + "what was stated. About 1 where all is as stated, more where something is not." : "");
+    const parts = Object.entries(PARTS).filter(([kind]) => Number.isFinite(ratios?.[kind]))
+      .map(([kind, name]) => `${name} ${fixed(ratios[kind], 2)}`);
+    if (parts.length && !nis.firstChild) nis.append(term("NIS", NIS, NIS_MEANING), found);
+    put(found, parts.length ? `, ${parts.join(", ")}: innovations squared over their stated `
+      + "variance. It is about 1 where all is as stated, and larger where something is not." : "");
     course.draw();
   }
 
