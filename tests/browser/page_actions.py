@@ -22,10 +22,12 @@ def open_running_page(page: Page, server: ScriptedServer, time: float = 100.0) -
     """Open the page while a run goes on."""
     said = [messages.estimates(time * k / 20) for k in range(1, 21)]
     begins = messages.event(0.0, "the run begins")
-    return open_page(
+    open_page(
         page, server, messages.plan(), *said, messages.samples(time - 10, time), begins,
         messages.state(time),
     )  # fmt: skip
+    expect(page.get_by_text(" gone, ")).to_be_visible()  # the last message has come
+    return page
 
 
 def take_control(page: Page, server: ScriptedServer, name: str = "Ada") -> Page:
