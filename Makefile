@@ -16,7 +16,7 @@ QUICK := tests/benches tests/budget tests/calibration tests/design tests/estimat
   tests/methods tests/observe tests/runfile tests/segments tests/sensors tests/uncertainty \
   $(wildcard tests/test_*.py)
 
-.PHONY: help demo quick test slow check bench evidence lock format clean
+.PHONY: help demo quick test slow check bench evidence architecture glossary lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
@@ -56,6 +56,12 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.turntable_errors
 	$(BIN)/python -m tests.evidence.noise_coverage
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
+
+architecture: $(INSTALLED)  ## draw the picture of the packages from their imports
+	$(BIN)/python -m tools.architecture
+
+glossary: $(INSTALLED)  ## write the page of the terms
+	$(BIN)/python -m inercal.glossary > docs/reference/glossary.md
 
 format: $(INSTALLED)  ## mend format and lint
 	$(BIN)/ruff format .

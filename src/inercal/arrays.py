@@ -1,4 +1,4 @@
-"""The array that everything here computes with."""
+"""The type of the arrays: 64-bit floats."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What goes wrong, in words.
+"""The exceptions: what happened, where, and what to do.
 
 Every error that a user can cause is an `InercalError` whose message is one line: what is wrong,
 where (file, line, row, key), and what is possible. The command line prints it and exits with 2.

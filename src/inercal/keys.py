@@ -1,4 +1,4 @@
-"""Names made of parts: a coefficient of an axis, an error of the bench somewhere, an observation.
+"""Structured names: a coefficient of an axis, an error of the bench somewhere, an observation.
 
 Each is text: equal to, hashed, sorted and written as what a run file or a calibration file says.
 Nothing else takes such text apart.

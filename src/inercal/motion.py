@@ -1,4 +1,4 @@
-"""What a sensor truly feels.
+"""The motion at a sensor: specific force, angular rate, angular acceleration.
 
 All vectors are in the sensor's frame. `f` is specific force: an accelerometer at rest reads +g
 along the upward vertical. Arrays may carry leading axes of trials: `(..., n, 3)`.

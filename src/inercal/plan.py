@@ -1,4 +1,4 @@
-"""A plan: the steps that a bench carries out, the same in simulation and on iron.
+"""A plan: the steps that a bench carries out, simulated or real.
 
 A step's label names the section of the recording that it leaves.
 """

@@ -1,4 +1,4 @@
-"""Things by name: those of this package, and those that other packages bring.
+"""Registries: kinds by name, of this package and of others by entry points.
 
 A package brings one by an entry point of the group, in its `pyproject.toml`::
 

@@ -1,4 +1,4 @@
-"""What a plan will give before anything is moved, and what its operator does."""
+"""Worksheets: the uncertainties that a plan will give, and what its operator does."""
 
 from inercal.design.plan_rehearsal import RehearsalResult, default_run_file, rehearse_plan
 

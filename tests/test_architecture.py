@@ -1,0 +1,14 @@
+"""The picture of the packages is that of the imports."""
+
+from tools.architecture import PICTURE, imports, layers, picture
+
+
+def test_the_picture_is_drawn_from_the_imports_of_today():
+    assert PICTURE.read_text(encoding="utf-8") == picture(), "run make architecture"
+
+
+def test_packages_import_lower_layers_alone():
+    level = {name: k for k, layer in enumerate(layers()) for name in layer}
+    drawn = imports()
+    assert sum(map(len, drawn.values())) > len(level)
+    assert all(level[one] > level[name] for name, ends in drawn.items() for one in ends)
