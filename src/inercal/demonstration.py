@@ -91,11 +91,11 @@ def demo(
         run = _write_run_file(Path(plans), quick=quick)
         with start_bench_simulator(run, seed, _PACKETS) as bench:
             # The bench's processes have read the run file; from here on its copy counts.
-            made, journal = create_run(folder, run, bench.addresses, POLL_INTERVAL)
-            with journal, made.removed_on_failure():
+            result, journal = create_run(folder, run, bench.addresses, POLL_INTERVAL)
+            with journal, result.removed_on_failure():
                 try:
                     run_process = execute_run(
-                        made, journal, show=show, run_context=lambda _: bench.run_context()
+                        result, journal, show=show, run_context=lambda _: bench.run_context()
                     )
                 except RunInterrupted as error:
                     raise InercalError(f"{folder}: the run was interrupted: {error}") from None
@@ -104,7 +104,7 @@ def demo(
                     return _truth_with_mean_biases(run, seed, outcome, run_process.time)
 
                 outcome, written = finish_run(
-                    made, journal, run_process.recorder.live_estimator, truth=truth
+                    result, journal, run_process.recorder.live_estimator, truth=truth
                 )
     calibration, drifting = outcome.calibration, truth(outcome)
     true = true_coefficients(calibration, drifting)
@@ -127,12 +127,12 @@ def _truth_with_mean_biases(
     lasting = float(track.time[-1] - track.time[0])
     rate = packet_rate(run, read_layout(_PACKETS), None)
     drift = mean_drift(run, draw_errors(run, seed), rate, end - lasting, end)
-    made = dict(run.truth)
+    result = dict(run.truth)
     for channel, mean in zip(run.sensor.channels, drift.tolist(), strict=True):
         for name in (f"{channel}.bias", f"{channel}.k0"):
-            if name in made:
-                made[name] += mean
-    return made
+            if name in result:
+                result[name] += mean
+    return result
 
 
 def _write_run_file(folder: Path, *, quick: bool) -> Run:

@@ -27,7 +27,7 @@ def test_times_from_a_counter_have_gaps_where_packets_are_lost():
         ([0, 1, 256], 256, "sample 2 has 256"),
         ([0, 1.5], 256, "sample 1 has 1.5"),
         ([0, float("nan")], 256, "sample 1 has nan"),
-        ([0, 1], 2, "give 3 or more"),
+        ([0, 1], 2, "at least 3"),
         ([*range(256)] * 3, 65536, r"after 255 it begins again at 0 \(sample 256\), so that"),
         ([0, 1, 2, 3, 200], 256, "200 at sample 4 follows 3: packets out of order, or 128 packets"),
     ],

@@ -338,5 +338,10 @@ def test_the_report_of_an_arm_run_shows_bench_norms_and_dwells(tmp_path: Path):
     outcome = simulated(tmp_path)
     assert isinstance(outcome.bench, Centrifuge)
     page = write_report(outcome, tmp_path / "report.html").read_text(encoding="utf-8")
-    for text in ("static radius", "latitude", "p01 at 60 rpm", "specific force in each row"):
+    for text in (
+        "static radius",
+        "latitude",
+        "p01 at 60 rpm",
+        "norm of the specific force on the bench",
+    ):
         assert text in page

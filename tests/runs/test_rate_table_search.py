@@ -153,11 +153,11 @@ def test_only_a_search_has_its_history_drawn(tmp_path: Path):
         page = tmp_path / f"{estimator}.html"
         write_report(estimate_with_search(tmp_path, estimator), page)
         text = page.read_text(encoding="utf-8")
-        assert ("How the search went" in text) == (estimator == "global")
+        assert ('id="search"' in text) == (estimator == "global")
         assert ("goal 5 %" in text) == (estimator == "global")
-        assert "Each dot is the norm that the bench makes" in text
+        assert "Each dot is the norm of the specific force on the bench" in text
         assert "degrees of freedom" in text
-        assert "not told by these data" in text
+        assert "not determined by these data" in text
         assert "rates of the table" in text
 
 

@@ -172,10 +172,10 @@ def stack_derivatives(
     shape : tuple of int
         (..., 3), of one row.
     """
-    made: dict[str, Array] = {}
+    result: dict[str, Array] = {}
     for k, row in enumerate(rows):
         for name, value in row.items():
-            if name not in made:
-                made[name] = np.zeros((*shape[:-1], len(rows), shape[-1]))
-            made[name][..., k, :] = value
-    return made
+            if name not in result:
+                result[name] = np.zeros((*shape[:-1], len(rows), shape[-1]))
+            result[name][..., k, :] = value
+    return result

@@ -110,8 +110,8 @@ def deviation(
         Of the field where Python states nothing, SI.
     """
     read = partial(section_deviation, limit=limit)
-    made = KeyDeclaration(like, text, example, read, parameters, key, scope, attitude)
-    return field(default=default, metadata={_METADATA: made})
+    result = KeyDeclaration(like, text, example, read, parameters, key, scope, attitude)
+    return field(default=default, metadata={_METADATA: result})
 
 
 small_angle = partial(deviation, "°", limit=SMALL_ANGLE)
@@ -128,8 +128,8 @@ def constant(like: str, text: str, meaning: str, *, example: str = "") -> Measur
     meaning : str
         Of its parameter.
     """
-    made = KeyDeclaration(like, text, example, section_constant, meaning)
-    return field(default=_EXACT, metadata={_METADATA: made})
+    result = KeyDeclaration(like, text, example, section_constant, meaning)
+    return field(default=_EXACT, metadata={_METADATA: result})
 
 
 @cache
@@ -175,13 +175,13 @@ def add_bench_keys(
             keys |= {key: (str, Field(one.text, examples=shown))} | written.get(key, {})
         # Fields stand in the order of the last base, and are what the first one has them to be.
         ordered = create_model(section.__name__, __base__=BenchSection, **keys)
-        made: Any = create_model(
+        result: Any = create_model(
             section.__name__,
             __base__=(section, ordered),
             __doc__=section.__doc__,
             __module__=section.__module__,
         )
-        return made
+        return result
 
     return complete
 

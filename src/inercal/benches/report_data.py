@@ -100,9 +100,9 @@ def measured_direction(step: Step, vector: Array, nominal: Array | None) -> Meas
 
 def specific_force_directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     """Return the direction of the specific force in each row, against that of the bench as set."""
-    made, sensed = shown.bench.mean_motion(shown.steps, {}).motion, shown.sensed_motion()
+    result, sensed = shown.bench.mean_motion(shown.steps, {}).motion, shown.sensed_motion()
     return tuple(
-        measured_direction(step, sensed.f[k], made.f[k]) for k, step in enumerate(shown.steps)
+        measured_direction(step, sensed.f[k], result.f[k]) for k, step in enumerate(shown.steps)
     )
 
 

@@ -168,9 +168,9 @@ class Experiment:
             Those that the sensor truly has, with the values of `truth`.
         """
         sensor = replace(self.sensor, coefficients=coefficients)
-        made = self.bench.mean_motion(self.steps, q).motion
+        result = self.bench.mean_motion(self.steps, q).motion
         added = self.bench.reading_offsets(self.steps, sensor, q)
-        return sensor.forward(made, self._true_coefficients(coefficients)) + added
+        return sensor.forward(result, self._true_coefficients(coefficients)) + added
 
     def estimates(
         self, readings: Array, priors: tuple[Gaussian, ...], bench: MeanBench | None = None

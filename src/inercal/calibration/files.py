@@ -178,7 +178,9 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         ("form", described["form"], get_args(Form)),
     ):
         if value not in possible:
-            raise InputError(f"{name} {value!r} is none of {', '.join(possible)}")
+            raise InputError(
+                f"{name} {value!r} is not possible; it must be one of {', '.join(possible)}"
+            )
     if mount.shape != (3, 3):
         raise InputError(f"mount has shape {mount.shape}, not (3, 3)")
     notes, judged = tuple(content["notes"]), content.get("verdict")

@@ -208,12 +208,12 @@ def convert_frame(
         turn = rotation(c)
         own, force = own @ turn.T, force @ turn.T
         for k, axis in enumerate(sensor.axes):
-            along, felt = frames_of[k] @ own[k], frames_of[k] @ force[k]
+            along, sensed = frames_of[k] @ own[k], frames_of[k] @ force[k]
             scale = "k1" if axis.measures == "f" else "scale"
             by_name[f"{axis.name}.{scale}"] = along[0] - 1
             by_name[f"{axis.name}.delta_o"], by_name[f"{axis.name}.delta_p"] = along[1], -along[2]
             if axis.measures == "w":
-                by_name |= {f"{axis.name}.g_{s}": felt[j] for j, s in enumerate("ipo")}
+                by_name |= {f"{axis.name}.g_{s}": sensed[j] for j, s in enumerate("ipo")}
         return np.array([by_name[name] for name in full.coefficients])
 
     found, by = value_and_jacobian(convert, values, covariance)

@@ -223,19 +223,19 @@ def _suspect_lines(
         f"{lines}; {fall} (p {p_value_text(one.adjusted)} among all candidates), and {shift}; "
         f"{advice}"
     )
-    made = [text]
+    result = [text]
     if one.indistinguishable:
         listed = ", ".join(one.indistinguishable[:_MAX_LISTED])
         more = len(one.indistinguishable) - _MAX_LISTED
         listed += f" and {more} more" if more > 0 else ""
-        made.append(f"these data cannot tell {one.name} from: {listed}")
+        result.append(f"these data cannot tell {one.name} from: {listed}")
     if one.remaining_p_value < SIGNIFICANCE_LEVEL:
-        made.append(
+        result.append(
             f"{one.name} alone does not explain the residuals: χ² = {one.remaining_chi2:.1f} with "
             f"{one.remaining_dof} degrees of freedom remains; something else is wrong too, or the "
             "noise is larger than stated"
         )
-    return made
+    return result
 
 
 def _bench_suspect_text(

@@ -64,7 +64,7 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
     )
     grade = content["grade"]
     if grade not in GRADE_WORDS:
-        raise ValueError(f"verdict {grade!r} is none of {', '.join(GRADE_WORDS)}")
+        raise ValueError(f"verdict {grade!r} is not one of {', '.join(GRADE_WORDS)}")
     tests = tuple(
         HypothesisTest(t["name"], t["chi2"], t["dof"], t["p_value"], t["p_among_all"])
         for t in content["tests"]

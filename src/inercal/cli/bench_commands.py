@@ -76,9 +76,9 @@ def run(
     plan = read(run_file)
     kept = open_register(register)
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
-    made, journal = create_run(folder, plan, (table, imu, clock))
-    with journal, made.removed_on_failure():
-        _complete_run(made, journal, options, json, kept)
+    result, journal = create_run(folder, plan, (table, imu, clock))
+    with journal, result.removed_on_failure():
+        _complete_run(result, journal, options, json, kept)
 
 
 @app.command()
@@ -100,9 +100,9 @@ def resume(
 
     options = run_options(speed, patience, temperature)
     kept = open_register(register)
-    made, journal = reopen_run(folder, (table, imu, clock))
+    result, journal = reopen_run(folder, (table, imu, clock))
     with journal:
-        _complete_run(made, journal, options, json, kept)
+        _complete_run(result, journal, options, json, kept)
 
 
 def _complete_run(

@@ -88,10 +88,10 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
 
 
 def _progress_line(run: "BenchRun") -> str:
-    made, task = run.sequencer, run.sequencer.task
-    left = made.remaining_time(run.state.time) if run.state is not None else 0.0
-    where = f"step {made.number + 1} of {len(run.tasks)}: {task.label}, " if task else ""
-    what = f"pauses: {run.pause_reason}" if run.pause_reason else made.phase
+    result, task = run.sequencer, run.sequencer.task
+    left = result.remaining_time(run.state.time) if run.state is not None else 0.0
+    where = f"step {result.number + 1} of {len(run.tasks)}: {task.label}, " if task else ""
+    what = f"pauses: {run.pause_reason}" if run.pause_reason else result.phase
     return (
         f"{where}{what} · {_clock_text(run.time)} gone, {_clock_text(left)} to go"
         f"{f' · {run.speed:.0f} × real time' if run.speed > 1.5 else ''}"
@@ -122,9 +122,9 @@ def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
         return []
     if not live.has_estimate:
         return [Text("nothing is estimated yet: the method needs more samples")]
-    made: list[RenderableType] = []
+    result: list[RenderableType] = []
     if (at := run.recorder.navigation) is not None:
-        made.append(Text(
+        result.append(Text(
             f"attitude: roll {at.roll:.3f} °, pitch {at.pitch:.3f} °, heading {at.heading:.3f} °; "
             "from the table's "
             + " ".join(f"{x:+.1f} ″" for x in at.rotation_error)
@@ -143,8 +143,8 @@ def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
             cells = [_coefficient_cell(run, f"{axis.name}.{own}", values) for axis in part.axes]
             unit = part.coefficient(f"{part.axes[0].name}.{own}").unit
             table.add_row(own, *cells, f"{unit} (± is k = 2)")
-        made.append(table)
-    return made
+        result.append(table)
+    return result
 
 
 def _coefficient_cell(

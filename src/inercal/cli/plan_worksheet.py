@@ -40,15 +40,15 @@ def plan_worksheet(
         run = read(run_file, keys)
         page = bool(run_sheet(run).boxes)
         files = {} if out is None else output_files(out, page=page, force=force)
-        made = build_worksheet(run)
+        result = build_worksheet(run)
     if files:
-        write_text(files["sheet"], worksheet_csv(made))
+        write_text(files["sheet"], worksheet_csv(result))
     if "page" in files:
-        write_worksheet(made, files["page"], files["sheet"].name)
+        write_worksheet(result, files["page"], files["sheet"].name)
     if json:
-        print_json(_as_object(made) | {kind: str(path) for kind, path in files.items()})
+        print_json(_as_object(result) | {kind: str(path) for kind, path in files.items()})
         return
-    _print(made)
+    _print(result)
     print_sheet_files(files)
 
 

@@ -35,10 +35,10 @@ def run(
         refuse_overwrite(there, force=force)
     written = " and ".join(map(str, paths))
     with progress_status(f"simulating {written}"):
-        made = simulate_files(plan, seed)
-        write_recordings(dict(zip(paths, made.values(), strict=True)))
+        result = simulate_files(plan, seed)
+        write_recordings(dict(zip(paths, result.values(), strict=True)))
     assert plan.rate_hz is not None  # no simulation without
-    samples = made[plan.data.file].time.size
+    samples = result[plan.data.file].time.size
     seconds = (samples - 1) / plan.rate_hz
     if json:
         print_json(

@@ -14,11 +14,11 @@ from inercal.store.history import CoefficientTrend
 
 def entry_object(entry: SensorEntry | RunEntry | CalibrationEntry) -> dict[str, Any]:
     """Return an entry; of a calibration not its content."""
-    made = asdict(entry)
-    made.pop("content", None)
+    result = asdict(entry)
+    result.pop("content", None)
     if isinstance(entry, RunEntry):
-        made["files"] = [one._asdict() for one in entry.files]
-    return made
+        result["files"] = [one._asdict() for one in entry.files]
+    return result
 
 
 def calibration_object(

@@ -124,8 +124,8 @@ def ideal_track(run: Run, bench: Turntable, way: PathProfile, steps: Sequence[Ta
     rate = run.rate_hz or _RATE
     time = np.arange(int(way.ends[-1] * rate) + 1) / rate
     angles, rates, accelerations = way.evaluate(time)
-    made = motion(bench, angles, rates, accelerations, {})
-    reading = run.sensor.forward(made, np.zeros(len(run.sensor.coefficients)))
+    result = motion(bench, angles, rates, accelerations, {})
+    reading = run.sensor.forward(result, np.zeros(len(run.sensor.coefficients)))
     section = np.searchsorted(way.ends, time)
     held = [
         k for k, k_step in enumerate(_section_steps(way, steps)) if isinstance(k_step, Position)

@@ -59,14 +59,14 @@ def mean_and_whiteness_tests(z: Array, means: str, whiteness: str) -> tuple[Mode
         What the tests are called.
     """
     g, m = z.shape
-    made = [ModelTest(means, float(np.sum(z**2)), g * m)] if g else []
+    result = [ModelTest(means, float(np.sum(z**2)), g * m)] if g else []
     if g >= _FEWEST:
         beside = z[:-1:2][: g // 2].copy()
         after = z[2::2]
         beside[: len(after)] += after
         variance = float(np.sum(beside**2))
-        made.append(ModelTest(whiteness, float(np.sum(z[1::2] * beside)) ** 2 / variance, 1))
-    return tuple(made)
+        result.append(ModelTest(whiteness, float(np.sum(z[1::2] * beside)) ** 2 / variance, 1))
+    return tuple(result)
 
 
 def residual_mean_test(z: Array, slope: Array, covariance: Array, means: str) -> ModelTest:

@@ -293,7 +293,7 @@ def score_tests(
     size_of = np.where(size_of > 0, size_of, 1.0)
     q, triangle = np.linalg.qr(jacobian / size_of)
     back = np.linalg.pinv(triangle) / size_of[:, None]
-    made: list[ScoreTest] = []
+    result: list[ScoreTest] = []
     spanned: list[Array] = []
     columns_of, few = 0, min(_FEW_COLUMNS, _NUMBERS // max(len(residual), 1))
     for one in candidates:
@@ -322,7 +322,7 @@ def score_tests(
         if columns_of <= few:
             spanned.append(u)
         at = np.flatnonzero(np.any(columns != 0.0, axis=1))
-        made.append(
+        result.append(
             ScoreTest(
                 one.name,
                 one.kind,
@@ -338,7 +338,7 @@ def score_tests(
         )
     # Of very many columns the span is taken as large as it may be: the bound is valid, but wider.
     span = _rank(spanned) if columns_of <= few else min(columns_of, dof)
-    return ScoreTestSet(tuple(made), span, float(residual @ residual), dof)
+    return ScoreTestSet(tuple(result), span, float(residual @ residual), dof)
 
 
 def _rotate_rows(

@@ -68,23 +68,9 @@ def open_table(address: str, bench: Turntable | None, timeout: float = 1.0) -> R
     ProtocolError
         Somebody else is.
     """
-    kind, at = _scheme(address)
-    if kind == "motor":
-        return _open_motor(address, at, bench, timeout)
-    given = _AddressParameters(address)
-    if kind == "pmac":
-        motors = given.axis_numbers("motors", _MOST_MOTORS)
-        names = _axis_names(address, "motors", motors, bench)
-        counts = given.counts(len(motors))
-        where = given.tcp_address(1025)
-        axes = [PmacAxis(*axis) for axis in zip(names, motors, counts, strict=True)]
-        return Pmac(where, axes, timeout)
-    if kind == "acutrol":
-        numbers = given.axis_numbers("axes", 9)
-        names = _axis_names(address, "axes", numbers, bench)
-        where = given.tcp_address(None)
-        axes = [AcutrolAxis(*axis) for axis in zip(names, numbers, strict=True)]
-        return Acutrol(where, axes, timeout)
+    scheme, _ = _scheme(address)
+    if scheme in DRIVERS:
+        return DRIVERS[scheme](address, bench, timeout)
     raise InputError(f"{address!r} is not an address of a table; possible: {_TABLES}")
 
 
@@ -228,7 +214,27 @@ def _axis_names(
     return bench.names
 
 
-def _open_motor(address: str, at: str, bench: Turntable | None, timeout: float) -> Motor:
+def _open_pmac(address: str, bench: Turntable | None, timeout: float) -> RotaryTable:
+    given = _AddressParameters(address)
+    motors = given.axis_numbers("motors", _MOST_MOTORS)
+    names = _axis_names(address, "motors", motors, bench)
+    counts = given.counts(len(motors))
+    where = given.tcp_address(1025)
+    axes = [PmacAxis(*axis) for axis in zip(names, motors, counts, strict=True)]
+    return Pmac(where, axes, timeout)
+
+
+def _open_acutrol(address: str, bench: Turntable | None, timeout: float) -> RotaryTable:
+    given = _AddressParameters(address)
+    numbers = given.axis_numbers("axes", 9)
+    names = _axis_names(address, "axes", numbers, bench)
+    where = given.tcp_address(None)
+    axes = [AcutrolAxis(*axis) for axis in zip(names, numbers, strict=True)]
+    return Acutrol(where, axes, timeout)
+
+
+def _open_motor(address: str, bench: Turntable | None, timeout: float) -> RotaryTable:
+    _, at = _scheme(address)
     if not at.startswith(("serial:", "tcp:")):
         raise InputError(f"{address!r} names no link; possible: {_TABLES} or motor:tcp://HOST:PORT")
     (name,) = _axis_names(address, "motor", (1,), bench)
@@ -237,3 +243,11 @@ def _open_motor(address: str, at: str, bench: Turntable | None, timeout: float) 
         of_axis = bench.axis_motion_limits[0]
         limits = AxisLimits(of_axis.rate, of_axis.acceleration)
     return Motor(at, limits, name, timeout=timeout)
+
+
+# By the scheme of the address: a driver takes address, bench and timeout, as `open_table` does.
+DRIVERS: dict[str, Callable[[str, Turntable | None, float], RotaryTable]] = {
+    "pmac": _open_pmac,
+    "acutrol": _open_acutrol,
+    "motor": _open_motor,
+}

@@ -258,12 +258,12 @@ class BenchRun:
 
     def _record_sections(self) -> None:
         """Keep what began and ended."""
-        made = self.sequencer.sections
-        for one in made:
+        result = self.sequencer.sections
+        for one in result:
             self.recorder.record_section(self.time, one, holds=not self.tasks[one.number].rate)
             if one.state == "begun":
                 self._say("info", f"step {one.number + 1} of {len(self.tasks)}: {one.label}")
-        made.clear()
+        result.clear()
 
     def _stop(self, how: Callable[[float], list[Command]]) -> None:
         """Pause or abort, `how` the sequencer does."""

@@ -194,13 +194,13 @@ def host_and_port(parts: SplitResult) -> tuple[str, int] | None:
 def connect_socket(address: str, place: tuple[str, int], opening: float) -> socket.socket:
     """Return a connection without Nagle's delay; raises `LinkLost`, which names `address`."""
     try:
-        made = socket.create_connection(place, opening)
+        result = socket.create_connection(place, opening)
     except OSError as error:
         raise LinkLost(f"{address}: cannot connect: {_reason(error)}") from error
     except UnicodeError as error:  # what Python says of "a..b", a name that none can have
         raise LinkLost(f"{address}: cannot connect: no name of a host") from error
-    made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return made
+    result.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return result
 
 
 def require_pyserial() -> AbstractContextManager[None]:

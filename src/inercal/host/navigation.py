@@ -82,8 +82,8 @@ class Navigator:
         values : (p,) array
             The sensor's coefficients by which readings are corrected, SI.
         """
-        felt = inverse(self._sensor, track.reading, values)
-        f, w = np.ascontiguousarray(felt.f), np.ascontiguousarray(felt.w)
+        sensed = inverse(self._sensor, track.reading, values)
+        f, w = np.ascontiguousarray(sensed.f), np.ascontiguousarray(sensed.w)
         before = np.concatenate([[self._time], track.time[:-1]])
         held = np.concatenate([[self._last_hold], track.hold[:-1]])
         gap = track.time - before > MAX_GAP_SECONDS

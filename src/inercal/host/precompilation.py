@@ -133,22 +133,22 @@ def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
     table = require_turntable(run)
     track = _rest_track(sensor, table)
     n = track.time.size
-    made = run.method.sequential(run.estimator, sensor, table, run.steps, priors, _RATE)
+    result = run.method.sequential(run.estimator, sensor, table, run.steps, priors, _RATE)
     for piece in (track.slice(0, n - _LAST_SAMPLES), track.slice(n - _LAST_SAMPLES, n)):
-        made.feed(piece)
-        made.estimate()
+        result.feed(piece)
+        result.estimate()
 
 
 def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
     """Return what is assembled of a rest, in two pieces."""
     lasting = _CLOCKS_MATCHED + _REST + 3 * settling_time(require_turntable(run)) + _SECOND_PIECE
-    made, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
+    result, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
     tracks: list[Track] = []
     for early in (True, False):
         for frame in frames:
             if (frame.time < lasting - _SECOND_PIECE) == early:
-                made.feed(frame)
-        if (block := made.take()) is not None:
+                result.feed(frame)
+        if (block := result.take()) is not None:
             tracks.append(block.track)
     return tracks
 
@@ -190,8 +190,8 @@ def _event_frame(time: float, told: dict[str, object]) -> LogFrame:
 def _rest_readings(run: Run) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
     """Return what packets hold of a rest, (6,), in the order of `AXES`."""
     sensor, zero = run.sensor, np.zeros((1, len(require_turntable(run).names)))
-    felt = motion(require_turntable(run), zero, zero, zero, {})
-    found = sensor.forward(felt, np.zeros(len(sensor.coefficients)))[0]
+    sensed = motion(require_turntable(run), zero, zero, zero, {})
+    found = sensor.forward(sensed, np.zeros(len(sensor.coefficients)))[0]
     readings = np.zeros(len(AXES))
     places = {"f": iter(range(3)), "w": iter(range(3, 6))}
     for axis, value in zip(sensor.axes, found, strict=True):
@@ -201,8 +201,8 @@ def _rest_readings(run: Run) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
 
 def _rest_track(sensor: Sensor, table: Turntable) -> Track:
     time = np.arange(0.0, _REST, 1 / _RATE)
-    n, felt = time.size, {"f": (0.0, 0.0, G0), "w": (0.0, 0.0, 0.0)}
-    reading = [felt[axis.measures][k % 3] for k, axis in enumerate(sensor.axes)]
+    n, sensed = time.size, {"f": (0.0, 0.0, G0), "w": (0.0, 0.0, 0.0)}
+    reading = [sensed[axis.measures][k % 3] for k, axis in enumerate(sensor.axes)]
     angles = np.zeros((n, len(table.names)))
     return Track(time, np.tile(reading, (n, 1)), angles, np.zeros(n, dtype=np.int64))
 

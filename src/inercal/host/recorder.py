@@ -197,19 +197,19 @@ class RunRecorder(Closeable):
         if losses == before or time - self._last_loss_warning < _LOSS_WARNING_INTERVAL:
             return []
         self._losses, self._last_loss_warning = losses, time
-        made: list[str] = []
+        result: list[str] = []
         if losses[:2] != before[:2]:
-            made.append(
+            result.append(
                 f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
                 f"{counts.failed} had a wrong check"
             )
         if tally.samples_without_angle != before[2]:
-            made.append(
+            result.append(
                 f"so far {tally.samples_without_angle} samples of "
                 f"{tally.samples + tally.samples_without_angle} are left out: "
                 "the table was read too seldom while it turned, or sought its zero"
             )
-        return made
+        return result
 
     def _record_waiting_sections(self, until: float) -> None:
         while self._waiting_sections and self._waiting_sections[0][0] <= until:

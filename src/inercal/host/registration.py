@@ -39,20 +39,20 @@ def register_run(register: "Register", folder: str | Path) -> int:
     folder = Path(folder)
     with Journal(folder / JOURNAL) as journal:
         header, files = journal.header(), journal.files()
-    made = RunFolder.open_existing(folder, header.run_file)
+    result = RunFolder.open_existing(folder, header.run_file)
     facts = RunFacts(
-        _run_key(header, made.run),
-        made.run.sensor,
-        made.run.kind.name,
-        made.run.bench_name,
+        _run_key(header, result.run),
+        result.run.sensor,
+        result.run.kind.name,
+        result.run.bench_name,
         header.begun,
         header.state,
         header.table,
         header.imu,
         str(folder.resolve()),
-        _verified_files(made, header, files),
+        _verified_files(result, header, files),
     )
-    calibration = made.output_path("calibration.json")
+    calibration = result.output_path("calibration.json")
     return register.enter_run(facts, calibration if calibration.exists() else None)
 
 

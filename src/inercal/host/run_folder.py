@@ -64,8 +64,8 @@ class RunFolder:
         path = Path(path)
         prepare_folder(path)
         copied = run.path.name, *_referenced_files(run.path)
-        made = (f"{run.path.stem}.{kind}" for kind in _OUTPUT_KINDS)
-        for name in (*copied, LOG, run.data.file, *made):
+        result = (f"{run.path.stem}.{kind}" for kind in _OUTPUT_KINDS)
+        for name in (*copied, LOG, run.data.file, *result):
             if (path / name).exists():
                 raise InputError(f"{path} holds {name} already: name another folder")
         with os_errors_as_input_errors(path, "made"):

@@ -68,7 +68,7 @@ class TableDriver:
             It has failed too often in a row.
         """
         self.at_rest = False
-        asked = self._now()
+        requested = self._now()
         try:
             state = self._table.read()
         except (ProtocolError, LinkLost) as error:
@@ -84,7 +84,7 @@ class TableDriver:
         # Clocks are tied by the least that comes later than the table says: of a state that comes
         # late no more is taken off than of the fastest.
         answered = self._now()
-        self._shortest_round_trip = min(self._shortest_round_trip, answered - asked)
+        self._shortest_round_trip = min(self._shortest_round_trip, answered - requested)
         time = answered - self._shortest_round_trip / 2
         if not isfinite(state.time):
             state = replace(state, time=time)  # a controller that tells none

@@ -51,16 +51,16 @@ def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[Task, ...]
     way = path_profile(bench, steps)
     angles: list[list[float]] = way.evaluate(way.ends)[0].tolist()
     ends: list[float] = way.ends.tolist()
-    made: list[Task] = []
+    result: list[Task] = []
     now: Angles = (0.0,) * len(bench.axes)
     at, approach, coming = 0.0, 0.0, iter(steps)
     for label, end, there in zip(way.labels, ends, map(tuple, angles), strict=True):
         if label:
             step = next(coming)
             rate = step.rate if isinstance(step, Rotation) else 0.0
-            made.append(Task(label, now, there, rate, end - at, approach))
+            result.append(Task(label, now, there, rate, end - at, approach))
             approach = 0.0
         else:
             approach = end - at
         now, at = there, end
-    return tuple(made)
+    return tuple(result)

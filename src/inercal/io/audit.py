@@ -68,7 +68,10 @@ def audit(
     """
     limits = limits or {}
     for channel in set(limits) - set(recording.channels):
-        raise InputError(f"limits for {channel!r}; channels are {', '.join(recording.channels)}")
+        raise InputError(
+            f"limits are stated for a channel {channel!r} that the recording does not have; "
+            f"channels are {', '.join(recording.channels)}"
+        )
     cleaned = audit_rows(recording, nonfinite, in_place=in_place)
     findings = list(cleaned.findings)
     if not any(finding.severity == "refused" for finding in findings):

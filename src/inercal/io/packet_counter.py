@@ -34,7 +34,10 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
     """
     read = np.asarray(counter, dtype=float)
     if modulus < 3 or not rate_hz > 0:
-        raise InputError(f"counter: modulus {modulus} and rate {rate_hz:g} Hz; give 3 or more, > 0")
+        raise InputError(
+            f"counter: modulus {modulus} and rate {rate_hz:g} Hz; the modulus must be at least 3 "
+            "and the rate greater than 0"
+        )
     off = np.flatnonzero(~((read >= 0) & (read < modulus) & (read == np.round(read))))
     if off.size:
         raise InputError(

@@ -108,8 +108,8 @@ def _norm_at_rest(recording: Recording, accelerometers: Sensor) -> float:
     scatter: list[Array] = []
     mean: list[Array] = []
     for rows in row_blocks(n // window * window, -(-BLOCK_ROWS // window) * window):
-        felt = accelerometers.to_si(recording.data[rows][:, columns])
-        windows = np.linalg.norm(felt, axis=-1).reshape(-1, window)
+        sensed = accelerometers.to_si(recording.data[rows][:, columns])
+        windows = np.linalg.norm(sensed, axis=-1).reshape(-1, window)
         scatter.append(windows.std(axis=1))
         mean.append(windows.mean(axis=1))
     spread = np.concatenate(scatter)

@@ -101,7 +101,8 @@ def sniff(path: Path) -> TextLayout:
     if headed and len(names) != len(first):
         raise InputError(
             f"{path.name} line {first_line}: {column_count_text(len(first))} where the header has "
-            f"{len(names)}; separate the names as the numbers are, one name for each column"
+            f"{len(names)}; separate the names by the same character as the numbers, one name "
+            "for each column"
         )
     return TextLayout(
         # pandas leaves the name of an index column empty.

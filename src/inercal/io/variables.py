@@ -143,9 +143,11 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
     for _, v, _ in columns:
         counted[v.sample_and_column_counts[0]] += v.sample_and_column_counts[0]
     length = max(counted, key=lambda n: (counted[n], n))
-    asked = set(wanted.names or ())
+    requested = set(wanted.names or ())
     names = [
-        name for name, v, _ in columns if v.sample_and_column_counts[0] == length or name in asked
+        name
+        for name, v, _ in columns
+        if v.sample_and_column_counts[0] == length or name in requested
     ]
     chosen = select_columns(names, wanted.names, source)
     found = {name: (v, k) for name, v, k in columns if name in chosen}

@@ -231,7 +231,7 @@ def common_error_candidates(
     names : sequence of str
         Of the vectors: "lean" has the components "lean_1[row]" and "lean_2[row]".
     """
-    made: list[Candidate] = []
+    result: list[Candidate] = []
     for name in names:
         sums: dict[str, list[str]] = {}
         for full in declared:
@@ -242,7 +242,7 @@ def common_error_candidates(
             continue
         first = [declared[rows[0]] for rows in sums.values()]
         columns = [np.sum([column[full] for full in rows], axis=0) for rows in sums.values()]
-        made.append(
+        result.append(
             Candidate(
                 name,
                 "bench",
@@ -252,7 +252,7 @@ def common_error_candidates(
                 largest=np.array([_largest_departure(one) for one in first]),
             )
         )
-    return made
+    return result
 
 
 def prior_candidates(
@@ -314,14 +314,14 @@ def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidat
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
         rows.setdefault(_row_label(label, channels), []).append(k)
-    made: list[Candidate] = []
+    result: list[Candidate] = []
     for row, places in rows.items():
         columns = np.zeros((len(observations), len(places)))
         columns[places, range(len(places))] = 1.0
         names = tuple(observations[k] for k in places)
         units = tuple(channels.get(ObservationName(name).channel, "m/s²") for name in names)
-        made.append(Candidate(row, "row", names, units, columns))
-    return made
+        result.append(Candidate(row, "row", names, units, columns))
+    return result
 
 
 def drift_candidates(
@@ -345,12 +345,12 @@ def drift_candidates(
         bias = column.get(f"{channel}.{_BIAS_TERMS[measures]}")
         if bias is not None and _affects_observations(bias * ramp):
             columns[channel] = bias * ramp
-    made: list[Candidate] = []
+    result: list[Candidate] = []
     for kind, unit in _READING_UNITS.items():
         own = [channel for channel in columns if channels[channel] == kind]
         if len(own) > 1:
             word = "accelerometers" if kind == "f" else "gyros"
-            made.append(
+            result.append(
                 Candidate(
                     f"drift of {word}",
                     "time",
@@ -359,11 +359,11 @@ def drift_candidates(
                     np.stack([columns[channel] for channel in own], axis=-1),
                 )
             )
-        made += [
+        result += [
             Candidate(f"drift of {c}", "time", (f"drift of {c}",), (unit,), columns[c][:, None])
             for c in own
         ]
-    return made
+    return result
 
 
 def _row_label(label: str, channels: Mapping[str, str]) -> str:

@@ -92,13 +92,13 @@ def problem(
         for name, parameter in wider.nuisances(steps, sensor).items()
         if name != "lean"  # of second order: its column is that of its own estimate
     }
-    asked = built(sensor, bench, declared)
+    requested = built(sensor, bench, declared)
     return replace(
-        asked,
-        priors=(*asked.priors, *priors),
+        requested,
+        priors=(*requested.priors, *priors),
         candidates=candidates.candidate_function(
             lambda: built(larger, wider, candidates.parameters_with_deviations(suspects)),
-            asked.names,
+            requested.names,
             larger,
             suspects,
             families=_test_families(sensor, bench, steps),
@@ -126,14 +126,14 @@ def _test_families(
 ) -> dict[str, tuple[str, ...]]:
     """Return what is tested together: a harmonic's sine and cosine, a drift in all passes."""
     count = max(_TESTED_HARMONICS, len(bench.harmonics))
-    made: dict[str, tuple[str, ...]] = {
+    result: dict[str, tuple[str, ...]] = {
         f"harmonic {h}": (f"sin{h}", f"cos{h}") for h in range(1, count + 1)
     }
-    made["creep"] = tuple(f"creep[{name}]" for name in pass_names(steps))
+    result["creep"] = tuple(f"creep[{name}]" for name in pass_names(steps))
     drifts = {f"drift of {c}": tuple(drift_names(c, steps)) for c in sensor.channels}
     if len(drifts) > 1:
-        made["drift"] = tuple(name for names in drifts.values() for name in names)
-    return made | drifts
+        result["drift"] = tuple(name for names in drifts.values() for name in names)
+    return result | drifts
 
 
 def readings_at_stated_angles(
@@ -154,12 +154,12 @@ def readings_at_stated_angles(
     if np.abs(beyond).max() > _MAX_ANGLE_CORRECTION:
         worst = int(np.argmax(np.abs(beyond)))
         raise InputError(
-            f"position {steps[worst].label} is known to stand {np.degrees(beyond[worst]):.3g}° "
-            "beyond its angle, too far for formulas of the angles themselves; use joint"
+            f"position {steps[worst].label} is {np.degrees(beyond[worst]):.3g}° off its nominal "
+            "angle, too far for this estimator, which takes the nominal angles; use joint"
         )
-    made = sensed_motion(bench, steps, {})
-    slope = sensor.slope(made.motion, np.zeros(len(sensor.coefficients)))[..., :3]
-    turned = (slope @ made.df["base"][..., None])[..., 0]
+    result = sensed_motion(bench, steps, {})
+    slope = sensor.slope(result.motion, np.zeros(len(sensor.coefficients)))[..., :3]
+    turned = (slope @ result.df["base"][..., None])[..., 0]
     return replace(observations, mean=observations.mean - beyond[:, None] * turned)
 
 
@@ -169,8 +169,8 @@ def with_drift_covariance(
     """Return the observations with the drift of biases in their covariance, not as a nuisance."""
     if not bench.drift:
         return observations
-    made = drift_ramps(steps)
-    between = bench.drift**2 * (made.T @ made)
+    result = drift_ramps(steps)
+    between = bench.drift**2 * (result.T @ result)
     before = 0.0 if observations.drift is None else observations.drift
     channels = len(observations.channels)
     return replace(observations, drift=before + np.repeat(between[..., None], channels, axis=-1))

@@ -303,8 +303,10 @@ def compare_vectors(
     columns = np.array(list(added.values())).T
 
     def sensed_motion(x: Array) -> MeanMotion:
-        made = motion_function(unknowns.bench_values(x))
-        return replace(made, motion=replace(made.motion, dT=offsets)) if offsets.ndim else made
+        result = motion_function(unknowns.bench_values(x))
+        return (
+            replace(result, motion=replace(result.motion, dT=offsets)) if offsets.ndim else result
+        )
 
     def linearise(x: Array) -> tuple[Array, Array]:
         here = sensed_motion(x)
@@ -374,11 +376,11 @@ def _stacked_derivatives(
     by: Mapping[str, Array], loose: Sequence[str], shape: tuple[int, ...]
 ) -> Array:
     """Return the derivatives by each nuisance, (..., r, 3, q)."""
-    made = np.zeros((*shape, len(loose)))
+    result = np.zeros((*shape, len(loose)))
     for k, name in enumerate(loose):
         if name in by:
-            made[..., k] = by[name]
-    return made
+            result[..., k] = by[name]
+    return result
 
 
 def split_parameters(

@@ -46,8 +46,8 @@ def pose_forces(fastest: float, radius: float, g: float) -> Array:
 def expected_error(sensor: Sensor, estimate: Estimate, f: Array) -> float:
     """Return the root mean square of the corrected vector's error over poses f, (n, 3), m/s²."""
     p = len(sensor.coefficients)
-    _, made, slope = sensor.linearise(Motion(f), estimate.value[:p])
-    by_coefficient = np.asarray(np.linalg.solve(slope[..., :3], made), dtype=float)
+    _, result, slope = sensor.linearise(Motion(f), estimate.value[:p])
+    by_coefficient = np.asarray(np.linalg.solve(slope[..., :3], result), dtype=float)
     covariance = estimate.stated_covariance[:p, :p]
     return float(
         np.sqrt(np.einsum("nip,pq,niq->", by_coefficient, covariance, by_coefficient) / len(f))

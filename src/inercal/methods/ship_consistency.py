@@ -85,8 +85,8 @@ def row_covariance(
     noise = observations.full_covariance
     noise = noise.reshape(*noise.shape[:-2], r, 3, r, 3)
     turned = np.einsum("...ij,...ajbk,...lk->...aibl", matrix, noise, matrix, optimize=True)
-    made = force_sensitivities(bench, steps).reshape(-1, size)
-    return (turned.reshape(*turned.shape[:-4], size, size) + made.T @ made) / G0**2
+    result = force_sensitivities(bench, steps).reshape(-1, size)
+    return (turned.reshape(*turned.shape[:-4], size, size) + result.T @ result) / G0**2
 
 
 def bench_sensitivities(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str, Array]:
@@ -99,9 +99,9 @@ def bench_sensitivities(bench: RateTable, steps: Sequence[Spin], gain: Array) ->
     gain : (..., 12, 3 r) array
         As of `consistency`: what is stated adds to f, and so takes from M a + p − f.
     """
-    made = sensed_motion(bench, steps, {}).df
+    result = sensed_motion(bench, steps, {}).df
     return {
-        name: -gain @ made[name].ravel() / G0
+        name: -gain @ result[name].ravel() / G0
         for name, q in bench.acting_parameters(steps).items()
         if q.scope == "run" and q.sd > 0
     }
@@ -193,15 +193,15 @@ def consistency(
         fitted = AffineModel.of(theta)
         value, _ = to_coefficients(sensor, fitted)
         _, slope = to_coefficients(sensor, model)
-        asked = joint_problem(some, sensor, bench, here)
-        start = np.concatenate([value, asked.start[len(value) :]])
-        assert asked.candidates is not None
+        requested = joint_problem(some, sensor, bench, here)
+        start = np.concatenate([value, requested.start[len(value) :]])
+        assert requested.candidates is not None
         # As the slopes: where the rows are by the fit, without their noise.
         expected = fitted.inverse.correct(f)
         from_readings = whitener @ comparison_map(fitted, expected, at_level, at_groups)
         own = [3 * k + axis for k in used for axis in range(3)]
         whitened: list[Candidate] = []
-        for one in asked.candidates(start):
+        for one in requested.candidates(start):
             columns = one.rows.reshape(len(used), 3, -1)
             # The estimator weighs the rows otherwise than this fit: its gain says how it shifts.
             shift = slope @ gain[:, own] @ _added_rows(model.matrix, columns)
@@ -253,13 +253,13 @@ def comparison_map(
     """Return the map from M a + p of all rows, axes within, to the rows as compared."""
     size = 3 * len(level)
     columns = (3 * np.asarray(level, dtype=np.intp)[:, None] + np.arange(3)).ravel()
-    made = np.zeros((*a.shape[:-2], size + len(groups), 3 * a.shape[-2]))
-    made[..., np.arange(size), columns] = 1.0
+    result = np.zeros((*a.shape[:-2], size + len(groups), 3 * a.shape[-2]))
+    result[..., np.arange(size), columns] = 1.0
     v = model.correct(a)
     along = v / np.linalg.norm(v, axis=-1, keepdims=True)
     for k, group in enumerate(groups):
-        made[..., size + k, 3 * group : 3 * group + 3] = along[..., group, :]
-    return made
+        result[..., size + k, 3 * group : 3 * group + 3] = along[..., group, :]
+    return result
 
 
 def _whitener(spread: Array) -> Array:

@@ -42,10 +42,10 @@ def sample_offsets(track: Track, sensor: Sensor) -> Array:
     """
     if not sensor.uses("dT"):
         return np.zeros(0)
-    made = track.temperature_offset(sensor.reference_temperature)
-    if made is None:
+    result = track.temperature_offset(sensor.reference_temperature)
+    if result is None:
         raise _missing_temperature_error(sensor)
-    return made
+    return result
 
 
 def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
@@ -58,9 +58,11 @@ def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
     time : (e,) array
         s.
     """
-    made = track.temperature_offset(sensor.reference_temperature)
+    result = track.temperature_offset(sensor.reference_temperature)
     return (
-        np.interp(time, track.time, made) if made is not None and track.temperature_varies else None
+        np.interp(time, track.time, result)
+        if result is not None and track.temperature_varies
+        else None
     )
 
 

@@ -224,8 +224,8 @@ def _force_at_even_angles(bench: DividingHead, steps: Sequence[Index], f: Array)
     worst = int(np.argmax(away))
     if away[worst] > _MAX_ANGLE_CORRECTION:
         raise InputError(
-            f"position {steps[worst].label} is known to stand {np.degrees(away[worst]):.3g}° from "
-            "its even angle, too far for estimator fourier; use least_squares"
+            f"position {steps[worst].label} is {np.degrees(away[worst]):.3g}° off its "
+            "nominal angle, too far for estimator fourier; use least_squares"
         )
     return even
 

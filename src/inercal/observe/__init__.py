@@ -99,24 +99,24 @@ def norm_residuals(
     dT : (..., r) array or float
         Temperature minus the sensor's reference temperature, K.
     """
-    felt = inverse(sensor, y, c, w=w, dT=dT, refuse=False).f
-    seen = np.asarray(np.isfinite(felt).all(axis=-1))
+    sensed = inverse(sensor, y, c, w=w, dT=dT, refuse=False).f
+    seen = np.asarray(np.isfinite(sensed).all(axis=-1))
     if not seen.all():
-        felt = np.where(seen[..., None], felt, 1.0)
-    motion = Motion(felt, dT=dT) if w is None else Motion(felt, w, dT=dT)
+        sensed = np.where(seen[..., None], sensed, 1.0)
+    motion = Motion(sensed, dT=dT) if w is None else Motion(sensed, w, dT=dT)
     _, design, slope = sensor.linearise(motion, c)
     back = np.asarray(np.linalg.pinv(slope[..., :3]), dtype=np.float64)
     by_coefficient = -back @ design
-    length = np.linalg.norm(felt, axis=-1)
-    up = felt / length[..., None]
+    length = np.linalg.norm(sensed, axis=-1)
+    up = sensed / length[..., None]
     jacobian = np.empty((*length.shape, c.shape[-1] + 1))
     jacobian[..., :-1] = (up[..., None, :] @ by_coefficient)[..., 0, :]
     jacobian[..., -1] = -1.0
-    by_rate: Array = np.broadcast_to(0.0, felt.shape)
+    by_rate: Array = np.broadcast_to(0.0, sensed.shape)
     if w is not None:
         by_rate = -(up[..., None, :] @ back @ slope[..., 3:])[..., 0, :]
     residual = np.where(seen, g - length, np.nan)
-    return NormResiduals(residual, jacobian, felt, up, by_coefficient, back, by_rate)
+    return NormResiduals(residual, jacobian, sensed, up, by_coefficient, back, by_rate)
 
 
 class NoisyNormResiduals(NamedTuple):

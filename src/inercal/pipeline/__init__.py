@@ -127,17 +127,17 @@ def calibrate(
         The run file, the recording or the marks cannot be used, or coefficients are not observed.
     """
     run = run if isinstance(run, Run) else read(run)
-    sensor, gathered = run.sensor, run.kind.observe(run)
-    bench = gathered.bench or run.bench
-    expected = bench.nuisances(gathered.steps, sensor)
-    observations, findings = gathered.observations, (*run.findings, *gathered.findings)
-    if gathered.recording is not None:
+    sensor, inputs = run.sensor, run.kind.observe(run)
+    bench = inputs.bench or run.bench
+    expected = bench.nuisances(inputs.steps, sensor)
+    observations, findings = inputs.observations, (*run.findings, *inputs.findings)
+    if inputs.recording is not None:
         findings += check_stated_noise(
-            observations, sensor, gathered.steps, by_hand=run.method.unknown_attitudes
+            observations, sensor, inputs.steps, by_hand=run.method.unknown_attitudes
         )
     # Filters weigh single samples by the stated noise, in which rounding is not.
     sampled = (
-        sensor if observations.track is None else _add_rounding_noise(sensor, gathered.recording)
+        sensor if observations.track is None else _add_rounding_noise(sensor, inputs.recording)
     )
     generations: list[Generation] = []
 
@@ -147,20 +147,18 @@ def calibrate(
             progress(generation)
 
     try:
-        estimate = run.solver(after)(observations, sampled, bench, gathered.plan, run.priors)
+        estimate = run.solver(after)(observations, sampled, bench, inputs.plan, run.priors)
     except NotObserved as error:
-        told = (
-            f"{_describe_constant_temperature(gathered, sensor, error)}{_describe_rests(gathered)}"
-        )
-        raise NotObserved(f"{run.path}: {error}{told}", error.directions) from None
+        text = f"{_describe_constant_temperature(inputs, sensor, error)}{_describe_rests(inputs)}"
+        raise NotObserved(f"{run.path}: {error}{text}", error.directions) from None
     except InputError as error:
-        raise InputError(f"{run.path}: {error}{_describe_rests(gathered)}") from None
+        raise InputError(f"{run.path}: {error}{_describe_rests(inputs)}") from None
     fit = Fit(
         run.estimator,
         sensor,
         bench,
         observations,
-        gathered.steps,
+        inputs.steps,
         run.priors,
         estimate,
         run.time_offset,
@@ -168,10 +166,10 @@ def calibrate(
     remarks = run.method.remarks(fit)
     findings += remarks.findings
     if not np.all(estimate.converged):
-        told = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
+        text = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
         raise InputError(
             f"{run.path}: the fit did not converge; look at the "
-            f"{'rows' if gathered.recording is None else 'marks'} and the plan{told}"
+            f"{'rows' if inputs.recording is None else 'marks'} and the plan{text}"
         )
     if not np.isfinite(estimate.covariance).all():
         raise InputError(
@@ -182,13 +180,13 @@ def calibrate(
     constants = assumed_constants.find_assumed_constants(bench, expected)
 
     def on(other: Bench) -> Estimate:
-        return run.solver()(observations, sampled, other, gathered.plan, run.priors)
+        return run.solver()(observations, sampled, other, inputs.plan, run.priors)
 
     try:
         assumed_constants.require_small_assumed_share(constants, estimate, p, bench, on)
     except InputError as error:
         raise InputError(f"{run.path}: {error}") from None
-    conditions = gathered.conditions | _temperature_conditions(gathered) | _search_conditions(run)
+    conditions = inputs.conditions | _temperature_conditions(inputs) | _search_conditions(run)
     conditions |= remarks.conditions
     if run.bench_name:
         conditions["bench"] = run.bench_name
@@ -196,7 +194,7 @@ def calibrate(
         estimate,
         notes=(
             *remarks.notes,
-            *gathered.notes,
+            *inputs.notes,
             *observations.notes,
             *estimate.notes,
             *assumed_constants.constant_notes(constants),
@@ -215,25 +213,25 @@ def calibrate(
         run.method.name,
         run.estimator,
         conditions,
-        _provenance(run, gathered.recording),
+        _provenance(run, inputs.recording),
         judged.lines,
         _misalignment_frame(run),
         verdict=judged,
         shared=shared_errors(run, estimate, expected, p),
-        validity=validity(sensor, gathered),
+        validity=validity(sensor, inputs),
     )
     return Outcome(
         calibration,
         estimate,
         observations,
-        gathered.steps,
+        inputs.steps,
         bench,
         run.kind,
-        gathered.recording,
-        gathered.marks,
+        inputs.recording,
+        inputs.marks,
         findings,
         judged,
-        gathered.rests,
+        inputs.rests,
         run.search and SearchHistory(run.search.goal, tuple(generations)),
     )
 
@@ -321,8 +319,8 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
         w=nothing if 0 < count["w"] < _ALL else None,
     )
     named = readback_columns(run)
-    felt = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
-    present = [(kind, unit, values[..., : count[kind]]) for kind, unit, values in felt]
+    sensed = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
+    present = [(kind, unit, values[..., : count[kind]]) for kind, unit, values in sensed]
     return replace(
         recording,
         data=np.concatenate([values for _, _, values in present], axis=-1),

@@ -91,8 +91,10 @@ def _simulate_run(
     sensor = run.sensor.with_coefficients(*run.truth)
     bench, rate, several = run.bench, run.rate_hz, trials or 1
     steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
-    made = run.kind.simulate(bench, steps, rate, rng, several, sensor, run.method.unknown_attitudes)
-    done, drift = made.simulated_motion, made.drift
+    result = run.kind.simulate(
+        bench, steps, rate, rng, several, sensor, run.method.unknown_attitudes
+    )
+    done, drift = result.simulated_motion, result.drift
     told = readback_columns(run)
     readback = {
         name: values[0] if values.ndim > 1 and not trials else values
@@ -103,7 +105,7 @@ def _simulate_run(
     motion = done.motion
     if sensor.uses("ai", "ap", "ao"):
         motion = replace(motion, dw=np.gradient(motion.w, 1 / run.rate_hz, axis=-2))
-    data = read_out(made.sensor, motion, c, run.rate_hz, rng, drift)
+    data = read_out(result.sensor, motion, c, run.rate_hz, rng, drift)
     recording = Recording(
         time=done.time,
         data=data if trials else data[0],

@@ -88,6 +88,7 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     box = re.search(r'viewBox="[^"]*"', head)
     assert box
     body = re.sub(r' d="[^"]*"', _round_coordinates, body)
+    body = re.sub(r"\n +", "\n", body)  # one byte in twenty is an indent
     for old, new in (
         ('id="', f'id="{name}-'),
         ("url(#", f"url(#{name}-"),

@@ -126,10 +126,10 @@ def smoothed_figure(courses: Sequence[FilterHistory], sensor: Sensor) -> Markup 
     if not found:
         return None
     figure, panels = drawing.panels(1.6, [*[0.3] * (len(found) - 1), 0.45], 2)
-    for row, (course, made) in zip(panels, found, strict=True):
-        for axes, line in zip(row, _state_groups(course, made, sensor), strict=True):
+    for row, (course, result) in zip(panels, found, strict=True):
+        for axes, line in zip(row, _state_groups(course, result, sensor), strict=True):
             if line.states:
-                _draw_states(axes, course.time, made, line)
+                _draw_states(axes, course.time, result, line)
             else:
                 axes.set_axis_off()
     for axes in panels[-1]:

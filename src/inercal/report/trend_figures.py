@@ -57,8 +57,8 @@ def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name
         axes.xaxis.set_major_formatter(formatter)
     for axes in panels[len(found) :]:
         axes.set_axis_off()
-    told = "; ".join(f"{one.name} {one.verdict}" for one in found)
-    return svg(figure, name, f"Coefficients over time with expanded uncertainties: {told}")
+    text = "; ".join(f"{one.name} {one.verdict}" for one in found)
+    return svg(figure, name, f"Coefficients over time with expanded uncertainties: {text}")
 
 
 def _draw_trend(axes: Axes, course: CoefficientTrend, first: float) -> None:

@@ -83,8 +83,8 @@ def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple
     """
     force = sensor.select_axes("f")
     bare = Sensor(force.name, force.axes)
-    felt = inverse(bare, observations.mean[:, : len(force.axes)], np.zeros(0)).f
-    ups = felt / np.linalg.norm(felt, axis=-1, keepdims=True)
+    sensed = inverse(bare, observations.mean[:, : len(force.axes)], np.zeros(0)).f
+    ups = sensed / np.linalg.norm(sensed, axis=-1, keepdims=True)
     return tuple(
         Hold(label, (float(x), float(y), float(z)), float(seconds))
         for label, (x, y, z), seconds in zip(

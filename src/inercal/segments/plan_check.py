@@ -51,25 +51,25 @@ def check_against_plan(
     if len(columns["f"]) != 3:
         return ()
     bare = Sensor(sensor.name, sensor.axes)
-    felt = inverse(bare, observations.mean, np.zeros(0))
+    sensed = inverse(bare, observations.mean, np.zeros(0))
     findings: list[Finding] = []
     holds = np.array([isinstance(step, Hold) for step in steps])
-    _check_sizes(felt.f / gravity, steps)
-    offset = _rough_bias(felt.f, steps, gravity)
+    _check_sizes(sensed.f / gravity, steps)
+    offset = _rough_bias(sensed.f, steps, gravity)
     for k, step in enumerate(steps):
         if isinstance(step, Hold):
-            f = felt.f[k] - offset
+            f = sensed.f[k] - offset
             if f @ np.array(step.up) < _MEANT * np.linalg.norm(f):
-                read = _vector_text(felt.f[k] / gravity)
+                read = _vector_text(sensed.f[k] / gravity)
                 raise InputError(
                     f"section {step.label} should have {describe_direction(step.up)} up, but the "
                     f"accelerometers read {read} g: is the mark on another section, or are columns "
                     "swapped or reversed?"
                 )
         elif len(columns["w"]) == 3:
-            bias = felt.w[holds].mean(axis=0) if holds.any() else np.zeros(3)
-            findings += _check_turn(step, (felt.w[k] - bias) * observations.duration[k])
-            _check_gravity_turns(step, (felt.f[k] - offset) / gravity)
+            bias = sensed.w[holds].mean(axis=0) if holds.any() else np.zeros(3)
+            findings += _check_turn(step, (sensed.w[k] - bias) * observations.duration[k])
+            _check_gravity_turns(step, (sensed.f[k] - offset) / gravity)
     return tuple(findings)
 
 

@@ -85,9 +85,9 @@ def require_affine_triad(sensor: Sensor) -> None:
 
 def _affine_maps(sensor: Sensor) -> tuple[Array, Array]:
     """Return θ of H and b at nominal, (12,), and by each coefficient, (12, 12); in g."""
-    felt = np.concatenate([np.eye(3), np.zeros((1, 3))]) * G0
+    sensed = np.concatenate([np.eye(3), np.zeros((1, 3))]) * G0
     p = len(sensor.coefficients)
-    read = [sensor.forward(Motion(felt), c) / G0 for c in (np.zeros(p), *np.eye(p))]
+    read = [sensor.forward(Motion(sensed), c) / G0 for c in (np.zeros(p), *np.eye(p))]
     thetas = [np.concatenate([(y[:3] - y[3]).T.ravel(), y[3]]) for y in read]
     return thetas[0], np.array(thetas[1:]).T - thetas[0][:, None]
 

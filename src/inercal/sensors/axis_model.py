@@ -106,7 +106,7 @@ def _tilted_axis_response(
     norm = np.sqrt(1 + tan_o**2 + tan_p**2)
     h = (1 / norm, tan_o / norm, -tan_p / norm)
     kind = along[0]
-    felt = [seen[kind + axis] for axis in "ipo"]
+    sensed = [seen[kind + axis] for axis in "ipo"]
     modelled = [name for name in _ARMS if name in values]
     arm = [values.get(name, np.zeros(1)) for name in _ARMS] if modelled else []
     coefficient_derivatives: dict[str, Array] = {}
@@ -116,8 +116,8 @@ def _tilted_axis_response(
         cross = skew(dw) + skew(w) @ skew(w)
         r = np.stack(np.broadcast_arrays(*arm), axis=-1)
         h_row = np.stack(np.broadcast_arrays(*h), axis=-1)
-        felt = [
-            f + part for f, part in zip(felt, np.moveaxis(_apply(cross, r), -1, 0), strict=True)
+        sensed = [
+            f + part for f, part in zip(sensed, np.moveaxis(_apply(cross, r), -1, 0), strict=True)
         ]
         along_r = _apply(np.swapaxes(cross, -1, -2), h_row)
         coefficient_derivatives = {
@@ -129,11 +129,11 @@ def _tilted_axis_response(
             h_row * dot["wr"][..., None] + dot["hw"][..., None] * r - 2 * dot["hr"][..., None] * w
         )
         motion_derivatives |= {"w" + axis: to_w[..., k] for k, axis in enumerate("ipo")}
-    a = sum(component * x for component, x in zip(h, felt, strict=True)) + np.zeros(1)
+    a = sum(component * x for component, x in zip(h, sensed, strict=True)) + np.zeros(1)
     if "delta_o" in values:
-        coefficient_derivatives["delta_o"] = (1 + tan_o**2) / norm * (felt[1] - a * tan_o / norm)
+        coefficient_derivatives["delta_o"] = (1 + tan_o**2) / norm * (sensed[1] - a * tan_o / norm)
     if "delta_p" in values:
-        coefficient_derivatives["delta_p"] = (1 + tan_p**2) / norm * (-felt[2] - a * tan_p / norm)
+        coefficient_derivatives["delta_p"] = (1 + tan_p**2) / norm * (-sensed[2] - a * tan_p / norm)
     return AxisResponse(a, coefficient_derivatives, motion_derivatives)
 
 

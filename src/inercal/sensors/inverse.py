@@ -71,17 +71,17 @@ def inverse(
     rates = np.broadcast_to(zero if dw is None else dw, shape)
     temperature = np.broadcast_to(np.asarray(dT, dtype=float), shape[:-1])
     if sensor.affine:
-        felt = across + _affine(sensor, y, c, across, basis) @ basis.T
+        sensed = across + _affine(sensor, y, c, across, basis) @ basis.T
     else:
         lead = np.broadcast_shapes(y.shape[:-2], c.shape[:-1])
-        felt = np.empty((*lead, y.shape[-2], 6))
+        sensed = np.empty((*lead, y.shape[-2], 6))
         for start in range(0, y.shape[-2], _CHUNK):
             part = np.s_[..., start : start + _CHUNK, :]
             dT_part = temperature[..., start : start + _CHUNK]
-            felt[part] = _newton(
+            sensed[part] = _newton(
                 sensor, y[part], c, across[part], rates[part], dT_part, basis, start, refuse
             )
-    return Motion(felt[..., :3], felt[..., 3:], np.asarray(rates), temperature)
+    return Motion(sensed[..., :3], sensed[..., 3:], np.asarray(rates), temperature)
 
 
 def _rank(sensor: Sensor, measures: str) -> int:

@@ -174,12 +174,12 @@ class Sensor:
         """Do the same by two products of matrices: y = (A₀ + Σ c B) (f, ω, 1)."""
         nominal, change = self._affine_maps
         shape = np.broadcast_shapes(motion.f.shape, motion.w.shape)
-        felt = np.ones((*shape[:-1], 7))
-        felt[..., :3], felt[..., 3:6] = motion.f, motion.w
+        sensed = np.ones((*shape[:-1], 7))
+        sensed[..., :3], sensed[..., 3:6] = motion.f, motion.w
         m, p = len(self.axes), len(self.coefficients)
         whole = nominal + (c @ change.reshape(p, m * 7)).reshape(*c.shape[:-1], m, 7)
-        reading = felt @ np.swapaxes(whole, -1, -2)
-        design = felt @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(7, m * p)
+        reading = sensed @ np.swapaxes(whole, -1, -2)
+        design = sensed @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(7, m * p)
         return Linearisation(
             reading, design.reshape(*design.shape[:-1], m, p), whole[..., None, :, :6]
         )
@@ -188,8 +188,8 @@ class Sensor:
     def _affine_maps(self) -> tuple[Array, Array]:
         """A₀, (m, 7), and B, (p, m, 7), of an affine sensor."""
         p = len(self.coefficients)
-        felt = np.concatenate([np.eye(6), np.zeros((1, 6))])
-        motion = Motion(felt[:, :3], felt[:, 3:])
+        sensed = np.concatenate([np.eye(6), np.zeros((1, 6))])
+        motion = Motion(sensed[:, :3], sensed[:, 3:])
         at = np.stack([self.forward(motion, c) for c in (*np.eye(p), np.zeros(p))])
         at[:, :6] -= at[:, 6:]
         maps = np.swapaxes(at, -1, -2)

@@ -42,26 +42,26 @@ def format_slope(course: CoefficientTrend) -> tuple[str, str]:
 
 def drift_text(course: CoefficientTrend) -> str:
     """Return how a coefficient drifts, and how well it is a constant."""
-    told = "no drift is told of fewer than three calibrations"
+    text = "no drift is told of fewer than three calibrations"
     if (line := course.line) is not None:
-        told = f"drift {' ± '.join(format_slope(course))} {course.unit} a year (k = 2)"
+        text = f"drift {' ± '.join(format_slope(course))} {course.unit} a year (k = 2)"
         if line.birge > 1:
-            told += f", scaled by {line.birge:.2f} since the points scatter about the line"
+            text += f", scaled by {line.birge:.2f} since the points scatter about the line"
     test = course.constancy
     if test.dof:
-        told += f"; as a constant χ² = {test.chi2:.1f} with {test.dof} degrees of freedom, "
-        told += f"p {p_value_text(test.p_value)}"
-    return told
+        text += f"; as a constant χ² = {test.chi2:.1f} with {test.dof} degrees of freedom, "
+        text += f"p {p_value_text(test.p_value)}"
+    return text
 
 
 def joint_test_text(test: JointTest) -> str:
     """Return the test of all coefficients together."""
-    told = (
+    text = (
         f"χ² = {test.chi2:.1f} with {test.rank} degrees of freedom, p {p_value_text(test.p_value)}"
     )
     if test.rank < test.size:
-        told += f" (rank {test.rank} of {test.size} coefficients)"
-    return told
+        text += f" (rank {test.rank} of {test.size} coefficients)"
+    return text
 
 
 def history_lines(history: SensorHistory) -> list[str]:

@@ -196,6 +196,6 @@ def enter_calibration(
 
 
 def _insert_row(db: Connection, table: Table, values: dict[str, Any], who: EntryAuthor) -> int:
-    made = db.execute(insert(table).values(**values, **who.columns)).inserted_primary_key
-    assert made is not None
-    return int(made[0])
+    result = db.execute(insert(table).values(**values, **who.columns)).inserted_primary_key
+    assert result is not None
+    return int(result[0])

@@ -138,12 +138,12 @@ class Register:
         InputError
             The calibration file cannot be used; nothing is entered then.
         """
-        made = None if calibration is None else make_document(calibration)
-        kind = "" if made is None else _bench_kind(made.calibration)
+        result = None if calibration is None else make_document(calibration)
+        kind = "" if result is None else _bench_kind(result.calibration)
         with write_transaction(self._engine, self._address) as db:
             number = insertions.enter_run(db, facts, self._author())
-            if made is not None:
-                insertions.enter_calibration(db, made, kind, None, self._author())
+            if result is not None:
+                insertions.enter_calibration(db, result, kind, None, self._author())
             return number
 
     def enter_calibration(
@@ -177,12 +177,12 @@ class Register:
                     f"{measured!r} is not a time; write it in ISO 8601, as 2026-03-01 or "
                     "2026-03-01T14:30:00+01:00"
                 ) from None
-        made = [make_document(source) for source in sources]
-        kinds = [_bench_kind(one.calibration) for one in made]
+        result = [make_document(source) for source in sources]
+        kinds = [_bench_kind(one.calibration) for one in result]
         with write_transaction(self._engine, self._address) as db:
             return tuple(
                 insertions.enter_calibration(db, one, kind, measured, self._author())
-                for one, kind in zip(made, kinds, strict=True)
+                for one, kind in zip(result, kinds, strict=True)
             )
 
     def _author(self) -> insertions.EntryAuthor:

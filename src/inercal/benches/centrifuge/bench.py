@@ -154,10 +154,10 @@ class Centrifuge:
             A step of unknown attitude.
         """
         stated = {name: np.array(p.value) for name, p in self.acting_parameters(steps).items()}
-        made = sensed_motion(self, steps, stated | dict(q))
+        result = sensed_motion(self, steps, stated | dict(q))
         labels = [step.label for step in steps]
-        df, dw = (_split_by_dwell(by, labels) for by in (made.df, made.dw))
-        return MeanMotion(made.motion, df, dw)
+        df, dw = (_split_by_dwell(by, labels) for by in (result.df, result.dw))
+        return MeanMotion(result.motion, df, dw)
 
     def reading_offsets(
         self, steps: Sequence[Spin], sensor: Sensor, q: Mapping[str, Array]

@@ -46,7 +46,7 @@ def observe(run: Source[CentrifugeData]) -> EstimatorInput:
         )
     if run.data.seconds is not None:
         raise InputError(
-            f"{run.path}: [data] seconds: dwells on the arm are over whole turns; leave it out"
+            f"{run.path}: [data] seconds: dwells on the arm last whole turns; remove the key"
         )
     known = bench.indexing is not None or arms
     if known and run.data.attitude is None:
@@ -59,9 +59,9 @@ def observe(run: Source[CentrifugeData]) -> EstimatorInput:
             f"{run.path}: [bench] indexing: on a counter-rotating platform norms alone are used; "
             "leave it out"
         )
-    made = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
-    odd = _norm_finding(run, bench, made)
-    return replace(made, findings=made.findings + require_not_refused(run.data.file, odd))
+    result = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
+    odd = _norm_finding(run, bench, result)
+    return replace(result, findings=result.findings + require_not_refused(run.data.file, odd))
 
 
 def _norm_finding(

@@ -12,9 +12,9 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
     spins = [step for step in shown.steps if isinstance(step, Spin)]
     known = all(step.attitude is not None for step in spins)
     stated = {name: np.array(q.value) for name, q in shown.expected.items()}
-    made = sensed_motion(shown.bench, spins, stated) if known else None
-    sensed = shown.sensed_motion(None if made is None else made.w)
+    result = sensed_motion(shown.bench, spins, stated) if known else None
+    sensed = shown.sensed_motion(None if result is None else result.w)
     return tuple(
-        measured_direction(step, sensed.f[k], None if made is None else made.f[k])
+        measured_direction(step, sensed.f[k], None if result is None else result.f[k])
         for k, step in enumerate(spins)
     )

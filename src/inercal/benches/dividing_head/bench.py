@@ -96,8 +96,8 @@ def mounted_sensor(
     x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
     if not 1 <= len(axes) <= len(held := ((x, y), (y, back))):
         raise InputError(f"{len(axes)} accelerometers; the fixture holds one or two")
-    made = (Axis(a, "f", i, p, readout, noise) for a, (i, p) in zip(axes, held, strict=False))
-    return Sensor(name, tuple(made), form="tilted")
+    result = (Axis(a, "f", i, p, readout, noise) for a, (i, p) in zip(axes, held, strict=False))
+    return Sensor(name, tuple(result), form="tilted")
 
 
 @dataclass(frozen=True)
@@ -257,10 +257,10 @@ def bias_drift(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, 
     q : mapping of str to (...) array
         The drifts by full name (`drift_names`), m/s² a pass.
     """
-    made = drift_ramps(steps)
+    result = drift_ramps(steps)
     by_axis = [
         np.stack([q.get(name, np.zeros(())) for name in drift_names(channel, steps)], axis=-1)
-        @ made
+        @ result
         for channel in channels
     ]
     return np.stack(by_axis, axis=-1)

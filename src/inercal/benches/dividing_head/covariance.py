@@ -53,11 +53,11 @@ def reading_sensitivities(
     An estimator that moves by `gain` with the readings, and finds what is there of a bench as it is
     stated, moves by −gain times this with what is stated.
     """
-    made = sensed_motion(bench, steps, {})
+    result = sensed_motion(bench, steps, {})
     c = np.zeros(len(sensor.coefficients)) if c is None else c
-    slope = sensor.slope(Motion(made.f), c)[..., :3]
+    slope = sensor.slope(Motion(result.f), c)[..., :3]
     return {
-        name: (slope @ made.df[name][..., None]).ravel()
+        name: (slope @ result.df[name][..., None]).ravel()
         for name, q in bench.acting_parameters(steps).items()
         if q.sd > 0
     }

@@ -60,13 +60,13 @@ def observe(run: Source[DividingHeadData]) -> EstimatorInput:
             f"{run.path}: [data] seconds: a dividing head is at rest during a reading; leave it out"
         )
     require_distinct_columns(run)
-    made = _table(run, bench) if run.data.kind == "means" else _recording(run)
-    steps = [step for step in made.steps if isinstance(step, Index)]
+    result = _table(run, bench) if run.data.kind == "means" else _recording(run)
+    steps = [step for step in result.steps if isinstance(step, Index)]
     require_small_readings(run, steps)
-    findings = made.findings + _missing_trim_positions(run, bench, steps)
-    require_phases(run, made.observations, steps)
-    findings += repeat_visit_warnings(made.observations, run.sensor, bench, steps)
-    return replace(made, findings=findings, conditions=_conditions(run, bench, steps))
+    findings = result.findings + _missing_trim_positions(run, bench, steps)
+    require_phases(run, result.observations, steps)
+    findings += repeat_visit_warnings(result.observations, run.sensor, bench, steps)
+    return replace(result, findings=findings, conditions=_conditions(run, bench, steps))
 
 
 _FEW = 4  # positions may well lie within 6.28°

@@ -30,12 +30,12 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
         raise InputError(f"{run.path}: {error}") from None
     idle = frozenset({len(data.accelerometer)}) if collimated else frozenset[int]()
     first = {row.in_pass: row.sense for row in reversed(planned)}
-    made: list[SheetRow] = []
+    result: list[SheetRow] = []
     for row in planned:
         step = row.step
         cells = [str(row.number), step.label, row.angle, f"{row.in_pass}, {row.sense}"]
         cells += [row.autocollimator] * collimated + ["read"] * levelled
-        made.append(
+        result.append(
             SheetRow(
                 step.label,
                 (*cells, f"{step.seconds:g} s" if step.seconds else ""),
@@ -55,7 +55,7 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     seconds = sum(step.seconds for step in steps)
     columns = (data.angle, *data.accelerometer, data.autocollimator, data.level)
     return Sheet(
-        f"{len(made)} positions, {seconds:.0f} s of holding in all",
+        f"{len(result)} positions, {seconds:.0f} s of holding in all",
         (
             Heading("row", align_right=True),
             Heading("label", label=True),
@@ -65,12 +65,12 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
             *[Heading("level", page="")] * levelled,
             Heading("hold for", align_right=True, page="hold"),
         ),
-        tuple(made),
+        tuple(result),
         operator_notes(bench, steps, data),
         (data.label, *columns) if label else columns,
         _entry_fields(data, run.sensor, collimated=collimated),
         (
-            f"{len(made)} positions in {len(first)} pass{'es' * (len(first) > 1)}",
+            f"{len(result)} positions in {len(first)} pass{'es' * (len(first) > 1)}",
             f"{seconds / 60:.0f} min of holding, moves besides",
             f"autocollimation: {bench.collimated}",
             f"g = {bench.gravity.value:.7g} m/s²".replace(" ", "\N{NO-BREAK SPACE}"),

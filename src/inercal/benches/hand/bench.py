@@ -199,17 +199,17 @@ def _step_motion(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
     n, dn = tilted_direction(step.axis, _parameter_pair(q, "axis", step.label))
     g = q["g"][..., None]
     force = g * n
-    made = sensed_motion(
+    result = sensed_motion(
         step, step.seconds, {**q, **{k: force[..., i] for i, k in enumerate(names)}}
     )
     by_force: dict[str, Array] = {"g": n}
     by_force |= {f"axis{k + 1}[{step.label}]": g * dn[..., k] for k in range(2)}
-    df = {name: by for name, by in made.df.items() if name not in names} | by_force
-    dw = {name: by for name, by in made.dw.items() if name not in names}
+    df = {name: by for name, by in result.df.items() if name not in names} | by_force
+    dw = {name: by for name, by in result.dw.items() if name not in names}
     for name, by in by_force.items():
-        along = sum((by[..., [i]] * made.dw[k] for i, k in enumerate(names)), np.zeros(3))
+        along = sum((by[..., [i]] * result.dw[k] for i, k in enumerate(names)), np.zeros(3))
         dw[name] = dw.get(name, np.zeros(3)) + along
-    return MeanMotion(made.motion, df, dw)
+    return MeanMotion(result.motion, df, dw)
 
 
 def _parameter_pair(q: Mapping[str, Array], name: str, label: str) -> Array:

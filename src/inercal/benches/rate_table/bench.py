@@ -247,6 +247,8 @@ def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array
 
 def force_sensitivities(bench: RateTable, steps: Sequence[Spin]) -> Array:
     """Return what one standard deviation of each uncertain parameter adds to f, (k, r, 3) m/s²."""
-    made = sensed_motion(bench, steps, {})
-    rows = [q.sd * made.df[name] for name, q in bench.acting_parameters(steps).items() if q.sd > 0]
+    result = sensed_motion(bench, steps, {})
+    rows = [
+        q.sd * result.df[name] for name, q in bench.acting_parameters(steps).items() if q.sd > 0
+    ]
     return np.stack(rows) if rows else np.zeros((0, len(steps), 3))

@@ -52,8 +52,8 @@ def require_unit(run: Source[RateTableData], recording: Recording, bench: RateTa
     read = np.linalg.norm(run.sensor.to_si(recording.data[fast][:, columns]), axis=-1)
 
     def off(times: float) -> float:
-        made = np.hypot(bench.radius.value * (rate[fast] * times) ** 2, bench.gravity.value)
-        return float(abs(np.median(read / made) - 1))
+        result = np.hypot(bench.radius.value * (rate[fast] * times) ** 2, bench.gravity.value)
+        return float(abs(np.median(read / result) - 1))
 
     if off(1.0) > _OFF:
         _refuse_unit(run, off)
@@ -121,23 +121,23 @@ def require_rates(
         return
 
     def norms(times: float) -> tuple[Array, Array]:
-        made = _nominal_force(bench, steps, times)
-        model = _fit_triad(observations.mean, made)
+        result = _nominal_force(bench, steps, times)
+        model = _fit_triad(observations.mean, result)
         read = observations.mean if model is None else model.correct(observations.mean)
-        return np.linalg.norm(read, axis=-1), np.linalg.norm(made, axis=-1)
+        return np.linalg.norm(read, axis=-1), np.linalg.norm(result, axis=-1)
 
     def off(times: float) -> float:
-        read, made = norms(times)
-        return float(np.max(np.abs(read / made - 1)[turning]))
+        read, result = norms(times)
+        return float(np.max(np.abs(read / result - 1)[turning]))
 
     if off(1.0) <= _OFF:
         return
     _refuse_unit(run, off)
-    read, made = norms(1.0)
-    worst = int(np.argmax(np.abs(read / made - 1) * turning))
+    read, result = norms(1.0)
+    worst = int(np.argmax(np.abs(read / result - 1) * turning))
     raise InputError(
         f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s² but "
-        f"radius and rate give {made[worst]:.4g}; check arm_rate_unit, [bench] radius and the "
+        f"radius and rate give {result[worst]:.4g}; check arm_rate_unit, [bench] radius and the "
         "scale in [sensor.accelerometer]"
     )
 
@@ -148,13 +148,13 @@ def require_axes(
     """Refuse columns that are exchanged or reversed: they fit far better otherwise."""
     if len(steps) < _FEWEST:
         return
-    made, read = _nominal_force(bench, steps), observations.mean
-    model = _fit_triad(read, made)
+    result, read = _nominal_force(bench, steps), observations.mean
+    model = _fit_triad(read, result)
     if model is not None:
         # Its bias is not a sign of a wrong axis: what remains is how its axes stand.
         read = read - model.inverse.offset
     fits = {
-        (order, signs): float(np.sum((read[:, order] * np.array(signs) - made) ** 2))
+        (order, signs): float(np.sum((read[:, order] * np.array(signs) - result) ** 2))
         for order in permutations(range(3))
         for signs in product((1, -1), repeat=3)
     }

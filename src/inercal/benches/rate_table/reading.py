@@ -54,11 +54,11 @@ def observe(run: Source[RateTableData]) -> EstimatorInput:
     bench: RateTable = run.bench
     if run.data.seconds is not None:
         raise InputError(f"{run.path}: [data] seconds: states are means; leave it out")
-    made = _table(run) if run.data.kind == "means" else reduce_recording(run, load_recording(run))
-    steps = [step for step in made.steps if isinstance(step, Spin)]
-    require_rates(run, made.observations, bench, steps)
-    require_axes(run, made.observations, bench, steps)
-    return replace(made, conditions=_conditions(bench, steps))
+    result = _table(run) if run.data.kind == "means" else reduce_recording(run, load_recording(run))
+    steps = [step for step in result.steps if isinstance(step, Spin)]
+    require_rates(run, result.observations, bench, steps)
+    require_axes(run, result.observations, bench, steps)
+    return replace(result, conditions=_conditions(bench, steps))
 
 
 def _table(run: Source[RateTableData]) -> EstimatorInput:

@@ -19,10 +19,10 @@ def deviations(shown: ReportInput) -> tuple[Array, Array, Array]:
     In m/s², against what was felt nominally: the errors of mountings are in both.
     """
     spins = [step for step in shown.steps if isinstance(step, Spin)]
-    made = sensed_motion(shown.bench, spins, {}).f
+    result = sensed_motion(shown.bench, spins, {}).f
     mean, corrected = shown.observations.mean, shown.sensed_motion().f
     rates = np.array([abs(step.rate) for step in spins]) * 30 / pi
-    return rates, mean - made, corrected - made
+    return rates, mean - result, corrected - result
 
 
 def plots(shown: ReportInput) -> tuple[Plot, ...]:

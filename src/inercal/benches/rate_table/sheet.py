@@ -21,8 +21,8 @@ def sheet(run: Source[RateTableData]) -> Sheet:
     steps = [step for own in group_by_mounting(planned) for step in own]
     names, data, size = mounting_names(steps), run.data, readback_units(run)["arm_rate"]
     rows: list[SheetRow] = []
-    made = sensed_motion(run.bench, steps, {}).f
-    for k, (name, step, f) in enumerate(zip(names, steps, made, strict=True), start=1):
+    result = sensed_motion(run.bench, steps, {}).f
+    for k, (name, step, f) in enumerate(zip(names, steps, result, strict=True), start=1):
         assert step.attitude is not None
         rpm, up = step.rate * 30 / pi, Hold("", step.attitude.up, 0.0).describe()
         reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]

@@ -137,10 +137,10 @@ def linear_misalignment(bench: Turntable, angles: Array) -> Misalignment:
         if third is not None:
             by[f"square_{i + 1}"] = mat[..., third]
     parameters = tuple(p for p in bench.parameters if p.name in by)
-    made = np.empty((*angles.shape[:-1], 3, len(parameters)))
+    result = np.empty((*angles.shape[:-1], 3, len(parameters)))
     for k, p in enumerate(parameters):
-        made[..., k] = by[p.name]
-    return Misalignment(parameters, made)
+        result[..., k] = by[p.name]
+    return Misalignment(parameters, result)
 
 
 def motion(
@@ -204,9 +204,9 @@ def _base_attitude(bench: Turntable, q: Mapping[str, Array]) -> Array:
 @lru_cache(maxsize=16)
 def _declared_base(bench: Turntable) -> Array:
     """Return T of the bench as declared; it is read only."""
-    made = _tilted_base(bench, {})
-    made.setflags(write=False)
-    return made
+    result = _tilted_base(bench, {})
+    result.setflags(write=False)
+    return result
 
 
 def _tilted_base(bench: Turntable, q: Mapping[str, Array]) -> Array:

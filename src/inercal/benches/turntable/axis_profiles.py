@@ -148,8 +148,8 @@ def _join_pieces(
         rate += duration * (acceleration + duration * jerk / 2)
         start += duration
     rows.append((start, abs(angle), 0.0, 0.0, 0.0))  # exactly, whatever rounding has left
-    made = np.array(rows)
-    return start, AxisProfile(made[:, 0], np.copysign(1.0, angle) * made[:, 1:])
+    result = np.array(rows)
+    return start, AxisProfile(result[:, 0], np.copysign(1.0, angle) * result[:, 1:])
 
 
 def join_profiles(moves: Sequence[tuple[float, float, AxisProfile]], angle: float) -> AxisProfile:

@@ -153,9 +153,9 @@ def _limits(section: TurntableSection) -> tuple[AxisMotionLimits, ...]:
             each[name] = [*values] * (axes // len(values))
         else:
             raise InputError(f"[bench] {name}: {len(values)} limits; give one for all axes or each")
-    made: list[AxisMotionLimits] = []
+    result: list[AxisMotionLimits] = []
     for rate, acceleration, jerk in zip(*each.values(), strict=True):
         assert rate is not None  # only a jerk may be without limit
         assert acceleration is not None
-        made.append(AxisMotionLimits(rate, acceleration, jerk))
-    return tuple(made)
+        result.append(AxisMotionLimits(rate, acceleration, jerk))
+    return tuple(result)

@@ -167,8 +167,8 @@ def simulate_turntable_motion(
     for k in range(trials):
         q = {name: values[k] for name, values in drawn.items()}
         for part in row_blocks(time.size, _BLOCK):
-            made = motion(bench, *way.evaluate(time[part]), q)
-            f[k, part], w[k, part], dw[k, part] = made.f, made.w, made.dw
+            result = motion(bench, *way.evaluate(time[part]), q)
+            f[k, part], w[k, part], dw[k, part] = result.f, result.w, result.dw
         said[k] = _simulated_readback(bench, way, stamps, time, q, rng)
     readback = {name: said[..., i] for i, name in enumerate(bench.names)}
     return SimulatedMotion(time, Motion(f, w, dw), labels, drawn, readback)

@@ -269,10 +269,10 @@ class SampleAssembler:
 
 def _sort_frames(frames: list[LogFrame]) -> list[LogFrame]:
     """Return frames by kind between events, so that many of one kind are worked through at once."""
-    made: list[LogFrame] = []
+    result: list[LogFrame] = []
     for _, group in groupby(frames, key=lambda one: one.kind == EVENT):
-        made += sorted(group, key=lambda one: one.kind)
-    return made
+        result += sorted(group, key=lambda one: one.kind)
+    return result
 
 
 def _parse_event(frame: LogFrame) -> dict[str, Any]:
@@ -281,7 +281,7 @@ def _parse_event(frame: LogFrame) -> dict[str, Any]:
         return dict(event)
     except (TypeError, ValueError):
         raise InputError(
-            f"an event of the log at {frame.time:.6g} s is none: {frame.payload!r}"
+            f"the log at {frame.time:.6g} s has an event that cannot be read: {frame.payload!r}"
         ) from None
 
 

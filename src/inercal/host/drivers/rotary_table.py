@@ -53,12 +53,12 @@ class AxisLimits:
                 f"axis {axis}: {degrees(angle):.6g}° is beyond the soft limits; possible: "
                 f"{degrees(self.low):.6g}° to {degrees(self.high):.6g}°"
             )
-        asked = [("acceleration", acceleration, self.acceleration)]
+        requested = [("acceleration", acceleration, self.acceleration)]
         if angle is not None:
-            asked.append(("rate", rate, self.rate))
+            requested.append(("rate", rate, self.rate))
         elif rate != 0:  # A spin may be told to come to rest; a move needs a rate to get there.
-            asked.append(("rate", abs(rate), self.rate))
-        for what, value, most in asked:
+            requested.append(("rate", abs(rate), self.rate))
+        for what, value, most in requested:
             if not (0 < value <= most and isfinite(value)):
                 raise InputError(
                     f"axis {axis}: {what} {degrees(value):.6g} is not possible; more than 0 and at "

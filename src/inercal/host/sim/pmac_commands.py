@@ -135,8 +135,8 @@ class Interpreter:
             case "program":
                 return partial(_raise_error, _NO_PROGRAM)
             case "last":
-                asked = range(int(match["first"]), min(int(match["last"]), 8191) + 1)
-                return lambda: "\r".join(map(self._report, asked)) if asked else None
+                requested = range(int(match["first"]), min(int(match["last"]), 8191) + 1)
+                return lambda: "\r".join(map(self._report, requested)) if requested else None
             case "get":
                 return partial(self._report, int(match["get"]))
             case "value" | "copy":

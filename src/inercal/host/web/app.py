@@ -102,7 +102,7 @@ class Page:
             self._refusals(who, "probe: not the operator's browser")
             return JSONResponse({"words": "only the operator may ask the devices"}, 403)
         try:
-            asked = parse_object(await request.body())
+            requested = parse_object(await request.body())
         except ValueError:
             self._refusals(who, "probe: no JSON object")
             return JSONResponse({"words": "send a JSON object"}, 400)
@@ -115,9 +115,9 @@ class Page:
             except InercalError as error:
                 return JSONResponse({"words": str(error)}, 409)
             plans = await asyncio.to_thread(self._hub.plans.all)
-            name = asked.get("plan")
+            name = requested.get("plan")
             plan = plans.get(name) if isinstance(name, str) else None
-            content = await asyncio.to_thread(probe_devices, self._hub.choice, plan, asked)
+            content = await asyncio.to_thread(probe_devices, self._hub.choice, plan, requested)
         return JSONResponse(content)
 
     async def output_file(self, request: Request) -> Response:

@@ -138,10 +138,10 @@ class DeviceCatalogue:
 
 
 def _device_list(given: str, others: Iterable[tuple[str, str]]) -> list[dict[str, str]]:
-    made = [{"id": SIMULATED, "what": "simulated bench"}]
+    result = [{"id": SIMULATED, "what": "simulated bench"}]
     if given:
-        made.append({"id": CONFIGURED, "what": given})
-    return made + [{"id": name, "what": what} for name, what in others]
+        result.append({"id": CONFIGURED, "what": given})
+    return result + [{"id": name, "what": what} for name, what in others]
 
 
 def _port_text(port: SerialPort) -> str:
@@ -149,16 +149,16 @@ def _port_text(port: SerialPort) -> str:
 
 
 def _require_object(asked: object, what: str) -> JsonObject:
-    made = as_object(asked)
-    if made is None:
+    result = as_object(asked)
+    if result is None:
         raise InputError(f"choose a {what}")
-    return made
+    return result
 
 
 def _text_value(asked: object, key: str) -> str | None:
     value = (as_object(asked) or {}).get(key)
     if value is not None and not (isinstance(value, str) and len(value) <= _MAX_TEXT):
-        raise InputError(f"{key}: no text of up to {_MAX_TEXT} characters")
+        raise InputError(f"{key} must be a text of at most {_MAX_TEXT} characters")
     return value
 
 

@@ -310,11 +310,11 @@ def _interrupt_process(folder: Path) -> bool:
 def _new_run_folder(runs: Path, stem: str) -> Path:
     """Return a new name for a folder."""
     name = f"{stem}-{datetime.now():%Y%m%d-%H%M%S}"
-    made, count = runs / name, 1
-    while made.exists():
+    result, count = runs / name, 1
+    while result.exists():
         count += 1
-        made = runs / f"{name}-{count}"
-    return made
+        result = runs / f"{name}-{count}"
+    return result
 
 
 def _is_valid_name(text: object) -> bool:

@@ -16,12 +16,12 @@ def parse_object(text: str | bytes) -> JsonObject:
         It is none.
     """
     try:
-        made = as_object(json.loads(text))
+        result = as_object(json.loads(text))
     except RecursionError:
-        made = None
-    if made is None:
-        raise ValueError("no JSON object")
-    return made
+        result = None
+    if result is None:
+        raise ValueError("the message is not a JSON object")
+    return result
 
 
 def as_object(value: object) -> JsonObject | None:

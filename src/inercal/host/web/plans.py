@@ -47,11 +47,11 @@ class Plans:
         """Return the plans by their names."""
         found = {path.stem: path for path in sorted(self._folder.glob("*.toml"))}
         found.setdefault(_DEMO, Path(str(files("inercal").joinpath("demo.toml"))))
-        made: dict[str, Plan] = {}
+        result: dict[str, Plan] = {}
         for name, path in found.items():
             if (plan := self._plan(name, path)) is not None:
-                made[name] = plan
-        return made
+                result[name] = plan
+        return result
 
     def _plan(self, name: str, path: Path) -> Plan | None:
         try:

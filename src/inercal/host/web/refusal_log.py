@@ -18,8 +18,8 @@ def escape_control_characters(text: str) -> str:
     >>> escape_control_characters("a\nb\x1b[2J")
     'a\\nb\\x1b[2J'
     """
-    made = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-    return made if len(made) <= _MAX_TEXT else f"{made[:_MAX_TEXT]}…"
+    result = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return result if len(result) <= _MAX_TEXT else f"{result[:_MAX_TEXT]}…"
 
 
 class RefusalLog:

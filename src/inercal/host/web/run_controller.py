@@ -60,18 +60,18 @@ class RunController:
         with ExitStack() as opened:
             bench = run_simulation.simulation_request(self._order)
             addresses = self._open_addresses(run, bench, opened)
-            made, journal = self._open_folder(run, addresses)
+            result, journal = self._open_folder(run, addresses)
             opened.enter_context(journal)
             with (
-                made.removed_on_failure(PROCESS_RECORD)
+                result.removed_on_failure(PROCESS_RECORD)
                 if self._order.plan is not None
                 else nullcontext()
             ):
-                opened.callback(os.close, write_process_record(made.path, bench))
+                opened.callback(os.close, write_process_record(result.path, bench))
                 journal.record_event("info", self._start_text(bench))
-                ending = RunFinalizer(self._order, made, journal)
-                teller = RunTelemetry(self._publisher, made.run, require_turntable(run), journal)
-                told = self._complete_run(made, journal, teller, ending)
+                ending = RunFinalizer(self._order, result, journal)
+                teller = RunTelemetry(self._publisher, result.run, require_turntable(run), journal)
+                told = self._complete_run(result, journal, teller, ending)
                 teller.publish_events()
                 return told
 

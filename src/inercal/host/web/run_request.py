@@ -77,11 +77,11 @@ class RunRequest:
             It is not an order.
         """
         try:
-            made = cls(**json.loads(line))
-            if made.temperature is None:
-                return made
-            low, high = made.temperature  # JSON has lists alone
-            return replace(made, temperature=(low, high))
+            result = cls(**json.loads(line))
+            if result.temperature is None:
+                return result
+            low, high = result.temperature  # JSON has lists alone
+            return replace(result, temperature=(low, high))
         except (TypeError, ValueError):
             raise InputError(f"{line[:80]!r} is not an order for a run") from None
 

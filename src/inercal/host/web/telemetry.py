@@ -115,13 +115,13 @@ class RunTelemetry:
     def _nis(self, live: LiveEstimator) -> dict[str, float | None]:
         """Return innovations squared over what was stated, a component, within the window."""
         before = self._innovations[0][1] if len(self._innovations) > 1 else {}
-        made: dict[str, float | None] = {}
+        result: dict[str, float | None] = {}
         for kind, (squares, count) in live.innovations.items():
             s, n = before.get(kind, (0.0, 0))
-            made[kind] = (
+            result[kind] = (
                 page_messages.rounded_number((squares - s) / (count - n), 4) if count > n else None
             )
-        return made
+        return result
 
     def _publish_estimates(self, live: LiveEstimator) -> None:
         if live.time == self._estimates_time:

@@ -169,14 +169,14 @@ class ClosedFormulas:
             raise InputError(f"estimator {self.name} works on one table at a time")
         singular = closed_formulas.regression_singular_values(sensor, mean, self.name)
         declared = bench.acting_parameters(steps, vectors=False)
-        made = specific_force_norm(
+        result = specific_force_norm(
             bench, steps, {name: np.array(q.value) for name, q in declared.items()}
         )
 
         def formulas(flat: Array) -> Array:
             y = flat.reshape(*flat.shape[:-1], *mean.shape)
             return closed_formulas.coefficients(
-                sensor, y, made.norm, self.invert, weighted=self.weighted
+                sensor, y, result.norm, self.invert, weighted=self.weighted
             )
 
         value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)

@@ -209,51 +209,51 @@ def _compare_norms(
     @_cache_last_result
     def compared(x: Array) -> tuple[SpecificForceNorm, MeanMotion | None, NoisyNormResiduals]:
         q = unknowns.bench_values(x)
-        made = specific_force_norm(bench, steps, q)
+        result = specific_force_norm(bench, steps, q)
         turned = sensed_motion(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
         w = None if turned is None else turned.w
         return (
-            made,
+            result,
             turned,
-            noisy_norm_residuals(sensor, y, covariance, x[..., :p], made.norm, w, warmth),
+            noisy_norm_residuals(sensor, y, covariance, x[..., :p], result.norm, w, warmth),
         )
 
     def linearise(x: Array) -> tuple[Array, Array]:
-        made, turned, seen = compared(x)
+        result, turned, seen = compared(x)
         if not loose:
             return seen.residual, seen.jacobian
-        rows = np.broadcast_shapes(seen.residual.shape, made.norm.shape)
+        rows = np.broadcast_shapes(seen.residual.shape, result.norm.shape)
         jacobian = np.empty((*rows, p + len(loose)))
         jacobian[..., :p] = seen.jacobian
         for k, name in enumerate(loose):
-            jacobian[..., p + k] = -made.derivatives[name] if name in made.derivatives else 0.0
+            jacobian[..., p + k] = -result.derivatives[name] if name in result.derivatives else 0.0
             if turned is not None and name in turned.dw:
                 jacobian[..., p + k] += (seen.by_rate * turned.dw[name]).sum(-1)
         return seen.residual, jacobian
 
     def noise(x: Array) -> Array:
-        made, turned, seen = compared(x)
+        result, turned, seen = compared(x)
         if shared is None and observations.drift is None:
-            return np.sqrt(seen.variance + made.dwell**2)
+            return np.sqrt(seen.variance + result.dwell**2)
         full = seen.variance[..., None] * np.eye(len(steps))
         if shared is None:
-            full += made.dwell[..., None] ** 2 * np.eye(len(steps))
+            full += result.dwell[..., None] ** 2 * np.eye(len(steps))
         else:
             for name, sd in (("dwell_rate", bench.dwell_rate), ("dwell_tilt", bench.dwell_tilt)):
-                by = sd * made.derivatives[name]
+                by = sd * result.derivatives[name]
                 full = full + shared * (by[..., :, None] * by[..., None, :])
         if observations.drift is not None:
             w = None if turned is None else turned.w
-            at = norm_residuals(sensor, observations.mean, x[..., :p], made.norm, w, warmth)
+            at = norm_residuals(sensor, observations.mean, x[..., :p], result.norm, w, warmth)
             along = (at.up[..., None, :] @ at.by_reading)[..., 0, :]
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full
 
     def relative_size(x: Array) -> float:
         # A norm of tens of g is rounded at a millionth of what it is known to.
-        made, _, seen = compared(x)
-        return float(np.max(made.norm / np.sqrt(seen.variance)))
+        result, _, seen = compared(x)
+        return float(np.max(result.norm / np.sqrt(seen.variance)))
 
     return RowComparison(linearise, noise, observations.labels, relative_size)
 

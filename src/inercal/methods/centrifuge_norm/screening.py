@@ -227,9 +227,9 @@ def _with_independent_rows(asked: Problem) -> Problem:
     assert callable(stated)
 
     def noise(x: Array) -> Array:
-        made = stated(x)
-        matrix = made.ndim == x.ndim + 1
-        return np.sqrt(np.diagonal(made, axis1=-2, axis2=-1)) if matrix else made
+        result = stated(x)
+        matrix = result.ndim == x.ndim + 1
+        return np.sqrt(np.diagonal(result, axis1=-2, axis2=-1)) if matrix else result
 
     return replace(asked, noise=noise)
 

@@ -41,14 +41,14 @@ def well_determined_sums(estimate: Estimate, g: float) -> tuple[CoefficientSum, 
         m/s².
     """
     axes = [CoefficientName(name).axis for name in estimate.wanted if name.endswith(".k1")]
-    asked = [
+    requested = [
         (f"{a}.k1 + {a}.k3 g²", "gain between up and down", (f"{a}.k1", f"{a}.k3"), (1.0, g**2))
         for a in axes
     ]
     first, second = MOUNTING_ANGLES
     between = (f"{second} − {first}", "angle between the accelerometers", (second, first))
     found: list[CoefficientSum] = []
-    for name, meaning, terms, weights in (*asked, (*between, (1.0, -1.0))):
+    for name, meaning, terms, weights in (*requested, (*between, (1.0, -1.0))):
         if set(terms) <= set(estimate.wanted):
             both, to = estimate.select(terms), np.array(weights)
             sd = float(np.sqrt(to @ both.covariance @ to))

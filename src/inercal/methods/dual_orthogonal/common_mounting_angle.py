@@ -41,10 +41,10 @@ def with_common_angle(
         return estimate
     g, stated = bench.gravity.value, sensor_angles(bench, steps)
     p = len(sensor.coefficients)
-    felt = g_squared.compare_with_gravity(
+    sensed = g_squared.compare_with_gravity(
         sensor, observations.mean, estimate.value[..., :p], g
     ).force
-    beyond = np.arctan2(felt[..., 0], felt[..., 1]) - stated.nominal
+    beyond = np.arctan2(sensed[..., 0], sensed[..., 1]) - stated.nominal
     common = np.mean((beyond + np.pi) % (2 * np.pi) - np.pi, axis=-1)
 
     declared = bench.acting_parameters(steps)

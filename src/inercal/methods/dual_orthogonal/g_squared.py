@@ -113,7 +113,7 @@ def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> Square
         reading, _, slope = sensor.linearise(Motion(f), c)
         step = np.linalg.solve(slope[..., :2], (y - reading)[..., None])[..., 0]
         f = np.concatenate([f[..., :2] + step, f[..., 2:]], axis=-1)
-    _, made, slope = sensor.linearise(Motion(f), c)
+    _, result, slope = sensor.linearise(Motion(f), c)
     length = np.linalg.norm(f, axis=-1)
     up = f[..., :2] / length[..., None]
     # h(f̂; c) = y holds: ∂f̂/∂y = S⁻¹ and ∂f̂/∂c = −S⁻¹ ∂h/∂c.
@@ -121,7 +121,7 @@ def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> Square
         np.linalg.solve(np.swapaxes(slope[..., :2], -1, -2), up[..., None])[..., 0], dtype=float
     )
     return SquaredComparison(
-        g - length, -(to_reading[..., None, :] @ made)[..., 0, :], to_reading, f
+        g - length, -(to_reading[..., None, :] @ result)[..., 0, :], to_reading, f
     )
 
 

@@ -82,8 +82,8 @@ def two_stage_estimate(
         raise NotObserved(f"{error}: {g_squared.PRIOR_ADVICE}", error.directions) from None
     seen_there = observations.rows(others)
     fixed = held(observations.mean)
-    asked = _second_stage_problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))
-    found = least_squares(asked)
+    requested = _second_stage_problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))
+    found = least_squares(requested)
     if set(g_squared.MOUNTING_ANGLES) <= set(maps.names):
         # Once δ is known each gain takes its angle from where it was made, whatever the head.
         delta = np.diff(found.select(g_squared.MOUNTING_ANGLES).value)[..., 0]
@@ -100,10 +100,10 @@ def two_stage_estimate(
         nominal.ravel(),
         np.array(1e-3),
     )
-    assert not callable(asked.noise)
+    assert not callable(requested.noise)
     readings = observations.full_covariance + bench_covariance(sensor, bench, steps)
     covariance, gain = _two_stage_covariance(
-        maps, seen, others, to_held, structure.covariance, asked.noise, readings, priors
+        maps, seen, others, to_held, structure.covariance, requested.noise, readings, priors
     )
     value = fixed @ maps.from_four_points.T + found.value @ maps.from_second_stage.T
     residual, whitened = _residuals_at_all_positions(observations, sensor, nominal, value, g)

@@ -71,9 +71,9 @@ def integrate_transitions(
     count = start.size
     rotation, noise = np.empty((count, 3, 3)), np.empty((count, 3, 3))
     sensitivity = np.empty((count, 3, 3, 7))
-    felt, last, made = np.empty(7), np.empty(7), np.empty(7)
+    sensed, last, result = np.empty(7), np.empty(7), np.empty(7)
     e, turned = np.empty((3, 3)), np.empty((3, 3))
-    felt[6] = 1.0
+    sensed[6] = 1.0
     weighted, before, now = weight.size > 0, 1.0, 1.0
     for k in range(count):
         r, p = np.eye(3), np.zeros((3, 3))
@@ -82,8 +82,8 @@ def integrate_transitions(
         rise, fall = left[k] - start[k] + 1.0, stop[k] - reached[k] + 1.0
         for i in range(start[k], stop[k] + 1):
             for j in range(7):
-                last[j] = felt[j]
-            _corrected_motion(felt, back, zero, output, i)
+                last[j] = sensed[j]
+            _corrected_motion(sensed, back, zero, output, i)
             if weighted:
                 before, now = now, weight[i]
             if i == start[k]:
@@ -94,9 +94,9 @@ def integrate_transitions(
             elif i > reached[k]:
                 dt *= (stop[k] - i + 1) / fall
             h, c = 0.5 * dt, dt * dt / 12.0
-            x = h * (last[3] + felt[3]) + c * (last[4] * felt[5] - last[5] * felt[4])
-            y = h * (last[4] + felt[4]) + c * (last[5] * felt[3] - last[3] * felt[5])
-            z = h * (last[5] + felt[5]) + c * (last[3] * felt[4] - last[4] * felt[3])
+            x = h * (last[3] + sensed[3]) + c * (last[4] * sensed[5] - last[5] * sensed[4])
+            y = h * (last[4] + sensed[4]) + c * (last[5] * sensed[3] - last[3] * sensed[5])
+            z = h * (last[5] + sensed[5]) + c * (last[3] * sensed[4] - last[4] * sensed[3])
             square = x * x + y * y + z * z
             if square > 1e-5:
                 angle = np.sqrt(square)
@@ -120,20 +120,20 @@ def integrate_transitions(
             e20, e21, e22 = e[2, 0], e[2, 1], e[2, 2]
             # Half of a step's error is made before it and half after.
             for j in range(7):
-                half = 0.25 * dt * (before * last[j] + now * felt[j])
+                half = 0.25 * dt * (before * last[j] + now * sensed[j])
                 s0[j] += half
                 s1[7 + j] += half
                 s2[14 + j] += half
-                made[j] = half
+                result[j] = half
             for j in range(21):
                 u, v, w = s0[j], s1[j], s2[j]
                 s0[j] = e00 * u + e01 * v + e02 * w
                 s1[j] = e10 * u + e11 * v + e12 * w
                 s2[j] = e20 * u + e21 * v + e22 * w
             for j in range(7):
-                s0[j] += made[j]
-                s1[7 + j] += made[j]
-                s2[14 + j] += made[j]
+                s0[j] += result[j]
+                s1[7 + j] += result[j]
+                s2[14 + j] += result[j]
             if i <= left[k]:
                 continue
             own = dt * dt if i <= reached[k] else 0.0
@@ -185,25 +185,29 @@ def delay_sums(
     """
     count = left.size
     along, square = np.zeros(count), np.zeros(count)
-    felt, last = np.empty(6), np.empty(6)
+    sensed, last = np.empty(6), np.empty(6)
     for k in range(count):
         x, y, z = before[k]
         for i in range(left[k], reached[k] + 1):
             for j in range(6):
-                last[j] = felt[j]
-            _corrected_motion(felt, back, zero, output, i)
+                last[j] = sensed[j]
+            _corrected_motion(sensed, back, zero, output, i)
             if i > left[k]:
                 # u turns by u × ω; the middle of the step makes it second order.
                 h = 0.5 * (time[i] - time[i - 1])
-                p, q, r = h * (last[3] + felt[3]), h * (last[4] + felt[4]), h * (last[5] + felt[5])
+                p, q, r = (
+                    h * (last[3] + sensed[3]),
+                    h * (last[4] + sensed[4]),
+                    h * (last[5] + sensed[5]),
+                )
                 u = x + 0.5 * (y * r - z * q)
                 v = y + 0.5 * (z * p - x * r)
                 w = z + 0.5 * (x * q - y * p)
                 x, y, z = x + v * r - w * q, y + w * p - u * r, z + u * q - v * p
-            d0 = y * felt[5] - z * felt[4]
-            d1 = z * felt[3] - x * felt[5]
-            d2 = x * felt[4] - y * felt[3]
-            off0, off1, off2 = felt[0] - g * x, felt[1] - g * y, felt[2] - g * z
+            d0 = y * sensed[5] - z * sensed[4]
+            d1 = z * sensed[3] - x * sensed[5]
+            d2 = x * sensed[4] - y * sensed[3]
+            off0, off1, off2 = sensed[0] - g * x, sensed[1] - g * y, sensed[2] - g * z
             along[k] += g * (d0 * off0 + d1 * off1 + d2 * off2)
             square[k] += g * g * (d0 * d0 + d1 * d1 + d2 * d2)
     return along, square

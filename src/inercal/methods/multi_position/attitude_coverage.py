@@ -88,10 +88,10 @@ def turn_rows(
     left = 1 - (np.arange(_TURN_STEPS) + 0.5) / _TURN_STEPS
     # The body turns by +angle about the axis, so what is fixed in space turns by −angle in it.
     to_end = exp_so3(-turn[:, None] * left[:, None])
-    felt = np.ones((len(after), _TURN_STEPS, 7))
-    felt[..., :3] = g * (np.swapaxes(to_end, -1, -2) @ after[:, None, :, None])[..., 0]
-    felt[..., 3:6] = turn[:, None] / MOVE_SECONDS
-    sensitivity = np.einsum("ksab,ksq->kabq", to_end, felt) * (MOVE_SECONDS / _TURN_STEPS)
+    sensed = np.ones((len(after), _TURN_STEPS, 7))
+    sensed[..., :3] = g * (np.swapaxes(to_end, -1, -2) @ after[:, None, :, None])[..., 0]
+    sensed[..., 3:6] = turn[:, None] / MOVE_SECONDS
+    sensitivity = np.einsum("ksab,ksq->kabq", to_end, sensed) * (MOVE_SECONDS / _TURN_STEPS)
     model = inverse_model(sensor, np.zeros(len(sensor.coefficients)))
     psi = np.einsum("kabq,bqp->kap", sensitivity, model.coefficient_derivatives)
     return tangent_vectors(after) @ skew(after) @ psi / errors.turn * sensor.unit_scale

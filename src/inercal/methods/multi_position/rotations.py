@@ -125,9 +125,9 @@ def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
 
 def _linear_coefficients(sensor: Sensor) -> NDArray[np.bool_]:
     """Return which coefficients act on a rate that is linear in the motion, (p,)."""
-    felt = ("fi", "fp", "fo", "wi", "wp", "wo")
+    sensed = ("fi", "fp", "fo", "wi", "wp", "wo")
     return np.array(
-        [sensor.coefficient(name).basis.degree(*felt) <= 1 for name in sensor.coefficients]
+        [sensor.coefficient(name).basis.degree(*sensed) <= 1 for name in sensor.coefficients]
     )
 
 
@@ -144,7 +144,7 @@ def output_at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> A
     dT : (n,) array
         Temperature of each sample minus the reference temperature, K.
     """
-    model, made = inverse_model(sensor, c), np.empty(output.shape)
+    model, result = inverse_model(sensor, c), np.empty(output.shape)
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     # In the reference form each term adds to the reading by itself.
     names = (
@@ -156,15 +156,15 @@ def output_at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> A
     warm = c[[sensor.coefficients.index(name) for name in names]]
     for start in range(0, len(output), _CHUNK_SAMPLES):
         at = slice(start, start + _CHUNK_SAMPLES)
-        made[at] = output[at]
+        result[at] = output[at]
         for _ in range(_ITERATIONS):
-            felt = made[at] @ model.matrix.T + model.offset
+            sensed = result[at] @ model.matrix.T + model.offset
             here, there = (
-                hot.forward(Motion(felt[:, :3], felt[:, 3:], dT=warmth), warm)
+                hot.forward(Motion(sensed[:, :3], sensed[:, 3:], dT=warmth), warm)
                 for warmth in (dT[at], 0.0)
             )
-            made[at] = output[at] - (here - there) * scale
-    return made
+            result[at] = output[at] - (here - there) * scale
+    return result
 
 
 def transition_rotations(

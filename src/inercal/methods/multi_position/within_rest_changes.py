@@ -81,13 +81,13 @@ def rest_changes(
         turned = (model.matrix @ halves.integral[..., None])[..., 0]
     both = turned + halves.seconds[:, None] * model.offset
     turn = both[:, 3:] - (rows.attitude @ x[p + 1 : p + 4]) * halves.seconds[:, None]
-    felt = rows.norm.specific_force
+    sensed = rows.norm.specific_force
     basis = np.concatenate([rows.norm.up[:, None], tangent_vectors(rows.norm.up)], axis=1)
     if rests.temperature_offsets.ndim and halves.warming is not None:
         ends = (rests.temperature_offsets + halves.warming, rests.temperature_offsets)
-        warmed, cold = (sensor.forward(Motion(felt, dT=t), x[:p])[:, :m] for t in ends)
+        warmed, cold = (sensor.forward(Motion(sensed, dT=t), x[:p])[:, :m] for t in ends)
         force = force - np.einsum("kim,km->ki", back, warmed - cold)
-    change = np.einsum("kij,kj->ki", basis, force - np.cross(felt, turn))
+    change = np.einsum("kij,kj->ki", basis, force - np.cross(sensed, turn))
 
     flicker = rests.noise - seen.covariance
     of_force = 4 * scatter.force.of(seen.covariance[:, :m, :m]) + flicker[:, :m, :m]
@@ -95,7 +95,7 @@ def rest_changes(
     # The wobble of a hand is in the gyros' scatter, of which only a share is noise.
     of_turn = scatter.turn.share * halves.square[:, None, None] * rests.rate_noise
     of_turn = of_turn + halves.seconds[:, None, None] ** 2 * offset
-    by_turn = basis @ skew(felt)
+    by_turn = basis @ skew(sensed)
     to_reading = basis @ back
     noise = to_reading @ of_force @ np.swapaxes(to_reading, -1, -2)
     noise += by_turn @ of_turn @ np.swapaxes(by_turn, -1, -2)

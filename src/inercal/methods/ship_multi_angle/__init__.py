@@ -85,9 +85,9 @@ def joint(
         Coefficients that these states leave open.
     """
     mean_problem.require_matching_rows(observations, sensor, steps)
-    asked = joint_problem(observations, sensor, bench, steps, priors)
+    requested = joint_problem(observations, sensor, bench, steps, priors)
     try:
-        estimate = least_squares(asked)
+        estimate = least_squares(requested)
         require_observed(estimate, sensor, missing=())
     except NotObserved:
         if not priors:
@@ -99,11 +99,11 @@ def joint(
 
 def _state_note(estimate: Estimate, steps: Sequence[Spin]) -> str:
     """Say what the states determine, what priors did, and what the frame is."""
-    told = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
+    text = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
     if left := [one.words for one in estimate.null_directions]:
-        told += f"; warning: priors alone decided {'; '.join(left)}"
+        text += f"; warning: priors alone decided {'; '.join(left)}"
     frame = f"the mean of {len(set(mounting_names(steps)))} mountings by their stated angles"
-    return f"{told}; the frame is {frame}"
+    return f"{text}; the frame is {frame}"
 
 
 METHOD = Method(

@@ -47,8 +47,8 @@ def group_information(model: AffineModel, a: Array) -> GroupInformation:
     v = np.swapaxes(vt, -1, -2)
     known = v * there[..., None, :]
     back = (v * inverse[..., None, :]) @ np.swapaxes(u, -1, -2)
-    felt = 2 * model.correct(a)
-    gain = -back[..., None] * felt[..., None, :, :]
+    sensed = 2 * model.correct(a)
+    gain = -back[..., None] * sensed[..., None, :, :]
     return GroupInformation(
         np.asarray(s), np.eye(12) - known @ vt, gain.reshape(*gain.shape[:-2], 3 * a.shape[-2])
     )

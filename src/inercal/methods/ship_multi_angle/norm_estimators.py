@@ -178,7 +178,7 @@ def _bound_warnings(model: AffineModel, options: SearchOptions) -> tuple[str, ..
     past = np.flatnonzero(np.abs(off) > options.bounds.half_width * (1 + _BOUND_TOLERANCE)).tolist()
     if not past:
         return ()
-    told = ", ".join(
+    text = ", ".join(
         f"{AFFINE_NAMES[k]} {1e3 * off[k]:+.4g} mg (±{1e3 * options.bounds.half_width[k]:.4g} mg)"
         if k >= _FIRST_BIAS
         else f"{AFFINE_NAMES[k]} {100 * off[k]:+.3g} % (±{100 * options.bounds.half_width[k]:.3g} "
@@ -186,7 +186,7 @@ def _bound_warnings(model: AffineModel, options: SearchOptions) -> tuple[str, ..
         for k in past
     )
     return (
-        f"warning: beyond the bounds of the search: {told}; bounds hold the search alone, not its "
+        f"warning: beyond the bounds of the search: {text}; bounds hold the search alone, not its "
         "polishing: widen them or look for what is wrong",
     )
 

@@ -77,16 +77,16 @@ class Drift(NamedTuple):
 
     def covariance(self) -> Array:
         """Return the covariance of the states where a run begins, (s, s)."""
-        c, made = len(self.times), np.zeros((self.size, self.size))
+        c, result = len(self.times), np.zeros((self.size, self.size))
         finite = np.where(np.isinf(self.times), 0.0, self.times)
         for k in range(3):
             own = 3 * np.arange(c) + k
-            made[own, own] = self.variance[:, k]
+            result[own, own] = self.variance[:, k]
             if self.mean_over_run:
                 j = 3 * c + k
-                made[own, j] = made[j, own] = finite * self.variance[:, k]
-                made[j, j] = finite**2 @ self.variance[:, k]
-        return made
+                result[own, j] = result[j, own] = finite * self.variance[:, k]
+                result[j, j] = finite**2 @ self.variance[:, k]
+        return result
 
     def running_mean(self, states: Array, elapsed: Array) -> Array:
         """Return the mean of the flicker from the start, (e, 3), by states (e, s) at e times, s."""
@@ -219,7 +219,7 @@ def covariance_of_means(
     flicker = between(lambda u: u**2 * (3 - 2 * np.log(np.maximum(u, 1e-300) / length)) / (4 * pi))
     middle = (start + stop) / 2 - begin
     walk = between(lambda u: -(u**3) / 12)[:r, :r] + (middle[:, None] + middle) / 2
-    made = np.zeros((r, r, len(noises)))
+    result = np.zeros((r, r, len(noises)))
     for k, one in enumerate(noises):
         variance, time = one.bias_instability**2, one.correlation
         if time:
@@ -227,5 +227,5 @@ def covariance_of_means(
             slow = variance * markov[:r, :r]
         else:
             slow = variance * (flicker - flicker[:, -1:] - flicker[-1:] + flicker[-1, -1])[:r, :r]
-        made[..., k] = slow + one.random_walk**2 * walk
-    return made
+        result[..., k] = slow + one.random_walk**2 * walk
+    return result

@@ -172,10 +172,10 @@ def coarse_bias(bench: Turntable, track: Track, part: TriadModel) -> Array:
         )
     at = at[track.time[at] <= track.time[at[0]] + COARSE_REST_SECONDS]
     mat = reference_attitude(bench, track.angles[at[:1]])[0]
-    felt = mat.T @ (
+    sensed = mat.T @ (
         [0, 0, bench.gravity.value] if part.terms.first == 1 else earth_rate_level_frame(bench)
     )
-    return track.reading[at][:, part.channels].mean(axis=0) - part.terms.nominal @ felt
+    return track.reading[at][:, part.channels].mean(axis=0) - part.terms.nominal @ sensed
 
 
 def undecided_directions(part: TriadModel, covariance: Array) -> tuple[NullDirection, ...]:
@@ -255,12 +255,12 @@ def table_sensitivity(
     skipped : sequence of str
     """
     names = [one.name for one in seen.parameters]
-    made = np.zeros((*seen.by.shape[:-1], len(table)))
+    result = np.zeros((*seen.by.shape[:-1], len(table)))
     for k, one in enumerate(table):
         if one.name in names and one.name not in skipped:
             # The true attitude is ahead of the readback's: φ as observed is so much less.
-            made[..., k] = -seen.by[..., names.index(one.name)]
-    return made
+            result[..., k] = -seen.by[..., names.index(one.name)]
+    return result
 
 
 def gravity_sensitivity(part: TriadModel) -> Array:

@@ -164,13 +164,13 @@ def gyro_columns(epochs: ColumnInputs) -> tuple[ConstantColumns, Array]:
     rate = np.zeros((len(time), 3))
     rate[1:] = turned / since[:, None]
     level = np.swapaxes(middle, -1, -2)
-    felt = Motion(
+    sensed = Motion(
         level @ np.array([0.0, 0.0, bench.gravity.value]),
         (level @ (rate[1:] + earth)[..., None])[..., 0],
     )
     since = np.where(np.isfinite(since), since, 0.0)
     between = None if warmth is None else (warmth[1:] + warmth[:-1]) / 2
-    columns, readings = sensor_columns(part, felt, (time[1:] + time[:-1]) / 2, between)
+    columns, readings = sensor_columns(part, sensed, (time[1:] + time[:-1]) / 2, between)
     cm = middle @ _inverse_scale_matrix(part, theta)
     of_place = np.zeros((len(since), 3, 2))
     of_place[:, 0, 0] = earth[1] * since
@@ -209,8 +209,8 @@ def static_mean_columns(epochs: ColumnInputs) -> tuple[tuple[ConstantColumn, ...
     force = np.array([0.0, 0.0, bench.gravity.value])
     # The true attitude is ahead of the readback's by −c.
     turned = np.swapaxes(mat, -1, -2) @ np.cross(force[:, None], -by, axis=-2)
-    made = [readings, np.linalg.inv(_inverse_scale_matrix(part, theta)) @ turned]
-    return (*columns, *observed), np.concatenate(made, axis=-1)
+    result = [readings, np.linalg.inv(_inverse_scale_matrix(part, theta)) @ turned]
+    return (*columns, *observed), np.concatenate(result, axis=-1)
 
 
 def static_motion(bench: Turntable, mat: Array) -> Motion:
@@ -243,12 +243,12 @@ def stack_columns(
     """
     found = {column.name: column for columns, _ in parts for column in columns}
     at = {name: k for k, name in enumerate(found)}
-    made = np.zeros((sum(len(rows) for _, rows in parts), len(at)))
+    result = np.zeros((sum(len(rows) for _, rows in parts), len(at)))
     first = 0
     for columns, rows in parts:
-        made[first : first + len(rows), [at[one.name] for one in columns]] = rows
+        result[first : first + len(rows), [at[one.name] for one in columns]] = rows
         first += len(rows)
-    return tuple(found.values()), made
+    return tuple(found.values()), result
 
 
 def families(bench: Turntable) -> dict[str, tuple[str, ...]]:
@@ -277,12 +277,12 @@ def candidates(
     for k, one in enumerate(columns):
         for name in one.families:
             found.setdefault(name, []).append(k)
-    made: list[Candidate] = []
+    result: list[Candidate] = []
     for name, at in found.items():
         if len(at) == 1 and columns[at[0]].families[-1] != name:
             continue  # what is alone in its family is a candidate by itself
         chosen = [columns[k] for k in at]
-        made.append(
+        result.append(
             Candidate(
                 name,
                 chosen[0].kind,
@@ -293,7 +293,7 @@ def candidates(
                 np.array([one.largest for one in chosen]),
             )
         )
-    return made
+    return result
 
 
 def _bench_column(name: str, unit: str) -> ConstantColumn:
@@ -310,7 +310,7 @@ def _bench_column(name: str, unit: str) -> ConstantColumn:
 def _inverse_scale_matrix(part: TriadModel, theta: Array) -> Array:
     """Return M = (N + S)⁻¹ of `strapdown`."""
     terms = part.terms
-    made = terms.nominal.copy()
+    result = terms.nominal.copy()
     for axis, weights, c in zip(terms.axis, terms.weights, theta, strict=True):
-        made[axis] += c * weights[terms.first : terms.first + 3]
-    return np.asarray(np.linalg.inv(made), dtype=float)
+        result[axis] += c * weights[terms.first : terms.first + 3]
+    return np.asarray(np.linalg.inv(result), dtype=float)

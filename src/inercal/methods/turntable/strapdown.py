@@ -121,11 +121,11 @@ def inverse_scale_matrix(
     nominal: Array, axis: Indices, weights: Array, c: Array, first: int, out: Array
 ) -> None:
     """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`)."""
-    made = nominal.copy()
+    result = nominal.copy()
     for m in range(axis.size):
         for k in range(3):
-            made[axis[m], k] += c[m] * weights[m, first + k]
-    _invert(made, out)
+            result[axis[m], k] += c[m] * weights[m, first + k]
+    _invert(result, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -133,12 +133,12 @@ def inverse_scale_matrix_at_temperature(
     nominal: Array, axis: Indices, weights: Array, c: Array, first: int, warmth: float, out: Array
 ) -> None:
     """Write M at a temperature: S has the part that is linear in u ΔT too."""
-    made = nominal.copy()
+    result = nominal.copy()
     for m in range(axis.size):
         for k in range(3):
             by = weights[m, first + k] + warmth * weights[m, TEMPERATURE + first + k]
-            made[axis[m], k] += c[m] * by
-    _invert(made, out)
+            result[axis[m], k] += c[m] * by
+    _invert(result, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

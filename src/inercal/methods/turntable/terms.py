@@ -79,16 +79,16 @@ def terms(sensor: Sensor) -> Terms:
         probes = np.column_stack([probes, warmth[:, None] * probes, warmth**2])
     scale = np.abs(probes).max(axis=0)
     p = len(sensor.coefficients)
-    made = sensor.linearise(motion, np.zeros(p))
+    result = sensor.linearise(motion, np.zeros(p))
     back = np.asarray(np.linalg.pinv(probes / scale), dtype=float) / scale[:, None]
-    whole = back @ made.reading  # (size of φ, 3)
+    whole = back @ result.reading  # (size of φ, 3)
     first = FORCE if kinds == {"f"} else RATE
-    design = np.einsum("bn,nap->pab", back, made.design)
+    design = np.einsum("bn,nap->pab", back, result.design)
     axis = np.abs(design).max(axis=-1).argmax(axis=-1)
     weights = design[np.arange(p), axis]
     weights[np.abs(weights) < 1e-9] = 0.0
-    away = made.design - np.einsum("nb,pb,ap->nap", probes, weights, np.eye(3)[:, axis])
-    beyond = np.abs(away).max(axis=(0, 1)) > 1e-9 * np.abs(made.design).max(axis=(0, 1))
+    away = result.design - np.einsum("nb,pb,ap->nap", probes, weights, np.eye(3)[:, axis])
+    beyond = np.abs(away).max(axis=(0, 1)) > 1e-9 * np.abs(result.design).max(axis=(0, 1))
     if beyond.any():
         names = ", ".join(n for n, bad in zip(sensor.coefficients, beyond, strict=True) if bad)
         raise InputError(f"{sensor.name}: a filter does not find {names}")

@@ -80,8 +80,8 @@ def time_mean(values: Array, time: Array, axis: int) -> Array:
     """Return the mean over time by trapezoids along an axis; of one sample itself."""
     if len(time) == 1:
         return np.take(values, 0, axis=axis)
-    made = np.trapezoid(np.moveaxis(values, axis, -1), time, axis=-1)
-    return np.asarray(made, dtype=float) / (time[-1] - time[0])
+    result = np.trapezoid(np.moveaxis(values, axis, -1), time, axis=-1)
+    return np.asarray(result, dtype=float) / (time[-1] - time[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,16 +144,16 @@ def stack_row_means(
     InputError
         Angles of another number of axes.
     """
-    made = [row_means(bench, way) for way in ways]
-    zero = np.zeros_like(made[0].f)
+    result = [row_means(bench, way) for way in ways]
+    zero = np.zeros_like(result[0].f)
 
     def stacked(each: Sequence[Array]) -> Array:
         return np.stack(np.broadcast_arrays(*each), axis=-2)
 
-    df = {n: stacked([one.df[n] for one in made]) for n in made[0].df}
-    names = dict.fromkeys(name for one in made for name in one.dw)
-    dw = {n: stacked([one.dw.get(n, zero) for one in made]) for n in names}
-    motion = Motion(stacked([one.f for one in made]), stacked([one.w for one in made]))
+    df = {n: stacked([one.df[n] for one in result]) for n in result[0].df}
+    names = dict.fromkeys(name for one in result for name in one.dw)
+    dw = {n: stacked([one.dw.get(n, zero) for one in result]) for n in names}
+    motion = Motion(stacked([one.f for one in result]), stacked([one.w for one in result]))
     return motion, df, dw
 
 

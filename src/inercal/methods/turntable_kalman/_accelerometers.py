@@ -157,8 +157,8 @@ def run_accelerometer_filter(
         sum_drift_components(x, gm, components, drift)
         update_workspace(run.workspace, model, theta, drift)
         _write_rest_force(run)
-        elapsed, made = state.time[1] - state.time[2], history[e, 6:]
-        write_estimate(model, elapsed, 6, theta, x, p, made[:n], made[n:])
+        elapsed, result = state.time[1] - state.time[2], history[e, 6:]
+        write_estimate(model, elapsed, 6, theta, x, p, result[:n], result[n:])
         store_covariance_rows(p, steps, row)
     _propagate_velocity(first, samples.time.size, run)
     return total
@@ -187,7 +187,7 @@ def _propagate_velocity(first: int, end: int, run: VelocityRun) -> int:
     used, m, by, phi, cm, mean, u = (
         done.used_terms, done.m, done.reading_terms, done.phi, done.cm, done.mean, done.u,
     )  # fmt: skip
-    c, made, force, velocity = state.c, state.sensitivity_integral, state.force, state.velocity
+    c, result, force, velocity = state.c, state.sensitivity_integral, state.force, state.velocity
     gravity, number, now = model.gravity, state.hold[0], state.time[0]
     for i in range(first, end):
         dt = time[i] - now
@@ -207,7 +207,7 @@ def _propagate_velocity(first: int, end: int, run: VelocityRun) -> int:
                 for j in range(3):
                     gain += c[k, j] * u[j]
                 velocity[k] += gain * dt
-            accumulate_sensitivity(cm, phi, dt, used, made)
+            accumulate_sensitivity(cm, phi, dt, used, result)
         for k in range(3):
             force[k] = forces[i, k]
     state.time[0] = now

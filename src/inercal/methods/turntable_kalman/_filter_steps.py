@@ -74,7 +74,7 @@ class KernelWorkspace(NamedTuple):
 def new_workspace(model: KernelModel, theta: Array, drift: Array) -> KernelWorkspace:
     """Return where a piece begins: M and φ of coefficients (p,), drift of the biases (3,)."""
     size = model.terms.weights.shape[1]
-    made = KernelWorkspace(
+    result = KernelWorkspace(
         used_term_indices(model.terms.weights),
         np.zeros((3, 3)),
         np.zeros((size, 3)),
@@ -86,9 +86,9 @@ def new_workspace(model: KernelModel, theta: Array, drift: Array) -> KernelWorks
         np.zeros(3),
         np.zeros(3),
     )
-    made.phi[0] = 1.0
-    update_workspace(made, model, theta, drift)
-    return made
+    result.phi[0] = 1.0
+    update_workspace(result, model, theta, drift)
+    return result
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -128,8 +128,8 @@ def run_gyro_filter(
         if settings.feedback:
             sum_drift_components(x, gm, components, fed)
         update_workspace(run.workspace, model, theta, fed)
-        elapsed, made = state.time[1] - state.time[2], history[e, 4:]
-        write_estimate(model, elapsed, 3, theta, x, p, made[:n], made[n:])
+        elapsed, result = state.time[1] - state.time[2], history[e, 4:]
+        write_estimate(model, elapsed, 3, theta, x, p, result[:n], result[n:])
         store_covariance_rows(p, steps, row)
     _propagate_attitude(first, samples.time.size, run)
     return total
@@ -143,7 +143,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
     used, m, by, phi, cm, half, mean, u, turn, fed = done
-    c, made, before, times, past = (
+    c, result, before, times, past = (
         state.c,
         state.sensitivity_integral,
         state.rates,
@@ -204,7 +204,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
         rotate(half, fed)
         rotate(c, turn)
         product(half, m, cm)
-        accumulate_sensitivity(cm, phi, dt, used, made)
+        accumulate_sensitivity(cm, phi, dt, used, result)
         now, step, newest = time[i], dt, (newest + 1) % times.size
         times[newest] = now
         for k in range(3):
@@ -212,7 +212,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
             for j in range(3):
                 past[newest, k, j] = c[k, j]
                 for b in used:
-                    sums[newest, b, k, j] = made[b, k, j]
+                    sums[newest, b, k, j] = result[b, k, j]
     state.newest_row[0], state.time[0], state.acceleration_variance[0], state.alignment_due[0] = (
         newest,
         now,
@@ -227,7 +227,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
 def _transition(run: AttitudeRun, to: Transition) -> None:
     """Write Φ and Q since the epoch before; begin a new epoch."""
     _samples, _readback, model, settings, state, done = run
-    earth, terms, bent, made, sums = (
+    earth, terms, bent, result, sums = (
         model.earth, model.terms, state.acceleration_variance[0],
         state.sensitivity_integral, state.sensitivity_integrals,
     )  # fmt: skip
@@ -238,10 +238,10 @@ def _transition(run: AttitudeRun, to: Transition) -> None:
         for b in done.used_terms:
             for k in range(3):
                 for j in range(3):
-                    sums[row, b, k, j] -= made[b, k, j]
+                    sums[row, b, k, j] -= result[b, k, j]
     a[:] = 0.0
     write_transition_columns(
-        made, terms.axis, terms.weights, done.used_terms, -1.0, 3, len(joint), a
+        result, terms.axis, terms.weights, done.used_terms, -1.0, 3, len(joint), a
     )
     white_noise_covariance(done.cm, model.white, since, driven)
     for k in range(3):

@@ -47,16 +47,16 @@ def run_filter(
 
     And back where that is wanted.
     """
-    made = config.filter(kind, sensor, bench, track, priors)
-    run = made.begin(track)
-    course, steps = run.step(track, made.time_varying_states if smooth else ())
+    result = config.filter(kind, sensor, bench, track, priors)
+    run = result.begin(track)
+    course, steps = run.step(track, result.time_varying_states if smooth else ())
     found, checked = run.estimate, None
     if len(steps.s) == len(course.time):
-        checked = filter_tests.innovation_test_data(made, found, track, course.time, steps)
+        checked = filter_tests.innovation_test_data(result, found, track, course.time, steps)
     return FilterResult(
-        made.triad, course.names, found.value, found.covariance, course,
-        run.state.nis, run.components, minimum_nis(track), made.unit,
-        _untested_noise_note(made.readback_sd if config.source_readback_sd else None),
+        result.triad, course.names, found.value, found.covariance, course,
+        run.state.nis, run.components, minimum_nis(track), result.unit,
+        _untested_noise_note(result.readback_sd if config.source_readback_sd else None),
         found.shared_covariance, checked,
     )  # fmt: skip
 
@@ -123,14 +123,14 @@ def estimate_by_filters(
         [*one.triad.sensor.coefficients, *(n for n, owner in owners.items() if owner is one)]
         for one in trials[0]
     ]
-    made = [_combine_filters(names, trial, own) for trial in trials]
+    result = [_combine_filters(names, trial, own) for trial in trials]
     # An R above the noise makes the tests of means less sharp, not wrong: biases still add up.
     checked = [one.test_data for one in trials[0] if one.test_data]
     q, p = len(names), len(sensor.coefficients)
-    value = np.array([one[0] for one in made]).reshape(*lead, q)
-    covariance = np.array([one[1] for one in made]).reshape(*lead, q, q)
-    chi2 = np.array([one[2] for one in made]).reshape(lead)
-    scaled = made[0][1][:p, :p]
+    value = np.array([one[0] for one in result]).reshape(*lead, q)
+    covariance = np.array([one[1] for one in result]).reshape(*lead, q, q)
+    chi2 = np.array([one[2] for one in result]).reshape(lead)
+    scaled = result[0][1][:p, :p]
     moved = [_table_sensitivities(names, trial, bench) for trial in trials]
     known = np.linalg.eigvalsh(scaled / np.outer(sensor.unit_scale, sensor.unit_scale))
     return Estimate(
@@ -191,7 +191,7 @@ def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
         One that correlates both.
     """
     own = [sensor.select_axes(kind).coefficients for kind in ("f", "w")]
-    made: list[Gaussian] = []
+    result: list[Gaussian] = []
     for prior in priors:
         first, second = (np.flatnonzero(np.isin(prior.names, names)) for names in own)
         if np.any(prior.covariance[np.ix_(first, second)]):
@@ -199,19 +199,19 @@ def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
                 f"prior on {', '.join(prior.names)}: the filters find gyros and accelerometers "
                 "apart; give priors of each by themselves, or use turntable_trajectory"
             )
-        made += [part for names in own if (part := prior.marginal(names)) is not None]
-    return made
+        result += [part for names in own if (part := prior.marginal(names)) is not None]
+    return result
 
 
 def _notes(
     parts: Sequence[FilterResult], config: FilterConfig, bench: Turntable
 ) -> tuple[str, ...]:
     """Say how innovations agree, and what the uncertainties do not hold."""
-    made = [describe_innovations(one) for one in parts]
-    made += [words for one in parts if (words := _prior_share_note(one))]
+    result = [describe_innovations(one) for one in parts]
+    result += [words for one in parts if (words := _prior_share_note(one))]
     if not config.table and (bench.square > 0 or any(bench.harmonics)):
         which = "gyros" if config.accelerometer_table == "lean" else "gyros and accelerometers"
-        made.append(
+        result.append(
             f"{which}: right angles and harmonics of the table, which the bench declares, are in "
             "none of the states, and the uncertainties are too small: full holds them"
         )
@@ -220,11 +220,11 @@ def _notes(
         and config.table
         and set(_table_states(parts[0])) & set(_table_states(parts[1]))
     ):
-        made.append(
+        result.append(
             "gyros and accelerometers are stated as independent, though right angles and harmonics "
             "of the table are common to both"
         )
-    return tuple(made)
+    return tuple(result)
 
 
 def _prior_share_note(one: FilterResult) -> str:

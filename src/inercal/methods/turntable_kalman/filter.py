@@ -300,8 +300,8 @@ class RunningFilter(Generic[S]):
 
     def step(self, track: Track, smooth: Sequence[str] = ()) -> tuple[FilterHistory, FilterSteps]:
         """Take in the samples that follow; return as `Filter.with_steps`."""
-        self.state, course, made = self.filter.with_steps(self.state, track, smooth)
-        return course, made
+        self.state, course, result = self.filter.with_steps(self.state, track, smooth)
+        return course, result
 
     @property
     def estimate(self) -> FilterEstimate:

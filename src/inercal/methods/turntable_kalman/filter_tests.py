@@ -200,8 +200,8 @@ def score_omissions(
         states = [one.states.index(name) for name in own]
         moved[np.ix_(rows, to)] = one.sums.moved[states]
     residual, rows = rows_from_products(gram, product)
-    made = columns.candidates(tuple(found.values()), rows, moved)
+    result = columns.candidates(tuple(found.values()), rows, moved)
     standard = np.concatenate([one.standardised_innovations.ravel() for one in parts])
     standard = standard[np.isfinite(standard)]
-    tested = score_tests(residual, np.zeros((len(residual), 0)), made)
+    tested = score_tests(residual, np.zeros((len(residual), 0)), result)
     return replace(tested, chi2=float(standard @ standard), dof=standard.size)

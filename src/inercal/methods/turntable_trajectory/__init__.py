@@ -110,10 +110,10 @@ def solve_trial(
         As of `trajectory`.
     """
     parts = tuple(_row_sets(sensor, bench, track, epochs))
-    asked = problem(sensor, bench, parts, priors)
-    estimate = solve(asked)
+    requested = problem(sensor, bench, parts, priors)
+    estimate = solve(requested)
     if steps is not None:
-        _, jacobian = asked.linearise(estimate.value)
+        _, jacobian = requested.linearise(estimate.value)
         estimate = replace(estimate, tests=_tests(estimate, jacobian, parts, steps))
     estimate = with_mean_biases(estimate, sensor, bench, parts)
     for part in parts:
@@ -242,18 +242,18 @@ def _mean_drift_by_coefficient(
     part: RotationRows | StaticRows, at: Indices, drift: Array, count: int
 ) -> Array:
     """Return what the mean drift of each bias, (3, m), adds to it, (count, m)."""
-    t, made = part.triad.terms, np.zeros((count, drift.shape[1]))
+    t, result = part.triad.terms, np.zeros((count, drift.shape[1]))
     biases = np.flatnonzero(t.bias)
     axis, weight = t.axis[biases], t.weights[biases, BIAS]
-    made[at[biases]] = drift[axis] / weight[:, None]
-    return made
+    result[at[biases]] = drift[axis] / weight[:, None]
+    return result
 
 
 def _tests(
     estimate: Estimate, jacobian: Array, parts: Sequence[RotationRows | StaticRows], steps: Array
 ) -> tuple[ModelTest, ...]:
     """Return the tests of mean residuals in each step, of gyros and of accelerometers."""
-    made: list[ModelTest] = []
+    result: list[ModelTest] = []
     first = 0
     for part in parts:
         time, p = part.row_times, jacobian.shape[1]
@@ -269,26 +269,26 @@ def _tests(
             continue
         slope = group_innovations(jacobian[rows].reshape(-1, 3 * p), group).reshape(-1, p)
         name = f"mean residuals of the {part.triad_name} in each step"
-        made.append(residual_mean_test(z.ravel(), slope, estimate.covariance, name))
-    return tuple(made)
+        result.append(residual_mean_test(z.ravel(), slope, estimate.covariance, name))
+    return tuple(result)
 
 
 def _row_sets(
     sensor: Sensor, bench: Turntable, track: Track, epochs: Indices | None
 ) -> list[RotationRows | StaticRows]:
     kinds, run_duration = {axis.measures for axis in sensor.axes}, model.run_duration(track, None)
-    made: list[RotationRows | StaticRows] = []
+    result: list[RotationRows | StaticRows] = []
     if "w" in kinds:
-        made.append(
+        result.append(
             RotationRows.from_track(
                 model.triad_model(sensor, "w", run_duration), bench, track, epochs
             )
         )
     if "f" in kinds:
-        made.append(
+        result.append(
             StaticRows.from_track(model.triad_model(sensor, "f", run_duration), bench, track)
         )
-    return made
+    return result
 
 
 def _coefficient_indices(part: RotationRows | StaticRows, sensor: Sensor) -> Indices:
@@ -302,8 +302,8 @@ def stack_estimates(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Est
         return estimates[0]
 
     def together(name: str) -> Array:
-        made = np.stack([np.asarray(getattr(one, name)) for one in estimates])
-        return made.reshape(*lead, *made.shape[1:])
+        result = np.stack([np.asarray(getattr(one, name)) for one in estimates])
+        return result.reshape(*lead, *result.shape[1:])
 
     changed = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
     return replace(estimates[0], **{name: together(name) for name in changed})

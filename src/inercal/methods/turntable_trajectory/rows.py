@@ -118,7 +118,7 @@ class RotationRows:
         stamp = time + known["latency"] + known["clock"] * (time - track.time[0])
         earth, p = earth_rate(self.bench), len(theta)
         end = 1 + p + len(self.table)
-        made = np.zeros((n, 3, end + (0 if beside is None else beside.shape[2])))
+        result = np.zeros((n, 3, end + (0 if beside is None else beside.shape[2])))
         rotation_error, columns = np.zeros((n, 3)), np.zeros((n, 3, p))
         drifting, driven = np.zeros((n, 3, 3)), np.zeros((n, 3, 3))
         _kernels.increments(
@@ -131,22 +131,22 @@ class RotationRows:
         by = self._sensitivity_at(stamp, time - track.time[0])
         since = np.diff(time)
         within = skew(earth) @ by[:-1] * since[:, None, None]
-        made[:, :, 1 : 1 + p] = columns
-        made[:, :, 1 + p : end] = by[:-1] - within - by[1:]
+        result[:, :, 1 : 1 + p] = columns
+        result[:, :, 1 + p : end] = by[:-1] - within - by[1:]
         if beside is not None:
-            made[:, :, end:] = beside
-        made[:, :, 0] = rotation_error
+            result[:, :, end:] = beside
+        result[:, :, 0] = rotation_error
         for k, one in enumerate(self.table):
             if one.name not in ("latency", "clock"):  # the reference has those in it
-                made[:, :, 0] -= made[:, :, 1 + p + k] * _departure(one, q)
+                result[:, :, 0] -= result[:, :, 1 + p + k] * _departure(one, q)
         drift = self.triad.drift
         x, covariance = _kernels.whiten(
-            since, made, drifting, driven, self.bench.white**2, drift, drift.covariance(), earth,
+            since, result, drifting, driven, self.bench.white**2, drift, drift.covariance(), earth,
             self._increments_across_gaps,
         )  # fmt: skip
         mean, variance = drift.mean(*self._elapsed)
         return (
-            made.reshape(3 * n, -1), mean @ x, mean @ covariance @ mean.T + np.diag(variance)
+            result.reshape(3 * n, -1), mean @ x, mean @ covariance @ mean.T + np.diag(variance)
         )  # fmt: skip
 
     @property
@@ -166,8 +166,8 @@ class RotationRows:
         since = np.diff(time)[:, None, None]
         within = skew(earth_rate(self.bench)) @ seen[:-1] * since
         # φ goes on, but for the earth's turn.
-        made = [found.driving_effects, seen[1:] - seen[:-1] + within]
-        return found.columns, np.concatenate(made, axis=-1)
+        result = [found.driving_effects, seen[1:] - seen[:-1] + within]
+        return found.columns, np.concatenate(result, axis=-1)
 
     @property
     def row_times(self) -> Array:
@@ -194,11 +194,11 @@ class RotationRows:
         step = float(np.median(np.diff(self.track.time)))
         before, after = (self._attitude(stamp + side) for side in (-step, step))
         rate = log_so3(after @ np.swapaxes(before, -1, -2)) / (2 * step)
-        made = self.by.copy()
+        result = self.by.copy()
         for name, lasting in (("latency", np.ones_like(since)), ("clock", since)):
             if name in names:
-                made[..., names.index(name)] = rate * lasting[:, None]
-        return made
+                result[..., names.index(name)] = rate * lasting[:, None]
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,14 +276,14 @@ class StaticRows:
         seen = linear_misalignment(bench, angles)
         back = np.swapaxes(reference_attitude(bench, angles), -1, -2)
         force = np.array([0.0, 0.0, bench.gravity.value])
-        felt = back @ force
-        made, names = np.zeros((len(starts), 3, len(table))), [q.name for q in seen.parameters]
+        sensed = back @ force
+        result, names = np.zeros((len(starts), 3, len(table))), [q.name for q in seen.parameters]
         for k, one in enumerate(table):
             if one.name == "g":
-                made[..., k] = felt / bench.gravity.value
+                result[..., k] = sensed / bench.gravity.value
             elif one.name in names:
                 turned = np.cross(force, seen.by[..., names.index(one.name)])
-                made[..., k] = (back @ turned[..., None])[..., 0]
+                result[..., k] = (back @ turned[..., None])[..., 0]
         white = part.white / (count * step)
         run = float(track.time[0]), float(track.time[-1])
         warmth = track.temperature_offset(part.sensor.reference_temperature)
@@ -292,7 +292,7 @@ class StaticRows:
         else:
             warmth = np.add.reduceat(warmth[at], starts) / count[:, 0]
         return cls(
-            part, bench, table, run, time[:, 0], reading, white, felt, made, angles, warmth,
+            part, bench, table, run, time[:, 0], reading, white, sensed, result, angles, warmth,
             track.temperature_varies,
         )  # fmt: skip
 
@@ -308,17 +308,17 @@ class StaticRows:
             self.triad.sensor, self.reading, theta, motion, self.by, None
         )
         e = len(self.time)
-        made = np.concatenate([residual[:, None], jacobian], axis=1).reshape(e, 3, -1)
+        result = np.concatenate([residual[:, None], jacobian], axis=1).reshape(e, 3, -1)
         if beside is not None:
-            made = np.concatenate([made, beside], axis=-1)
-        made = np.ascontiguousarray(made)
+            result = np.concatenate([result, beside], axis=-1)
+        result = np.ascontiguousarray(result)
         drift, (begun, end) = self.triad.drift, self.time_span
         x, covariance = _kernels.whiten_independent_axes(
-            self.time, made, self.white, drift, drift.covariance(), begun
+            self.time, result, self.white, drift, drift.covariance(), begun
         )
         mean, variance = drift.mean(end - begun, end - float(self.time[-1]))
         return (
-            made.reshape(3 * e, -1), mean @ x, mean @ covariance @ mean.T + np.diag(variance)
+            result.reshape(3 * e, -1), mean @ x, mean @ covariance @ mean.T + np.diag(variance)
         )  # fmt: skip
 
     def omitted_columns(self, theta: Array) -> tuple[tuple[ConstantColumn, ...], Array]:

@@ -82,8 +82,8 @@ def lever_arm_errors() -> LeverArmErrors:
                             closed_form_estimate(closed_formulas.paper, other, spins) - TRUTH.values
                         )
                     )
-    made = simulated_centrifuge.sensor(*OBSERVED_ARMS)
-    estimate = ml(simulated_centrifuge.observations(output, made), made, BENCH, spins)
+    result = simulated_centrifuge.sensor(*OBSERVED_ARMS)
+    estimate = ml(simulated_centrifuge.observations(output, result), result, BENCH, spins)
     index = [estimate.names.index(name) for name in OBSERVED_ARMS]
     nine = [estimate.names.index(name) for name in simulated_centrifuge.sensor().coefficients]
     return LeverArmErrors(

@@ -47,8 +47,10 @@ class IgnoredMisalignment:
 
 def symmetric_ml_errors(device: SimulatedTriad) -> Array:
     """Return the errors of S, b, D, (3, 3), with the symmetric part of Φ estimated besides."""
-    spins, made = steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
-    found = ml(simulated_centrifuge.observations(outputs(device, spins), made), made, BENCH, spins)
+    spins, result = steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
+    found = ml(
+        simulated_centrifuge.observations(outputs(device, spins), result), result, BENCH, spins
+    )
     named = dict(zip(found.names, found.value.tolist(), strict=True))
     nine = [named[name] for name in simulated_centrifuge.sensor().coefficients]
     return coefficients_as_printed(np.array(nine)) - TRUTH.values

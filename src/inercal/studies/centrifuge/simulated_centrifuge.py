@@ -119,9 +119,9 @@ def outputs(device: SimulatedTriad, spins: Sequence[Spin], felt: Array | None = 
 
 def sensor(*also: str, symmetric: bool = False) -> Sensor:
     """Return the sensor model with bias, scale factor, k2 and what else is asked for."""
-    made = triad("triad", "f", "", Readout(NOMINAL_SCALE / G, 0.0, "V"))
-    made = made.with_coefficients("k0", "k1", "k2", *also)
-    return replace(made, form="tilted", frame="symmetric" if symmetric else "mount")
+    result = triad("triad", "f", "", Readout(NOMINAL_SCALE / G, 0.0, "V"))
+    result = result.with_coefficients("k0", "k1", "k2", *also)
+    return replace(result, form="tilted", frame="symmetric" if symmetric else "mount")
 
 
 def observations(output: Array, made: Sensor, noise: float = NOISE) -> Observations:
@@ -179,8 +179,8 @@ def regress_squared_norms(output: Array, target: Array) -> Array:
 
 def ml_estimate(output: Array, spins: Sequence[Spin], bench: Centrifuge = BENCH) -> Estimate:
     """Return the estimate of `ml` with nine parameters."""
-    made = sensor()
-    return ml(observations(output, made), made, bench, spins)
+    result = sensor()
+    return ml(observations(output, result), result, bench, spins)
 
 
 def stated_deviations(estimate: Estimate) -> Array:

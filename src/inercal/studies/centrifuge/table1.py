@@ -40,13 +40,13 @@ def read_printed_table() -> Array:
 
 def repair_table(printed: Array) -> ScreenedTable:
     """Screen the table, told nothing of the truth, and make each repair that is the only one."""
-    made, spins = simulated_centrifuge.sensor(), steps()
-    suspects = screen_rows(simulated_centrifuge.observations(printed, made), made, BENCH, spins)
+    result, spins = simulated_centrifuge.sensor(), steps()
+    suspects = screen_rows(simulated_centrifuge.observations(printed, result), result, BENCH, spins)
     repaired = printed.copy()
     for suspect in suspects:
         if len(suspect.repairs) == 1:
             for axis, value in suspect.repairs[0].after.items():
-                repaired[suspect.row, made.channels.index(axis)] = value
+                repaired[suspect.row, result.channels.index(axis)] = value
     return ScreenedTable(printed, repaired, suspects)
 
 
@@ -56,9 +56,11 @@ def count_falsely_rejected_rows(found: ScreenedTable) -> int:
     It begins where the nominal sensor is and stays where the wrong rows bend it; screening lets the
     threshold fall step by step instead.
     """
-    made, spins = simulated_centrifuge.sensor(), steps()
-    asked = norm_problem(simulated_centrifuge.observations(found.printed, made), made, BENCH, spins)
-    fit = least_squares(asked, Cauchy(_THRESHOLD))
+    result, spins = simulated_centrifuge.sensor(), steps()
+    requested = norm_problem(
+        simulated_centrifuge.observations(found.printed, result), result, BENCH, spins
+    )
+    fit = least_squares(requested, Cauchy(_THRESHOLD))
     sound = (found.printed == found.repaired).all(axis=1)
     return int(np.sum((np.abs(fit.whitened) > _SUSPECT) & sound))
 
@@ -77,7 +79,7 @@ def section() -> StudySection:
     worst = float(np.abs(found.repaired - design).max())
     slipped = int((np.abs(found.repaired - design) > _LAST_DIGIT / 2 * (1 + 1e-6)).sum())
     rms = float(np.sqrt(np.mean((found.repaired - design) ** 2)))
-    felt = simulated_centrifuge.dwell_force(steps())
+    sensed = simulated_centrifuge.dwell_force(steps())
     named = "; ".join(s.describe() for s in found.suspects[:2])
     findings = (
         TEXT.judge("signs", alike, 0.0,
@@ -91,8 +93,9 @@ def section() -> StudySection:
         TEXT.judge("noise", rms, _LAST_DIGIT / np.sqrt(12),
             f"the repaired table departs from the design by {format_significant(rms)} V rms, which "
             "is the rounding of six decimals: it holds no noise"),
-        TEXT.judge("positive", felt.min(), 0.0,
-            f"{int((felt < -1e-9).sum())} of {felt.size} components of the design are negative; "
+        TEXT.judge("positive", sensed.min(), 0.0,
+            f"{int((sensed < -1e-9).sum())} of {sensed.size} components of the design are "
+            "negative; "
             "the right root is the one with f → −Δ as D → 0, the printed one"),
     )  # fmt: skip
     return TEXT.section(
@@ -106,11 +109,11 @@ def _table(found: ScreenedTable, design: Array, lost: NDArray[np.bool_]) -> Stud
         for s in found.suspects
     }
     rows: list[tuple[str, list[str]]] = []
-    for k, (as_is, made) in enumerate(zip(found.printed, design, strict=True)):
+    for k, (as_is, result) in enumerate(zip(found.printed, design, strict=True)):
         # One entry has a seventh decimal in print.
         cells = [
             text
-            for p, x in zip(as_is, made, strict=True)
+            for p, x in zip(as_is, result, strict=True)
             for text in (f"{p:.6f}" if p == round(p, 6) else f"{p:.7f}", f"{x:.6f}")
         ]
         name = f"ω{'₁₂₃'[k // 20]}, {k % 20 + 1}"

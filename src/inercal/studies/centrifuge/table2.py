@@ -62,13 +62,13 @@ def estimate_claim(entry: PrintedEstimate) -> Claim:
 
 def judge_estimate(entry: PrintedEstimate, trials: CentrifugeTrials) -> ClaimResult:
     """Return an entry beside what `paper`, mended, reaches with the stated noise."""
-    made, at = estimate_claim(entry), entry.index
+    result, at = estimate_claim(entry), entry.index
     true, clean = TRUTH.values[at], trials.noise_free["paper"][at]
     noise, error = trials.std("paper")[at], trials.std_error("paper")[at]
     missed = entry.value - true
     if entry.quantity == "D":
         return judge_claim(
-            made, noise / true, error / true,
+            result, noise / true, error / true,
             f"by (21) noise of 10⁻⁵ V scatters it by {format_significant(noise)} 1/g, "
             f"{format_significant(abs(noise / missed), 3)} times the printed error, and "
             f"{trials.rootless:.1%} of trials have no root; without noise (21) gives "
@@ -78,7 +78,7 @@ def judge_estimate(entry: PrintedEstimate, trials: CentrifugeTrials) -> ClaimRes
         f"noise of 10⁻⁵ V scatters it by {format_significant(noise)}, the printed estimate is "
         f"{format_significant(missed)} from the truth"
     )
-    return judge_claim(made, true + clean, noise, text)
+    return judge_claim(result, true + clean, noise, text)
 
 
 def section(trials: CentrifugeTrials) -> StudySection:

@@ -148,10 +148,10 @@ def section(trials: int, seed: int) -> StudySection:
 
 
 def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> StudyTable:
-    asked = [("patent", column) for column in JUDGED_COLUMNS] + [(EVERY_FACE, "K0")]
+    requested = [("patent", column) for column in JUDGED_COLUMNS] + [(EVERY_FACE, "K0")]
 
     def of(name: str) -> Array:
-        return np.array([rms(found[way][name][column]).value for way, column in asked])
+        return np.array([rms(found[way][name][column]).value for way, column in requested])
 
     def row(name: str, size: str, values: Array) -> tuple[str, list[str]]:
         return name, [
@@ -163,7 +163,7 @@ def _table(found: ErrorsByItem, moving: Mapping[str, Rms]) -> StudyTable:
         ]
 
     counted = {name: of(name) for name in ITEMS if name != BASE_TILT_ITEM}
-    tilting = [moving[way].value if column == "K0" else np.nan for way, column in asked]
+    tilting = [moving[way].value if column == "K0" else np.nan for way, column in requested]
     rows = [
         *(row(name, ITEMS[name].size, values) for name, values in counted.items()),
         row("root of the sum of squares", "", np.linalg.norm(list(counted.values()), axis=0)),

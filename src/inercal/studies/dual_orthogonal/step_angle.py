@@ -182,13 +182,13 @@ def _table(found: Sequence[StepEffect]) -> StudyTable:
 
 def _chart(found: Sequence[StepEffect]) -> Chart:
     def lines(totals: bool) -> list[Curve]:
-        made: list[Curve] = []
+        result: list[Curve] = []
         for way in (_WITH_CARDINALS, "joint", EVERY_FACE):
             values = [(s.equal_in_total if totals else s.equal_per_position)[way] for s in found]
             kept = [(k, rms(e).value) for k, e in enumerate(values) if e is not None]
             x, y = np.array([(k, value) for k, value in kept if value < _CHART_MAXIMUM]).T
-            made.append(Curve(way.removesuffix(", cardinals added"), x, y))
-        return made
+            result.append(Curve(way.removesuffix(", cardinals added"), x, y))
+        return result
 
     names = [str(s.n) for s in found]
     return Chart(

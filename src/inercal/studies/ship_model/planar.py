@@ -37,8 +37,8 @@ def level_deviations(model: AffineModel, case: ShipModelCase) -> Array:
 
 def level_norm_deviations(model: AffineModel, case: ShipModelCase) -> Array:
     """Return the rms of the norms' deviations at the untilted states, (...) g."""
-    made = np.linalg.norm(model.correct(case.readings[..., case.level_rows, :]), axis=-1)
-    away = made - np.linalg.norm(case.nominal[case.level_rows], axis=-1)
+    result = np.linalg.norm(model.correct(case.readings[..., case.level_rows, :]), axis=-1)
+    away = result - np.linalg.norm(case.nominal[case.level_rows], axis=-1)
     return np.sqrt((away**2).mean(-1))
 
 

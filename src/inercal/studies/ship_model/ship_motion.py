@@ -114,9 +114,9 @@ def simulate_ship_motion(waves: WaveConditions, t: Array, seed: int = 0) -> Ship
         axis=-1,
     )
     place = np.array(waves.place)
-    made = ShipMotion(heave, pitch, roll, np.zeros((len(t), 3)))
+    result = ShipMotion(heave, pitch, roll, np.zeros((len(t), 3)))
     # Rᵀ (0, 0, z'' + g) is the last row of R.
-    held = made.attitude[:, 2] * (heave[2] + G0)[:, None]
+    held = result.attitude[:, 2] * (heave[2] + G0)[:, None]
     f = held + np.cross(turning, place) + np.cross(rate, np.cross(rate, place))
     return ShipMotion(heave, pitch, roll, f)
 

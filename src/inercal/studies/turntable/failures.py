@@ -33,8 +33,8 @@ _ROWS = (
 
 def section(found: TurntableTrials) -> StudySection:
     """Return the section of the failures."""
-    made = {name: score_filter(runs, "g") for name, runs in found.gyros.items()}
-    lost, own, felt = made[OPEN_LOOP], made[OWN_PATH], made[G_SENSITIVE_OWN_PATH]
+    result = {name: score_filter(runs, "g") for name, runs in found.gyros.items()}
+    lost, own, sensed = result[OPEN_LOOP], result[OWN_PATH], result[G_SENSITIVE_OWN_PATH]
     findings = (
         TEXT.judge("fed_back", *lost.largest_axis["misalignment"],
             f"a raw bias of 0.3 °/s turns the attitude away until first-order equations hold no "
@@ -42,24 +42,24 @@ def section(found: TurntableTrials) -> StudySection:
         TEXT.judge("ends", float(max(found.decided_at_ends)), 0.0,
             "after whole turns all that misalignments did has gone again: all six are lost, and "
             "continuous attitudes it must be"),
-        TEXT.judge("enough", *felt.largest_axis["misalignment"],
-            f"bias {format_significant(felt.bias.value)} °/min and NEES "
-            f"{format_significant(felt.nees.value)} besides; with nine more states and the whole "
+        TEXT.judge("enough", *sensed.largest_axis["misalignment"],
+            f"bias {format_significant(sensed.bias.value)} °/min and NEES "
+            f"{format_significant(sensed.nees.value)} besides; with nine more states and the whole "
             "recording "
-            f"{format_significant(made[G_SENSITIVE_MODELLED].largest_axis['misalignment'].value)}″"),
-        TEXT.judge("on_time", *made[DELAYED_15_STATES].largest_axis["misalignment"],
-            f"NEES {format_significant(made[DELAYED_15_STATES].nees.value)}; with the delay as a "
+            f"{format_significant(result[G_SENSITIVE_MODELLED].largest_axis['misalignment'].value)}″"),
+        TEXT.judge("on_time", *result[DELAYED_15_STATES].largest_axis["misalignment"],
+            f"NEES {format_significant(result[DELAYED_15_STATES].nees.value)}; with the delay as a "
             "state "
-            f"{format_significant(made[DELAYED_19_STATES].largest_axis['misalignment'].value)}″"),
+            f"{format_significant(result[DELAYED_19_STATES].largest_axis['misalignment'].value)}″"),
     )  # fmt: skip
     return TEXT.section(
         findings,
-        (_table(made),),
+        (_table(result),),
         latency_ms=LATENCY / 1e-3,
-        rest=format_significant(made[REST_ALONE].bias.value),
-        alone=format_significant(made[NINETEEN_STATES].bias.value),
-        both=format_significant(made[TURNS_BOTH_WAYS].bias.value),
-        whole=format_significant(made[FULL_STATES].bias.value),
+        rest=format_significant(result[REST_ALONE].bias.value),
+        alone=format_significant(result[NINETEEN_STATES].bias.value),
+        both=format_significant(result[TURNS_BOTH_WAYS].bias.value),
+        whole=format_significant(result[FULL_STATES].bias.value),
     )
 
 

@@ -59,13 +59,13 @@ def section(found: TurntableTrials) -> StudySection:
 
 
 def _gyro_findings(found: TurntableTrials) -> list[ClaimResult]:
-    made = {
+    result = {
         name: score_filter(found.gyros[name], "g")
         for name in (OWN_PATH, WHOLE_RECORDING, FULL_STATES)
     }
     own, whole, rest = (
-        made[OWN_PATH].largest_axis,
-        made[WHOLE_RECORDING].largest_axis,
+        result[OWN_PATH].largest_axis,
+        result[WHOLE_RECORDING].largest_axis,
         score_filter(found.gyros[REST_ALONE], "g").bias,
     )
     share = {name: _share_text(found, name) for name in (OWN_PATH, WHOLE_RECORDING)}
@@ -73,7 +73,8 @@ def _gyro_findings(found: TurntableTrials) -> list[ClaimResult]:
     reasons = {
         "bias": f"{share[OWN_PATH]} of the devices reach it on all three axes",
         "scale": f"{format_significant(own['scale'].value)} ppm",
-        "misalignment": f"{format_significant(made[OWN_PATH].misalignment.value)}″ RMS of all six",
+        "misalignment": format_significant(result[OWN_PATH].misalignment.value)
+        + "″ RMS of all six",
     }
     return [
         TEXT.judge("gyro_bias", *own["bias"], reasons["bias"]),
@@ -82,7 +83,7 @@ def _gyro_findings(found: TurntableTrials) -> list[ClaimResult]:
             f"{format_significant(required_random_walk(REST_SECONDS))} °/√h would do"),
         TEXT.judge("better", *whole["bias"],
             f"{share[WHOLE_RECORDING]} of the devices reach it on all three axes, with an RMS of "
-            f"one axis of {format_significant(made[WHOLE_RECORDING].bias.value)} °/min"),
+            f"one axis of {format_significant(result[WHOLE_RECORDING].bias.value)} °/min"),
         *(
             TEXT.judge(f"gyro_{kind}", *_in_printed_unit(own[kind], "g", kind), reasons[kind])
             for kind in COEFFICIENT_KINDS if kind != "bias"
@@ -91,16 +92,16 @@ def _gyro_findings(found: TurntableTrials) -> list[ClaimResult]:
 
 
 def _accelerometer_findings(found: TurntableTrials) -> list[ClaimResult]:
-    made = score_filter(found.accelerometers[EIGHTEEN_STATES], "a")
+    result = score_filter(found.accelerometers[EIGHTEEN_STATES], "a")
     words = {
-        "bias": f"{format_significant(made.largest_axis['bias'].value)} µg",
-        "scale": f"{format_significant(made.largest_axis['scale'].value)} ppm",
-        "misalignment": f"{format_significant(made.misalignment.value)}″ RMS of all six",
+        "bias": f"{format_significant(result.largest_axis['bias'].value)} µg",
+        "scale": f"{format_significant(result.largest_axis['scale'].value)} ppm",
+        "misalignment": f"{format_significant(result.misalignment.value)}″ RMS of all six",
     }
     return [
         TEXT.judge(
             f"accelerometer_{kind}",
-            *_in_printed_unit(made.largest_axis[kind], "a", kind),
+            *_in_printed_unit(result.largest_axis[kind], "a", kind),
             words[kind],
         )
         for kind in COEFFICIENT_KINDS

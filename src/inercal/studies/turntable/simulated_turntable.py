@@ -63,10 +63,10 @@ _SETTLING_SECONDS = 0.25  # s that a hold is cut by at both ends
 
 def tactical_imu(*also: str) -> Sensor:
     """Return the IMU with the noise of grade T; bias, scale and misalignment are wanted."""
-    made = imu()
+    result = imu()
     noise = {"w": GYRO, "f": ACCELEROMETER}
-    axes = tuple(replace(axis, noise=noise[axis.measures]) for axis in made.axes)
-    return replace(made, axes=axes).with_coefficients("bias", "scale", "misalignment", *also)
+    axes = tuple(replace(axis, noise=noise[axis.measures]) for axis in result.axes)
+    return replace(result, axes=axes).with_coefficients("bias", "scale", "misalignment", *also)
 
 
 SENSOR = tactical_imu()

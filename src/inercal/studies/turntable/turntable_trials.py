@@ -63,7 +63,7 @@ class TurntableTrials:
 
 def run_filters(devices: int, seed: int, say: MessageCallback) -> TurntableTrials:
     """Return so many devices through all filters."""
-    made = TurntableTrials()
+    result = TurntableTrials()
     parts: Sequence[Callable[[int, TurntableTrials], None]] = (
         _run_paper_path,
         _run_fast_path,
@@ -73,8 +73,8 @@ def run_filters(devices: int, seed: int, say: MessageCallback) -> TurntableTrial
     for k in range(devices):
         say(f"device {k + 1} of {devices}")
         for one in parts:
-            one(seed * 1_000_003 + k, made)
-    return made
+            one(seed * 1_000_003 + k, result)
+    return result
 
 
 def _run_paper_path(seed: int, made: TurntableTrials) -> None:
@@ -86,10 +86,10 @@ def _run_paper_path(seed: int, made: TurntableTrials) -> None:
     made.add("g", OPEN_LOOP, open_loop_estimate(case))
     made.add("g", REST_ALONE, gyro_run("drift", "rest")(case))
     made.decided_at_ends.append(coefficients_decided_at_ends(case))
-    felt = case.with_g_sensitivity(seed)
-    made.add("g", G_SENSITIVE_OWN_PATH, gyro_run("paper", FIRST_TURN)(felt))
-    made.add("g", G_SENSITIVE_FULL, gyro_run("full")(felt))
-    made.add("g", G_SENSITIVE_MODELLED, gyro_run("full", sensor=_G_SENSITIVE_IMU)(felt))
+    sensed = case.with_g_sensitivity(seed)
+    made.add("g", G_SENSITIVE_OWN_PATH, gyro_run("paper", FIRST_TURN)(sensed))
+    made.add("g", G_SENSITIVE_FULL, gyro_run("full")(sensed))
+    made.add("g", G_SENSITIVE_MODELLED, gyro_run("full", sensor=_G_SENSITIVE_IMU)(sensed))
 
 
 def _run_fast_path(seed: int, made: TurntableTrials) -> None:

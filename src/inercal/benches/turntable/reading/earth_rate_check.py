@@ -51,12 +51,12 @@ def check_earth_rate(
         It is the earth's rate beyond doubt, but at another azimuth or latitude.
     """
     gyros = [axis.measures == "w" for axis in sensor.axes]
-    made = (
+    result = (
         _measured_earth_rate(track, sensor, bench, np.array(gyros)) if sum(gyros) == _AXES else None
     )
-    if made is None:
+    if result is None:
         return ()
-    seen, covariance = made
+    seen, covariance = result
     stated = earth_rate_level_frame(bench)
     # The stated azimuth has its deviation, which turns the horizontal part.
     aside = np.array([stated[1], 0.0, 0.0]) * bench.azimuth.sd
@@ -65,12 +65,12 @@ def check_earth_rate(
     if chi2 < _ODD or np.linalg.norm(off) < _FAR * EARTH_RATE:
         return ()
     sd = np.sqrt(np.diagonal(covariance))
-    told = ", ".join(
+    text = ", ".join(
         f"{degrees(x) * 3600:.1f} ± {2 * degrees(s) * 3600:.1f} °/h {name} "
         f"[{degrees(e) * 3600:.1f}]"
         for name, x, s, e in zip(("east", "north", "up"), seen, sd, stated, strict=True)
     )
-    words = f"the gyros in the holds, biases apart, see the earth turn by {told.replace('-', '−')}"
+    words = f"the gyros in the holds, biases apart, see the earth turn by {text.replace('-', '−')}"
     size = float(np.linalg.norm(seen))
     if chi2 > _CLEAR and abs(size / EARTH_RATE - 1) < _FAR:
         raise InputError(

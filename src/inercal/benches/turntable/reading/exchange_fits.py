@@ -149,9 +149,9 @@ def moments(
         What the readback is multiplied by.
     """
     angles, rates = times * way.reorder(made.angles), times * way.reorder(made.rates)
-    felt = motion(bench, angles, rates, np.zeros_like(rates), {})
+    sensed = motion(bench, angles, rates, np.zeros_like(rates), {})
     found: dict[str, Moments] = {}
-    for kind, u in (("f", felt.f), ("w", felt.w)):
+    for kind, u in (("f", sensed.f), ("w", sensed.w)):
         axes = np.array([axis.i for axis in sensor.axes if axis.measures == kind])
         if len(axes) != 3:
             continue

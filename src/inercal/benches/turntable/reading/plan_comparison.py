@@ -39,8 +39,8 @@ def compare_with_plan(
     wanted = merge_positions(plan)
     left = list(wanted)
     for step in steps:
-        for k, asked in enumerate(left):
-            if steps_match(step, asked):
+        for k, requested in enumerate(left):
+            if steps_match(step, requested):
                 del left[k]
                 break
     if len(left) > (1 - _SHARE) * len(wanted):
@@ -51,18 +51,18 @@ def compare_with_plan(
 def _compare_labels(
     steps: Sequence[TableStep], labels: Sequence[str], plan: Sequence[TableStep]
 ) -> tuple[Finding, ...]:
-    asked = {step.label: step for step in plan}
-    known = [name for name in labels if name in asked]
-    if len(set(known)) < (1 - _SHARE) * len(asked) and len(known) < len(labels) * _SHARE:
-        return (_other_path_finding(len(set(known)), len(asked)),)
-    found = list(_missing_step_findings([name for name in asked if name not in labels]))
+    requested = {step.label: step for step in plan}
+    known = [name for name in labels if name in requested]
+    if len(set(known)) < (1 - _SHARE) * len(requested) and len(known) < len(labels) * _SHARE:
+        return (_other_path_finding(len(set(known)), len(requested)),)
+    found = list(_missing_step_findings([name for name in requested if name not in labels]))
     for step, name in zip(steps, labels, strict=True):
-        if name in asked and not steps_match(step, asked[name]):
-            text = f"{name}: {step.describe()}, and by its plan {asked[name].describe()}"
+        if name in requested and not steps_match(step, requested[name]):
+            text = f"{name}: {step.describe()}, and by its plan {requested[name].describe()}"
             text += ": look at the labels"
             found.append(Finding("warning", "label", text.replace("-", "−")))
     blank = [step.label for step, name in zip(steps, labels, strict=True) if not name]
-    strange = [name for name in dict.fromkeys(labels) if name and name not in asked]
+    strange = [name for name in dict.fromkeys(labels) if name and name not in requested]
     for names, words in ((blank, "without a label"), (strange, "of no step of the path")):
         if names:
             count = f"{len(names)} step{'s' * (len(names) > 1)}"

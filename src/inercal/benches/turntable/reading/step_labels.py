@@ -32,14 +32,14 @@ def label_steps(
     if not any(names):
         names = _planned_names(steps, run) or names
     count: Counter[str] = Counter()
-    made: list[TableStep] = []
+    result: list[TableStep] = []
     for step, name in zip(steps, names, strict=True):
         kind = "hold" if isinstance(step, Position) else "turn"
         given = name or kind
         count[given] += 1
         numbered = f"{given} {count[given]}" if not name else f"{given} ({count[given]})"
-        made.append(replace(step, label=name if name and count[name] == 1 else numbered))
-    return tuple(made)
+        result.append(replace(step, label=name if name and count[name] == 1 else numbered))
+    return tuple(result)
 
 
 def _planned_names(steps: Sequence[TableStep], run: Source[TurntableData]) -> list[str] | None:
@@ -50,7 +50,7 @@ def _planned_names(steps: Sequence[TableStep], run: Source[TurntableData]) -> li
         return None  # a recording is calibrated without a plan
     if len(plan) != len(steps):
         return None
-    fits = all(steps_match(done, asked) for done, asked in zip(steps, plan, strict=True))
+    fits = all(steps_match(done, requested) for done, requested in zip(steps, plan, strict=True))
     return [step.label for step in plan] if fits else None
 
 

@@ -80,12 +80,12 @@ def check_track(
     few: tuple[Finding, ...] = ()
     for index in np.ndindex(track.reading.shape[:-2]):
         one = track.trial(*index)
-        made = block_means(one, sensor)
-        _require_motion(where, one, made)
-        odd = odd or _check_gravity_norm(where, made, bench)
-        _require_rate_ratio(where, made.subsample(), sensor, bench, columns)
-        _require_axes(where, made.subsample(), sensor, bench, columns)
-        few = few or (*_attitude_findings(one, bench), *_turn_findings(made, bench))
+        result = block_means(one, sensor)
+        _require_motion(where, one, result)
+        odd = odd or _check_gravity_norm(where, result, bench)
+        _require_rate_ratio(where, result.subsample(), sensor, bench, columns)
+        _require_axes(where, result.subsample(), sensor, bench, columns)
+        few = few or (*_attitude_findings(one, bench), *_turn_findings(result, bench))
     return (*_gap_findings(track.time), *odd, *few)
 
 
@@ -160,10 +160,10 @@ def _require_rate_ratio(
     times = float(np.median(list(off.values())))
     alike = max(off.values()) < _NEAR**2 * min(off.values())
     if len(off) < len(by) or not alike:
-        told = ", ".join(f"{columns.readback[k]} {times:.3g}" for k, times in by.items())
+        text = ", ".join(f"{columns.readback[k]} {times:.3g}" for k, times in by.items())
         raise InputError(
             f"{where}: while one axis of the table turns, the gyros measure these multiples of the "
-            f"readback's rate: {told}; check the unit of each readback column and the gyros' "
+            f"readback's rate: {text}; check the unit of each readback column and the gyros' "
             "scales"
         )
 
@@ -288,9 +288,9 @@ def _attitude_findings(track: Track, bench: Turntable) -> tuple[Finding, ...]:
 
 def _turn_findings(made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
     """Warn of axes of the body that hardly anything turned about."""
-    felt = motion(bench, made.angles, made.rates, np.zeros_like(made.rates), {})
+    sensed = motion(bench, made.angles, made.rates, np.zeros_like(made.rates), {})
     step = float(np.median(np.diff(made.time)))
-    turned = np.abs(felt.w[~made.is_still]).sum(axis=0) * step
+    turned = np.abs(sensed.w[~made.is_still]).sum(axis=0) * step
     few = [
         f"{axis} {degrees(t):.3g}°" for axis, t in zip("xyz", turned, strict=True) if t < _TURNED
     ]
