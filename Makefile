@@ -11,10 +11,15 @@ export PYTHONDONTWRITEBYTECODE :=
 # One process a core; one that is done takes tests from the others.
 SIDE_BY_SIDE := --numprocesses auto --dist worksteal
 
-# What the core does, without the host, the page, the studies and what takes long to compile.
-QUICK := tests/benches tests/budget tests/calibration tests/design tests/estimate tests/io \
-  tests/methods tests/observe tests/runfile tests/segments tests/sensors tests/uncertainty \
+# What the core does, without the host, the page, the studies, Monte Carlo and what takes long to
+# compile: the filters of the turntable and the positions by hand.
+QUICK := tests/benches tests/calibration tests/design tests/estimate tests/io tests/methods \
+  tests/observe tests/recipes tests/runfile tests/segments tests/sensors tests/uncertainty \
   $(wildcard tests/test_*.py)
+NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
+  $(foreach name,turntable multi_position dual_orthogonal ship tumble_uncertainty sequential every \
+  centrifuge_omitted bench_sensitivities,tests/methods/test_$(name)*.py) \
+  tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py
 
 .PHONY: help demo quick test slow check bench evidence architecture glossary lock format clean
 help:
@@ -33,7 +38,8 @@ demo: $(INSTALLED)  ## install, then calibrate an IMU on a simulated bench, live
 	$(BIN)/inercal demo --out demo-output
 
 quick: $(INSTALLED)  ## the core's tests, in a minute
-	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(QUICK)
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(QUICK) \
+	  $(foreach path,$(NOT_QUICK),--ignore-glob=$(path))
 
 test: $(INSTALLED)  ## all tests but the slow ones
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
