@@ -66,7 +66,7 @@ class ReportInput(Protocol):
         ...
 
     def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return what the means say was felt, by the calibration."""
+        """Return what the means say was sensed, by the calibration."""
         ...
 
 

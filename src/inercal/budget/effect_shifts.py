@@ -76,6 +76,6 @@ def _effect_value(stated: Measured | float | None) -> float:
 
 
 def _effect_reaches_sensor(experiment: Experiment, effect: Effect) -> bool:
-    """Whether the effect reaches the sensor: a hand's earth rate is felt by gyros alone."""
+    """Whether the effect reaches the sensor: a hand's earth rate is sensed by gyros alone."""
     gyros = any(axis.measures == "w" for axis in experiment.sensor.axes)
     return gyros or not effect.affects_rates

@@ -194,9 +194,9 @@ class Calibration:
         return recording.data[..., columns]
 
     def affine_correction(self) -> tuple[Array, Array]:
-        """Return C, (k, m), and o, (m,), of felt = C (output − o) for an affine model.
+        """Return C, (k, m), and o, (m,), of motion = C (output − o) for an affine model.
 
-        `felt` is f (m/s²) and then ω (rad/s), whichever the sensor has.
+        `motion` is f (m/s²) and then ω (rad/s), whichever the sensor has.
 
         Raises
         ------

@@ -119,7 +119,7 @@ def _integrate_samples(
     anew: NDArray[np.int64],
     aligned: Array,
     now: float,
-    felt: Array,
+    sensed: Array,
     c: Array,
     v: Array,
     earth: Array,
@@ -134,8 +134,8 @@ def _integrate_samples(
             v[:] = 0.0
             wanted += 1
         else:
-            f0 = felt[0] if i == 0 else f[i - 1]
-            w0 = felt[1] if i == 0 else w[i - 1]
+            f0 = sensed[0] if i == 0 else f[i - 1]
+            w0 = sensed[1] if i == 0 else w[i - 1]
             dt = time[i] - now
             for k in range(3):
                 a, b = (k + 1) % 3, (k + 2) % 3

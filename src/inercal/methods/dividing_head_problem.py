@@ -21,7 +21,7 @@ from inercal.sensors import Sensor
 
 MIN_POSITIONS = 4  # positions
 _TESTED_HARMONICS = 4  # of the head's error: higher ones look like graduations
-# Along the spindle only its lean is felt, and kpp is k0 less k2: sin² + cos² = 1.
+# Along the spindle only its lean is sensed, and kpp is k0 less k2: sin² + cos² = 1.
 _UNOBSERVED_TERMS = {"delta_p", "kio", "kpo", "koo", "kpp"}
 _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
 

@@ -185,13 +185,13 @@ def problem(
     declared : mapping of str to Parameter
         The bench's parameters by full name.
     motion_function : callable
-        From their values by full name, (...) SI, to what was felt.
+        From their values by full name, (...) SI, to the sensed motion.
     priors : sequence of Gaussian
         On coefficients.
     reading_columns : mapping of str to (m r,) array, optional
         What one of a parameter adds to the readings themselves, row after row.
     dwell_covariance : callable, optional
-        From coefficients and what was felt to a covariance that is added to that of the means.
+        From coefficients and the sensed motion to a covariance that is added to that of the means.
     gauges : tuple of Gauge
     with_drift_candidate : bool
         Whether a drift of the biases over the rows' times is a candidate of the score tests.

@@ -23,7 +23,7 @@ _MILLI_G = 1e-3 * G0
 
 
 def pose_forces(fastest: float, radius: float, g: float) -> Array:
-    """Return what is felt in attitudes all round at rates from rest on, (300, 3) m/s².
+    """Return the sensed motion in attitudes all round at rates from rest on, (300, 3) m/s².
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""A triad on a plain rate table, level mountings: least squares of what was felt on readings.
+"""A triad on a plain rate table, level mountings: least squares of the sensed motion on readings.
 
-With a the readings and f what the bench says was felt, of each axis on its own::
+With a the readings and f what the bench says was sensed, of each axis on its own::
 
     f_x = Sx a_x + Exy a_y + Exz a_z + Axp        and y, z alike
 
@@ -39,7 +39,7 @@ from inercal.sensors import G0, Sensor
 from inercal.sensors.affine import AffineModel, require_affine_triad, to_coefficients
 
 _ROUNDING = 1e-13
-# Of the largest singular value of what was felt: below, an axis is not excited
+# Of the largest singular value of the sensed motion: below, an axis is not excited
 _EXCITATION_LIMIT = 1e-3
 
 
@@ -58,7 +58,7 @@ def fit_level_states(a: Array, f: Array) -> LevelStates:
     a : (..., r, 3) array
         Readings in g.
     f : (r, 3) array
-        What the bench says was felt, g.
+        What the bench says was sensed, g.
     """
     rows = np.concatenate([a, np.ones((*a.shape[:-1], 1))], axis=-1)
     back = np.asarray(np.linalg.pinv(rows), dtype=float)

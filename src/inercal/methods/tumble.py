@@ -208,7 +208,7 @@ def _nominal_angles(steps: Sequence[Index]) -> Array:
 
 
 def _force_at_even_angles(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
-    """Return what is felt at the even angles where f, (r, 3) m/s², is with what is known beyond.
+    """Return the force at the nominal angles from f, (r, 3) m/s², at the stated ones.
 
     Raises
     ------

@@ -2,7 +2,7 @@
 
 Vector observation: each row's mean reading against the reading of the motion it was made in,
 y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to whatever the
-motion depends on. Norm observation: the attitude is unknown, and only the norm of what was felt
+motion depends on. Norm observation: the attitude is unknown, and only the norm of the sensed motion
 is compared. Many trials of an orthogonal triad whose axes err along themselves alone go through a
 compiled kernel.
 """

@@ -1,4 +1,4 @@
-"""Compiled: norms of what many trials felt, each axis of a triad erring along itself alone.
+"""Compiled: norms of what many trials sensed, each axis of a triad erring along itself alone.
 
 Axes that are orthogonal then feel apart, and the norm does not ask where they point::
 
@@ -25,7 +25,7 @@ _MAX_STEPS, _EPS, _TINY = 40, 2.0**-52, 2.0**-1022
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _invert_axis(y: Array, k: Array, size: Array, f: Array, step: Array, slope: Array) -> None:
-    """Improve what one axis felt, f (r,), of a `size`; write the last steps, and the slopes."""
+    """Improve what one axis sensed, f (r,), of a `size`; write the last steps, and the slopes."""
     k0, k1, k2, k3, koq = k[0], 1.0 + k[1], k[2], k[3], k[4]
     for _ in range(_MAX_STEPS):
         settled = 0

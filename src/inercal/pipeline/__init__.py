@@ -97,7 +97,7 @@ class Outcome:
         return self.bench.nuisances(self.steps, self.calibration.sensor)
 
     def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return what the means say was felt, by the calibration and at their temperatures.
+        """Return what the means say was sensed, by the calibration and at their temperatures.
 
         Parameters
         ----------

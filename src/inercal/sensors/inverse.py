@@ -1,4 +1,4 @@
-"""From readings back to the motion felt, by Newton's method on the exact model.
+"""From readings back to the sensed motion, by Newton's method on the exact model.
 
 Accelerometers and gyros are solved together; with more than three axes of a kind in the sense of
 least squares. An affine model needs one matrix; others iterate, in chunks of bounded memory.
@@ -103,8 +103,8 @@ def _observed_directions(sensor: Sensor) -> Array:
     return np.concatenate(columns, axis=1)
 
 
-def _motion(felt: Array, rates: Array, temperature: Array | float) -> Motion:
-    return Motion(felt[..., :3], felt[..., 3:], rates, temperature)
+def _motion(sensed: Array, rates: Array, temperature: Array | float) -> Motion:
+    return Motion(sensed[..., :3], sensed[..., 3:], rates, temperature)
 
 
 def _solve(slope: Array, right: Array) -> Array:

@@ -13,7 +13,7 @@ counter-clockwise seen from above, ρ its relative error, Ω sin φ the earth's 
 
 The spindle leans by λ₁ where the arm's azimuth α is 0 and by λ₂ where it is 90°: this adds
 λ₁ cos α + λ₂ sin α to τ. The earth's level rate e adds 2 e ω R to gravity once a turn (Coriolis),
-the same as a tilt of 2 (e₁ cos α + e₂ sin α)/ω. Over whole turns neither is felt. On a platform
+the same as a tilt of 2 (e₁ cos α + e₂ sin α)/ω. Over whole turns neither is sensed. On a platform
 that turns against the arm the sensor keeps its attitude to the ground and feels the arm go round:
 one row of observations is then one azimuth, and both count.
 

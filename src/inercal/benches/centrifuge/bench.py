@@ -86,7 +86,7 @@ class Centrifuge:
         if (place := self.latitude) is not None:
             earth = Parameter.from_measured("latitude", "rad", place, "latitude")
             level = EARTH_RATE * cos(place.value) / sqrt(2)  # where north is, is not known
-        # Over whole turns of an arm that the sensor is locked to it is not felt.
+        # Over whole turns of an arm that the sensor is locked to it is not sensed.
         level *= self.platform != "locked"
         indexing = self.indexing or 0.0
         return (

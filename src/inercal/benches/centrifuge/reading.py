@@ -26,7 +26,7 @@ from inercal.recording import Finding
 from inercal.segments import average_dwells, find_dwells
 from inercal.units import format_quantity
 
-_HARMONICS = 2  # of a reading quadratic in what is felt; a cubic one has a third
+_HARMONICS = 2  # of a reading quadratic in the sensed motion; a cubic one has a third
 
 
 def observe(run: Source[CentrifugeData]) -> EstimatorInput:

@@ -175,7 +175,7 @@ class DividingHead:
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
         g, one = self.gravity, self.autocollimator
-        # A lean λ lowers what is felt by g λ²/2, of which the mean square is 3/4 (g sd²)².
+        # A lean λ lowers the sensed motion by g λ²/2, of which the mean square is 3/4 (g sd²)².
         shortened = sqrt(0.75) * g.value * self.lean**2
         pair = sqrt(2) * one
         waves = [
@@ -291,7 +291,7 @@ def sensed_motion(
         np.asarray(q.get(name, at))[..., None]
         for name, at in (("g", bench.gravity.value), ("lean", 0.0))
     )
-    # The sign of what is felt must not hang on how sin π is rounded.
+    # The sign of the sensed motion must not hang on how sin π is rounded.
     sine, cosine = (np.where(np.abs(x) < _ROUNDED, 0.0, x) for x in (np.sin(psi), np.cos(psi)))
     zero = np.zeros_like(psi)
     level = np.stack([sine, cosine, zero], axis=-1)

@@ -192,7 +192,7 @@ def sensed_motion(step: HandStep, duration: float, q: Mapping[str, Array]) -> Me
 
 
 def _step_motion(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
-    """Return what is felt in a step; a turn without a force of its own has gravity along it."""
+    """Return the force in a step, m/s²; a turn without a force of its own has gravity along it."""
     names = [f"force_{a}[{step.label}]" for a in "xyz"]
     if isinstance(step, Hold) or names[0] in q:
         return sensed_motion(step, step.seconds, q)

@@ -71,7 +71,7 @@ def _refuse_unit(run: Source[RateTableData], off: Callable[[float], float]) -> N
 
 
 def _nominal_force(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
-    """Return what is felt nominally, (r, 3) m/s², at rates `times` as large."""
+    """Return the sensed motion nominally, (r, 3) m/s², at rates `times` as large."""
     return sensed_motion(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
 
 

@@ -1,4 +1,4 @@
-"""What each axis reads beyond what it felt on a rate table, by speed: as it came, and corrected."""
+"""Errors of each axis on a rate table by speed: of the raw and of the corrected readings."""
 
 from math import pi
 
@@ -16,7 +16,7 @@ _MG = 1e-3 * G0
 def deviations(shown: ReportInput) -> tuple[Array, Array, Array]:
     """Return the rates, (r,) r/min, and what readings are off as they came and corrected, (r, 3).
 
-    In m/s², against what was felt nominally: the errors of mountings are in both.
+    In m/s², against the sensed motion nominally: the errors of mountings are in both.
     """
     spins = [step for step in shown.steps if isinstance(step, Spin)]
     result = sensed_motion(shown.bench, spins, {}).f
@@ -45,7 +45,7 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
             "Deviations of each axis by speed, as read and corrected",
             "What each axis reads beyond what its state makes it feel nominally, as read and "
             "corrected. What is left at all speeds of a mounting is how it stood.",
-            "beyond what was felt, mg",
+            "beyond the sensed motion, mg",
             panels,
         ),
     )

@@ -22,7 +22,7 @@ _TIME_TOLERANCE = 1e-9  # s: times that were computed otherwise
 
 
 class SensedMotion:
-    """What is felt on a bench at angles, rates and accelerations of its axes."""
+    """The sensed motion on a bench at angles, rates and accelerations of its axes."""
 
     def __init__(self, drawn: SimulatedErrors):
         bench, q = drawn.bench, drawn.values

@@ -1,6 +1,6 @@
 """The closed estimators: a linear regression of the squared norm, inverted.
 
-With u = (N − b)/S an axis N = S (f + D f²) + b has felt
+With u = (N − b)/S an axis N = S (f + D f²) + b has sensed
 
     f = 2u / (1 + √(1 + 4Du)),   f² = u² − 2Du³ + 5D²u⁴ − 14D³u⁵ + …
 
@@ -67,7 +67,7 @@ def coefficients(
     y : (..., r, 3) array
         Readings, m/s².
     norm : (r,) array
-        What was felt, m/s².
+        The sensed motion, m/s².
     invert : callable
         `series` or `paper`.
     weighted : bool

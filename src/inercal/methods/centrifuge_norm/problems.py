@@ -4,7 +4,7 @@ Norms compare ‖f̂‖, f̂ the inverse of the sensor's model at the reading, w
 Turning the triad changes none of them: (h_i → R h_i) is a gauge. Lever arms act through the rate,
 whose direction in the body the attitudes give, and the mounting angles that turn them.
 
-Vectors compare each axis's reading with that of the force it felt in its attitude; the errors of
+Vectors compare each axis's reading with that of the force it sensed in its attitude; the errors of
 the attitudes are nuisances with their stated deviations, so that attitudes known badly leave what
 norms tell.
 """
@@ -287,12 +287,12 @@ def vector_problem(
     own = {"dwell_rate": bench.dwell_rate, "dwell_tilt": bench.dwell_tilt}
     own = {name: sd for name, sd in own.items() if sd}
 
-    def dwells(c: Array, felt: MeanMotion) -> Array:
-        slope = sensor.slope(felt.motion, c)[..., :3]
+    def dwells(c: Array, sensed: MeanMotion) -> Array:
+        slope = sensor.slope(sensed.motion, c)[..., :3]
         r, m = observations.mean.shape[-2:]
         blocks = np.zeros((*c.shape[:-1], r, m, r, m))
         for name, sd in own.items():
-            by = sd * (slope @ felt.df[name][..., None])[..., 0]
+            by = sd * (slope @ sensed.df[name][..., None])[..., 0]
             for k in range(r):
                 blocks[..., k, :, k, :] += by[..., k, :, None] * by[..., k, None, :]
         return blocks.reshape(*c.shape[:-1], r * m, r * m)

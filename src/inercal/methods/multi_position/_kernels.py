@@ -23,13 +23,13 @@ Indices = NDArray[np.int64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _corrected_motion(felt: Array, back: Array, zero: Array, output: Array, i: int) -> None:
-    """Write (f, ω) of sample i to the first six of `felt`."""
+def _corrected_motion(sensed: Array, back: Array, zero: Array, output: Array, i: int) -> None:
+    """Write (f, ω) of sample i to the first six of `sensed`."""
     for a in range(6):
         total = zero[a]
         for b in range(output.shape[1]):
             total += back[a, b] * output[i, b]
-        felt[a] = total
+        sensed[a] = total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

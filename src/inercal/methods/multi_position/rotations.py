@@ -215,7 +215,7 @@ def transition_rotations(
 
 
 def rotation_residuals(
-    rest: Indices, way: TransitionRotations, felt: Array, across: Array, earth: Array
+    rest: Indices, way: TransitionRotations, sensed: Array, across: Array, earth: Array
 ) -> RotationResiduals:
     """Return the residuals and their derivatives.
 
@@ -224,15 +224,15 @@ def rotation_residuals(
     rest : (k,) array of int
         Where each transition begins.
     way : TransitionRotations
-    felt : (r, 3) array
+    sensed : (r, 3) array
         f̂ of each rest, m/s².
     across : (r, 2, 3) array
         B of each rest.
     earth : (k, 3) array
         What the earth turns in each transition, ω_e T in the body's frame after it, rad.
     """
-    length = np.linalg.norm(felt, axis=-1)
-    up = felt / length[:, None]
+    length = np.linalg.norm(sensed, axis=-1)
+    up = sensed / length[:, None]
     before, after = rest, rest + 1
     e, b = exp_so3(earth), across[after]
     turn = e @ way.rotation

@@ -1,6 +1,6 @@
 """A triad on a plain rate table, tilted by known angles, as in tests of ship models.
 
-* `joint`: all states together, untilted and tilted, each axis against what it felt; the angles of
+* `joint`: all states together, untilted and tilted, each axis against what it sensed; the angles of
   each mounting, its radius, the speeds, the lean at each rest, the radius and gravity are nuisances
   with their stated deviations.
 * `planar`: the untilted states alone, linear (`inercal.methods.ship_planar`).

@@ -1,4 +1,4 @@
-"""Norms of what a tilted triad felt: the source's equations, their slopes, and its damped solution.
+"""Norms of a tilted triad: the source's equations, their slopes, and its damped solution.
 
 With v = M a + p, in g, each group has one equation and one row of slopes by θ::
 

@@ -130,7 +130,7 @@ def initial_estimate(
     priors : sequence of Gaussian
         Those on coefficients of these axes come on top of what may be expected.
     coarse : (3,) array
-        Mean reading at rest beyond what was felt, SI: where the biases start.
+        Mean reading at rest beyond the sensed motion, SI: where the biases start.
     """
     names = part.sensor.coefficients
     start = np.zeros(len(names))
@@ -148,7 +148,7 @@ def initial_estimate(
 
 
 def coarse_bias(bench: Turntable, track: Track, part: TriadModel) -> Array:
-    """Return what the axes read beyond what they felt over the first rest, (3,) SI.
+    """Return what the axes read beyond what they sensed over the first rest, (3,) SI.
 
     Parameters
     ----------

@@ -214,7 +214,7 @@ def static_mean_columns(epochs: ColumnInputs) -> tuple[tuple[ConstantColumn, ...
 
 
 def static_motion(bench: Turntable, mat: Array) -> Motion:
-    """Return what a table at rest in attitudes (n, 3, 3) has felt."""
+    """Return what a table at rest in attitudes (n, 3, 3) has sensed."""
     back = np.swapaxes(mat, -1, -2)
     return Motion(back @ np.array([0.0, 0.0, bench.gravity.value]), back @ earth_rate(bench))
 

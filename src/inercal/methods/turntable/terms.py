@@ -1,6 +1,6 @@
 """A triad's coefficients as data for compiled filters: what each adds to which axis' reading.
 
-A reading is affine in the coefficients, and its terms are of second degree in what is felt::
+A reading is affine in the coefficients, and its terms are of second degree in the sensed motion::
 
     y = N u + Σ_m c_m e_a(m) (T_m · φ(f, ω)),   φ = (1, f, ω, fx², fy², fz², fx fy, fx fz, fy fz)
 

@@ -4,7 +4,7 @@ Accelerometers read gravity in positions, gyros the earth's rate there and stead
 signs in rotations: biases and the earth's rate are what the signs leave, scale and misalignment
 what they turn. What the table may be off by is a nuisance with its stated deviation; the drift of
 biases makes neighbouring rows alike (`turntable.drift.covariance_of_means`), and a bias is its mean
-over the run. Accelerometers take no part in rotations, where an unstated lever arm would be felt.
+over the run. Accelerometers take no part in rotations, where an unstated lever arm would be sensed.
 
 Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
 Navigation Technology, 2nd edition, chapter 8.

@@ -95,7 +95,7 @@ class RowMeans:
 
 
 def row_means(bench: Turntable, way: AxisAngles) -> RowMeans:
-    """Return what is felt in one row with the bench as its readback says.
+    """Return the sensed motion in one row with the bench as its readback says.
 
     Raises
     ------
@@ -164,7 +164,7 @@ def sensed_motion(
     dw: Mapping[str, Array],
     q: Mapping[str, Array],
 ) -> MeanMotion:
-    """Return what is felt with the bench's parameters at q, to first order in what they are off.
+    """Return the sensed motion with the bench's parameters at q, to first order in their errors.
 
     Parameters
     ----------

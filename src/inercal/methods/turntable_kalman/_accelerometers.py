@@ -166,7 +166,7 @@ def run_accelerometer_filter(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _write_rest_force(run: VelocityRun) -> None:
-    """Write φ of the force that is felt at rest, and C M: both stay until the next epoch."""
+    """Write φ of the force that is sensed at rest, and C M: both stay until the next epoch."""
     state, done = run.state, run.workspace
     for k in range(3):
         done.u[k] = run.model.gravity * state.c[2, k]

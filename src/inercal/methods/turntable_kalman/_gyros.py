@@ -192,7 +192,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
             coning = before[0, j1] * rates[i, j2] - before[0, j2] * rates[i, j1]
             turn[k] = (u[k] - around_earth) * dt + coning * dt * dt / 12
             fed[k] = 0.5 * turn[k]
-            # At rest the earth's rate alone is felt, and about an axis that does not turn. Readings
+            # At rest only the earth's rate is sensed, about an axis that does not turn. Readings
             # would do as well but for their noise: the angle's random walk is made of it, and scale
             # factors would be found from the two.
             beyond = u[k] - around_earth

@@ -75,7 +75,7 @@ def steps(attitudes: Attitudes = "half-circle", rates: Sequence[float] = RATES) 
 
 
 def dwell_force(spins: Sequence[Spin], latitude: float = 0.0) -> Array:
-    """Return what is felt in each dwell, (r, 3) g; the arm turns at the stated rate to the ground.
+    """Return the force in each dwell, (r, 3) g; the arm turns at the stated rate to the ground.
 
     Parameters
     ----------
@@ -93,22 +93,22 @@ def earth_rate_ratio(latitude: float = LATITUDE) -> float:
     return EARTH_RATE * sin(latitude) / RATES[0]
 
 
-def outputs(device: SimulatedTriad, spins: Sequence[Spin], felt: Array | None = None) -> Array:
+def outputs(device: SimulatedTriad, spins: Sequence[Spin], sensed: Array | None = None) -> Array:
     """Return noise-free outputs, (..., r, 3) V.
 
     Parameters
     ----------
     device : SimulatedTriad
     spins : sequence of r Spin
-    felt : (..., r, 3) array, optional
+    sensed : (..., r, 3) array, optional
         g, at the sensor's centre; by default what the bench makes.
 
     Notes
     -----
     An axis at r feels −(ω²/g) h·(I − u uᵀ) r besides, u the spindle's direction in the body.
     """
-    felt = dwell_force(spins) if felt is None else felt
-    along = felt @ device.axes.T
+    sensed = dwell_force(spins) if sensed is None else sensed
+    along = sensed @ device.axes.T
     if device.arms.any():
         _, up = outward_and_up_directions(spins)
         level = device.arms - (up @ device.arms.T)[..., None] * up[:, None, :]  # (r, 3, 3)

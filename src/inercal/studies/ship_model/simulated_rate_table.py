@@ -81,7 +81,7 @@ class ShipModelCase:
 
     @cached_property
     def nominal(self) -> Array:
-        """What the bench says was felt, (r, 3) g."""
+        """What the bench says was sensed, (r, 3) g."""
         return nominal_force(self.steps)
 
     @cached_property
@@ -104,7 +104,7 @@ def select_trials(model: AffineModel, trials: int | slice) -> AffineModel:
 
 
 def nominal_force(steps: Sequence[Spin]) -> Array:
-    """Return what is felt without any error, (r, 3) g."""
+    """Return the sensed motion without any error, (r, 3) g."""
     return sensed_motion(EXACT_BENCH, steps, {}).f / G0
 
 
@@ -156,7 +156,7 @@ def model_from_estimate(found: Estimate) -> AffineModel:
 
 
 def random_pose_forces(seed: int) -> Array:
-    """Return what is felt in fresh poses, (300, 3) g: any direction, at any speed."""
+    """Return the sensed motion in fresh poses, (300, 3) g: any direction, at any speed."""
     rng = np.random.default_rng([seed, POSE_COUNT])
     direction = rng.standard_normal((POSE_COUNT, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
@@ -165,7 +165,7 @@ def random_pose_forces(seed: int) -> Array:
 
 
 def calibration_errors(model: AffineModel, device: AffineModel, f: Array) -> Array:
-    """Return M a + p − f where f (r, 3) is felt and a read without noise, (..., r, 3)."""
+    """Return M a + p − f where f (r, 3) is sensed and a read without noise, (..., r, 3)."""
     return model.correct(device.correct(f)) - f
 
 

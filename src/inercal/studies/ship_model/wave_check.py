@@ -42,7 +42,7 @@ class ResidualError(NamedTuple):
 
 
 def residual_error(found: EstimatorComparison, name: str, f: Array) -> ResidualError:
-    """Return what a calibration leaves where f (n, 3) g is felt, the readings without noise."""
+    """Return what a calibration leaves where f (n, 3) g is sensed, the readings without noise."""
     rms, peak, rest_corrected = np.zeros((3, len(found.case.readings), 3))
     model, device = found.models[name], found.case.device
     # At rest at last: one more row.
