@@ -2,17 +2,76 @@
 
 Every error that a user can cause is an `InercalError` whose message is one line: what is wrong,
 where (file, line, row, key), and what is possible. The command line prints it and exits with 2.
+A program reads the same from the attributes of the error.
 """
 
+import copy
 from collections.abc import Generator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Self
 
 
 class InercalError(Exception):
-    """Base of all errors raised on purpose; `str(error)` is one line for a person."""
+    """Base of all errors raised on purpose; `str(error)` is one line for a person.
+
+    Parameters
+    ----------
+    message : str
+        What happened, where, and what to do.
+    file : path, optional
+        The file that cannot be used.
+    line : int, optional
+        Its line, counted from 1.
+    key : str, optional
+        The key, argument or option: "[bench] gravity", "--out".
+    names : tuple of str, optional
+        What the error is about: coefficients, axes, columns, steps, parameters of the bench.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        file: str | Path | None = None,
+        line: int | None = None,
+        key: str | None = None,
+        names: tuple[str, ...] = (),
+    ):
+        super().__init__(message)
+        self.file = None if file is None else Path(file)
+        self.line = line
+        self.key = key
+        self.names = names
 
     def __str__(self) -> str:
         return " ".join(super().__str__().split())
+
+    def located(
+        self,
+        where: str | Path,
+        *,
+        file: str | Path | None = None,
+        line: int | None = None,
+        key: str | None = None,
+    ) -> Self:
+        """Return this error with `where` before its message, and what is known of the place.
+
+        Parameters
+        ----------
+        where : str or path
+            What the message begins with; a path is the `file` too.
+        file, line, key : optional
+            As of the class; what the error states already is kept.
+        """
+        error = copy.copy(self)
+        error.args = (f"{where}: {self}", *self.args[1:])
+        place = where if isinstance(where, Path) else file
+        if error.file is None and place is not None:
+            error.file = Path(place)
+        error.line = line if error.line is None else error.line
+        error.key = key if error.key is None else error.key
+        return error
 
 
 class InputError(InercalError):
@@ -28,10 +87,19 @@ class NotObserved(InercalError):
         One line for a person.
     directions : tuple of str, optional
         Each combination of coefficients that the data leave free, in words.
+    key, names : optional
+        As of `InercalError`.
     """
 
-    def __init__(self, message: str, directions: tuple[str, ...] = ()):
-        super().__init__(message)
+    def __init__(
+        self,
+        message: str,
+        directions: tuple[str, ...] = (),
+        *,
+        key: str | None = None,
+        names: tuple[str, ...] = (),
+    ):
+        super().__init__(message, key=key, names=names)
         self.directions = directions
 
 

@@ -150,11 +150,11 @@ def test_a_run_killed_at_twelve_more_moments_is_finished_by_resume(
 
 @pytest.mark.slow
 def test_a_host_that_freezes_has_its_table_stopped_and_repeats_the_step(tmp_path: Path):
-    run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "outer,360,30"))
+    run = plan(tmp_path / "plan", SHORT.replace("outer,90,30", "outer,1080,30"))
     precompile_run(run)
     folder = tmp_path / "run"
     with BenchSimulator(run.path, SEED) as bench, started(run, bench, folder) as host:
-        until_turning(folder, host)
+        until_turning(folder, bench, host)
         host.send_signal(signal.SIGSTOP)
         seconds_to_rest(bench)
         host.send_signal(signal.SIGCONT)
@@ -171,14 +171,17 @@ def test_a_host_that_freezes_has_its_table_stopped_and_repeats_the_step(tmp_path
     assert os.path.getsize(folder / "recording.h5") > 0
 
 
-def until_turning(folder: Path, host: "subprocess.Popen[str]") -> None:
-    """Wait until the turn about z has begun, by the journal."""
-    while host.poll() is None:
-        if (folder / "run.journal").exists():
-            with Journal(folder / "run.journal") as journal:
-                if any("z+" in event.words for event in journal.events()):
-                    return
-        try:
-            host.wait(0.02)
-        except subprocess.TimeoutExpired:
-            continue
+def until_turning(folder: Path, bench: BenchSimulator, host: "subprocess.Popen[str]") -> None:
+    """Wait until the table turns in the rotation z+: the journal says it when it is commanded."""
+    while host.poll() is None and not rotation_has_begun(folder / "run.journal"):
+        pass
+    with open_table(bench.table, None) as table:
+        while host.poll() is None and all(abs(axis.rate) < 0.1 for axis in table.read().axes):
+            pass
+
+
+def rotation_has_begun(path: Path) -> bool:
+    if not path.exists():
+        return False
+    with Journal(path) as journal:
+        return any("z+" in event.words for event in journal.events())
