@@ -10,7 +10,6 @@ plan.calibration.json, plan.report.html
 """
 
 import os
-import tomllib
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from inercal.host.recording_writer import require_recordable
 from inercal.host.run_log import os_errors_as_input_errors
 from inercal.io.atomic_files import atomic_write
 from inercal.runfile import Run, read
+from inercal.small_files import read_toml
 
 LOG, JOURNAL = "run.log", "run.journal"
 _OUTPUT_KINDS = ("calibration.json", "report.html")
@@ -214,7 +214,7 @@ def _require_same_kind(
 
 def _referenced_files(run_file: Path) -> list[str]:
     """Return the files that a run file names, all but the recording, which is still to come."""
-    section = tomllib.loads(run_file.read_text(encoding="utf-8")).get("method", {})
+    section = read_toml(run_file, "run file").get("method", {})
     names = [section.get("path"), section.get("prior_file"), *section.get("prior_from", {})]
     files = [name for name in names if name is not None and (run_file.parent / name).is_file()]
     for name in files:

@@ -4,7 +4,6 @@
 names the file, the key and what is possible there.
 """
 
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -42,6 +41,7 @@ from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.validation_errors import describe_error, describe_unknown_kind
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
+from inercal.small_files import parse_toml, read_small_file
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
 _PLAN = (
@@ -172,18 +172,11 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         No such file, not TOML, an unknown key or name, a value out of place, a wrong unit.
     """
     path = Path(path)
+    raw = read_small_file(path, "run file")
     try:
-        raw = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such run file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    try:
-        content = tomllib.loads(raw.decode("utf-8"))
-    except ValueError as error:  # of the encoding, the grammar, or an integer of 5000 digits
-        raise InputError(f"{path}: not a TOML run file: {error}") from None
-    except RecursionError:
-        raise InputError(f"{path}: not a TOML run file: nested too deeply") from None
+        content = parse_toml(raw, "run file")
+    except InputError as error:
+        raise error.located(path) from None
     if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
     whole, chosen = dict(content), _DEFAULT_KIND

@@ -2,7 +2,6 @@
 
 import math
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from importlib.resources import files
 from itertools import combinations
@@ -12,6 +11,8 @@ from typing import Any, TypeVar, cast
 from inercal.errors import InputError
 from inercal.host.packets.layout import PacketLayout, Scale
 from inercal.host.packets.packet_format import AXES, BinaryFrame, TextLine, read_frame, read_line
+from inercal.io.column_table import shorten
+from inercal.small_files import parse_toml, read_small_file
 from inercal.units import parse_quantity, si_factor
 
 _PRESETS = files("inercal.host.packets") / "presets"
@@ -45,6 +46,8 @@ _CHANNEL_UNITS = {
     "temperature": ("K", None, "0.01 °C"),
     "time": ("s", None, "100 µs"),
 }
+_EXACT = 2**53  # the largest counts that a real number holds exactly
+_MASKED = 2**63 - 1  # bits of a status, which is kept as a signed number of 64 bits
 T = TypeVar("T")
 _SCALE = re.compile(r"([-+0-9.eE^/ ]+?) +(\S.*)")
 _TERM = re.compile(r"[+-]?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|2\^-?[0-9]{1,2}")
@@ -67,22 +70,20 @@ def read_layout(source: str | Path) -> PacketLayout:
         return parse_layout((_PRESETS / f"{source}.toml").read_text(encoding="utf-8"), source)
     path = Path(source)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        raise InputError(
-            f"{path}: no description of packets can be read there; presets are {', '.join(PRESETS)}"
-        ) from None
-    return parse_layout(text, path.name)
+        raw = read_small_file(path, "description of packets")
+    except InputError as error:
+        raise InputError(f"{error}; presets are {', '.join(PRESETS)}", file=path) from None
+    return parse_layout(raw, path.name)
 
 
-def parse_layout(text: str, name: str) -> PacketLayout:
+def parse_layout(text: str | bytes, name: str) -> PacketLayout:
     """Return the layout that a TOML text describes.
 
     Parameters
     ----------
-    text : str
+    text : str or bytes
     name : str
-        Before what is found to be wrong.
+        Of the file, with which messages begin.
 
     Raises
     ------
@@ -90,13 +91,9 @@ def parse_layout(text: str, name: str) -> PacketLayout:
         As `read_layout`.
     """
     try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{name}: no TOML: {error}") from None
-    try:
-        return _build_layout(content, name)
+        return _build_layout(parse_toml(text, "description of packets"), name)
     except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+        raise error.located(name, file=name) from None
 
 
 def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
@@ -113,7 +110,7 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
         else None
     )
     if rate is not None and rate <= 0:
-        raise InputError(f"rate: {content['rate']!r}; it must be above 0")
+        raise InputError(f"rate: {content['rate']!r} is not above 0", key="rate")
     carried = {
         "accelerometer": roles & set(AXES[:3]),
         "gyro": roles & set(AXES[3:]),
@@ -121,19 +118,21 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
         "time": roles & {"time"},
     }
     if not carried["accelerometer"] | carried["gyro"]:
-        raise InputError(f"no reading in the packet; there are {', '.join(AXES)}")
+        raise InputError(f"the packet has no reading; name one or more of {', '.join(AXES)}")
     scales = {
         section: _scale(section, content.get(section), rate) if wanted else Scale()
         for section, wanted in carried.items()
     }
-    counter = content.get("counter", {})
-    step = float(counter.get("step", 1))
+    step = float(_whole_number(content, "counter", "step", 1, 1, _EXACT))
     if "counter" not in roles:
         step = 1 / (rate * scales["time"].size) if rate and "time" in roles else 0.0
-    elif step < 1:
-        raise InputError(f"[counter] step: {counter['step']}; it must be 1 or more")
-    status = content.get("status", {})
-    mask = status.get("mask", 0)
+    mask = _whole_number(content, "status", "mask", 0, 0, _MASKED)
+    good = _whole_number(content, "status", "good", 0, 0, _MASKED)
+    if good & ~mask:
+        raise InputError(
+            f"[status] good: {good:#x} has bits that mask, {mask:#x}, leaves out; add them to mask",
+            key="[status] good",
+        )
     return PacketLayout(
         name=name.removesuffix(".toml"),
         description=content.get("about", ""),
@@ -141,7 +140,7 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
         rate_hz=rate,
         step=step,
         wraps=_wrap_values(content, frames[0], scales["time"]),
-        status_good=(mask, status.get("good", 0) & mask),
+        status_good=(mask, good),
         **scales,
     )
 
@@ -150,43 +149,57 @@ def _check_keys(part: Any, section: str) -> None:
     """Refuse a key that is none, or a value of another type."""
     where, keys = f"[{section}] " if section else "", KEYS[section]
     if not isinstance(part, dict):
-        raise InputError(f"[[{section}]]: give sections, with {', '.join(keys)}")
+        raise InputError(
+            f"[[{section}]]: give sections with the keys {', '.join(keys)}", key=section
+        )
     for key, value in cast(dict[str, Any], part).items():
         if key not in keys:
-            raise InputError(f"unknown key {where}{key}; possible here: {', '.join(keys)}")
+            raise InputError(
+                f"unknown key {where}{key}; possible here: {', '.join(keys)}", key=f"{where}{key}"
+            )
         wanted = keys[key]
         if not isinstance(value, wanted) or isinstance(value, bool):
-            raise InputError(f"{where}{key}: {value!r}; give {_TYPE_NAMES[wanted]}")
+            raise InputError(
+                f"{where}{key}: {shorten(repr(value))} is not {_TYPE_NAMES[wanted]}",
+                key=f"{where}{key}",
+            )
 
 
 def _with_key(key: str, made: Callable[[], T]) -> T:
-    """Put the key before what is found to be wrong."""
+    """Add the key to the errors of `made`."""
     try:
         return made()
     except InputError as error:
-        raise InputError(f"{key}: {error}") from None
+        raise error.located(key, key=key) from None
 
 
 def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine]:
     if ("line" in content) == ("frame" in content):
-        raise InputError("give either a line of text, line = …, or binary packets, [[frame]]")
+        raise InputError("state either a line of text, line = …, or binary packets, [[frame]]")
     if "line" in content:
         return (_with_key("line", lambda: read_line(content["line"])),)
     order = content.get("byte_order")
     if order not in (None, "big", "little"):
-        raise InputError(f'byte_order: {order!r}; it is "big" or "little"')
+        raise InputError(
+            f'byte_order: {order!r} is unknown; state "big" or "little"', key="byte_order"
+        )
     frames = tuple(_frame(section, order) for section in content["frame"])
     if not frames:
         raise InputError("[[frame]] is missing")
     if any(not _distinguishable(*pair) for pair in combinations(frames, 2)):
-        raise InputError("[frame] packet: no fixed byte distinguishes this packet from another")
+        raise InputError(
+            "[frame] packet: no fixed byte distinguishes this packet from another; add one",
+            key="[frame] packet",
+        )
     for frame in frames[1:]:
         differ = {f[:3] for f in frame.fields} ^ {f[:3] for f in frames[0].fields}
         roles = {role for role, _, _ in differ} - {"temperature", "status"}
         if roles:
             raise InputError(
-                f"[frame] packet: {', '.join(sorted(roles))} in one packet and not the same in "
-                "another; only temperature and status may be"
+                f"[frame] packet: {', '.join(sorted(roles))} differ between two packets; only "
+                "temperature and status may differ",
+                key="[frame] packet",
+                names=tuple(sorted(roles)),
             )
     return frames
 
@@ -194,11 +207,12 @@ def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine
 def _frame(section: dict[str, Any], order: str | None) -> BinaryFrame:
     for key in ("packet", "length"):
         if key not in section:
-            raise InputError(f"[frame] {key} is missing")
+            raise InputError(f"[frame] {key} is missing", key=f"[frame] {key}")
     frame = _with_key("[frame] packet", lambda: read_frame(section["packet"], order))
     if frame.length != section["length"]:
         raise InputError(
-            f"[frame] packet: it has {frame.length} bytes and length says {section['length']}"
+            f"[frame] packet has {frame.length} bytes, but length states {section['length']}",
+            key="[frame] length",
         )
     return frame
 
@@ -213,7 +227,9 @@ def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Sc
     """Return what the values of a channel mean."""
     like, increment, example = _CHANNEL_UNITS[section]
     if given is None or "scale" not in given:
-        raise InputError(f'[{section}] scale is missing; such as "{example}"')
+        raise InputError(
+            f'[{section}] scale is missing; add one such as "{example}"', key=f"[{section}] scale"
+        )
     key = f"[{section}] scale"
     number, unit = _with_key(key, lambda: _parse_scale(given["scale"], example))
     zero = 0.0
@@ -223,7 +239,7 @@ def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Sc
         unit = "K" if "C" in unit or "℃" in unit else unit
     size = _with_key(key, lambda: number * _unit_size(unit, like, increment, rate))
     if not (math.isfinite(size) and size):
-        raise InputError(f"{key}: {given['scale']!r} is no size of a step")
+        raise InputError(f"{key}: {given['scale']!r} is not a finite size other than 0", key=key)
     full = given.get("full_scale")
     return Scale(
         size,
@@ -266,9 +282,26 @@ def _unit_size(unit: str, like: str, increment: str | None, rate: float | None) 
     return size * rate
 
 
+def _whole_number(
+    content: dict[str, Any], section: str, key: str, default: int, least: int, most: int
+) -> int:
+    """Return the number that a key states, if it is within its bounds."""
+    value = content.get(section, {}).get(key, default)
+    if not least <= value <= most:
+        where = f"[{section}] {key}"
+        raise InputError(
+            f"{where}: {shorten(str(value), 24)}; give a number from {least} to {most}", key=where
+        )
+    return value
+
+
 def _invalid_codes(section: str, codes: list[Any]) -> tuple[float, ...]:
-    if not all(isinstance(code, int) and not isinstance(code, bool) for code in codes):
-        raise InputError(f"[{section}] invalid: {codes!r}; give raw values, such as [-32768]")
+    if not all(
+        isinstance(code, int) and not isinstance(code, bool) and abs(code) <= _EXACT
+        for code in codes
+    ):
+        where = f"[{section}] invalid"
+        raise InputError(f"{where}: give raw values, such as [-32768]", key=where)
     return tuple(float(code) for code in codes)
 
 
@@ -278,7 +311,7 @@ def _wrap_values(
     """Return where counter and time start again: as stated, else by their width."""
     wraps = {f.role: 2.0**f.bits for f in frame.fields if 0 < f.bits < 64}
     if "wraps" in content.get("counter", {}):
-        wraps["counter"] = float(content["counter"]["wraps"])
+        wraps["counter"] = float(_whole_number(content, "counter", "wraps", 2, 2, _EXACT))
     if "wraps" in content.get("time", {}):
         stated = content["time"]["wraps"]
         wraps["time"] = (

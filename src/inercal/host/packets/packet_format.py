@@ -143,16 +143,21 @@ class TextLine:
 def _require_valid_role(role: str, seen: list[str], kind: str) -> None:
     """Refuse a role that is none, that comes twice, or that counts with real numbers."""
     if role not in ROLES:
-        raise InputError(f"no role {role!r}; there are {', '.join(ROLES)}")
+        raise InputError(f"unknown role {role!r}; the roles are {', '.join(ROLES)}", names=(role,))
     if role in seen:
-        raise InputError(f"{role!r} comes twice")
+        raise InputError(f"{role!r} is named twice; name each role once", names=(role,))
     if role in ("counter", "status") and kind[-1] not in "dx" and kind[0] not in "ui":
-        raise InputError(f"{role!r} is a whole number; it cannot be {kind!r}")
+        raise InputError(
+            f"{role!r} is a whole number and cannot be of type {kind!r}; take an integer type",
+            names=(role,),
+        )
 
 
 def _named_check(name: str) -> Crc | ByteSum:
     if name not in CHECKS:
-        raise InputError(f"no check {name!r}; there are {', '.join(CHECKS)}")
+        raise InputError(
+            f"unknown check {name!r}; the checks are {', '.join(CHECKS)}", names=(name,)
+        )
     return CHECKS[name]
 
 
@@ -176,7 +181,9 @@ def read_frame(text: str, order: str | None) -> BinaryFrame:
     def ordered(word: str, own: str | None, size: int) -> str:
         """Return the byte order of a field or check."""
         if size > 1 and not (own or order):
-            raise InputError(f'{word!r} has no byte order; give byte_order = "little" or "big"')
+            raise InputError(
+                f'{word!r} has no byte order; add byte_order = "little" or "big"', names=(word,)
+            )
         return {"be": "big", "le": "little"}[own] if own else order or "little"
 
     for word in re.sub("#.*", "", text).split():
@@ -197,18 +204,25 @@ def read_frame(text: str, order: str | None) -> BinaryFrame:
         elif found := _CHECK.fullmatch(word):
             kind, start = _named_check(found[1]), int(found[2])
             if start >= at:
-                raise InputError(f"{word!r} begins at byte {start} and stands at {at} itself")
+                raise InputError(
+                    f"{word!r} covers bytes from {start}, but the check itself is at byte {at}; "
+                    "let it begin before",
+                    names=(word,),
+                )
             checks.append(CheckField(kind, start, at, ordered(word, found[3], kind.bits // 8)))
             at += kind.bits // 8
         else:
             raise InputError(
                 f"{word!r} is neither a byte ('FA'), a field ('ax:i16'), a gap ('_:2') nor a check "
-                "('sum8@0'); fields are u or i 8 to 64 and f32, f64"
+                "('sum8@0'); the types of fields are u or i with 8 to 64 bits, f32 and f64",
+                names=(word,),
             )
     if not constants or constants[0][0] != 0:
-        raise InputError("no sync: a packet begins with one fixed byte or more, such as 'AA 55'")
+        raise InputError(
+            "the packet does not begin with a fixed byte; add one or more, such as 'AA 55'"
+        )
     if at > MAX_LENGTH:
-        raise InputError(f"{at} bytes; a packet has {MAX_LENGTH} at most")
+        raise InputError(f"the packet has {at} bytes; at most {MAX_LENGTH} are possible")
     dtype = np.dtype(
         {
             "names": list(formats),
@@ -232,17 +246,25 @@ def read_line(text: str) -> TextLine:
     try:
         parts = list(Formatter().parse(text))
     except ValueError as error:
-        raise InputError(f"{error}; a line looks like '{{counter:d}},{{ax:.6f}}'") from None
+        raise InputError(
+            f"not a Python format: {error}; write a line such as '{{counter:d}},{{ax:.6f}}'"
+        ) from None
     if len(text) > MAX_LENGTH or not text.isascii() or not text.isprintable():
-        raise InputError(f"a line is of {MAX_LENGTH} printable ASCII characters at most")
+        raise InputError(
+            f"a line may have {MAX_LENGTH} characters, all printable ASCII; shorten or correct it"
+        )
     for k, (literal, name, spec, _) in enumerate(parts):
         if name is None or name == "_":
             continue
         if k and not literal:
-            raise InputError(f"nothing separates {name!r} from what stands before it")
+            raise InputError(
+                f"nothing separates {name!r} from the field before it; add a character between",
+                names=(name,),
+            )
         if not _SPEC.fullmatch(spec or ""):
             raise InputError(
-                f"'{{{name}:{spec}}}' has no such form; there are :d, :.6f, :.6e and :08x"
+                f"'{{{name}:{spec}}}' has an unknown format; there are :d, :.6f, :.6e and :08x",
+                names=(name,),
             )
         group += 1
         found = _CHECK.fullmatch(name)
@@ -253,7 +275,7 @@ def read_line(text: str) -> TextLine:
         sign = -1.0 if name.startswith("-") else 1.0
         fields.append(Field(name.removeprefix("-"), sign, str(spec), group))
     if sum(name is not None for _, name, _, _ in parts) > _MAX_FIELDS:
-        raise InputError(f"a line has {_MAX_FIELDS} fields at most")
+        raise InputError(f"the line has more than {_MAX_FIELDS} fields, the most that are possible")
     return TextLine(text, tuple(fields), tuple(checks))
 
 

@@ -11,6 +11,7 @@ from inercal.host.recording_writer import require_recordable
 from inercal.host.tasks import plan_tasks
 from inercal.runfile import read
 from inercal.runfile.schema import RunSchema
+from inercal.small_files import read_toml
 
 _SECTIONS = frozenset(RunSchema.model_fields)
 _DEMO = "demo"
@@ -85,9 +86,7 @@ def _read_plan(name: str, path: Path) -> Plan | None:
 
 def _resembles_run_file(path: Path) -> bool:
     """Tell whether a file that is no good plan is meant to be a run file, as far as one sees."""
-    import tomllib
-
     try:
-        return bool(_SECTIONS & tomllib.loads(path.read_text(encoding="utf-8")).keys())
-    except (OSError, ValueError):
-        return True
+        return bool(_SECTIONS & read_toml(path).keys())
+    except InputError:
+        return path.is_file()

@@ -13,6 +13,7 @@ from inercal.errors import InputError
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import is_locked, lock_file, os_errors_as_input_errors
+from inercal.small_files import read_toml
 
 PROCESS_RECORD = "run.page.json"
 EndMessage = dict[str, Any]
@@ -189,6 +190,7 @@ def rename_sensor(path: Path, sensor: str) -> bytes:
         It cannot be read.
     """
     try:
+        read_toml(path, "run file")  # bounds size and depth, which tomlkit does not
         document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
         document["sensor"]["name"] = sensor
         return tomlkit.dumps(document).encode()

@@ -1,6 +1,5 @@
 """The runs of one folder, whoever made them, and their entry in the register."""
 
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,6 +7,7 @@ from inercal.errors import InercalError, InputError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
 from inercal.host.web.run_request import run_in_progress
+from inercal.small_files import read_toml
 from inercal.store import Register
 
 
@@ -105,7 +105,6 @@ def _stored_run(path: Path) -> StoredRun:
 def _sensor_name(run_file: Path) -> str:
     """Return the name of the sensor, without reading all else."""
     try:
-        content: Any = tomllib.loads(run_file.read_text(encoding="utf-8"))
-        return str(content["sensor"]["name"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return str(read_toml(run_file, "run file")["sensor"]["name"])
+    except (InputError, KeyError, TypeError):
         return ""

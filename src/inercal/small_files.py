@@ -1,0 +1,116 @@
+"""Small files that a person writes: run files and descriptions of packets, read with bounds.
+
+Whatever stands in the place of such a file, reading ends at once: a FIFO or a device is not opened
+to the end, a file larger than `LARGEST` is not read, and TOML nested deeper than `DEEPEST` is
+refused, since code that walks through it would exceed Python's limit of recursion.
+"""
+
+import os
+import stat
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from inercal.errors import InputError
+
+LARGEST = 4 << 20  # bytes; run files have a few kilobytes
+DEEPEST = 32  # levels of sections and lists
+
+
+def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> bytes:
+    """Return the bytes of a regular file that is not too large.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What the file is expected to be, for messages: "run file".
+    largest : int
+        Bytes that are accepted at most.
+
+    Raises
+    ------
+    InputError
+        It does not exist, is no regular file, is larger than `largest`, or cannot be read.
+    """
+    try:
+        # O_NONBLOCK: to open a FIFO that nobody writes to would wait for ever.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        with open(descriptor, "rb") as file:
+            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+                raise InputError(f"{path}: not a regular file; give a {what}", file=path)
+            raw = file.read(largest + 1)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such {what}", file=path) from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: cannot be read: a folder, not a {what}", file=path) from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
+    except ValueError as error:  # a null character in the name
+        raise InputError(f"{str(path)!r} cannot name a {what}: {error}") from None
+    if len(raw) > largest:
+        raise InputError(
+            f"{path}: more than {largest} bytes, too many for a {what}; is it another file?",
+            file=path,
+        )
+    return raw
+
+
+def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
+    """Return the content of a TOML text.
+
+    Parameters
+    ----------
+    raw : bytes or str
+    what : str
+        What the text is expected to be, for messages: "run file".
+
+    Raises
+    ------
+    InputError
+        It is not TOML, not UTF-8, or nested deeper than `DEEPEST`; the caller adds the file's name.
+    """
+    try:
+        content = tomllib.loads(raw if isinstance(raw, str) else raw.decode("utf-8"))
+    except ValueError as error:  # of the encoding, the grammar, or an integer of 5000 digits
+        raise InputError(f"not a TOML {what}: {error}") from None
+    except RecursionError:
+        raise InputError(_too_deep(what)) from None
+    level: list[Any] = [content]
+    for _ in range(DEEPEST):
+        level = [
+            inner for outer in level for inner in _members(outer) if isinstance(inner, dict | list)
+        ]
+        if not level:
+            return content
+    raise InputError(_too_deep(what))
+
+
+def _members(outer: dict[str, Any] | list[Any]) -> Iterable[Any]:
+    return outer.values() if isinstance(outer, dict) else outer
+
+
+def _too_deep(what: str) -> str:
+    return f"not a TOML {what}: nested deeper than {DEEPEST} levels"
+
+
+def read_toml(path: Path, what: str = "file") -> dict[str, Any]:
+    """Return the content of a small TOML file.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        What the file is expected to be, for messages: "run file".
+
+    Raises
+    ------
+    InputError
+        As `read_small_file` and `parse_toml`, with the file's name.
+    """
+    raw = read_small_file(path, what)
+    try:
+        return parse_toml(raw, what)
+    except InputError as error:
+        raise error.located(path) from None
