@@ -12,6 +12,7 @@ Files of schema 1 have neither `shared`, `validity` nor `job`, and are read.
 import hashlib
 import json
 from dataclasses import asdict
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -160,22 +161,13 @@ def parse(text: str, source: str) -> Calibration:
 
 
 def _from_object(content: dict[str, Any]) -> Calibration:
-    described = content["sensor"]
-    axes = tuple(
-        Axis(a["name"], a["measures"], tuple(a["i"]), tuple(a["p"]), Readout(**a["readout"]))
-        for a in described["axes"]
-    )
-    sensor = Sensor(
-        described["name"],
-        axes,
-        tuple(c["name"] for c in content["coefficients"]),
-        described["form"],
-        described["reference_temperature_K"],
+    sensor = _sensor(
+        json.dumps(content["sensor"]), tuple(c["name"] for c in content["coefficients"])
     )
     mount = np.array(content["mount"], dtype=float)
     for name, value, possible in (
         ("frame", content["frame"], get_args(Frame)),
-        ("form", described["form"], get_args(Form)),
+        ("form", sensor.form, get_args(Form)),
     ):
         if value not in possible:
             raise InputError(
@@ -201,6 +193,16 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         None if validity is None else Validity(**{k: _range(v) for k, v in validity.items()}),
         _texts("job", content.get("job", {})),
     )
+
+
+@lru_cache(maxsize=16)  # a register holds thousands of calibrations of one sensor
+def _sensor(described: str, names: tuple[str, ...]) -> Sensor:
+    content: dict[str, Any] = json.loads(described)
+    axes = tuple(
+        Axis(a["name"], a["measures"], tuple(a["i"]), tuple(a["p"]), Readout(**a["readout"]))
+        for a in content["axes"]
+    )
+    return Sensor(content["name"], axes, names, content["form"], content["reference_temperature_K"])
 
 
 def _shared_error(content: dict[str, Any]) -> SharedError:

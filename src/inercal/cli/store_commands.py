@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from inercal.store import Register
 
 NAME = "store"
+PAGE = 50  # calibrations or runs that a table lists, unless all are wanted
 app = typer.Typer(
     help="Keep sensors, runs and calibrations in a register, and see how they change.",
     no_args_is_help=True,
@@ -27,11 +28,15 @@ _Register = Annotated[
 ]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 _Sensor = Annotated[str, typer.Argument(help="Its name.")]
+_All = Annotated[
+    bool, typer.Option("--all", help=f"All calibrations and runs, not the newest {PAGE}.")
+]
 
 
 @app.command("list")
 def list_(
     runs: Annotated[bool, typer.Option("--runs", help="The runs, not the sensors.")] = False,
+    everything: _All = False,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
@@ -39,8 +44,9 @@ def list_(
     from inercal.cli import store_json, store_view
     from inercal.store import Register
 
-    with Register(register) as opened:
-        found = opened.runs() if runs else opened.sensors()
+    with Register(register, create=False) as opened:
+        limit = _limit(everything, json)
+        found = opened.runs(newest=limit) if runs else opened.sensors()
         if json:
             what = "runs" if runs else "sensors"
             print_json(
@@ -49,7 +55,7 @@ def list_(
         elif not found:
             print(f"nothing in {opened.address} yet; enter it by inercal store import PATH…")
         elif runs:
-            store_view.print_runs(opened.runs())
+            store_view.print_runs(opened.runs(newest=limit), limit)
         else:
             store_view.print_sensors(opened.sensors())
 
@@ -57,6 +63,7 @@ def list_(
 @app.command()
 def show(
     what: Annotated[str, typer.Argument(help="A sensor's name, or the number of a calibration.")],
+    everything: _All = False,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
@@ -64,7 +71,7 @@ def show(
     from inercal.cli import store_json, store_view
     from inercal.store import Register
 
-    with Register(register) as opened:
+    with Register(register, create=False) as opened:
         number = None if _is_sensor_name(opened, what) else _parse_number(what)
         if number is not None:
             entry = opened.calibration(number)
@@ -75,7 +82,9 @@ def show(
                 store_view.print_calibration(entry, runs[0] if runs else None)
             return
         sensor = opened.sensor(what)
-        calibrations, runs = opened.calibrations(sensor.id), opened.runs(sensor.id)
+        limit = _limit(everything, json)
+        calibrations = opened.calibrations(sensor.id, limit)
+        runs = opened.runs(sensor.id, limit)
         if json:
             parts = {"calibrations": calibrations, "runs": runs}
             print_json(
@@ -86,7 +95,7 @@ def show(
                 }
             )
         else:
-            store_view.print_sensor(sensor, calibrations, runs)
+            store_view.print_sensor(sensor, calibrations, runs, limit)
 
 
 @app.command()
@@ -106,7 +115,7 @@ def history(
     from inercal.cli import store_json, store_view
     from inercal.store import Register
 
-    with Register(register) as opened:
+    with Register(register, create=False) as opened:
         found = opened.history(sensor)
     chosen = found.select(coefficients or ())
     if out is not None:
@@ -181,7 +190,8 @@ def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[st
     """Enter one path; return what it was."""
     from inercal.errors import InputError
 
-    before = set(opened.calibration_numbers())
+    # A register that is not there yet is created when the first entry is good.
+    before = set(opened.calibration_numbers() if opened.exists else ())
     if not path.is_dir():
         numbers = (opened.enter_calibration(path, measured),)
         return _entry_summary(path, None, numbers, before)
@@ -216,6 +226,11 @@ def _entry_line(entered: dict[str, Any]) -> str:
     return f"{entered['path']}: {', '.join(parts)}"
 
 
+def _limit(everything: bool, json: bool) -> int | None:
+    """Return how many entries a table lists; a program gets all."""
+    return None if everything or json else PAGE
+
+
 def _parse_number(what: str) -> int | None:
     """Return the number that "#3" or "3" is of."""
     digits = what.removeprefix("#")
@@ -235,5 +250,5 @@ def _load_calibration(what: str, register: str | None) -> "Calibration":
     number = _parse_number(what)
     if number is None:
         return make_document(Path(what)).calibration
-    with Register(register) as opened:
+    with Register(register, create=False) as opened:
         return opened.calibration(number).calibration

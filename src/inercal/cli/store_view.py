@@ -36,20 +36,25 @@ def print_sensors(entries: Sequence[SensorEntry]) -> None:
     Console().print(table)
 
 
-def print_runs(entries: Sequence[RunEntry]) -> None:
-    """Print runs, one a row."""
+def print_runs(entries: Sequence[RunEntry], limit: int | None = None) -> None:
+    """Print runs, one a row; a line says that `limit` may have left out earlier ones."""
     table = _table("run", "sensor", "bench", "begun", "state", "folder", "entered by")
     for one in entries:
         begun = one.begun.replace("T", " ")[:16]
         bench = _bench_text(one.kind, one.bench)
         _row(table, str(one.id), one.sensor, bench, begun, one.state, one.folder, one.by)
     Console().print(table)
+    if len(entries) == limit:
+        _print_line(f"the newest {limit} runs; --all lists all")
 
 
 def print_sensor(
-    sensor: SensorEntry, calibrations: Sequence[CalibrationEntry], runs: Sequence[RunEntry]
+    sensor: SensorEntry,
+    calibrations: Sequence[CalibrationEntry],
+    runs: Sequence[RunEntry],
+    limit: int | None = None,
 ) -> None:
-    """Print a sensor, its calibrations and its runs."""
+    """Print a sensor, its calibrations and its runs; a line says what `limit` left out."""
     _print_line(
         f"{sensor.name}: {', '.join(sensor.axes)}; entered by {sensor.by} on {_date(sensor.at)}"
     )
@@ -63,8 +68,12 @@ def print_sensor(
         _row(table, *cells, grade_text(one.grade), run, one.by)
     if calibrations:
         Console().print(table)
+    if len(calibrations) < sensor.calibrations:
+        _print_line(
+            f"the newest {len(calibrations)} of {sensor.calibrations} calibrations; --all lists all"
+        )
     if runs:
-        print_runs(runs)
+        print_runs(runs, limit)
     if not (calibrations or runs):
         _print_line("no calibration and no run of it yet")
 

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 
 from sqlalchemy import URL, make_url
@@ -43,13 +44,12 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     ----------
     text : str, optional
         A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE". None or "default" is what
-        $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share, whose
-        folder is made.
+        $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
 
     Raises
     ------
     InputError
-        An address of another kind, or the folder cannot be made.
+        An address of another kind, or the home folder is unknown.
     """
     if text in (None, DEFAULT):
         text = os.environ.get(ENVIRONMENT_VARIABLE) or None
@@ -65,19 +65,58 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     raise InputError(f"a register's address that begins with {scheme}://: give {_ADDRESS_FORMS}")
 
 
+def require_place_of_register(file: Path, *, create: bool) -> None:
+    """Refuse a register that is not there and is not to be created, or that cannot be.
+
+    Parameters
+    ----------
+    file : path
+        It does not exist.
+    create : bool
+        Whether it will be created.
+
+    Raises
+    ------
+    InputError
+        With the name of the file that resembles it most.
+    """
+    folder = file.parent
+    if create:
+        try:
+            if file == _default_path():
+                folder.mkdir(parents=True, exist_ok=True)
+            if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK):
+                return
+            reason = "is its folder there, and can it be written?"
+        except OSError as error:
+            reason = f"its folder cannot be created: {error}"
+        raise InputError(
+            f"register {_SQLITE}{file} cannot be opened: {reason} Name another by --register or "
+            f"${ENVIRONMENT_VARIABLE}",
+            file=file,
+        )
+    there = [one.name for one in folder.iterdir() if one.is_file()] if folder.is_dir() else []
+    near = get_close_matches(file.name, there, 1, 0.5)
+    raise InputError(
+        f"{file}: no such register; "
+        + (f"did you mean {folder / near[0]}? " if near else "")
+        + "name another by --register, or create one by `inercal store import PATH…`",
+        file=file,
+        names=tuple(near),
+    )
+
+
 def _default_path() -> Path:
     own = os.environ.get("XDG_DATA_HOME", "")
     try:
         # A relative path in that variable counts for nothing (XDG Base Directory Specification).
         folder = Path(own) if os.path.isabs(own) else Path.home() / ".local" / "share"
-        path = folder / "inercal" / "register.db"
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError) as error:
+    except RuntimeError as error:
         raise InputError(
-            f"the register's folder cannot be made: {error}; name another by --register or "
+            f"the home folder is unknown: {error}; name a register by --register or "
             f"${ENVIRONMENT_VARIABLE}"
         ) from None
-    return path
+    return folder / "inercal" / "register.db"
 
 
 def _file_address(path: Path) -> RegisterAddress:

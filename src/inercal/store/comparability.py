@@ -21,7 +21,8 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
     InputError
         It cannot be brought to them; the message says why.
     """
-    _require_same_axes(calibration, like)
+    if calibration.sensor.axes is not like.sensor.axes:
+        _require_same_axes(calibration, like)
     dependent = calibration.sensor.uses("dT") and like.sensor.uses("dT")
     mine, its = (one.sensor.reference_temperature for one in (calibration, like))
     if dependent and mine != its:

@@ -54,7 +54,8 @@ class Comparison:
             return None
         total = np.zeros((len(self.names), len(self.names)))
         for one in self._both:
-            picks = [one.sensor.coefficients.index(name) for name in self.names]
+            place = {name: k for k, name in enumerate(one.sensor.coefficients)}
+            picks = [place[name] for name in self.names]
             total += one.covariance[np.ix_(picks, picks)]
         return changes.joint_test(self.difference, total)
 

@@ -57,18 +57,23 @@ def find_sensor(db: Connection, key: int | str) -> SensorEntry:
     )
 
 
-def runs(db: Connection, *where: ColumnElement[bool]) -> tuple[RunEntry, ...]:
-    """Return the runs, the first first; `where` is of the table of runs."""
+def runs(
+    db: Connection, *where: ColumnElement[bool], newest: int | None = None
+) -> tuple[RunEntry, ...]:
+    """Return the runs by their begin, or the newest; `where` is of the table of runs."""
     query = (
         select(run, sensor.c.name.label("sensor"), bench.c.kind, bench.c.name.label("bench"))
         .join(sensor, sensor.c.id == run.c.sensor_id)
         .join(bench, bench.c.id == run.c.bench_id)
         .where(*where)
-        .order_by(run.c.begun, run.c.id)
+        .order_by(run.c.begun.desc(), run.c.id.desc())
+        .limit(newest)
     )
-    found = db.execute(query).all()
+    found = db.execute(query).all()[::-1]
     files: dict[int, list[FileEntry]] = {row.id: [] for row in found}
     theirs = select(file).join(run, run.c.id == file.c.run_id).where(*where)
+    if newest is not None:
+        theirs = theirs.where(file.c.run_id.in_(files))
     for row in db.execute(theirs):
         if row.run_id in files:  # one may have been entered since
             files[row.run_id].append(FileEntry(row.name, row.size, row.sha256))
@@ -83,8 +88,10 @@ def runs(db: Connection, *where: ColumnElement[bool]) -> tuple[RunEntry, ...]:
     )  # fmt: skip
 
 
-def calibrations(db: Connection, *where: ColumnElement[bool]) -> tuple[CalibrationEntry, ...]:
-    """Return calibrations in the order in which they were measured."""
+def calibrations(
+    db: Connection, *where: ColumnElement[bool], newest: int | None = None
+) -> tuple[CalibrationEntry, ...]:
+    """Return calibrations, or the newest, in the order in which they were measured."""
     query = (
         select(
             calibration,
@@ -95,9 +102,10 @@ def calibrations(db: Connection, *where: ColumnElement[bool]) -> tuple[Calibrati
         .join(sensor, sensor.c.id == calibration.c.sensor_id)
         .outerjoin(bench, bench.c.id == calibration.c.bench_id)
         .where(*where)
-        .order_by(calibration.c.measured, calibration.c.id)
+        .order_by(calibration.c.measured.desc(), calibration.c.id.desc())
+        .limit(newest)
     )
-    return tuple(map(_calibration_entry, db.execute(query)))
+    return tuple(map(_calibration_entry, db.execute(query).all()[::-1]))
 
 
 def calibration_numbers(db: Connection, *where: ColumnElement[bool]) -> tuple[int, ...]:

@@ -1,21 +1,30 @@
 """The register itself: what is entered, and what is read from it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from getpass import getuser
 from pathlib import Path
 from typing import Self
+
+from sqlalchemy import Connection, Engine
 
 from inercal.calibration import Calibration
 from inercal.errors import InputError
 from inercal.sensors import Sensor
 from inercal.store import insertions, queries
-from inercal.store.address import resolve_address
+from inercal.store.address import (
+    RegisterAddress,
+    require_place_of_register,
+    resolve_address,
+)
 from inercal.store.connection import make_engine, read_transaction, write_transaction
 from inercal.store.document import make_document, to_utc, utc_now
 from inercal.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
 from inercal.store.history import SensorHistory, build_history
 from inercal.store.register_tables import calibration, run
 from inercal.store.schema_upgrade import upgrade_register
+
+Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connection]]
 
 
 class Register:
@@ -31,28 +40,46 @@ class Register:
         $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share.
     by : str, optional
         Who enters things; the user of the system where nobody is named.
+    create : bool
+        Whether a register that does not exist is created, as soon as it is used.
 
     Attributes
     ----------
     address : str
         To be printed, without a password.
+    exists : bool
+        Whether it is there; else it is created as soon as it is used.
 
     Raises
     ------
     InputError
-        Nothing can be opened there, or it is not a register, or one of a newer version.
+        Nothing can be opened there, or it is not a register, or one of a newer version; with
+        `create` false also where there is none.
     """
 
-    def __init__(self, address: str | None = None, by: str | None = None):
+    def __init__(self, address: str | None = None, by: str | None = None, *, create: bool = True):
         self._address = resolve_address(address)
         self.address = self._address.display_url
         self._by = by or _user_name()
         self._engine = make_engine(self._address)
-        upgrade_register(self._engine, self._address)
+        file = self._address.file
+        self.exists = file is None or file.exists()
+        if file is not None and not self.exists:
+            require_place_of_register(file, create=create)
+        else:
+            upgrade_register(self._engine, self._address, create=create)
+
+    @contextmanager
+    def _transaction(self, begin: Transaction) -> Generator[Connection]:
+        if not self.exists:
+            upgrade_register(self._engine, self._address)
+            self.exists = True
+        with begin(self._engine, self._address) as db:
+            yield db
 
     def sensors(self) -> tuple[SensorEntry, ...]:
         """Return all sensors, by name."""
-        with read_transaction(self._engine, self._address) as db:
+        with self._transaction(read_transaction) as db:
             return queries.sensors(db)
 
     def sensor(self, key: int | str) -> SensorEntry:
@@ -63,27 +90,40 @@ class Register:
         InputError
             There is none.
         """
-        with read_transaction(self._engine, self._address) as db:
+        with self._transaction(read_transaction) as db:
             return queries.find_sensor(db, key)
 
-    def runs(self, sensor: int | str | None = None) -> tuple[RunEntry, ...]:
-        """Return all runs, or those of one sensor, the first first."""
-        with read_transaction(self._engine, self._address) as db:
+    def runs(
+        self, sensor: int | str | None = None, newest: int | None = None
+    ) -> tuple[RunEntry, ...]:
+        """Return all runs, or those of one sensor, by their begin; of many the `newest` alone."""
+        with self._transaction(read_transaction) as db:
             if sensor is None:
-                return queries.runs(db)
-            return queries.runs(db, run.c.sensor_id == queries.find_sensor(db, sensor).id)
-
-    def calibrations(self, sensor: int | str | None = None) -> tuple[CalibrationEntry, ...]:
-        """Return all calibrations, or those of one sensor, as they were measured."""
-        with read_transaction(self._engine, self._address) as db:
-            if sensor is None:
-                return queries.calibrations(db)
+                return queries.runs(db, newest=newest)
             one = queries.find_sensor(db, sensor)
-            return queries.calibrations(db, calibration.c.sensor_id == one.id)
+            return queries.runs(db, run.c.sensor_id == one.id, newest=newest)
+
+    def calibrations(
+        self, sensor: int | str | None = None, newest: int | None = None
+    ) -> tuple[CalibrationEntry, ...]:
+        """Return all calibrations, or those of one sensor, as they were measured.
+
+        Parameters
+        ----------
+        sensor : int or str, optional
+            Its id or its name.
+        newest : int, optional
+            How many of them, the last measured; None returns all.
+        """
+        with self._transaction(read_transaction) as db:
+            if sensor is None:
+                return queries.calibrations(db, newest=newest)
+            one = queries.find_sensor(db, sensor)
+            return queries.calibrations(db, calibration.c.sensor_id == one.id, newest=newest)
 
     def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
         """Return the numbers of all calibrations, or of those of one run, as they were measured."""
-        with read_transaction(self._engine, self._address) as db:
+        with self._transaction(read_transaction) as db:
             if run_id is None:
                 return queries.calibration_numbers(db)
             return queries.calibration_numbers(db, calibration.c.run_id == run_id)
@@ -96,12 +136,12 @@ class Register:
         InputError
             There is none of that number.
         """
-        with read_transaction(self._engine, self._address) as db:
+        with self._transaction(read_transaction) as db:
             return queries.find_calibration(db, number)
 
     def coefficients(self, number: int) -> Sequence[tuple[str, float, float, str]]:
         """Return name, value, standard uncertainty (k = 1) and SI unit of a calibration's."""
-        with read_transaction(self._engine, self._address) as db:
+        with self._transaction(read_transaction) as db:
             return queries.coefficients(db, number)
 
     def history(self, sensor: int | str) -> SensorHistory:
@@ -123,7 +163,7 @@ class Register:
         InputError
             An axis measures something else than that of the same name in the register.
         """
-        with write_transaction(self._engine, self._address) as db:
+        with self._transaction(write_transaction) as db:
             return insertions.enter_sensor(db, sensor, self._author())
 
     def enter_run(
@@ -140,7 +180,7 @@ class Register:
         """
         result = None if calibration is None else make_document(calibration)
         kind = "" if result is None else _bench_kind(result.calibration)
-        with write_transaction(self._engine, self._address) as db:
+        with self._transaction(write_transaction) as db:
             number = insertions.enter_run(db, facts, self._author())
             if result is not None:
                 insertions.enter_calibration(db, result, kind, None, self._author())
@@ -179,7 +219,7 @@ class Register:
                 ) from None
         result = [make_document(source) for source in sources]
         kinds = [_bench_kind(one.calibration) for one in result]
-        with write_transaction(self._engine, self._address) as db:
+        with self._transaction(write_transaction) as db:
             return tuple(
                 insertions.enter_calibration(db, one, kind, measured, self._author())
                 for one, kind in zip(result, kinds, strict=True)

@@ -15,20 +15,28 @@ from inercal.store.connection import read_transaction, write_transaction
 VERSION_TABLE = "inercal_version"
 
 
-def upgrade_register(engine: Engine, address: RegisterAddress) -> None:
-    """Make the tables of a register that is new, or migrate an older one, in one transaction.
+def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool = True) -> None:
+    """Create the tables of a register that is new, or migrate an older one, in one transaction.
 
     Raises
     ------
     InputError
-        Its tables are of a newer version, or it is a database of something else.
+        Its tables are of a newer version, or it is a database of something else; with `create`
+        false also where the database is empty.
     """
     config = _config()
     script = ScriptDirectory.from_config(config)
     head = script.get_current_head()
     with read_transaction(engine, address) as connection:
-        if _revision(connection, address) == head:
-            return
+        found = _revision(connection, address)
+    if found == head:
+        return
+    if found is None and not create:
+        raise InputError(
+            f"register {address.display_url} is an empty database: enter a calibration first, by "
+            "`inercal store import PATH…`",
+            file=address.file,
+        )
     with write_transaction(engine, address) as connection:
         # Another process may have been here first.
         found = _revision(connection, address)
