@@ -81,9 +81,8 @@ class SensorHistory:
         Those that can be compared.
     trends : tuple of CoefficientTrend
         Of the coefficients of the newest, in its order.
-    joint_test : tuple of JointTest or None
-        The test of all coefficients together, of each calibration against the one before; None of
-        the first, and of one that has no coefficient in common with it.
+    calibrations : tuple of Calibration
+        Those of the entries, in the terms of the newest.
     exclusions : tuple of str
         In words: calibrations of a recording that has a later one, or that cannot be compared;
         coefficients that are not in the newest or that no data stand behind.
@@ -92,8 +91,22 @@ class SensorHistory:
     sensor: SensorEntry
     entries: tuple[CalibrationEntry, ...]
     trends: tuple[CoefficientTrend, ...]
-    joint_test: tuple[changes.JointTest | None, ...]
+    calibrations: tuple[Calibration, ...]
     exclusions: tuple[str, ...]
+
+    @cached_property
+    def joint_test(self) -> tuple[changes.JointTest | None, ...]:
+        """The test of all coefficients together, of each calibration against the one before.
+
+        None of the first, and of one that has no coefficient in common with the one before.
+        """
+        return None, *(build_comparison(a, b).joint_test for a, b in pairwise(self.calibrations))
+
+    @property
+    def newest_joint_test(self) -> changes.JointTest | None:
+        """The last of `joint_test`, without the others."""
+        last = self.calibrations[-2:]
+        return build_comparison(*last).joint_test if len(last) > 1 else None
 
     def trend(self, name: str) -> CoefficientTrend:
         """Return one coefficient over time by its full name.
@@ -190,7 +203,7 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
         sensor,
         tuple(entry for entry, _ in kept),
         tuple(_coefficient_trend(name, newest, found, years) for name in names),
-        (None, *(build_comparison(a, b).joint_test for a, b in pairwise(found))),
+        tuple(found),
         tuple(left_out),
     )
 

@@ -73,7 +73,7 @@ def history_lines(history: SensorHistory) -> list[str]:
                 history.exceedances, history.comparison_count, history.expected_exceedances
             )
         )
-    if (test := history.joint_test[-1]) is not None:
+    if (test := history.newest_joint_test) is not None:
         lines.append(
             f"the newest calibration against the one before, all {test.size} coefficients "
             f"together: {joint_test_text(test)}"
