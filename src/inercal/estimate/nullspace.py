@@ -63,10 +63,12 @@ def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observa
         free = _observability(system, point, system.prior_full).null_directions
         if free:
             words = tuple(direction.words for direction in free)
+            touched = {name for direction in free for name in direction.weights}
             raise NotObserved(
-                f"the data leave {len(words)} combination{'s' * (len(words) > 1)} of parameters"
-                f" free: {'; '.join(words)}; leave parameters out, or give a prior or a gauge",
+                f"the data do not determine {len(words)} combination{'s' * (len(words) > 1)} of"
+                f" parameters: {'; '.join(words)}; remove parameters, or give a prior or a gauge",
                 words,
+                names=tuple(name for name in system.problem.names if name in touched),
             )
     return seen
 

@@ -82,16 +82,26 @@ class Problem:
     def __post_init__(self) -> None:
         p = len(self.names)
         if len(set(self.names)) != p:
-            twice = sorted({name for name in self.names if self.names.count(name) > 1})
-            raise InputError(f"parameter named twice: {', '.join(twice)}")
+            twice = tuple(sorted({name for name in self.names if self.names.count(name) > 1}))
+            raise InputError(
+                f"parameter {', '.join(twice)} is declared twice; remove or rename it",
+                key="names",
+                names=twice,
+            )
         if self.start.shape[-1:] != (p,) or self.start.ndim > 2:
             raise InputError(
-                f"start has shape {self.start.shape}; expected ({p},) or (trials, {p})"
+                f"start has shape {self.start.shape}; expected ({p},) or (trials, {p})", key="start"
             )
-        if not np.all(np.isfinite(self.start)):
-            raise InputError("start is not finite")
+        bad = ~np.isfinite(np.atleast_2d(self.start)).all(axis=0)
+        if bad.any():
+            unset = tuple(self.names[k] for k in np.flatnonzero(bad))
+            raise InputError(
+                f"start: {', '.join(unset)} is not a finite number", key="start", names=unset
+            )
         if self.scale.shape != (p,) or not np.all(np.isfinite(self.scale) & (self.scale > 0)):
-            raise InputError(f"scale must be {p} finite, positive sizes, one for each parameter")
+            raise InputError(
+                f"scale must be {p} finite, positive sizes, one for each parameter", key="scale"
+            )
         for what, factors in (("prior", self.priors), ("gauge", self.gauges)):
             for factor in factors:
                 self._known(factor.names, what)
@@ -100,10 +110,12 @@ class Problem:
             object.__setattr__(self, "wanted", self.names)
 
     def _known(self, names: tuple[str, ...], what: str) -> None:
-        unknown = [name for name in names if name not in self.names]
+        unknown = tuple(name for name in names if name not in self.names)
         if unknown:
             raise InputError(
-                f"{what}: no parameter '{unknown[0]}'; this problem has {', '.join(self.names)}"
+                f"{what}: no parameter '{unknown[0]}'; this problem has {', '.join(self.names)}",
+                key=what,
+                names=unknown,
             )
 
     @property

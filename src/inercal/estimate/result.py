@@ -243,9 +243,12 @@ class Estimate:
         InputError
             A name that was not estimated.
         """
-        unknown = [name for name in names if name not in self.names]
+        unknown = tuple(name for name in names if name not in self.names)
         if unknown:
-            raise InputError(f"'{unknown[0]}' was not estimated; there are {', '.join(self.names)}")
+            raise InputError(
+                f"'{unknown[0]}' was not estimated; the estimate has {', '.join(self.names)}",
+                names=unknown,
+            )
         index = [self.names.index(name) for name in names]
         return replace(
             self,

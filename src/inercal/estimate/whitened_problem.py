@@ -63,25 +63,33 @@ class WhitenedProblem:
         leads = [a.shape[:-1] for a in (start, residual, *(target for _, target in rows))]
         leads.append(jacobian.shape[:-2])
         if any(len(lead) > 1 for lead in leads):
-            raise InputError("only one leading axis, of trials, is possible")
+            raise InputError("arrays of a problem may have one leading axis only, that of trials")
         try:
             lead = np.broadcast_shapes(*leads)
         except ValueError:
-            raise InputError(f"numbers of trials differ: {sorted(set(leads))}") from None
+            raise InputError(
+                f"start, residual, Jacobian and priors have {sorted(set(leads))} trials; give each"
+                " the same number",
+                key="start",
+            ) from None
         self.single = lead == ()
         self.trials = 1 if self.single else lead[0]
         self.m = residual.shape[-1]
         self.dof = self.m + len(self.prior_rows) + (p - self.free) - p
         if problem.observations and len(problem.observations) != self.m:
             raise InputError(
-                f"{len(problem.observations)} labels for {self.m} observations; one each is needed"
+                f"{len(problem.observations)} labels for {self.m} observations; give one for each",
+                key="observations",
             )
         if jacobian.shape[-2:] != (self.m, p):
             raise InputError(
-                f"the Jacobian has shape {jacobian.shape}; expected (..., {self.m}, {p})"
+                f"the Jacobian has shape {jacobian.shape}; expected (..., {self.m}, {p})",
+                key="linearise",
             )
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
-            raise InputError("the residual or its Jacobian is not finite at the start")
+            raise InputError(
+                "the residual or its Jacobian is not finite at the start values", key="linearise"
+            )
 
         targets = [np.broadcast_to(c, (self.trials, c.shape[-1])) for _, c in rows]
         self.prior_target = np.concatenate([np.zeros((self.trials, 0)), *targets], axis=-1)
@@ -147,12 +155,17 @@ class WhitenedProblem:
         if noise.shape[-1:] != (m,) or noise.shape[:-1] not in leads:
             raise InputError(
                 f"noise has shape {noise.shape}; expected standard deviations ({m},) or"
-                f" ({self.trials}, {m}), or a covariance with one axis of {m} more"
+                f" ({self.trials}, {m}), or a covariance with one axis of {m} more",
+                key="noise",
             )
         if not np.all(np.isfinite(noise) & (noise > 0)):
-            bad = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
-            labels = self.problem.observations or tuple(f"{i}" for i in range(m))
-            raise InputError(f"the standard deviation of observation {labels[bad]} is not positive")
+            bad: int = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
+            label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
+            raise InputError(
+                f"the standard deviation of observation {label} is not positive",
+                key="noise",
+                names=(label,),
+            )
         return Whitener(1 / noise.reshape(-1, m), full=False)
 
 
@@ -166,12 +179,16 @@ def _gauge_basis(problem: Problem) -> tuple[Array | None, Array]:
     scaled = matrix * problem.scale
     size = np.linalg.norm(scaled, axis=1)
     if not np.all(size > 0):
-        raise InputError("a gauge constrains nothing: a row of its matrix is zero")
+        raise InputError("a row of a gauge's matrix is zero; remove the row", key="gauge")
     left, singular, right = np.linalg.svd(scaled / size[:, None])
     q = len(value)
     if q > len(problem.names) or singular[q - 1] < 1e-10:
-        words = "; ".join(gauge.words for gauge in problem.gauges)
-        raise InputError(f"gauges repeat one another: {words}")
+        words = tuple(gauge.words for gauge in problem.gauges)
+        raise InputError(
+            f"gauges {'; '.join(words)} are not independent; remove one of them",
+            key="gauge",
+            names=words,
+        )
     short = (value - problem.start @ matrix.T) / size
     move = ((short @ left) / singular) @ right[:q] * problem.scale
     return problem.scale[:, None] * right[q:].T, problem.start + move

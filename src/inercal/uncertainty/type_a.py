@@ -90,7 +90,7 @@ def pooled_mean_covariances(
         dof += number - 1
     if dof < max(m, 1):
         raise InputError(
-            f"{sum(counts)} samples about {len(counts)} means leave {dof} degrees of freedom; "
-            f"a covariance of {m} channels needs at least {m}"
+            f"{sum(counts)} samples in {len(counts)} sections give {dof} degrees of freedom, fewer "
+            f"than the {m} that the covariance of {m} channels needs; record longer sections"
         )
     return [total / (dof * n) for n in counts], float(dof)

@@ -48,8 +48,8 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 _SIGN_NOTE = (
-    "norms at rest do not tell a reversed axis from one that is not, nor two exchanged axes: "
-    "compare the sign of each axis with its attitude in one rest"
+    "norms at rest show neither a reversed axis nor two exchanged axes: compare the sign of each "
+    "axis with its attitude in one rest"
 )
 
 
@@ -111,10 +111,12 @@ def _checked_rests(
     observations: Observations, sensor: Sensor, bench: Hand, priors: Sequence[Gaussian]
 ) -> Rests:
     if observations.mean.ndim != 2:
-        raise InputError("method multi_position works on one recording at a time")
+        raise InputError("multi_position takes one recording, not several trials at once")
     if len(sensor.axes) > len(sensor.select_axes("f").axes) and observations.transitions is None:
         raise InputError(
-            "the gyros need the transitions between rests; leave them out, or give them"
+            "the sensor has gyros but the observations have no transitions between rests; "
+            "calibrate the accelerometers alone, or give a recording",
+            key="transitions",
         )
     rests = Rests(observations, sensor, bench)
     require_coverage(rests, priors)

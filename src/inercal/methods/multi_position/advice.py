@@ -91,7 +91,7 @@ def g_sensitivity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     explained = 100 * (1 - with_it / alone)
     return (
         f"the rates at rest follow gravity ({explained:.0f} % of their scatter): the gyros are "
-        'sensitive to acceleration; find that too with [method] also = ["g"]',
+        'sensitive to acceleration; estimate this too by [method] also = ["g"]',
     )
 
 

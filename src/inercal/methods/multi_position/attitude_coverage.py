@@ -160,7 +160,11 @@ def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...
         Fewer positions than an accelerometer triad has coefficients.
     """
     if positions < 9:
-        raise InputError(f"{positions} positions: 9 or more are needed for 9 coefficients")
+        raise InputError(
+            f"{positions} positions do not determine the 9 coefficients of accelerometers; plan 9 "
+            "positions or more",
+            key="positions",
+        )
     whole = imu()
     parts = (
         whole.select_axes("f").with_coefficients("bias", "scale", "nonorthogonality"),

@@ -88,7 +88,7 @@ def inverse_model(sensor: Sensor, c: Array, dT: float = 0.0) -> InverseModel:
     still = Motion(np.zeros((1, 3)), dT=dT)
     at_rest, at_rest_design, slope = (a[0] for a in sensor.linearise(still, c))
     if np.linalg.matrix_rank(slope) < 6:
-        raise NotInvertible(f"sensor {sensor.name}: the coefficients make it blind somewhere")
+        raise _not_invertible(sensor)
     inverse: Array = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     offset = np.array([axis.readout.offset for axis in sensor.axes])
@@ -109,7 +109,7 @@ def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
         a[:, 0] for a in sensor.linearise(Motion(np.zeros((1, 3)), dT=warmth), c)
     )
     if (np.linalg.matrix_rank(slope) < 6).any():
-        raise NotInvertible(f"sensor {sensor.name}: the coefficients make it blind somewhere")
+        raise _not_invertible(sensor)
     inverse: Array = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     offset = np.array([axis.readout.offset for axis in sensor.axes])
@@ -120,6 +120,13 @@ def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
         inverse / scale,
         -(inverse @ (offset / scale + at_rest)[..., None])[..., 0],
         -np.einsum("kbm,kqmp->kbqp", inverse[:, 3:], design * _linear_coefficients(sensor)),
+    )
+
+
+def _not_invertible(sensor: Sensor) -> NotInvertible:
+    return NotInvertible(
+        f"sensor {sensor.name}: with these coefficients its output does not determine specific "
+        "force and rate"
     )
 
 

@@ -163,11 +163,14 @@ def drift_model(noises: Sequence[Noise], run_duration: float, name: str = "senso
     Raises
     ------
     InputError
-        Axes of different correlation times.
+        Axes with different correlation times.
     """
     correlation = np.array([one.correlation for one in noises])
     if np.ptp(correlation) > 0:
-        raise InputError(f"{name}: a filter takes one correlation time of the drift for all")
+        raise InputError(
+            f"{name}: the axes state different correlation times of the drift; state one for all",
+            key="correlation",
+        )
     walk = np.array([one.random_walk**2 for one in noises])
     each = [one.bias_instability for one in noises]
     times, variance = np.zeros(0), np.zeros((0, 3))

@@ -49,7 +49,7 @@ def source_noise_note(sensor: Sensor, track: Track) -> str:
     )
     return (
         f"the gyros' noise over the last rest, {seconds:.3g} s, leaves u {least:.2g} °/min of each "
-        f"bias: the source's 0.004 °/min from it alone takes less than {needed:.2g} °/√h"
+        f"bias; the source's 0.004 °/min needs a noise below {needed:.2g} °/√h"
     )
 
 

@@ -95,7 +95,8 @@ def triad_model(
     noise = [axis.noise for axis in part.axes]
     if not all(one.white > 0 for one in noise):
         which = "accelerometer" if kind == "f" else "gyro"
-        raise InputError(f"[sensor.{which}] white: a filter needs the noise; state it")
+        key = f"[sensor.{which}] white"
+        raise InputError(f"{key}: a filter needs the noise density of all axes; add it", key=key)
     return TriadModel(
         part,
         terms(part),
@@ -168,7 +169,9 @@ def coarse_bias(bench: Turntable, track: Track, part: TriadModel) -> Array:
     if run_duration < MIN_REST_SECONDS:
         raise InputError(
             f"the run begins with a rest of {run_duration:.3g} s; the filters take the biases' "
-            f"first values from {COARSE_REST_SECONDS:g} s of rest: let the table rest first"
+            f"first values from {COARSE_REST_SECONDS:g} s of rest: hold the table still that long "
+            "before its first move",
+            key="hold",
         )
     at = at[track.time[at] <= track.time[at[0]] + COARSE_REST_SECONDS]
     mat = reference_attitude(bench, track.angles[at[:1]])[0]
@@ -217,11 +220,13 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
     free, p = undecided_directions(part, covariance), len(covariance)
     if free:
         words = tuple(direction.words for direction in free)
+        touched = {word for text in words for word in text.split()}
         raise NotObserved(
-            f"not observed: the run decides {p - len(free)} of {p} coefficients of the {what}; it "
-            f"leaves open, in units of g and rad/s: {'; '.join(words)}; turn about each axis with "
-            "the readback all along, hold more attitudes, or give priors",
+            f"not observed: the run determines {p - len(free)} of {p} coefficients of the {what} "
+            f"(free directions, in units of g and rad/s: {'; '.join(words)}); turn about each axis "
+            "with continuous readback, hold more attitudes, or give priors",
             words,
+            names=tuple(name for name in part.sensor.coefficients if name in touched),
         )
 
 

@@ -67,9 +67,15 @@ def terms(sensor: Sensor) -> Terms:
     """
     kinds = {axis.measures for axis in sensor.axes}
     if len(sensor.axes) != 3 or len(kinds) != 1:
-        raise InputError(f"{sensor.name}: a filter takes three axes of one kind")
+        axes = tuple(axis.name for axis in sensor.axes)
+        raise InputError(
+            f"{sensor.name}: the method takes three axes of one kind, not {', '.join(axes)}",
+            names=axes,
+        )
     if sensor.form != "reference":
-        raise InputError(f"{sensor.name}: a filter takes the reference form, not {sensor.form}")
+        raise InputError(
+            f'{sensor.name}: the method takes form = "reference", not "{sensor.form}"', key="form"
+        )
     rng = np.random.default_rng(0)
     motion = Motion(G0 * rng.standard_normal((40, 3)), rng.standard_normal((40, 3)))
     probes = basis(motion)
@@ -90,6 +96,10 @@ def terms(sensor: Sensor) -> Terms:
     away = result.design - np.einsum("nb,pb,ap->nap", probes, weights, np.eye(3)[:, axis])
     beyond = np.abs(away).max(axis=(0, 1)) > 1e-9 * np.abs(result.design).max(axis=(0, 1))
     if beyond.any():
-        names = ", ".join(n for n, bad in zip(sensor.coefficients, beyond, strict=True) if bad)
-        raise InputError(f"{sensor.name}: a filter does not find {names}")
+        names = tuple(n for n, bad in zip(sensor.coefficients, beyond, strict=True) if bad)
+        raise InputError(
+            f"{sensor.name}: the method cannot estimate the coefficients {', '.join(names)}; remove"
+            " them",
+            names=names,
+        )
     return Terms(whole[first : first + 3].T.copy(), axis, weights, first)

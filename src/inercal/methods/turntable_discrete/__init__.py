@@ -165,7 +165,11 @@ def _rows_from_readback(
         half = observations.duration[r] / 2
         at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= half * (1 + 1e-9))
         if at.size < _MIN_SAMPLES:
-            raise InputError(f"{step.label}: the track has {at.size} samples in it")
+            raise InputError(
+                f"step {step.label}: the recording has {at.size} samples of it, and {_MIN_SAMPLES} "
+                "are needed; check the step's times",
+                names=(step.label,),
+            )
         if isinstance(step, Rotation):
             # A label may begin with the first sample that moves: the one before is at rest.
             at = np.arange(max(int(at[0]) - 1, 0), int(at[-1]) + 1)
@@ -182,9 +186,15 @@ def _require_axes(bench: Turntable, steps: Sequence[TableStep]) -> None:
     k = len(bench.axes)
     for step in steps:
         if step.angles is not None and len(step.angles) != k:
-            raise InputError(f"{step.label}: {len(step.angles)} angles; the table's axes are {k}")
+            raise InputError(
+                f"step {step.label}: {len(step.angles)} angles are given; the table has {k} axes",
+                names=(step.label,),
+            )
         if not isinstance(step, Position) and step.axis >= k:
-            raise InputError(f"{step.label}: axis {step.axis}; the table has 0 to {k - 1}")
+            raise InputError(
+                f"step {step.label}: the table has no axis {step.axis}; its axes are 0 to {k - 1}",
+                names=(step.label,),
+            )
 
 
 METHOD = Method(

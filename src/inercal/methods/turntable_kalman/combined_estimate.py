@@ -64,7 +64,7 @@ def run_filter(
 def _untested_noise_note(readback_sd: float | None) -> str:
     if readback_sd is None:
         return ""
-    return f"R of the source, {readback_sd / ARCSEC:.3g}″, is not that of the noise"
+    return f"the source's R, {readback_sd / ARCSEC:.3g}″, is not the noise of the readback"
 
 
 def estimate_by_filters(
@@ -100,7 +100,9 @@ def estimate_by_filters(
         Directions that the run does not decide.
     """
     if observations.track is None:
-        raise InputError("the filters follow a recording; means of positions are not enough")
+        raise InputError(
+            "the filters need a recording; the data are means of positions", key="track"
+        )
     track = temperature.with_steady_temperature(observations.track)
     kinds = {axis.measures for axis in sensor.axes}
     priors = split_priors(sensor, priors)
@@ -196,8 +198,9 @@ def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
         first, second = (np.flatnonzero(np.isin(prior.names, names)) for names in own)
         if np.any(prior.covariance[np.ix_(first, second)]):
             raise InputError(
-                f"prior on {', '.join(prior.names)}: the filters find gyros and accelerometers "
-                "apart; give priors of each by themselves, or use turntable_trajectory"
+                f"prior on {', '.join(prior.names)}: the filters estimate gyros and accelerometers "
+                "separately; give an uncorrelated prior for each, or use turntable_trajectory",
+                names=prior.names,
             )
         result += [part for names in own if (part := prior.marginal(names)) is not None]
     return result
@@ -212,8 +215,8 @@ def _notes(
     if not config.table and (bench.square > 0 or any(bench.harmonics)):
         which = "gyros" if config.accelerometer_table == "lean" else "gyros and accelerometers"
         result.append(
-            f"{which}: right angles and harmonics of the table, which the bench declares, are in "
-            "none of the states, and the uncertainties are too small: full holds them"
+            f"{which}: the filters have no states for the right angles and harmonics that [bench] "
+            "states, and the uncertainties are too small; estimator full has them"
         )
     if (
         len(parts) > 1
@@ -221,8 +224,8 @@ def _notes(
         and set(_table_states(parts[0])) & set(_table_states(parts[1]))
     ):
         result.append(
-            "gyros and accelerometers are stated as independent, though right angles and harmonics "
-            "of the table are common to both"
+            "gyros and accelerometers are taken as independent, although the table's right angles "
+            "and harmonics affect both"
         )
     return tuple(result)
 
@@ -234,8 +237,8 @@ def _prior_share_note(one: FilterResult) -> str:
     if not found:
         return ""
     return (
-        f"{one.course.name}: up to {100 * share:.2g} % of what is known rests on how large "
-        f"coefficients may be expected to be, not on the run, in units of g and rad/s: "
+        f"{one.course.name}: the assumed sizes of coefficients, not the run, give up to "
+        f"{100 * share:.2g} % of the information on these directions (in units of g and rad/s): "
         f"{'; '.join(direction.words for direction in found)}"
     )
 

@@ -265,9 +265,9 @@ def _buffer_lengths(
     span = 2 * _LATENCY_COVERAGE * sd
     if span > _MAX_LATENCY_SPAN:
         raise InputError(
-            f"[bench] latency: known to ± {1e3 * sd:.3g} ms the readback may be of any time within "
-            f"{1e3 * span:.3g} ms; the gyros' filter takes ± "
-            f"{1e3 * _MAX_LATENCY_SPAN / 2 / _LATENCY_COVERAGE:.3g} ms at "
-            "most: find the latency first, by a turn back and forth, and state it"
+            f"[bench] latency: ± {1e3 * sd:.3g} ms is too uncertain; the gyros' filter takes ± "
+            f"{1e3 * _MAX_LATENCY_SPAN / 2 / _LATENCY_COVERAGE:.3g} ms at most: measure the "
+            "latency by a turn back and forth, and state it",
+            key="[bench] latency",
         )
     return lag, ceil((span + _LATENCY_COVERAGE * bench.clock * most) / step) + _SPARE_SAMPLES

@@ -94,14 +94,14 @@ def residual_group(one: FilterResult, observations: Observations) -> ResidualGro
 def describe_innovations(one: FilterResult) -> str:
     """Say how the innovations agree with what was stated."""
     mean = one.nis / max(one.components, 1)
-    said = f"{one.course.name}: the innovations' NIS is {mean:.2f} a component"
+    text = f"{one.course.name}: the innovations' NIS per component is {mean:.2f}"
     if variance_inflation(one) > 1:
-        return f"{said} (1 is as stated): beyond what noise and table allow"
+        return f"{text}, significantly above 1: the noise or the table is worse than stated"
     if one.untested_reason:
-        return f"{said}: {one.untested_reason}, so it tests nothing"
+        return f"{text}; it is no test of noise and table: {one.untested_reason}"
     if one.nis < _MIN_NIS_RATIO * one.minimum_nis * chdtri(one.components, _CONFIDENCE_LEVEL):
         return (
-            f"{said} (1 is as stated): less than stated; noise or table are better than that, and "
-            "the uncertainties too large"
+            f"{text}, below 1: noise or table are better than stated, and the uncertainties are "
+            "too large"
         )
-    return f"{said} (1 is as stated): within what noise and table allow"
+    return f"{text}: consistent with noise and table as stated"

@@ -69,7 +69,9 @@ def trajectory(
         Directions that the run does not decide.
     """
     if observations.track is None:
-        raise InputError("a trajectory follows a recording; means of positions are not enough")
+        raise InputError(
+            "turntable_trajectory needs a recording; the data are means of positions", key="track"
+        )
     track = temperature.with_steady_temperature(observations.track)
     lead = track.reading.shape[:-2]
     spans = np.column_stack([observations.time, observations.duration])

@@ -88,8 +88,11 @@ class RotationRows:
                 track.time, model.EPOCH_PERIOD * (1 - 1e-6), first
             )
             epochs = np.concatenate([[0], epoch_indices])
-        if epochs.size < len("ab"):
-            raise InputError(f"a recording of {track.time.size} samples has no way to follow")
+        if epochs.size < 2:
+            raise InputError(
+                f"the recording has {track.time.size} samples, less than two epochs of "
+                f"{model.EPOCH_PERIOD:g} s; record longer"
+            )
         table = parameters(bench)
         # φ as it is observed falls as the true attitude gets ahead of the readback.
         by = -model.table_sensitivity(linear_misalignment(bench, track.angles[epochs]), table)
@@ -260,7 +263,11 @@ class StaticRows:
             A track without holds.
         """
         if not (track.hold >= 0).any():
-            raise InputError("the recording has no rest: accelerometers have nothing to go by")
+            raise InputError(
+                "the recording has no rest, which the accelerometers need; hold the table still, or"
+                " calibrate the gyros alone",
+                key="hold",
+            )
         at = np.flatnonzero(track.hold >= 0)
         first = np.concatenate([[True], np.diff(track.hold[at]) != 0])
         begun = track.time[at][np.maximum.accumulate(np.where(first, np.arange(at.size), 0))]
