@@ -8,20 +8,20 @@ import numpy as np
 from tests.accuracy.ferraris import DEGREE
 
 from inercal.benches import Hand, Turntable
-from inercal.estimate import Gauge, Gaussian, Problem, linear_least_squares
+from inercal.estimate import Gauge, Gaussian, Problem, least_squares
 from inercal.methods.multi_position import METHOD as HAND_METHOD
 from inercal.methods.multi_position import joint
 from inercal.methods.multi_position.timing import gyro_delay
 from inercal.methods.turntable import model
 from inercal.methods.turntable.drift import drift_model
-from inercal.methods.turntable_discrete import least_squares
+from inercal.methods.turntable_discrete import METHOD as MEANS
 from inercal.methods.turntable_kalman import METHOD as FILTERS
 from inercal.methods.turntable_kalman.combined_estimate import split_priors
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.plan import Position
 from inercal.recording import Observations, Track
 from inercal.sensors import Noise, Sensor, imu
-from inercal.uncertainty import mean_covariance
+from inercal.uncertainty import pooled_mean_covariances
 from inercal.units import Measured
 
 DESIGN = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]])
@@ -86,19 +86,19 @@ CASES: dict[str, Callable[[Path], object]] = {
     "covariance of a prior": lambda _: Gaussian(
         ("a", "b"), np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]])
     ),
-    "deviation of an observation": lambda _: linear_least_squares(
+    "deviation of an observation": lambda _: least_squares(
         replace(PROBLEM, noise=np.array([1.0, 0.0, 1.0]), observations=("p1", "p2", "p3"))
     ),
-    "dependent gauges": lambda _: linear_least_squares(
+    "dependent gauges": lambda _: least_squares(
         replace(
             PROBLEM,
             gauges=tuple(Gauge(w, ("a",), np.ones((1, 1)), np.ones(1)) for w in ("one", "two")),
         )
     ),
-    "parameters that the data do not determine": lambda _: linear_least_squares(
+    "parameters that the data do not determine": lambda _: least_squares(
         replace(PROBLEM, linearise=lambda x: (np.ones(3), np.ones((3, 2))))
     ),
-    "sections that are too short": lambda _: mean_covariance(np.zeros((2, 6))),
+    "sections that are too short": lambda _: pooled_mean_covariances([np.zeros((2, 6))]),
     "rests in one plane": lambda _: joint(
         _means(_accelerometers(), np.array([(np.cos(a), np.sin(a), 0.0) for a in range(12)])),
         _accelerometers(),
@@ -111,7 +111,7 @@ CASES: dict[str, Callable[[Path], object]] = {
     "delay without turns": lambda _: gyro_delay(
         _means(NOISY, np.eye(3)),
         NOISY,
-        linear_least_squares(PROBLEM),
+        least_squares(PROBLEM),
         9.81,
     ),
     "noise that is not stated": lambda _: model.triad_model(_imu(), "w"),
@@ -133,7 +133,7 @@ CASES: dict[str, Callable[[Path], object]] = {
         _means(NOISY, np.eye(3)), NOISY, TABLE, ()
     ),
     "coefficients that a run does not determine": _undetermined_triad,
-    "angles of another table": lambda _: least_squares(
+    "angles of another table": lambda _: MEANS.estimator("")(
         _means(NOISY, np.eye(3)[:1]),
         NOISY,
         TABLE,

@@ -2,12 +2,11 @@
 
 from inercal.estimate.filter_history import FilterHistory, SmoothedStates
 from inercal.estimate.least_squares import least_squares
-from inercal.estimate.linear_least_squares import linear_least_squares
 from inercal.estimate.nullspace import NullDirection
 from inercal.estimate.priors_and_gauges import Gauge, Gaussian
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate, ResidualGroup
-from inercal.estimate.robust_loss import Cauchy, Huber
+from inercal.estimate.robust_loss import Cauchy
 from inercal.estimate.scores import Candidate, ModelTest, ScoreTest, ScoreTestSet, score_tests
 
 __all__ = [
@@ -17,7 +16,6 @@ __all__ = [
     "FilterHistory",
     "Gauge",
     "Gaussian",
-    "Huber",
     "ModelTest",
     "NullDirection",
     "Problem",
@@ -26,6 +24,5 @@ __all__ = [
     "ScoreTestSet",
     "SmoothedStates",
     "least_squares",
-    "linear_least_squares",
     "score_tests",
 ]

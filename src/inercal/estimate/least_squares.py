@@ -24,7 +24,7 @@ from inercal.estimate import gauss_newton_steps, nullspace
 from inercal.estimate.lazy_value import LazyValue
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
-from inercal.estimate.robust_loss import Loss
+from inercal.estimate.robust_loss import Cauchy
 from inercal.estimate.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, score_tests
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 
@@ -35,7 +35,7 @@ _FIRST, _LEAST, _MOST = 1e-2, 1e-12, 1e14
 
 
 def least_squares(
-    problem: Problem, loss: Loss | None = None, max_iterations: int = 200
+    problem: Problem, loss: Cauchy | None = None, max_iterations: int = 200
 ) -> Estimate:
     """Solve a problem, or each trial of a problem.
 
@@ -43,7 +43,7 @@ def least_squares(
     ----------
     problem : Problem
         What is asked for. Its start decides what can be observed.
-    loss : Huber or Cauchy, optional
+    loss : Cauchy, optional
         Robust loss on the whitened residuals of the observations (not of the priors); with
         correlated noise it acts on the decorrelated residuals.
     max_iterations : int, optional
@@ -79,7 +79,7 @@ def estimate_at_solution(
     structure: nullspace.Observability,
     converged: Bools,
     iterations: NDArray[np.intp],
-    loss: Loss | None = None,
+    loss: Cauchy | None = None,
 ) -> Estimate:
     """Return the estimate at a solution, without the axis of trials if the problem has none."""
     if loss is None:
@@ -137,7 +137,7 @@ def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint)
 
 
 def _search(
-    system: WhitenedProblem, loss: Loss | None, max_iterations: int
+    system: WhitenedProblem, loss: Cauchy | None, max_iterations: int
 ) -> tuple[LinearisationPoint, Bools, NDArray[np.intp]]:
     """Return the last point, which trials converged (trials,), and the steps tried (trials,)."""
     trials = system.trials
@@ -192,7 +192,7 @@ def _search(
 def _step(
     system: WhitenedProblem,
     point: LinearisationPoint,
-    loss: Loss | None,
+    loss: Cauchy | None,
     damping: Array,
     active: Bools,
 ) -> tuple[Array, Array, Bools]:
@@ -231,7 +231,7 @@ def _rounding_cost(system: WhitenedProblem) -> float:
     return 1e-20 + system.m * system.problem.rounding**2
 
 
-def _cost(point: LinearisationPoint, loss: Loss | None) -> Array:
+def _cost(point: LinearisationPoint, loss: Cauchy | None) -> Array:
     """Return Σ ρ(u) + Σ v² (trials,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         u = point.whitened**2 if loss is None else loss.cost(point.whitened)
@@ -249,7 +249,7 @@ def _merge(chosen: Bools, new: LinearisationPoint, old: LinearisationPoint) -> L
 
 
 def _robust_covariance(
-    system: WhitenedProblem, point: LinearisationPoint, loss: Loss
+    system: WhitenedProblem, point: LinearisationPoint, loss: Cauchy
 ) -> tuple[Array, Bools]:
     """Return the asymptotic covariance of an M-estimator (trials, k, k), and where it exists.
 

@@ -1,9 +1,9 @@
-"""Robust losses: how much a large residual may pull.
+"""A robust loss, which limits the influence of large residuals.
 
-The cost of a whitened residual u is ρ(u), equal to u² where u is small; ψ = ρ′/2 is its pull and
-w = ψ/u the weight of the equivalent weighted least squares. Each loss limits ψ. The default
-thresholds keep 95 % of the efficiency of least squares where the noise is Gaussian (Holland and
-Welsch 1977, Communications in Statistics A6, 813–827, table 1).
+The cost of a whitened residual u is ρ(u), equal to u² where u is small; ψ = ρ′/2 is its influence
+and w = ψ/u the weight of the equivalent weighted least squares. The default threshold keeps 95 % of
+the efficiency of least squares where the noise is Gaussian (Holland and Welsch 1977, Communications
+in Statistics A6, 813–827, table 1).
 """
 
 from dataclasses import dataclass
@@ -14,28 +14,8 @@ from inercal.arrays import Array
 
 
 @dataclass(frozen=True)
-class Huber:
-    """Quadratic within the threshold, linear beyond it (Huber 1964)."""
-
-    threshold: float = 1.345
-
-    def cost(self, u: Array) -> Array:
-        """Return ρ(u)."""
-        beyond = np.abs(u) > self.threshold
-        return np.where(beyond, self.threshold * (2 * np.abs(u) - self.threshold), u**2)
-
-    def weight(self, u: Array) -> Array:
-        """Return w(u) = ψ(u)/u."""
-        return self.threshold / np.maximum(np.abs(u), self.threshold)
-
-    def slope(self, u: Array) -> Array:
-        """Return ψ′(u)."""
-        return (np.abs(u) <= self.threshold).astype(float)
-
-
-@dataclass(frozen=True)
 class Cauchy:
-    """Logarithmic beyond the threshold: a far outlier hardly pulls at all."""
+    """Logarithmic beyond the threshold: a far outlier has hardly any influence."""
 
     threshold: float = 2.385
 
@@ -51,6 +31,3 @@ class Cauchy:
         """Return ψ′(u)."""
         z = (u / self.threshold) ** 2
         return (1 - z) / (1 + z) ** 2
-
-
-Loss = Huber | Cauchy

@@ -22,7 +22,6 @@ from inercal.sensors import G0, Sensor
 BASIS = 13
 BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ
 TEMPERATURE = BASIS  # where ΔT times all of these begins, and after them ΔT² stands
-BASIS_WITH_TEMPERATURE = 2 * BASIS + 1
 
 
 class Terms(NamedTuple):
@@ -30,7 +29,7 @@ class Terms(NamedTuple):
 
     nominal: Array  # N, (3, 3)
     axis: NDArray[np.int64]  # a(m), (p,)
-    weights: Array  # T, (p, BASIS), or (p, WHOLE) of a sensor that depends on temperature
+    weights: Array  # T, (p, BASIS), or (p, 2 BASIS + 1) where the sensor depends on temperature
     first: int  # where u begins in φ
 
     @property
