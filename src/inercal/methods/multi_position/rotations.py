@@ -83,50 +83,34 @@ def inverse_model(sensor: Sensor, c: Array, dT: float = 0.0) -> InverseModel:
     Raises
     ------
     NotInvertible
-        The coefficients make the sensor blind along some direction.
+        The output does not determine all of f and ω.
     """
-    still = Motion(np.zeros((1, 3)), dT=dT)
-    at_rest, at_rest_design, slope = (a[0] for a in sensor.linearise(still, c))
-    if np.linalg.matrix_rank(slope) < 6:
-        raise _not_invertible(sensor)
-    inverse: Array = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
-    scale = np.array([axis.readout.scale for axis in sensor.axes])
-    offset = np.array([axis.readout.offset for axis in sensor.axes])
-    unit = np.concatenate([np.eye(6), np.zeros((1, 6))])
-    design = sensor.design(Motion(unit[:, :3], unit[:, 3:], dT=dT), c)
-    design[:6] -= at_rest_design
-    return InverseModel(
-        inverse / scale,
-        -inverse @ (offset / scale + at_rest),
-        -np.einsum("bm,qmp->bqp", inverse[3:], design * _linear_coefficients(sensor)),
-    )
+    return InverseModel(*(part[0] for part in inverse_models(sensor, c, np.array([dT]))))
 
 
 def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
     """Return the same at k temperatures, dT (k,) K beyond the reference, with a leading axis."""
     warmth = dT[:, None]
-    at_rest, at_rest_design, slope = (
-        a[:, 0] for a in sensor.linearise(Motion(np.zeros((1, 3)), dT=warmth), c)
+    at_rest, at_rest_design, slope = sensor.linearise(
+        Motion(np.zeros((len(dT), 1, 3)), dT=warmth), c
     )
+    slope = np.broadcast_to(slope, (*at_rest.shape, 6))[:, 0]
+    at_rest, at_rest_design = at_rest[:, 0], at_rest_design[:, 0]
     if (np.linalg.matrix_rank(slope) < 6).any():
-        raise _not_invertible(sensor)
+        raise NotInvertible(
+            f"sensor {sensor.name}: with these coefficients its output does not determine specific "
+            "force and rate"
+        )
     inverse: Array = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     offset = np.array([axis.readout.offset for axis in sensor.axes])
-    unit = np.eye(7, 6)
-    design = sensor.design(Motion(unit[:, :3], unit[:, 3:], dT=warmth), c)
+    unit = np.broadcast_to(np.eye(7, 6), (len(dT), 7, 6))
+    design = sensor.design(Motion(unit[..., :3], unit[..., 3:], dT=warmth), c)
     design[:, :6] -= at_rest_design[:, None]
     return InverseModel(
         inverse / scale,
         -(inverse @ (offset / scale + at_rest)[..., None])[..., 0],
         -np.einsum("kbm,kqmp->kbqp", inverse[:, 3:], design * _linear_coefficients(sensor)),
-    )
-
-
-def _not_invertible(sensor: Sensor) -> NotInvertible:
-    return NotInvertible(
-        f"sensor {sensor.name}: with these coefficients its output does not determine specific "
-        "force and rate"
     )
 
 
