@@ -31,6 +31,22 @@ def standardised_innovations(off: Array, s: Array) -> Array:
     return np.divide(off, np.sqrt(s), out=np.full(off.shape, np.nan), where=s > 0)
 
 
+def epoch_groups(time: Array, middle: Array, duration: Array) -> NDArray[np.int64]:
+    """Return for each epoch the number of the step that it is in, (e,); -1 for none.
+
+    Parameters
+    ----------
+    time : (e,) array
+        s, of the epochs.
+    middle, duration : (r,) arrays
+        s, of the steps.
+    """
+    group = np.full(time.size, -1)
+    for number, (centre, seconds) in enumerate(zip(middle, duration, strict=True)):
+        group[np.abs(time - centre) <= seconds / 2] = number
+    return group
+
+
 def group_innovations(standard: Array, group: NDArray[np.int64]) -> Array:
     """Return z of each group, (g, m): the sum of its innovations over the root of their number.
 

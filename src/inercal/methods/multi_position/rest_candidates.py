@@ -129,7 +129,7 @@ def _rotation_column(
     """
     nothing = np.zeros(len(rows.residual))
     way, turns = rests.transitions, rows.rotations
-    if way is None or turns is None or rows.transition_rotations is None or rows.attitude is None:
+    if way is None or turns is None or rows.attitude is None:
         return lambda axis, basis: nothing
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     model = inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))

@@ -63,7 +63,6 @@ class ResidualRows(NamedTuple):
     residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
     jacobian: Array  # of the predictions to x
     norm: NormResiduals
-    transition_rotations: TransitionRotations | None
     rotations: RotationResiduals | None
     attitude: Array | None  # (r, 3, 3), from the level frame to the body's, where there are turns
 
@@ -192,7 +191,7 @@ class Rests:
         jacobian = np.zeros((r, x.size))
         jacobian[:, :a], jacobian[:, p] = at.jacobian[:, :-1], at.jacobian[:, -1]
         if self.transitions is None:
-            return ResidualRows(at.residual, jacobian, at, None, None, None)
+            return ResidualRows(at.residual, jacobian, at, None, None)
         motion_derivatives = np.zeros((r, 3, p))
         motion_derivatives[..., :a] = at.by_coefficient
         before, after = self.transitions.rest, self.transitions.rest + 1
@@ -216,7 +215,6 @@ class Rests:
             np.concatenate([at.residual, turns.residual.ravel(), rates.ravel()]),
             np.concatenate([jacobian, of_turns.reshape(-1, x.size), of_rates]),
             at,
-            way,
             turns,
             to_level,
         )

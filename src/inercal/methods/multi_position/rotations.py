@@ -57,6 +57,8 @@ class TransitionRotations(NamedTuple):
 class RotationResiduals(NamedTuple):
     """The residuals of k transitions; see the module."""
 
+    rest: Indices  # (k,), where each transition begins
+    way: TransitionRotations
     residual: Array  # (k, 2), ρ in rad
     to_end_turn: Array  # (k, 2, 3), ∂(−ρ)/∂ψ: how the prediction runs ahead of the observation
     to_before: Array  # (k, 2, 3), of ρ to f̂ of the rest before
@@ -231,6 +233,8 @@ def rotation_residuals(
     # û × ψ = −[ψ×] û = [û×] ψ; ρ loses what the prediction gains.
     ahead = b @ skew(arrived)
     return RotationResiduals(
+        rest=rest,
+        way=way,
         residual=(b @ (up[after] - arrived)[..., None])[..., 0],
         to_end_turn=ahead @ e,
         to_before=-b @ turn @ _direction_jacobian(up[before], length[before]),

@@ -24,6 +24,7 @@ from inercal.estimate import least_squares as solve
 from inercal.methods import mean_problem
 from inercal.methods._base import Method
 from inercal.methods.observability import require_observed
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable.score_columns import families
@@ -200,11 +201,8 @@ def _require_axes(bench: Turntable, steps: Sequence[TableStep]) -> None:
 METHOD = Method(
     name="turntable_discrete",
     bench=Turntable,
-    default_coefficients={
-        "f": ("bias", "scale", "misalignment"),
-        "w": ("bias", "scale", "misalignment"),
-    },
-    also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
+    default_coefficients=DEFAULT_COEFFICIENTS,
+    also=FURTHER_COEFFICIENTS,
     needs=(),
     plan=partial(path_by_name, path="discrete"),
     estimators={"least_squares": least_squares},

@@ -22,6 +22,7 @@ from functools import partial
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name as named_path
 from inercal.methods._base import Method
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS
 from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, estimate_by_filters
 from inercal.methods.turntable_kalman.sequential import sequential
@@ -29,11 +30,8 @@ from inercal.methods.turntable_kalman.sequential import sequential
 METHOD = Method(
     name="turntable_kalman",
     bench=Turntable,
-    default_coefficients={
-        "f": ("bias", "scale", "misalignment"),
-        "w": ("bias", "scale", "misalignment"),
-    },
-    also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
+    default_coefficients=DEFAULT_COEFFICIENTS,
+    also=FURTHER_COEFFICIENTS,
     needs=("f", "w"),
     plan=named_path,
     estimators={

@@ -9,6 +9,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.estimate import ModelTest, ScoreTestSet, score_tests
 from inercal.estimate.innovations import (
+    epoch_groups,
     group_innovations,
     mean_and_whiteness_tests,
     standardised_innovations,
@@ -159,10 +160,7 @@ def _angles(track: Track, time: Array) -> Array:
 
 def innovation_tests(one: InnovationTestData, observations: Observations) -> tuple[ModelTest, ...]:
     """Return the tests of one filter's innovations by step of the run."""
-    group = np.full(one.time.size, -1)
-    spans = zip(observations.time, observations.duration, strict=True)
-    for number, (middle, seconds) in enumerate(spans):
-        group[np.abs(one.time - middle) <= seconds / 2] = number
+    group = epoch_groups(one.time, observations.time, observations.duration)
     z = group_innovations(one.standardised_innovations[:, :3], group)
     return mean_and_whiteness_tests(
         z,

@@ -23,10 +23,15 @@ from inercal.benches.turntable.paths import path_by_name
 from inercal.errors import InputError
 from inercal.estimate import Candidate, Estimate, Gaussian, ModelTest, Problem
 from inercal.estimate import least_squares as solve
-from inercal.estimate.innovations import group_innovations, residual_mean_test
+from inercal.estimate.innovations import epoch_groups, group_innovations, residual_mean_test
 from inercal.methods import mean_problem, temperature
 from inercal.methods._base import Method
-from inercal.methods.turntable import model, score_columns
+from inercal.methods.turntable import (
+    DEFAULT_COEFFICIENTS,
+    FURTHER_COEFFICIENTS,
+    model,
+    score_columns,
+)
 from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable.score_columns import ConstantColumn
 from inercal.methods.turntable.terms import BIAS
@@ -261,9 +266,7 @@ def _tests(
         time, p = part.row_times, jacobian.shape[1]
         rows = slice(first, first + 3 * time.size)
         first = rows.stop
-        group = np.full(time.size, -1)
-        for number, (middle, seconds) in enumerate(steps.tolist()):
-            group[np.abs(time - middle) <= seconds / 2] = number
+        group = epoch_groups(time, *steps.T)
         residual = estimate.whitened[rows].reshape(-1, 3)
         group[~residual.any(axis=1)] = -1  # across a gap
         z = group_innovations(residual, group)
@@ -314,11 +317,8 @@ def stack_estimates(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Est
 METHOD = Method(
     name="turntable_trajectory",
     bench=Turntable,
-    default_coefficients={
-        "f": ("bias", "scale", "misalignment"),
-        "w": ("bias", "scale", "misalignment"),
-    },
-    also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
+    default_coefficients=DEFAULT_COEFFICIENTS,
+    also=FURTHER_COEFFICIENTS,
     needs=(),
     plan=path_by_name,
     estimators={"trajectory": trajectory},
