@@ -1,9 +1,9 @@
-"""What is known beside the observations: Gaussian priors and exact gauges.
+"""Knowledge other than observations: Gaussian priors and exact gauges.
 
 A prior N(μ, Σ) on some parameters enters as whitened rows L⁻¹(μ − x) with Σ = L Lᵀ: the same as
 having observed those parameters once. A gauge C x = d is exact: it fixes what no observation can
-(the orientation of a frame, say), and it is imposed by moving only within its null space,
-x = x₀ + Z t with C Z = 0, never by a stiff weight.
+(for example the orientation of a frame). The solver imposes it by moves within its null space,
+x = x₀ + Z t with C Z = 0, not by a large weight.
 """
 
 from collections.abc import Sequence

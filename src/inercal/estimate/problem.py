@@ -1,4 +1,4 @@
-"""An estimation problem: what is asked for, what was observed, what is known beforehand.
+"""An estimation problem: parameters, observations and prior knowledge.
 
 y = h(x) + noise, where x holds the wanted parameters and the nuisances. `linearise` gives the
 residual y − h(x) and the exact derivative ∂h/∂x. Everything may carry a leading axis of trials,
@@ -29,36 +29,36 @@ class Problem:
     names : tuple of str
         The p parameters; their order is that of every vector.
     start : (p,) or (trials, p) array
-        Where the search starts and where it is judged what can be observed: wanted parameters at
-        nominal, nuisances at their prior mean. One start serves any number of trials.
+        Where the search starts and where observability is determined: wanted parameters at nominal,
+        nuisances at their prior mean. Without an axis of trials it is the start of all.
     linearise : callable
         x to the residual y − h(x), (..., m), and the Jacobian ∂h/∂x, (..., m, p). It is called
         with x as `start` first, and then, where there are trials, for all of them, (trials, p). A
         Jacobian that all trials share may stay (m, p).
     noise : array or callable
         Standard deviation of the observations, (m,) or (trials, m), or their covariance, (m, m) or
-        (trials, m, m); an (m, m) array is always a covariance. Or a callable of x giving either:
-        weights that are frozen within a step and renewed between steps. It is called with x as
-        `linearise` is, after it.
+        (trials, m, m); an (m, m) array is always a covariance. Or a callable of x that returns
+        either: the weights are constant within a step and updated between steps. It is called after
+        `linearise`, with the same x.
     scale : (p,) array
         Typical size of each parameter, positive; it makes singular values free of units.
     priors : tuple of Gaussian
-        Knowledge from elsewhere; factors of each other where they share a name.
+        Independent priors; those that share a name multiply.
     gauges : tuple of Gauge
         Exact constraints.
     wanted : tuple of str, optional
-        The parameters asked for (all, when empty); the others are nuisances.
+        The parameters to estimate (all, when empty); the others are nuisances.
     observations : tuple of str, optional
         One label for each of the m observations.
     known_nulls : tuple of (words, direction)
         Directions that a method knows to be unobservable in some plans, with their names: a vector
         (p,) or vectors (k, p) in the parameters' units, or a callable of x (p,) giving them.
     rounding : float
-        Relative error of χ² by the rounding of `linearise`: a fall of less says nothing.
+        Relative error of χ² by the rounding of `linearise`; a smaller fall is not significant.
     candidates : callable, optional
-        From the solution x (p,) to the parameters that the problem leaves out or takes as known,
-        with the derivatives of the observations, not whitened; each gets a score test. Called for
-        a problem without trials alone.
+        From the solution x (p,) to the parameters that the problem omits or takes as known, with
+        the derivatives of the observations, not whitened; each gets a score test. Called only for a
+        problem without trials.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A problem made ready for solving: checked, whitened, priors as rows, gauges as a basis.
+"""A problem in the form that solvers take: checked, whitened, priors as rows, gauges as a basis.
 
 The free coordinates t reach the parameters by x = x₀ + B t. Without gauges B is the identity;
 with gauges C x = d its columns span the null space of C (scaled), so every x is exact in C.
@@ -24,7 +24,7 @@ class LinearisationPoint(NamedTuple):
     x: Array  # (trials, p)
     residual: Array  # y − h(x), (trials, m)
     rows: Array  # ∂h/∂t, (1 or trials, m, k), decorrelated where the noise is correlated
-    weight: Array  # what whitens a row of it, (1 or trials, m)
+    weight: Array  # factor that whitens each row, (1 or trials, m)
     whitened: Array  # whitened residual, (trials, m)
     prior: Array  # whitened μ − x, (trials, b)
 
@@ -37,7 +37,7 @@ class Whitener(NamedTuple):
 
 
 class WhitenedProblem:
-    """What the solvers need of a problem.
+    """A checked and whitened problem.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class WhitenedProblem:
         self.first = self.point(
             self.start, *self._with_trials(residual, jacobian), self.first_whitener
         )
-        # What is known of the nuisances alone, for the judgement of what the data see.
+        # Observability counts the priors of nuisances, not those of wanted parameters.
         known = [prior.marginal(problem.nuisances) for prior in problem.priors]
         nuisance = [prior.rows(problem.names)[0] for prior in known if prior]
         self.nuisance_rows = np.concatenate([np.zeros((0, p)), *nuisance])
@@ -116,7 +116,7 @@ class WhitenedProblem:
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
         """Return residual (trials, m) and Jacobian (1 or trials, m, p) at x (trials, p)."""
-        # Far from the solution a model may overflow; such a point is refused by its cost.
+        # Far from the solution a model may overflow; the search rejects this point by its cost.
         with np.errstate(all="ignore"):
             residual, jacobian = self.problem.linearise(x[0] if self.single else x)
         return self._with_trials(residual, jacobian)

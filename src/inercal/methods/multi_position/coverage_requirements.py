@@ -1,4 +1,4 @@
-"""Refusal of rests and turns that leave coefficients open.
+"""Refusal of rests and turns that do not determine the coefficients.
 
 A combination of coefficients is not observed where the errors of a geometry
 (`attitude_coverage.GeometryErrors`) would shift it by a tenth of its natural size (10 % of scale,
@@ -86,7 +86,7 @@ def geometry_information(rests: Rests, priors: Sequence[Gaussian]) -> Array:
 
 
 def _attitude_count(rests: int, coefficients: int) -> int:
-    """Return how many attitudes to name: as many as are missing by count, and a few at least."""
+    """Return how many attitudes to name: the number of missing rests, and 4 at least."""
     return max(coefficients + 3 - rests, 4)
 
 
@@ -113,6 +113,6 @@ def _coverage_gaps(rests: Rests, ups: Array) -> str:
 
 
 def attitudes_in_words(ups: Sequence[Array]) -> str:
-    """Return attitudes as what to do."""
+    """Return attitudes as an instruction."""
     holds = [Hold("", (float(x), float(y), float(z)), 0.0) for x, y, z in ups]
     return f"hold {'; '.join(hold.describe() for hold in holds)}"

@@ -36,7 +36,7 @@ class RowCovariance(NamedTuple):
 
 
 def row_covariance(rests: Rests, rows: ResidualRows, scatter: Scatter) -> RowCovariance:
-    """Return how the rows scatter: the readings' noise propagated at `rows`."""
+    """Return the covariance of the rows: the readings' noise propagated at `rows`."""
     readings = rests.reading_covariance(scatter)
     enter, own = reading_sensitivities(rests, rows), np.zeros((0, 2, 2))
     turns = rows.rotations

@@ -9,8 +9,8 @@
 
 3. `fit_jointly`: all rows at once, with the scatter found before, started from there.
 
-`score_tests` tests what the fits leave out by the noise before any scatter is added, which would
-hide it: at the solution by that noise, close to the last stage's.
+`score_tests` tests what the fits omit with the noise before any scatter is added, because the
+added scatter would hide it. It uses the solution by that noise, near the solution of the last fit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -56,7 +56,7 @@ KNOWN_QUANTITIES = ("g", "earth_1", "earth_2", "earth_up", "timebase")
 
 @dataclass(frozen=True, eq=False)
 class FitStage:
-    """How far the fits have come.
+    """The result of one of the fits.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class FitStage:
         nominal.
     scatter : Scatter
     groups : tuple of ResidualGroup
-        Judged so far; χ² before any excess.
+        Kinds of rows tested so far; χ² before any excess.
     """
 
     estimate: Estimate
@@ -81,7 +81,7 @@ def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
     Raises
     ------
     NotObserved
-        Coefficients that the attitudes leave open.
+        Coefficients that the attitudes do not determine.
     """
     alone = Rests(rests.observations, rests.force, rests.bench)
     p = len(rests.force.coefficients)
@@ -106,7 +106,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     Raises
     ------
     NotObserved
-        Coefficients that the turns leave open.
+        Coefficients that the turns do not determine.
     """
     assert rests.transitions is not None
     sensor, p = rests.sensor, len(rests.force.coefficients)

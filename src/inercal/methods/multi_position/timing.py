@@ -1,9 +1,8 @@
 """The gyros' delay against the accelerometers, from the way between rests.
 
-Gravity's direction u, carried along by the rate, moves as u̇ = u × ω. If the gyros lag by τ, so
-does u, and the specific force runs ahead of g u by τ g u × ω. Each transition gives the τ that fits
-it best; what the hand's own acceleration does to that differs between transitions, so that their
-scatter is its uncertainty.
+Gravity's direction u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u,
+and the specific force is ahead of g u by τ g u × ω. Each transition gives the τ of its best fit.
+The hand's acceleration changes these values independently, so their scatter gives the uncertainty.
 """
 
 import numpy as np

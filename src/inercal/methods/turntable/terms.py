@@ -5,7 +5,7 @@ A reading is affine in the coefficients, and its terms are of second degree in t
     y = N u + Σ_m c_m e_a(m) (T_m · φ(f, ω)),   φ = (1, f, ω, fx², fy², fz², fx fy, fx fz, fy fz)
 
 with u = f or ω, e_a the axis that coefficient m belongs to. Of a sensor that depends on temperature
-φ goes on with ΔT times all of these, and ΔT².
+φ also has ΔT times all of these, and ΔT².
 """
 
 from dataclasses import replace
@@ -21,7 +21,7 @@ from inercal.sensors import G0, Sensor
 
 BASIS = 13
 BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ
-TEMPERATURE = BASIS  # where ΔT times all of these begins, and after them ΔT² stands
+TEMPERATURE = BASIS  # index of ΔT times all of these, before ΔT²
 
 
 class Terms(NamedTuple):
@@ -30,7 +30,7 @@ class Terms(NamedTuple):
     nominal: Array  # N, (3, 3)
     axis: NDArray[np.int64]  # a(m), (p,)
     weights: Array  # T, (p, BASIS), or (p, 2 BASIS + 1) where the sensor depends on temperature
-    first: int  # where u begins in φ
+    first: int  # index of u in φ
 
     @property
     def bias(self) -> NDArray[np.bool_]:

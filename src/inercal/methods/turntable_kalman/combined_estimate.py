@@ -1,4 +1,4 @@
-"""Both filters over one track, and the estimate that they make together."""
+"""Both filters over one track, and their combined estimate."""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -45,7 +45,7 @@ def run_filter(
 ) -> FilterResult:
     """Run the filter of the gyros ("w") or of the accelerometers ("f") over one trial's track.
 
-    And back where that is wanted.
+    `smooth`: smooth the states that vary with time, and keep the data of the tests.
     """
     result = config.filter(kind, sensor, bench, track, priors)
     run = result.begin(track)
@@ -83,10 +83,10 @@ def estimate_by_filters(
     observations : Observations
         With the track that the filters follow.
     sensor : Sensor
-        Triads of gyros and of accelerometers; gyros alone are found too.
+        Triads of gyros and of accelerometers, or one of them.
     bench : Turntable
     steps : sequence of Position or Rotation
-        Unused: the readback says what was done.
+        Unused: the readback gives the motion.
     priors : sequence of Gaussian
         On coefficients.
     config : FilterConfig
@@ -97,7 +97,7 @@ def estimate_by_filters(
         No track, no rest at its start, a sensor that the filters do not take, or a prior that joins
         gyros and accelerometers.
     NotObserved
-        Directions that the run does not decide.
+        Directions that the run does not determine.
     """
     if observations.track is None:
         raise InputError(
@@ -108,7 +108,7 @@ def estimate_by_filters(
     priors = split_priors(sensor, priors)
     lead = track.reading.shape[:-2]
     trials = [
-        # Of several trials the first one's course is kept.
+        # Of several trials only the first has a smoothed course and tests.
         [
             run_filter(kind, sensor, bench, track.trial(*k), config, priors, smooth=not any(k))
             for kind in FILTER_KINDS
@@ -126,7 +126,7 @@ def estimate_by_filters(
         for one in trials[0]
     ]
     result = [_combine_filters(names, trial, own) for trial in trials]
-    # An R above the noise makes the tests of means less sharp, not wrong: biases still add up.
+    # An R above the noise makes the tests of means less powerful but not wrong.
     checked = [one.test_data for one in trials[0] if one.test_data]
     q, p = len(names), len(sensor.coefficients)
     value = np.array([one[0] for one in result]).reshape(*lead, q)
@@ -164,10 +164,10 @@ def estimate_by_filters(
 def _table_sensitivities(
     names: tuple[str, ...], parts: Sequence[FilterResult], bench: Turntable
 ) -> dict[str, Array]:
-    """Return how coefficients move with what is stated of the table, (q,) by its parameters.
+    """Return the sensitivity of the coefficients to the table's stated values, (q,) by parameter.
 
-    Each filter has its own estimate of the table, and so its own part of every column. Gravity is
-    no state: of accelerometers it is a factor on what they read.
+    Each filter estimates the table separately, and so gives its part of every column. Gravity is
+    no state: it is a factor on the accelerometers' readings.
     """
     declared, moved = bench.acting_parameters(), dict[str, Array]()
     for one in parts:
@@ -209,7 +209,7 @@ def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
 def _notes(
     parts: Sequence[FilterResult], config: FilterConfig, bench: Turntable
 ) -> tuple[str, ...]:
-    """Say how innovations agree, and what the uncertainties do not hold."""
+    """Return notes on the innovations and on errors that the uncertainties do not include."""
     result = [describe_innovations(one) for one in parts]
     result += [words for one in parts if (words := _prior_share_note(one))]
     if not config.table and (bench.square > 0 or any(bench.harmonics)):
@@ -231,7 +231,7 @@ def _notes(
 
 
 def _prior_share_note(one: FilterResult) -> str:
-    """Say what rests on the guess before the data in some measure."""
+    """Return a note on directions that the assumed sizes of coefficients determine in part."""
     p = len(one.triad.sensor.coefficients)
     share, found = model.prior_dominated_directions(one.triad, one.covariance[:p, :p])
     if not found:
@@ -244,10 +244,10 @@ def _prior_share_note(one: FilterResult) -> str:
 
 
 def _owners(parts: Sequence[FilterResult]) -> dict[str, FilterResult]:
-    """Return, by parameter of the table, the filter that knows it better.
+    """Return, by parameter of the table, the filter with the smaller variance.
 
-    Each has its own estimate, with its own correlations: one value of the one with correlations of
-    the other would be no covariance.
+    Each filter has its own correlations: a value of one with the correlations of the other would
+    give no valid covariance.
     """
     found: dict[str, tuple[float, FilterResult]] = {}
     for one in parts:
@@ -269,9 +269,9 @@ def _table_states(one: FilterResult) -> list[str]:
 def _combine_filters(
     names: tuple[str, ...], parts: Sequence[FilterResult], own: Sequence[Sequence[str]]
 ) -> tuple[Array, Array, float]:
-    """Return value and covariance in order, by both filters as independent, and the sum of NIS.
+    """Return value and covariance in the order of `names`, and the sum of NIS.
 
-    Of each filter those of its states that are its `own`.
+    The filters are taken as independent; `own` are the names that each of them gives.
     """
     value, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
     for one, taken in zip(parts, own, strict=True):
@@ -280,7 +280,7 @@ def _combine_filters(
         value[at] = one.value[k]
         ratio, first = variance_inflation(one), at[: len(one.shared_covariance)]
         covariance[np.ix_(at, at)] = ratio * one.covariance[np.ix_(k, k)]
-        # Innovations say nothing of an error that all of them share.
+        # Innovations do not test gravity, whose error is in none of them.
         covariance[np.ix_(first, first)] -= (ratio - 1) * one.shared_covariance
     return value, covariance, sum(one.nis for one in parts)
 
