@@ -242,12 +242,9 @@ class ScoreTestSet:
             return 1.0
         if p_value is None and self._scheffe_is_sharper:
             return chi2_tail_probability(score.chi2, self.span, self.noise_dof)
-        p = (
-            chi2_tail_probability(score.chi2, score.dof, self.noise_dof)
-            if p_value is None
-            else p_value
-        )
-        return min(1.0, p * self._weights / _level_weight(score.dof))
+        if p_value is None:
+            p_value = chi2_tail_probability(score.chi2, score.dof, self.noise_dof)
+        return min(1.0, p_value * self._weights / _level_weight(score.dof))
 
     @cached_property
     def _weights(self) -> float:

@@ -340,11 +340,8 @@ def _trend(
         assert correlation is not None
         halves = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2)))
         for place, level in enumerate(one.levels[1:_OF_SLOPES], 2):
-            shape = (
-                float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
-                / halves
-            )
-            total += float(np.sum((level[:, used] / size[used]) ** 2)) / shape
+            shape = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
+            total += float(np.sum((level[:, used] / size[used]) ** 2)) / (shape / halves)
             dof += level[:, used].size
     sd = np.sqrt(total / dof / square) * size
     if not total > 0:

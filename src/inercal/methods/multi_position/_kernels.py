@@ -196,11 +196,8 @@ def delay_sums(
             if i > left[k]:
                 # u turns by u × ω; the middle of the step makes it second order.
                 h = 0.5 * (time[i] - time[i - 1])
-                p, q, r = (
-                    h * (last[3] + sensed[3]),
-                    h * (last[4] + sensed[4]),
-                    h * (last[5] + sensed[5]),
-                )
+                p, q = h * (last[3] + sensed[3]), h * (last[4] + sensed[4])
+                r = h * (last[5] + sensed[5])
                 u = x + 0.5 * (y * r - z * q)
                 v = y + 0.5 * (z * p - x * r)
                 w = z + 0.5 * (x * q - y * p)

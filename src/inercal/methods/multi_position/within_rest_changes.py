@@ -117,11 +117,8 @@ def step_candidates(
     rests: Rests, rows: ResidualRows, changed: RestChanges
 ) -> Iterator[tuple[Candidate, Array]]:
     """Yield a step in the middle of each rest: its rows of the fit, not whitened, and (3 r, m)."""
-    enter, m, r = (
-        reading_sensitivities(rests, rows)[..., : rests.m],
-        rests.m,
-        len(rests.observations.labels),
-    )
+    m, r = rests.m, len(rests.observations.labels)
+    enter = reading_sensitivities(rests, rows)[..., :m]
     names = [axis.name for axis in rests.sensor.axes[:m]]
     for k, label in enumerate(rests.observations.labels):
         own = np.zeros_like(enter)

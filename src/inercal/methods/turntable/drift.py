@@ -42,10 +42,8 @@ from inercal.sensors import Noise
 
 MIN_FLICKER_SPAN = 1e4  # s, of the flicker's states at least
 _SHORTEST_TIME, _LONGEST_TIME_SHARE = 0.8, 0.42  # the shortest time, s; the longest, of the span
-_VARIANCE_FACTOR, _END_VARIANCE_FACTOR = (
-    0.98,
-    1.17,
-)  # of B² ln r/π: all, and both ends beyond that; least deviation
+# Of B² ln r/π: factor of all variances, and further factor of the two ends; least deviation.
+_VARIANCE_FACTOR, _END_VARIANCE_FACTOR = 0.98, 1.17
 _PLACEHOLDER_TIME = 1.0  # s; of a drift of variance zero
 
 

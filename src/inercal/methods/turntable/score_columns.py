@@ -137,13 +137,10 @@ def sensor_columns(
         for a, axis in enumerate(part.sensor.axes):
             drift[:, a, 3 * k + a] = shape
             name = f"drift of {axis.name}"
+            families = (f"drift of {_TRIAD_NAMES[kind]}", name)
             if k > 0:
-                name, families = (
-                    f"mode {k} of {axis.name}",
-                    (f"slow changes of {_TRIAD_NAMES[kind]}",),
-                )
-            else:
-                families = f"drift of {_TRIAD_NAMES[kind]}", name
+                name = f"mode {k} of {axis.name}"
+                families = (f"slow changes of {_TRIAD_NAMES[kind]}",)
             largest = LARGEST_RELATIVE_SIZE * (G0 if kind == "f" else 1.0)
             columns.append(ConstantColumn(name, "time", _UNITS[kind], largest, families))
     return tuple(columns), np.concatenate([design, drift], axis=-1)

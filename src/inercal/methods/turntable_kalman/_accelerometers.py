@@ -230,10 +230,8 @@ def _begin_hold(e: int, run: VelocityRun, to: Transition) -> None:
     keep[:] = 1.0
     drawn[:] = 0.0
     for k in range(3):
-        driven[k, k], driven[3 + k, 3 + k] = (
-            settings.velocity_variance,
-            settings.hold_attitude_variance,
-        )
+        driven[k, k] = settings.velocity_variance
+        driven[3 + k, 3 + k] = settings.hold_attitude_variance
     for s in range(own, keep.size):
         keep[s], drawn[s] = 0.0, readback.hold_variance[e, s - own]
         state.x[s] = 0.0

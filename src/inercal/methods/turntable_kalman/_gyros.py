@@ -143,20 +143,11 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
     used, m, by, phi, cm, half, mean, u, turn, fed = done
-    c, result, before, times, past = (
-        state.c,
-        state.sensitivity_integral,
-        state.rates,
-        state.times,
-        state.attitudes,
-    )
+    c, result, before = state.c, state.sensitivity_integral, state.rates
+    times, past = state.times, state.attitudes
     earth, white, gravity, gap = model.earth, model.white, model.gravity, settings.gap
-    newest, now, kinks, lost = (
-        state.newest_row[0],
-        state.time[0],
-        state.acceleration_variance[0],
-        state.alignment_due[0],
-    )
+    newest, now = state.newest_row[0], state.time[0]
+    kinks, lost = state.acceleration_variance[0], state.alignment_due[0]
     sums, step, ended = state.sensitivity_integrals, state.time[3], state.time[4]
     squares, warmed = used[-1] >= SQUARE, warmth.size > 0
     for i in range(first, end):
@@ -213,13 +204,9 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
                 past[newest, k, j] = c[k, j]
                 for b in used:
                     sums[newest, b, k, j] = result[b, k, j]
-    state.newest_row[0], state.time[0], state.acceleration_variance[0], state.alignment_due[0] = (
-        newest,
-        now,
-        kinks,
-        lost,
-    )
-    state.time[3], state.time[4] = step, ended
+    state.newest_row[0], state.alignment_due[0] = newest, lost
+    state.time[0], state.time[3], state.time[4] = now, step, ended
+    state.acceleration_variance[0] = kinks
     return end
 
 

@@ -103,13 +103,12 @@ class AccelerometerFilter(Filter[VelocityState]):
         )
         first, prior = model.initial_estimate(part, priors, model.coarse_bias(bench, track, part))
         seen = linear_misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
+        chosen = {"exact": (), "lean": _BASE_PARAMETERS}.get(table)
         kept = tuple(
             q
             for q in seen
-            if q.sd > 0
-            and (q.name in _BASE_PARAMETERS or (table == "whole" and q.name != "azimuth"))
+            if q.sd > 0 and (q.name != "azimuth" if chosen is None else q.name in chosen)
         )
-        kept = () if table == "exact" else kept
         return cls(part, bench, prior, first, kept, table == "lean", readback_sd, velocity_sd)
 
     @property

@@ -37,9 +37,7 @@ class FilterEstimate(NamedTuple):
 
     value: Array  # (s,)
     covariance: Array  # (s, s)
-    shared_covariance: (
-        Array  # (p, p), part of the coefficients' that no innovation shows: gravity's
-    )
+    shared_covariance: Array  # (p, p), of the coefficients by gravity, which no innovation shows
 
 
 @dataclass(frozen=True, eq=False)

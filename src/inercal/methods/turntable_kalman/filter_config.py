@@ -23,9 +23,8 @@ class FilterConfig(NamedTuple):
     bias_drift: bool
     table: bool  # right angles and harmonics in the gyros' filter
     accelerometer_table: Literal["whole", "lean", "exact"]  # of the accelerometers' filter
-    source_readback_sd: (
-        tuple[float, float] | None
-    )  # rad, of the attitude in each filter; None is the bench's
+    # rad, of the attitude in each filter; None is that of the bench
+    source_readback_sd: tuple[float, float] | None
     velocity_sd: float  # m/s
 
     def readback_sd(self, bench: Turntable) -> tuple[float, float | None]:

@@ -34,9 +34,7 @@ class InnovationTestData(NamedTuple):
 
     name: str
     time: Array  # (e,) s
-    standardised_innovations: (
-        Array  # (e, m), innovations over their standard deviations; NaN where none
-    )
+    standardised_innovations: Array  # (e, m), over their standard deviations; NaN where none
     states: tuple[str, ...]
     columns: tuple[ConstantColumn, ...]
     sums: OmittedSums | None  # of the columns
@@ -83,10 +81,8 @@ def innovation_test_data(
         )
     else:
         some = columns.accelerometer_columns(at)
-        start, seen = (
-            _initial_sensitivity(made, some),
-            some.observed_effects[:, : steps.s.shape[1] - phi],
-        )
+        start = _initial_sensitivity(made, some)
+        seen = some.observed_effects[:, : steps.s.shape[1] - phi]
         sums = omitted_constant_sums(
             steps, start, some.driving_effects, 0, seen, phi, made.tested_components
         )

@@ -42,10 +42,7 @@ _LATENCY_COVERAGE = 4.0  # standard deviations
 _MAX_LATENCY_SPAN = 0.1
 # Samples of the ring beyond those: two at either end for a cubic, and uneven steps
 _SPARE_SAMPLES = 8
-_DURATION_FACTOR, _PAUSE_ALLOWANCE = (
-    2.0,
-    600.0,
-)  # as long as planned, and s: what a run with pauses may take
+_DURATION_FACTOR, _PAUSE_ALLOWANCE = 2.0, 600.0  # of the planned duration, and s, for pauses
 _TIMING_PARAMETERS = ("latency", "clock", "azimuth")
 _ALIGNMENT_SD = 60 * ARCSEC  # sd of φ where the attitude is taken from the table
 
