@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from inercal.estimate import Cauchy, Gaussian, Huber, Problem, least_squares
+from inercal.estimate import Cauchy, Gaussian, Problem, least_squares
 
 Array = NDArray[np.float64]
 SEEDS = [11, 22, 33]
@@ -73,11 +73,8 @@ def test_no_bias_and_the_variance_of_cramer_and_rao(seed: int):
     assert np.all(np.abs(ratio - 1) < 4 / np.sqrt(2 * TRIALS) + 0.02)
 
 
-@pytest.mark.parametrize("loss", [Huber(), Cauchy()])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_robust_losses_state_their_uncertainty_with_and_without_outliers(
-    loss: Huber | Cauchy, seed: int
-):
+def test_a_robust_loss_states_its_uncertainty_with_and_without_outliers(seed: int):
     rng = np.random.default_rng(seed)
     m, p, trials = 80, 4, 500
     design = rng.normal(size=(m, p))
@@ -95,7 +92,7 @@ def test_robust_losses_state_their_uncertainty_with_and_without_outliers(
                 np.full(m, SD),
                 np.ones(p),
             ),
-            loss,
+            Cauchy(),
         )
         assert estimate.converged.all()
         error = estimate.value - truth
@@ -120,14 +117,13 @@ def test_without_a_loss_the_same_outliers_ruin_the_fit():
         np.full(80, SD),
         np.ones(4),
     )
-    plain, robust = least_squares(flat), least_squares(flat, Huber())
+    plain, robust = least_squares(flat), least_squares(flat, Cauchy())
     assert plain.birge > 5
     assert np.linalg.norm(plain.value) > 5 * np.linalg.norm(robust.value)
 
 
-@pytest.mark.parametrize("loss", [Huber(), Cauchy()])
-def test_weight_and_slope_are_those_of_the_cost(loss: Huber | Cauchy):
-    u = np.linspace(-9, 9, 38)  # no point on a kink
+def test_weight_and_slope_are_those_of_the_cost():
+    loss, u = Cauchy(), np.linspace(-9, 9, 38)
     step = 1e-6
     psi = (loss.cost(u + step) - loss.cost(u - step)) / (4 * step)
     np.testing.assert_allclose(loss.weight(u) * u, psi, atol=1e-8)

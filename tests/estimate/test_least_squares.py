@@ -6,9 +6,10 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.optimize import least_squares as scipy_least_squares
+from tests.refusals import refused
 
-from inercal.errors import InputError, NotObserved
-from inercal.estimate import Gauge, Gaussian, Problem, least_squares, linear_least_squares
+from inercal.errors import NotObserved
+from inercal.estimate import Gauge, Gaussian, Problem, least_squares
 
 Array = NDArray[np.float64]
 NAMES = ("a", "b", "c", "d")
@@ -230,22 +231,20 @@ def test_a_model_that_overflows_on_the_way_is_survived(trials: int | None, noise
     assert_allclose(estimate.value, np.full(start.shape, 0.5), rtol=1e-12)
 
 
-def test_linear_and_least_squares_agree_where_the_model_is_linear():
+def test_a_linear_model_has_the_solution_of_linear_algebra():
     rng = np.random.default_rng(0)
     design, y = rng.normal(size=(9, 4)), rng.normal(size=(30, 9))
     flat = Problem(NAMES, np.zeros(4), lambda x: (y - x @ design.T, design), np.ones(9), np.ones(4))
-    one, other = linear_least_squares(flat), least_squares(flat)
+    one = least_squares(flat)
     assert one.converged.all()
-    assert_allclose(one.value, other.value, rtol=1e-10)
     expected = np.linalg.lstsq(design, y.T, rcond=None)[0].T
     assert_allclose(one.value, expected, rtol=1e-10)
 
 
 def test_what_is_unobserved_is_refused_by_name():
     given = problem(data(), start=np.array([2.0, 1.3, 0.0, 0.7]))
-    with pytest.raises(NotObserved, match="1 combination of parameters free: d; ") as caught:
+    with refused(NotObserved, directions=("d",), names=("d",)):
         least_squares(given)
-    assert caught.value.directions == ("d",)
     # A prior covers it, and the estimate still says that the data do not see it.
     prior = Gaussian.independent(("d",), 0.7, 0.1)
     estimate = least_squares(replace(given, priors=(prior,)))
@@ -256,5 +255,5 @@ def test_what_is_unobserved_is_refused_by_name():
 def test_values_that_are_not_finite_at_the_start_are_refused():
     y = data()
     y[4] = np.nan
-    with pytest.raises(InputError, match="not finite at the start"):
+    with refused(key="linearise"):
         least_squares(problem(y))

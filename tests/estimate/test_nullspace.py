@@ -1,12 +1,10 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gauge, Gaussian, Problem, least_squares, linear_least_squares
+from inercal.estimate import Gauge, Gaussian, Problem, least_squares
 
 Array = NDArray[np.float64]
 
@@ -30,12 +28,11 @@ def flat(
     )
 
 
-def refused(
-    problem: Problem, solver: Callable[[Problem], Estimate] = linear_least_squares
-) -> tuple[str, ...]:
+def refused(problem: Problem) -> tuple[str, ...]:
     with pytest.raises(NotObserved) as caught:
-        solver(problem)
-    assert all(words in str(caught.value) for words in caught.value.directions)
+        least_squares(problem)
+    named = {word for words in caught.value.directions for word in words.split()}
+    assert set(caught.value.names) >= named & set(problem.names)  # words list the largest alone
     return caught.value.directions
 
 
@@ -84,7 +81,7 @@ def test_null_directions_of_random_designs_are_null_and_complete():
         design = rng.normal(size=(m, rank)) @ rng.normal(size=(rank, p)) / scale
         names = tuple(f"p{i}" for i in range(p))
         prior = Gaussian(names, np.zeros(p), np.diag(scale**2))
-        estimate = linear_least_squares(flat(names, design, scale, priors=(prior,)))
+        estimate = least_squares(flat(names, design, scale, priors=(prior,)))
         assert estimate.rank == rank
         assert len(estimate.null_directions) == p - rank
         weights = np.array(
@@ -102,7 +99,7 @@ def test_a_nuisance_without_prior_hides_what_it_resembles():
     problem = flat(("k", "other", "drift"), design, wanted=("k", "other"))
     assert refused(problem) == ("k",)
     known = Gaussian.independent(("drift",), 0.0, 0.1)
-    estimate = linear_least_squares(
+    estimate = least_squares(
         flat(("k", "other", "drift"), design, wanted=("k", "other"), priors=(known,))
     )
     assert estimate.null_directions == ()
@@ -125,7 +122,7 @@ def test_singular_values_are_those_of_the_marginal_information():
     names = tuple("abcdef")
     scale = rng.uniform(0.1, 10, size=6)
     prior = Gaussian.independent(("e", "f"), 0.0, sd)
-    estimate = linear_least_squares(flat(names, design, scale, wanted=names[:4], priors=(prior,)))
+    estimate = least_squares(flat(names, design, scale, wanted=names[:4], priors=(prior,)))
     marginal = estimate.covariance[:4, :4] / np.outer(scale[:4], scale[:4])
     expected = np.sort(1 / np.sqrt(np.linalg.eigvalsh(marginal)))[::-1]
     assert_allclose(estimate.singular_values, expected, rtol=1e-9)
@@ -144,7 +141,7 @@ def test_a_nuisance_fitted_away_from_its_mean_does_not_make_a_coefficient_seen()
     problem = Problem(
         ("tilt", "k"), np.zeros(2), linearise, np.full(3, 1e-3), np.ones(2), (prior,), wanted=("k",)
     )
-    assert refused(problem, least_squares) == ("k",)
+    assert refused(problem) == ("k",)
 
 
 def test_an_accident_at_the_solution_is_refused_too():
@@ -156,8 +153,7 @@ def test_an_accident_at_the_solution_is_refused_too():
         return -a * c, np.stack([c, -a * t * s], axis=-1)
 
     problem = Problem(("a", "b"), np.array([1.0, 0.5]), linearise, np.ones(4), np.ones(2))
-    with pytest.raises(NotObserved, match="free: b;"):
-        least_squares(problem)
+    assert refused(problem) == ("b",)
 
 
 def norms(extra: bool = True) -> Problem:
@@ -186,7 +182,7 @@ def norms(extra: bool = True) -> Problem:
 
 
 def test_known_null_directions_come_first_by_their_name():
-    directions = refused(norms(), least_squares)
+    directions = refused(norms())
     assert directions == (
         "rotation of the frame: xy − yx (in units of their typical size)",
         "rotation of the frame: xz − zx (in units of their typical size)",

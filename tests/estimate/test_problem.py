@@ -1,15 +1,13 @@
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.refusals import refused
 
-from inercal.errors import InputError
-from inercal.estimate import Estimate, Gauge, Gaussian, Problem, least_squares, linear_least_squares
+from inercal.estimate import Gauge, Gaussian, Problem, least_squares
 
-Solver = Callable[[Problem], Estimate]
 DESIGN = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]])
 GOOD = Problem(
     ("a", "b"),
@@ -22,44 +20,47 @@ GOOD = Problem(
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "key", "names"),
     [
-        ({"names": ("a", "a")}, "parameter named twice: a"),
-        ({"start": np.zeros(3)}, r"start has shape \(3,\); expected \(2,\) or \(trials, 2\)"),
-        ({"start": np.array([0, np.nan])}, "start is not finite"),
-        ({"scale": np.array([1.0, 0.0])}, "scale must be 2 finite, positive sizes"),
-        ({"wanted": ("c",)}, "wanted: no parameter 'c'; this problem has a, b"),
-        ({"priors": (Gaussian.independent(("c",), 0, 1),)}, "prior: no parameter 'c'; .* a, b"),
-        ({"gauges": (Gauge("w", ("c",), np.ones((1, 1)), np.ones(1)),)}, "gauge: no parameter 'c'"),
+        ({"names": ("a", "a")}, "names", "a"),
+        ({"start": np.zeros(3)}, "start", ""),
+        ({"start": np.array([0, np.nan])}, "start", "b"),
+        ({"scale": np.array([1.0, 0.0])}, "scale", ""),
+        ({"wanted": ("c",)}, "wanted", "c"),
+        ({"priors": (Gaussian.independent(("c",), 0, 1),)}, "prior", "c"),
+        ({"gauges": (Gauge("w", ("c",), np.ones((1, 1)), np.ones(1)),)}, "gauge", "c"),
     ],
 )
-def test_a_malformed_problem_is_refused_in_words(change: dict[str, Any], message: str):
-    with pytest.raises(InputError, match=message):
+def test_a_malformed_problem_is_refused_by_its_argument(
+    change: dict[str, Any], key: str, names: str
+):
+    with refused(key=key, names=names):
         replace(GOOD, **change)
 
 
-@pytest.mark.parametrize("solver", [linear_least_squares, least_squares])
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "key", "names"),
     [
-        ({"noise": np.ones(4)}, r"noise has shape \(4,\); expected standard deviations \(3,\)"),
-        ({"noise": np.array([1, 0.0, 1])}, "standard deviation of observation second is not posit"),
-        ({"noise": np.ones((3, 3))}, "noise: the covariance is not positive definite"),
-        ({"noise": np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]])}, "noise: .* not symmetric"),
-        ({"noise": np.diag([1, np.nan, 1])}, "noise: the covariance is not finite"),
-        ({"observations": ("one",)}, "1 labels for 3 observations"),
-        ({"linearise": lambda x: (np.ones(3), DESIGN.T)}, r"Jacobian has shape \(2, 3\); expected"),
-        ({"linearise": lambda x: (np.full(3, np.inf), DESIGN)}, "not finite at the start"),
+        ({"noise": np.ones(4)}, "noise", ()),
+        ({"noise": np.array([1, 0.0, 1])}, "noise", ("second",)),
+        ({"noise": np.ones((3, 3))}, "covariance", ()),  # singular
+        ({"noise": np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]])}, "covariance", ()),
+        ({"noise": np.diag([1, np.nan, 1])}, "covariance", ()),
+        ({"observations": ("one",)}, "observations", ()),
+        ({"linearise": lambda x: (np.ones(3), DESIGN.T)}, "linearise", ()),
+        ({"linearise": lambda x: (np.full(3, np.inf), DESIGN)}, "linearise", ()),
         (
             {"start": np.zeros((4, 2)), "linearise": lambda x: (np.ones((5, 3)), DESIGN)},
-            "numbers of trials differ",
+            "start",
+            (),
         ),
         (
             {
                 "start": np.zeros((4, 2)),
                 "linearise": lambda x: (np.ones((4, 3)), np.ones((5, 3, 2))),
             },
-            "numbers of trials differ",
+            "start",
+            (),
         ),
         (
             {
@@ -68,29 +69,30 @@ def test_a_malformed_problem_is_refused_in_words(change: dict[str, Any], message
                     Gauge("two", ("a",), np.ones((1, 1)), np.ones(1)),
                 )
             },
-            "gauges repeat one another: one; two",
+            "gauge",
+            ("one", "two"),
         ),
     ],
 )
-def test_what_only_shows_when_solving_is_refused_in_words(
-    solver: Solver, change: dict[str, Any], message: str
+def test_what_only_shows_when_solving_is_refused_by_its_argument(
+    change: dict[str, Any], key: str, names: tuple[str, ...]
 ):
-    with pytest.raises(InputError, match=message):
-        solver(replace(GOOD, **change))
+    with refused(key=key, names=names):
+        least_squares(replace(GOOD, **change))
 
 
 def test_priors_and_gauges_are_checked_when_made():
-    with pytest.raises(InputError, match=r"prior on a, b: mean \(1,\) and covariance \(2, 2\)"):
+    with refused(key="mean", names=("a", "b")):
         Gaussian(("a", "b"), np.zeros(1), np.eye(2))
-    with pytest.raises(InputError, match=r"prior on a: .* not symmetric with a positive diagonal"):
+    with refused(key="covariance", names=("a",)):
         Gaussian.independent(("a",), 0.0, 0.0)
-    with pytest.raises(InputError, match=r"prior on a, b: .* not positive definite"):
+    with refused(key="covariance", names=("a", "b")):
         Gaussian(("a", "b"), np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]))
-    with pytest.raises(InputError, match="prior on a: a mean is not finite"):
+    with refused(key="mean", names=("a",)):
         Gaussian.independent(("a",), np.nan, 1.0)
-    with pytest.raises(InputError, match=r"gauge 'w': matrix \(2, 2\) does not fit 1 values"):
+    with refused(key="matrix", names=("a", "b")):
         Gauge("w", ("a", "b"), np.eye(2), np.zeros(1))
-    with pytest.raises(InputError, match="gauge 'w': its 2 rows are not independent"):
+    with refused(key="matrix", names=("a", "b")):
         Gauge("w", ("a", "b"), np.ones((2, 2)), np.zeros(2))
 
 

@@ -1,10 +1,9 @@
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
+from tests.refusals import refused
 
-from inercal.errors import InputError
-from inercal.estimate import Problem, linear_least_squares
+from inercal.estimate import Problem, least_squares
 
 DESIGN = np.vander(np.linspace(-1, 1, 20), 3, increasing=True)
 
@@ -19,7 +18,7 @@ def fit(sd: float, trials: int = 200):
         np.ones(3),
         wanted=("a", "c"),
     )
-    return linear_least_squares(problem)
+    return least_squares(problem)
 
 
 def test_birge_ratio_is_one_within_the_bound_and_the_root_of_reduced_chi2_beyond():
@@ -42,7 +41,7 @@ def test_five_percent_of_good_fits_are_called_inconsistent():
 
 
 def test_without_degrees_of_freedom_there_is_nothing_to_judge():
-    exact = linear_least_squares(
+    exact = least_squares(
         Problem(("a",), np.zeros(1), lambda x: (3 - x, np.eye(1)), np.ones(1), np.ones(1))
     )
     assert exact.dof == 0
@@ -58,7 +57,7 @@ def test_selection_keeps_values_with_their_covariance():
     assert_allclose(part.value, estimate.value[:, [2, 0]])
     assert_allclose(part.covariance, estimate.covariance[:, [2, 0]][:, :, [2, 0]])
     assert_allclose(part.correlation[:, 0, 1], estimate.correlation[:, 2, 0])
-    with pytest.raises(InputError, match="'d' was not estimated; there are a, b, c"):
+    with refused(names=("d",)):
         estimate.select(("d",))
 
 

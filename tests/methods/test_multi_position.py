@@ -3,6 +3,7 @@
 Sessions are made by `tests.accuracy.handheld`, which imports nothing of inercal.
 """
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -311,14 +312,9 @@ def refused(ups: ArrayLike, estimator: str, **changes: float) -> NotObserved:
     seen = observed(record(mems(rng), replace(SESSION, **changes), rng, ups=ups), sensor)
     with pytest.raises(NotObserved) as caught:
         METHOD.estimator(estimator)(seen, sensor, BENCH, ())
-    message = str(caught.value)
-    assert "add: hold" in message
-    assert len(caught.value.directions) > 0
-    named = message.partition("(free directions")[0]
-    assert any(name in named for name in sensor.coefficients)
-    for words in caught.value.directions:
-        assert words in message
-        assert any(name in words for name in sensor.coefficients)
+    named = {word for words in caught.value.directions for word in words.split()}
+    assert caught.value.names
+    assert set(caught.value.names) == named & set(sensor.coefficients)
     return caught.value
 
 
@@ -328,10 +324,7 @@ both = pytest.mark.parametrize("estimator", ["joint", "sequential"])
 @both
 def test_eight_poses_do_not_determine_nine_coefficients(estimator: str):
     error = refused(directions(8, np.random.default_rng(82)), estimator)
-    assert "8 rests for 9 coefficients" in str(error)
-    named = {word for words in error.directions for word in words.split() if word[0] in "ag"}
-    assert named
-    assert named <= {name for name in whole().coefficients if name[0] == "a"}
+    assert all(name[0] == "a" for name in error.names)
 
 
 @both
@@ -340,29 +333,23 @@ def test_poses_in_one_plane_are_refused_with_the_directions_that_are_missing(
     estimator: str, normal: tuple[float, float, float]
 ):
     ups = planar(20, normal, 1.0, np.random.default_rng(83))
-    message = str(refused(ups, estimator))
-    assert "all lie in one plane" in message
-    across = np.array(
-        [float(part) for part in message.split("across (")[1].split(")")[0].split(",")]
-    )
+    error = refused(ups, estimator)
+    numbers = re.search(r"\(([-+.\d]+), ([-+.\d]+), ([-+.\d]+)\)", str(error))
+    assert numbers is not None
+    across = np.array([float(part) for part in numbers.groups()])
     along = abs(across @ np.array(normal)) / np.linalg.norm(normal)
     assert along > np.cos(3 * DEGREE)
     if normal == (0.0, 0.0, 1.0):
-        assert "none has +z, −z up" in message
-        assert "az.k1" in message
-        first = message.split("add: ")[1]
-        assert "z up" in first or "z rises" in first
+        assert "az.k1" in error.names
 
 
 @both
 @pytest.mark.parametrize("axis", range(3))
 def test_a_gyro_turned_about_one_axis_only_leaves_the_others_open(estimator: str, axis: int):
     ups = about_one_axis(20, np.eye(3)[axis], np.random.default_rng(84))
-    message = str(refused(ups, estimator, yaw_deg=0.0))
-    named = message.partition("(free directions")[0]
-    for k in {0, 1, 2} - {axis}:
-        assert f"g{'xyz'[k]}.scale" in named
-    assert f"g{'xyz'[axis]}.scale" not in named
+    named = refused(ups, estimator, yaw_deg=0.0).names
+    scales = {name for name in named if name[0] == "g" and name.endswith(".scale")}
+    assert scales == {f"g{'xyz'[k]}.scale" for k in {0, 1, 2} - {axis}}
 
 
 @pytest.mark.parametrize("seed", [85, 86, 87])

@@ -19,6 +19,7 @@ from tests.methods.turntable_cases import (
     steps,
     truth,
 )
+from tests.refusals import refused
 
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Gaussian
@@ -105,9 +106,11 @@ def test_positions_alone_leave_scale_and_misalignment_of_gyros_open():
     made = sensor(made_by.GRADES["C"])
     draw = made_by.draw(7, 1, discrete(), made_by.GRADES["C"], hz=25.0)
     seen = rows(draw, made, lambda name: name[-1] in "pa")
-    with pytest.raises(NotObserved, match=r"gx\.scale") as refused:
+    with pytest.raises(NotObserved) as refusal:
         least_squares(seen, made, BENCH, steps(discrete(), seen.labels))
-    assert "ax." not in str(refused.value)
+    free = {word for text in refusal.value.directions for word in text.split() if "." in word}
+    assert "gx.scale" in free
+    assert not any("ax." in name for name in free)
 
 
 def test_a_prior_takes_the_place_of_what_is_missing():
@@ -118,8 +121,9 @@ def test_a_prior_takes_the_place_of_what_is_missing():
     plan = steps(discrete(), seen.labels)
     known = [n for n in made.coefficients if n in ("ax.k0", "ax.k1", "gx.scale", "gy.delta_p")]
     assert len(known) == 4
-    with pytest.raises(NotObserved, match=r"gx\.scale"):
+    with pytest.raises(NotObserved) as refusal:
         least_squares(seen, made, BENCH, plan)
+    assert any("gx.scale" in text for text in refusal.value.directions)
     prior = Gaussian.independent(made.coefficients, truth(draw, made.coefficients)[0], 1e-3)
     found = least_squares(seen, made, BENCH, plan, [prior])
     assert (found.std[0, : len(made.coefficients)] < 1.01e-3).all()
@@ -131,13 +135,13 @@ def test_steps_that_are_not_the_rows_and_other_axes_are_refused():
     draw = made_by.draw(7, 1, discrete(), hz=25.0)
     seen = rows(draw, made)
     plan = steps(discrete(), seen.labels)
-    with pytest.raises(InputError, match="give the step of each row"):
+    with pytest.raises(InputError):
         least_squares(seen, made, BENCH, plan[::-1])
     two = replace(BENCH, axes="zx")
-    with pytest.raises(InputError, match="axes"):
+    with refused(names=seen.labels[:1]):
         least_squares(replace(seen, track=None), made, two, plan)
     far = replace(seen, time=seen.time + 1e5)
-    with pytest.raises(InputError, match="has 0 samples"):
+    with refused(names=seen.labels[:1]):
         least_squares(far, made, BENCH, plan)
 
 

@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from tests.accuracy import turntable
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.estimate.kalman import predict
 from inercal.methods.turntable.drift import (
     MIN_FLICKER_SPAN,
@@ -68,7 +68,7 @@ def test_runs_below_the_span_have_the_same_states_and_longer_ones_more():
 
 
 def test_axes_of_different_correlation_times_are_refused():
-    with pytest.raises(InputError, match="correlation time"):
+    with refused(key="correlation"):
         drift_model([Noise(1.0, 1.0, correlation=t) for t in (1.0, 1.0, 2.0)], 60.0)
 
 

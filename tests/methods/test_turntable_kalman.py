@@ -24,9 +24,10 @@ from tests.methods.turntable_cases import (
     track,
     truth,
 )
+from tests.refusals import refused
 
 from inercal.benches import Turntable
-from inercal.errors import InputError, NotObserved
+from inercal.errors import NotObserved
 from inercal.estimate import FilterHistory, Gaussian, NullDirection, SmoothedStates
 from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD
@@ -306,9 +307,11 @@ def _large(direction: NullDirection) -> list[str]:
 def test_a_run_that_never_turns_about_z_names_what_it_leaves_open():
     path = [("warm-up", (0, 0, 0), 30.0), ("up", (0, 90, 0), 30.0), ("x+", 1, 360.0, 20.0)]
     made = turntable.draw(1, 1, [*path, ("rest", (0, 0, 0), 30.0)])
-    with pytest.raises(NotObserved, match=r"of 12 coefficients of the gyros.*gz\.scale") as refused:
+    with pytest.raises(NotObserved) as refusal:
         METHOD.estimator("full")(observations(made), sensor(), bench(), ())
-    assert refused.value.directions
+    assert refusal.value.directions
+    assert "gz.scale" in refusal.value.names
+    assert all(name[0] == "g" for name in refusal.value.names)
 
 
 def test_a_prior_decides_what_the_run_leaves_open(made: turntable.Draw):
@@ -457,7 +460,7 @@ def test_a_readback_is_as_late_as_is_stated(hz: float, true: float, stated: floa
 
 def test_a_latency_that_is_hardly_known_is_refused(made: turntable.Draw):
     told = bench(latency=Measured(0.0, 50e-3))
-    with pytest.raises(InputError, match=r"^\[bench\] latency: .* 400 ms; .* ± 12\.5 ms at most"):
+    with refused(key="[bench] latency"):
         GyroFilter.from_track(SENSOR, told, track(made).trial(0))
 
 
@@ -558,17 +561,17 @@ def test_a_gap_takes_the_attitude_from_the_table_anew(seconds: float):
 def test_what_the_filters_do_not_take_is_refused(made: turntable.Draw):
     seen = observations(made)
     estimate = METHOD.estimator("full")
-    with pytest.raises(InputError, match="follow a recording"):
+    with refused(key="track"):
         estimate(replace(seen, track=None), sensor(), bench(), ())
     moving = replace(seen, track=replace(track(made), hold=np.full(made.time.size, -1)))
-    with pytest.raises(InputError, match=r"rest of 0 s.*20 s"):
+    with refused(key="hold"):
         estimate(moving, sensor(), bench(), ())
     silent = replace(sensor(), axes=tuple(replace(a, noise=type(a.noise)()) for a in sensor().axes))
-    with pytest.raises(InputError, match="white"):
+    with refused(key="[sensor.gyro] white"):
         estimate(seen, silent, bench(), ())
     alike = np.array([[1e-6, 5e-7], [5e-7, 1e-6]])
     both = Gaussian(("gx.scale", "ax.k1"), np.zeros(2), alike)
-    with pytest.raises(InputError, match=r"prior on gx\.scale, ax\.k1"):
+    with refused(names=("gx.scale", "ax.k1")):
         estimate(seen, sensor(), bench(), (), (both,))
-    with pytest.raises(InputError, match=r"does not find ax\.koq"):
+    with refused(names=("ax.koq",)):
         estimate(seen, sensor().with_coefficients("bias", "scale", "ax.koq"), bench(), ())

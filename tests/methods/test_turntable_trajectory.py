@@ -17,8 +17,9 @@ from tests.methods.turntable_cases import (
     sensor,
     truth,
 )
+from tests.refusals import refused
 
-from inercal.errors import InputError, NotObserved
+from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.drift import Drift
@@ -242,11 +243,11 @@ def test_attitudes_at_the_ends_of_whole_turns_alone_leave_six_directions_open():
     seen, part = gyros(draw, made)
     ends = [np.flatnonzero(draw.labels == name)[[0, -1]] for name in ("x+", "y+", "z+", "rest")]
     epochs = np.unique(np.concatenate([[0], *ends])).astype(np.int64)
-    with pytest.raises(NotObserved, match="decides 6 of 12") as refused:
+    with pytest.raises(NotObserved) as refusal:
         solve_trial(part, BENCH, track(seen), epochs=epochs)
-    assert len(refused.value.directions) == 6
-    assert all("delta" in words for words in refused.value.directions)
-    assert not any("scale" in words or "bias" in words for words in refused.value.directions)
+    assert len(refusal.value.directions) == 6
+    assert all("delta" in words for words in refusal.value.directions)
+    assert all("delta" in name for name in refusal.value.names)
 
 
 def test_an_axis_that_was_never_turned_is_refused_unless_a_prior_says_what_it_is():
@@ -254,8 +255,9 @@ def test_an_axis_that_was_never_turned_is_refused_unless_a_prior_says_what_it_is
     path = [step for step in PATH if step[0] not in ("x+", "y+")]
     draw = made_by.draw(8, 1, path, hz=25.0)
     seen, part = gyros(draw, made)
-    with pytest.raises(NotObserved, match=r"gyros.*gx\.scale"):
+    with pytest.raises(NotObserved) as refusal:
         trajectory(seen, part, BENCH, ())
+    assert "gx.scale" in refusal.value.names
     prior = Gaussian.independent(part.coefficients, truth(draw, part.coefficients)[0], 1e-3)
     found = trajectory(seen, part, BENCH, (), [prior])
     assert (found.std[0, :12] < 1.01e-3).all()
@@ -265,9 +267,9 @@ def test_means_alone_or_a_track_without_rest_are_refused():
     made = sensor()
     draw = made_by.draw(9, 1, PATH, hz=25.0)
     seen = observations(draw, made, RESTS)
-    with pytest.raises(InputError, match="means of positions are not enough"):
+    with refused(key="track"):
         trajectory(replace(seen, track=None), made, BENCH, ())
-    with pytest.raises(InputError, match="no rest"):
+    with refused(key="hold"):
         trajectory(observations(draw, made, ()), made, BENCH, ())
 
 

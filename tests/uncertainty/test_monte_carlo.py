@@ -4,7 +4,7 @@ from numpy.random import Generator
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
-from inercal.uncertainty import coverage_factor, mean_with_error, monte_carlo, nees, propagate
+from inercal.uncertainty import monte_carlo, nees, propagate
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def test_first_order_and_monte_carlo_agree_where_the_function_is_nearly_linear()
 
     y = monte_carlo(trial, 40_000, 5)["y"]
     value, expected = propagate(product, np.array([1.0, 2.0]), covariance)
-    mean, error = mean_with_error(y)
+    mean, error = y.mean(axis=0), y.std(axis=0) / 200
     assert np.all(np.abs(mean - value) < 4 * error + 1e-4)
     sd = np.sqrt(np.diag(expected))
     assert_allclose(np.cov(y.T) / np.outer(sd, sd), expected / np.outer(sd, sd), atol=0.03)
@@ -63,16 +63,5 @@ def test_nees_of_honest_errors_averages_to_their_number(seed: int):
     values = nees(error, covariance)
     assert_allclose(values, nees(error, np.broadcast_to(covariance, (5000, 3, 3))))
     assert_allclose(values[0], error[0] @ np.linalg.inv(covariance) @ error[0])
-    mean, standard_error = mean_with_error(values)
-    assert abs(mean - 3) < 4 * standard_error
-    assert_allclose(standard_error, np.sqrt(6 / 5000), rtol=0.1)
-
-
-# GUM table G.2.
-@pytest.mark.parametrize(
-    ("dof", "probability", "k"),
-    [(1, 0.6827, 1.84), (1, 0.9545, 13.97), (4, 0.95, 2.78), (10, 0.9545, 2.28), (20, 0.99, 2.85),
-     (50, 0.9973, 3.16), (np.inf, 0.9545, 2.000), (np.inf, 0.95, 1.960), (np.inf, 0.6827, 1.000)],
-)  # fmt: skip
-def test_coverage_factors_are_those_of_gum_table_g2(dof: float, probability: float, k: float):
-    assert abs(coverage_factor(dof, probability) - k) < 0.0051
+    assert abs(values.mean() - 3) < 4 * np.sqrt(6 / 5000)
+    assert_allclose(values.var(), 6, rtol=0.2)

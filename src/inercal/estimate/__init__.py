@@ -1,13 +1,11 @@
 """Estimation: a problem in, an estimate with covariance and its null space out. No sensor words."""
 
 from inercal.estimate.filter_history import FilterHistory, SmoothedStates
-from inercal.estimate.least_squares import least_squares
-from inercal.estimate.linear_least_squares import linear_least_squares
+from inercal.estimate.least_squares import Cauchy, least_squares
 from inercal.estimate.nullspace import NullDirection
 from inercal.estimate.priors_and_gauges import Gauge, Gaussian
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate, ResidualGroup
-from inercal.estimate.robust_loss import Cauchy, Huber
 from inercal.estimate.scores import Candidate, ModelTest, ScoreTest, ScoreTestSet, score_tests
 
 __all__ = [
@@ -17,7 +15,6 @@ __all__ = [
     "FilterHistory",
     "Gauge",
     "Gaussian",
-    "Huber",
     "ModelTest",
     "NullDirection",
     "Problem",
@@ -26,6 +23,5 @@ __all__ = [
     "ScoreTestSet",
     "SmoothedStates",
     "least_squares",
-    "linear_least_squares",
     "score_tests",
 ]

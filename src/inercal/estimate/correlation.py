@@ -1,7 +1,6 @@
-"""Noise of sections as contrasts show it: its correlation, and each section's own scatter.
+"""Correlation of the noise of sections, and the variance of each section, from Haar contrasts.
 
-The contrasts are those of `inercal.estimate.section_statistics`; its equations say what each level
-shows.
+`inercal.estimate.section_statistics` defines the contrasts and their variance on each level.
 
 Sources: Percival and Walden, Wavelet Methods for Time Series Analysis, Cambridge 2000, chapter 8
 (Haar variance of a process); Smyth 2004, Statistical Applications in Genetics 3, article 3,

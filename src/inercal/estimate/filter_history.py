@@ -1,4 +1,4 @@
-"""What a sequential estimator found on its way, epoch after epoch."""
+"""The estimates and innovations of a sequential estimator, epoch by epoch."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from inercal.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class SmoothedStates:
-    """States that vary, at each epoch of a course, as all its epochs together say.
+    """States that vary with time: their smoothed estimates at each epoch, from all epochs.
 
     Parameters
     ----------
@@ -22,24 +22,24 @@ class SmoothedStates:
 
 @dataclass(frozen=True, eq=False)
 class FilterHistory:
-    """The course of one filter.
+    """The estimates of one filter over a run.
 
     Parameters
     ----------
     name : str
         Of the filter.
     names : tuple of n str
-        Of what it estimates.
+        Of the estimated states.
     time : (e,) array
         s, of each epoch.
     value, std : (e, n) arrays
         Estimates and standard deviations after the epoch.
     innovation : (e, q) array
-        What was observed beyond what was expected.
+        Observation minus prediction.
     nis : (e,) array
-        Normalised innovation squared of q components: q on the average, where all is as stated.
+        Normalised innovation squared of q components; its mean is q where the model holds.
     smoothed : SmoothedStates or None
-        None where it was not asked for.
+        None where no state was smoothed.
     """
 
     name: str

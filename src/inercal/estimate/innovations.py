@@ -1,4 +1,4 @@
-"""Tests of a filter's innovations by groups of epochs: what white noise hides in a sum of squares.
+"""Tests of a filter's innovations by groups of epochs, where a sum of squares hides a small bias.
 
 Divided by their standard deviations, the innovations of a filter whose model holds are independent
 and N(0, 1). Of a group of n epochs the sum over √n is N(0, 1) again, and a bias b of each grows to
@@ -23,12 +23,28 @@ from inercal.arrays import Array
 from inercal.estimate.scores import ModelTest
 
 _FEWEST = 8  # groups that a correlation is computed from
-_LEFT = 1e-6  # least share of a mean that a fit leaves
+_LEFT = 1e-6  # least variance of a group's mean after the fit; below, the fit determines it
 
 
 def standardised_innovations(off: Array, s: Array) -> Array:
     """Return innovations (e, m) over their standard deviations; NaN where none was observed."""
     return np.divide(off, np.sqrt(s), out=np.full(off.shape, np.nan), where=s > 0)
+
+
+def epoch_groups(time: Array, middle: Array, duration: Array) -> NDArray[np.int64]:
+    """Return for each epoch the number of the step that it is in, (e,); -1 for none.
+
+    Parameters
+    ----------
+    time : (e,) array
+        s, of the epochs.
+    middle, duration : (r,) arrays
+        s, of the steps.
+    """
+    group = np.full(time.size, -1)
+    for number, (centre, seconds) in enumerate(zip(middle, duration, strict=True)):
+        group[np.abs(time - centre) <= seconds / 2] = number
+    return group
 
 
 def group_innovations(standard: Array, group: NDArray[np.int64]) -> Array:
@@ -39,7 +55,8 @@ def group_innovations(standard: Array, group: NDArray[np.int64]) -> Array:
     standard : (e, m) array
         NaN where nothing was observed.
     group : (e,) array of int
-        Of each epoch, from 0 on; a negative one is in none. Groups without an epoch are left out.
+        Of each epoch, from 0 on; an epoch with a negative number is in no group. Groups without an
+        epoch are omitted.
     """
     kept = (group >= 0) & np.isfinite(standard).all(axis=1)
     at = group[kept]
@@ -56,7 +73,7 @@ def mean_and_whiteness_tests(z: Array, means: str, whiteness: str) -> tuple[Mode
     z : (g, m) array
         As of `group_innovations`.
     means, whiteness : str
-        What the tests are called.
+        Names of the tests.
     """
     g, m = z.shape
     result = [ModelTest(means, float(np.sum(z**2)), g * m)] if g else []
@@ -70,7 +87,7 @@ def mean_and_whiteness_tests(z: Array, means: str, whiteness: str) -> tuple[Mode
 
 
 def residual_mean_test(z: Array, slope: Array, covariance: Array, means: str) -> ModelTest:
-    """Return the test of the means over groups of what a fit leaves.
+    """Return the test of the means of a fit's residuals over groups.
 
     Parameters
     ----------
@@ -81,7 +98,7 @@ def residual_mean_test(z: Array, slope: Array, covariance: Array, means: str) ->
     covariance : (p, p) array
         Of the estimate, by data and priors.
     means : str
-        What the test is called.
+        Name of the test.
     """
     spread = np.eye(len(z)) - slope @ covariance @ slope.T
     values, vectors = np.linalg.eigh(spread)

@@ -1,25 +1,26 @@
-"""The two steps of a Kalman filter whose first states alone are driven, and its way back, compiled.
+"""The two steps of a Kalman filter with few coupled states, and its smoother, compiled.
 
-Of n states the first k follow a dense transition, the others decay each by itself::
+Of n states the first k have a dense transition; each of the others decays independently::
 
     Φ = [ A      ]  (k rows)        P ← Φ P Φᵀ + Q
         [ 0 diag ]
 
-which a filter of few states driven by many constants has: A P costs k n² where a dense product
-costs n³. Observations are taken one by one, P ← P − (P h)(P h)ᵀ / s, s = hᵀ P h + r, which stays
-symmetric to the last bit. Source: Bierman, Factorization Methods for Discrete Sequential
-Estimation (1977), chapters II.6 and V.
+A filter of few states that many constants drive has this form: A P costs k n² where a dense
+product costs n³. Observations are processed one by one, P ← P − (P h)(P h)ᵀ / s, s = hᵀ P h + r,
+so that P stays symmetric to the last bit. Source: Bierman, Factorization Methods for Discrete
+Sequential Estimation (1977), chapters II.6 and V.
 
-The way back (fixed-interval smoother) goes over the same steps from the last to the first, with
+The fixed-interval smoother processes the same steps from the last to the first, with
 x̂_s = x̂ + P λ and P_s = P − P Λ P; λ and Λ are zero at the end, and before a step::
 
     update    λ ← λ + h (ν / s − kᵀ λ)    Λ ← (I − h kᵀ) Λ (I − k hᵀ) + h hᵀ / s
     predict   λ ← Φᵀ λ                    Λ ← Φᵀ Λ Φ
 
 ν the innovation, s its variance, k = P h / s. It gives what Rauch, Tung and Striebel (1965, AIAA
-Journal 3(8), 1445–1450) give, but inverts no covariance: constants that are hardly known at the
-start make one singular. Only P λ is added to an estimate, so that errors that a filter has fed back
-need no account. What an estimate has in common with a sum g of the states at the end is P μ, with
+Journal 3(8), 1445–1450) give, but inverts no covariance, which is nearly singular where constants
+have a large variance at the start. Only P λ is added to an estimate, so that the errors that the
+filter has fed back need no bookkeeping. The covariance of the states with a sum g of the states at
+the end is P μ, with
 μ = g there, μ ← (I − h kᵀ) μ before an update and Φᵀ μ before a prediction. Source: Bierman, Fixed
 interval smoothing with discrete measurements, International Journal of Control 18(1), 1973, 65–75.
 """
@@ -35,9 +36,9 @@ from inercal.arrays import Array
 
 
 class FilterSteps(NamedTuple):
-    """What a filter of n states did at each of e epochs: a prediction, then m observations.
+    """The steps of a filter of n states at each of e epochs: a prediction, then m observations.
 
-    A filter writes into row `epoch % len(s)`: of a way back that nobody asks for one row is kept.
+    A filter writes into row `epoch % len(s)`: without smoothing one row is enough.
     """
 
     a: Array  # (e, k, n) and (e, n): Φ as `predict` takes it, since the epoch before
@@ -45,13 +46,13 @@ class FilterSteps(NamedTuple):
     h: Array  # (e, m, n)
     gain: Array  # (e, m, n), k
     off: Array  # (e, m), ν
-    s: Array  # (e, m), 0 of what was not observed
-    wanted: Array  # (r, n), what is asked for: sums of states with these weights
-    rows: Array  # (e, r, n), theirs of P after the epoch
+    s: Array  # (e, m), 0 for an observation that was not made
+    wanted: Array  # (r, n), weights of the sums of states to smooth
+    rows: Array  # (e, r, n), wanted @ P after the epoch
 
 
 def allocate_steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> FilterSteps:
-    """Return room for the steps of a filter; of one epoch where nothing is wanted.
+    """Return empty arrays for the steps of a filter; of one epoch where nothing is smoothed.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def store_covariance_rows(p: Array, steps: FilterSteps, row: int) -> None:
-    """Write the rows of P of what is wanted to a row of the steps."""
+    """Write wanted @ P to a row of the steps."""
     for r in range(len(steps.wanted)):
         kept = steps.rows[row, r]
         kept[:] = 0.0
@@ -162,15 +163,16 @@ def store_covariance_rows(p: Array, steps: FilterSteps, row: int) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def smoother_corrections(steps: FilterSteps, against: Array, p: Array) -> tuple[Array, Array]:
-    """Return what all epochs add to the filter's estimates, (e, r), and the variances then, (e, r).
+    """Return corrections of the filter's estimates by the smoother, and variances, (e, r) each.
 
-    Of what is wanted, after each epoch.
+    They are of the sums `steps.wanted`, after each epoch.
 
     Parameters
     ----------
     steps : FilterSteps
     against : (r, n) array
-        Sums of the states after the last epoch: variances are those of the differences from these.
+        Weights of sums of the states after the last epoch; variances are of the differences from
+        these sums.
     p : (n, n) array
         Covariance after the last epoch.
     """

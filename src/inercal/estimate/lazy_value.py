@@ -1,4 +1,4 @@
-"""A value that is worked out when it is first wanted, and then kept."""
+"""A value that is computed at its first use and then stored."""
 
 from collections.abc import Callable
 from typing import Generic, TypeVar

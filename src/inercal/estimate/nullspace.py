@@ -1,9 +1,10 @@
 """What the data determine: rank, singular values, and the free directions in words.
 
-With the whitened Jacobian in units of each parameter's typical size, a singular value says how many
-standard deviations of the noise a move of one typical size makes. The nuisances are marginalised
-first, with what is known of them: their columns are projected out. Directions that no row sees are
-then written in their reduced row echelon form, which keeps separate degeneracies apart.
+With the whitened Jacobian in units of each parameter's typical size, a singular value is the change
+of the observations, in standard deviations of the noise, by a move of one typical size. The
+nuisances are marginalised first, with their priors: their columns are projected out. Directions
+that change no row are then written in reduced row echelon form, which separates independent
+degeneracies.
 """
 
 from collections.abc import Sequence
@@ -17,8 +18,8 @@ from inercal.errors import NotObserved
 from inercal.estimate.problem import Problem
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
 
-# Relative to the best seen direction. Rounding leaves about 1e-14; a direction this much weaker
-# than the best is of no use on any bench.
+# Relative to the largest singular value. Rounding leaves about 1e-14; a direction with so small a
+# singular value is not usable on any bench.
 _NOTHING = 1e-10
 _TERMS = 6  # the most that words list of one direction
 
@@ -51,7 +52,7 @@ class Observability(NamedTuple):
 def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observability:
     """Return what the data determine at a point of the first trial.
 
-    Priors on wanted parameters do not count as seeing, but they may cover what is not seen.
+    Priors on wanted parameters do not make a direction observed, but they may determine it.
 
     Raises
     ------
@@ -63,10 +64,12 @@ def observability(system: WhitenedProblem, point: LinearisationPoint) -> Observa
         free = _observability(system, point, system.prior_full).null_directions
         if free:
             words = tuple(direction.words for direction in free)
+            touched = {name for direction in free for name in direction.weights}
             raise NotObserved(
-                f"the data leave {len(words)} combination{'s' * (len(words) > 1)} of parameters"
-                f" free: {'; '.join(words)}; leave parameters out, or give a prior or a gauge",
+                f"the data do not determine {len(words)} combination{'s' * (len(words) > 1)} of"
+                f" parameters: {'; '.join(words)}; remove parameters, or give a prior or a gauge",
                 words,
+                names=tuple(name for name in system.problem.names if name in touched),
             )
     return seen
 

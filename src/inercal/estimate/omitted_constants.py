@@ -1,20 +1,19 @@
-"""What a constant that a Kalman filter leaves out makes of its innovations, compiled.
+"""The effect on a Kalman filter's innovations of a constant that is not a state, compiled.
 
-Let q drive the states by d q at each epoch and the observations by c q, with no state for it. The
-filter then errs by U q on average, and its innovations by S q (Friedland's separate bias)::
+Let the constant q add d q to the states at each epoch and c q to the observations. The filter's
+estimates are then biased by U q, and its innovations by S q (Friedland's separate bias)::
 
     predict   U ← Φ U + d
     update    S = h·U + c        U ← U − k S
 
-with Φ, h and k as the filter had them (`kalman.FilterSteps`). U begins at zero; a state that is q
-beyond what is known of it beforehand begins with U = 1 there. All of the filter's states are in
-that, with what was known of them beforehand: S is what they cannot take up. So the innovations ν of
-variance s are regressed on S with no Jacobian beside: for columns S of many constants
+with the filter's Φ, h and k (`kalman.FilterSteps`). U begins at zero, or with 1 in the row of a
+state whose value differs by q from its prior mean. The recursion includes all states of the filter
+and their priors, so S is the part that they cannot absorb. The innovations ν of variance s are
+therefore regressed on S alone, without a Jacobian of the states: for columns S of many constants
 
     G = Σ Sᵀ S / s        b = Σ Sᵀ ν / s
 
-hold all that a score test needs, and −U at the end is by how much one unit of each moves the
-estimates.
+are all that a score test needs, and −U at the end is the shift of the estimates per unit of each.
 
 Source: Friedland 1969, IEEE TAC 14(4), 359–367; Willsky and Jones 1976, IEEE TAC 21(1), 108–112
 (tests of innovations for constants that begin at a known time).

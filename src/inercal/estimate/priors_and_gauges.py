@@ -1,9 +1,9 @@
-"""What is known beside the observations: Gaussian priors and exact gauges.
+"""Knowledge other than observations: Gaussian priors and exact gauges.
 
 A prior N(μ, Σ) on some parameters enters as whitened rows L⁻¹(μ − x) with Σ = L Lᵀ: the same as
 having observed those parameters once. A gauge C x = d is exact: it fixes what no observation can
-(the orientation of a frame, say), and it is imposed by moving only within its null space,
-x = x₀ + Z t with C Z = 0, never by a stiff weight.
+(for example the orientation of a frame). The solver imposes it by moves within its null space,
+x = x₀ + Z t with C Z = 0, not by a large weight.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ class Gaussian:
     Parameters
     ----------
     names : tuple of str
-        The k parameters it speaks of.
+        The k parameters.
     mean : (..., k) array
         Their expected values, with the problem's leading axis of trials or without.
     covariance : (k, k) array
@@ -45,11 +45,13 @@ class Gaussian:
         if self.mean.shape[-1:] != (k,) or self.covariance.shape != (k, k):
             raise InputError(
                 f"{what}: mean {self.mean.shape} and covariance {self.covariance.shape} do not fit"
-                f" {k} names; expected (..., {k}) and ({k}, {k})"
+                f" {k} names; expected (..., {k}) and ({k}, {k})",
+                key="mean",
+                names=self.names,
             )
         if not np.all(np.isfinite(self.mean)):
-            raise InputError(f"{what}: a mean is not finite")
-        cholesky(self.covariance, what)
+            raise InputError(f"{what}: a mean is not finite", key="mean", names=self.names)
+        cholesky(self.covariance, what, self.names)
 
     @classmethod
     def independent(cls, names: Sequence[str], mean: ArrayLike, sd: ArrayLike) -> "Gaussian":
@@ -85,7 +87,7 @@ class Gauge:
     words : str
         What it fixes, for reports: "x is the triad's first axis".
     names : tuple of str
-        The k parameters it speaks of.
+        The k parameters.
     matrix : (q, k) array
         C, of full row rank.
     value : (q,) array
@@ -107,10 +109,16 @@ class Gauge:
         if self.matrix.shape != (q, k):
             raise InputError(
                 f"gauge '{self.words}': matrix {self.matrix.shape} does not fit {q} values of"
-                f" {k} names; expected ({q}, {k})"
+                f" {k} names; expected ({q}, {k})",
+                key="matrix",
+                names=self.names,
             )
         if np.linalg.matrix_rank(self.matrix) < q:
-            raise InputError(f"gauge '{self.words}': its {q} rows are not independent")
+            raise InputError(
+                f"gauge '{self.words}': its {q} rows are not independent",
+                key="matrix",
+                names=self.names,
+            )
 
     def rows(self, names: Sequence[str]) -> Array:
         """Return C over all parameters `names`, (q, p)."""
@@ -119,25 +127,37 @@ class Gauge:
         return rows
 
 
-def cholesky(covariance: Array, what: str) -> Array:
+def cholesky(covariance: Array, what: str, names: tuple[str, ...] = ()) -> Array:
     """Return L with L Lᵀ = covariance (..., m, m).
+
+    Parameters
+    ----------
+    covariance : (..., m, m) array
+    what : str
+        The subject of the message of an error.
+    names : tuple of str
+        The parameters of the covariance, as data of an error.
 
     Raises
     ------
     InputError
-        Not finite, not symmetric or not positive definite; `what` names it in the message.
+        Not finite, not symmetric or not positive definite.
     """
+
+    def refusal(fault: str) -> InputError:
+        return InputError(f"{what}: the covariance is not {fault}", key="covariance", names=names)
+
     if not np.all(np.isfinite(covariance)):
-        raise InputError(f"{what}: the covariance is not finite")
+        raise refusal("finite")
     # Judged on correlations: the parameters' units may lie many decades apart.
     with np.errstate(invalid="ignore", divide="ignore"):
         sd = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
         correlation = covariance / (sd[..., :, None] * sd[..., None, :])
     asymmetry = np.abs(correlation - np.swapaxes(correlation, -1, -2))
     if not np.all(asymmetry < 1e-8):
-        raise InputError(f"{what}: the covariance is not symmetric with a positive diagonal")
+        raise refusal("symmetric with a positive diagonal")
     try:
         lower = np.asarray(np.linalg.cholesky(correlation), dtype=float)
     except np.linalg.LinAlgError:
-        raise InputError(f"{what}: the covariance is not positive definite") from None
+        raise refusal("positive definite") from None
     return sd[..., :, None] * lower

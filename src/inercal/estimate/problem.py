@@ -1,4 +1,4 @@
-"""An estimation problem: what is asked for, what was observed, what is known beforehand.
+"""An estimation problem: parameters, observations and prior knowledge.
 
 y = h(x) + noise, where x holds the wanted parameters and the nuisances. `linearise` gives the
 residual y − h(x) and the exact derivative ∂h/∂x. Everything may carry a leading axis of trials,
@@ -29,36 +29,36 @@ class Problem:
     names : tuple of str
         The p parameters; their order is that of every vector.
     start : (p,) or (trials, p) array
-        Where the search starts and where it is judged what can be observed: wanted parameters at
-        nominal, nuisances at their prior mean. One start serves any number of trials.
+        Where the search starts and where observability is determined: wanted parameters at nominal,
+        nuisances at their prior mean. Without an axis of trials it is the start of all.
     linearise : callable
         x to the residual y − h(x), (..., m), and the Jacobian ∂h/∂x, (..., m, p). It is called
         with x as `start` first, and then, where there are trials, for all of them, (trials, p). A
         Jacobian that all trials share may stay (m, p).
     noise : array or callable
         Standard deviation of the observations, (m,) or (trials, m), or their covariance, (m, m) or
-        (trials, m, m); an (m, m) array is always a covariance. Or a callable of x giving either:
-        weights that are frozen within a step and renewed between steps. It is called with x as
-        `linearise` is, after it.
+        (trials, m, m); an (m, m) array is always a covariance. Or a callable of x that returns
+        either: the weights are constant within a step and updated between steps. It is called after
+        `linearise`, with the same x.
     scale : (p,) array
         Typical size of each parameter, positive; it makes singular values free of units.
     priors : tuple of Gaussian
-        Knowledge from elsewhere; factors of each other where they share a name.
+        Independent priors; those that share a name multiply.
     gauges : tuple of Gauge
         Exact constraints.
     wanted : tuple of str, optional
-        The parameters asked for (all, when empty); the others are nuisances.
+        The parameters to estimate (all, when empty); the others are nuisances.
     observations : tuple of str, optional
         One label for each of the m observations.
     known_nulls : tuple of (words, direction)
         Directions that a method knows to be unobservable in some plans, with their names: a vector
         (p,) or vectors (k, p) in the parameters' units, or a callable of x (p,) giving them.
     rounding : float
-        Relative error of χ² by the rounding of `linearise`: a fall of less says nothing.
+        Relative error of χ² by the rounding of `linearise`; a smaller fall is not significant.
     candidates : callable, optional
-        From the solution x (p,) to the parameters that the problem leaves out or takes as known,
-        with the derivatives of the observations, not whitened; each gets a score test. Called for
-        a problem without trials alone.
+        From the solution x (p,) to the parameters that the problem omits or takes as known, with
+        the derivatives of the observations, not whitened; each gets a score test. Called only for a
+        problem without trials.
 
     Raises
     ------
@@ -82,16 +82,26 @@ class Problem:
     def __post_init__(self) -> None:
         p = len(self.names)
         if len(set(self.names)) != p:
-            twice = sorted({name for name in self.names if self.names.count(name) > 1})
-            raise InputError(f"parameter named twice: {', '.join(twice)}")
+            twice = tuple(sorted({name for name in self.names if self.names.count(name) > 1}))
+            raise InputError(
+                f"parameter {', '.join(twice)} is declared twice; remove or rename it",
+                key="names",
+                names=twice,
+            )
         if self.start.shape[-1:] != (p,) or self.start.ndim > 2:
             raise InputError(
-                f"start has shape {self.start.shape}; expected ({p},) or (trials, {p})"
+                f"start has shape {self.start.shape}; expected ({p},) or (trials, {p})", key="start"
             )
-        if not np.all(np.isfinite(self.start)):
-            raise InputError("start is not finite")
+        bad = ~np.isfinite(np.atleast_2d(self.start)).all(axis=0)
+        if bad.any():
+            unset = tuple(self.names[k] for k in np.flatnonzero(bad))
+            raise InputError(
+                f"start: {', '.join(unset)} is not a finite number", key="start", names=unset
+            )
         if self.scale.shape != (p,) or not np.all(np.isfinite(self.scale) & (self.scale > 0)):
-            raise InputError(f"scale must be {p} finite, positive sizes, one for each parameter")
+            raise InputError(
+                f"scale must be {p} finite, positive sizes, one for each parameter", key="scale"
+            )
         for what, factors in (("prior", self.priors), ("gauge", self.gauges)):
             for factor in factors:
                 self._known(factor.names, what)
@@ -100,10 +110,12 @@ class Problem:
             object.__setattr__(self, "wanted", self.names)
 
     def _known(self, names: tuple[str, ...], what: str) -> None:
-        unknown = [name for name in names if name not in self.names]
+        unknown = tuple(name for name in names if name not in self.names)
         if unknown:
             raise InputError(
-                f"{what}: no parameter '{unknown[0]}'; this problem has {', '.join(self.names)}"
+                f"{what}: no parameter '{unknown[0]}'; this problem has {', '.join(self.names)}",
+                key=what,
+                names=unknown,
             )
 
     @property

@@ -1,14 +1,14 @@
-"""Noise that the residuals judge: scatter beyond what is stated, or a share of it.
+"""The noise that residuals show: variance beyond the stated noise, or a share of it.
 
-Observations that disagree by more than their noise have errors of their own, which more samples do
-not average away: a rest repeated differs from the first by more than its own noise says. Enlarging
-every variance by χ²/ν (Birge) keeps the longest observations in charge; adding one variance v to
-all of them does not, and v is found where the weighted residuals have the size they should::
+Observations that scatter by more than their noise have errors that more samples do not average
+out: the means of two equal rests differ by more than their noise. Enlarging every variance by χ²/ν
+(Birge) leaves the longest observations with the largest weights; adding one variance v to all does
+not. v is the value at which χ² has its expectation::
 
     χ²(v) = ν
 
-Where they agree better than their noise, the samples hold motion that the means do not feel: the
-wobble of a hand. Then the noise counts only for a share s ≤ 1::
+Where observations scatter by less than their noise, the samples contain motion that averages out in
+the means: the wobble of a hand. Then only a share s ≤ 1 of the noise counts::
 
     χ²(s) = ν − 2        since the mean of 1/χ² with ν degrees of freedom is 1/(ν − 2)
 

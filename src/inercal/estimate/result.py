@@ -1,8 +1,8 @@
-"""What an estimator returns: values with their covariance, and how far they can be trusted.
+"""The result of an estimator: values, their covariance, and tests of the model.
 
 χ² counts the whitened residuals of the observations and of the priors; its degrees of freedom are
-observations + prior rows + gauge rows − parameters. Where χ² exceeds its 95 % bound the noise or
-the model was stated too well, and uncertainties are enlarged by the Birge ratio √(χ²/ν)
+observations + prior rows + gauge rows − parameters. Where χ² exceeds its 95 % bound, noise or model
+are worse than stated, and uncertainties are enlarged by the Birge ratio √(χ²/ν)
 (Birge 1932, Physical Review 40, 207–227).
 """
 # pyright: reportMissingTypeStubs=false
@@ -28,7 +28,7 @@ _LEVEL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class ResidualGroup:
-    """Observations of one kind, judged by themselves.
+    """Observations of one kind, with a χ² test for this kind alone.
 
     Parameters
     ----------
@@ -43,9 +43,10 @@ class ResidualGroup:
     chi2, dof : float and int
         By the noise as stated.
     spread : ScatterModel
-        What χ² made of the noise, in the unit; for readings behind the residuals, in theirs.
+        Share and excess of the noise by χ², in the unit of the residuals, or of the readings that
+        they are computed from.
     enlarged : bool
-        Whether what follows from the group was enlarged by its Birge ratio.
+        Whether the uncertainties that follow from the group were enlarged by its Birge ratio.
     """
 
     name: str
@@ -81,7 +82,7 @@ class Estimate:
     dof : int
         Degrees of freedom of `chi2`.
     wanted : tuple of str
-        The parameters asked for.
+        The wanted parameters; the others are nuisances.
     rank : int
         How many directions of the wanted parameters the data determine (first trial).
     singular_values : array
@@ -96,23 +97,23 @@ class Estimate:
     observations : tuple of str
         Their labels, or empty.
     null_directions : tuple of NullDirection
-        What the data leave free, and a prior therefore decides.
+        Directions that the data do not determine, where the values come from priors.
     weakest : NullDirection or None
-        The direction that the data see least.
+        The direction of the smallest singular value.
     groups : tuple of ResidualGroup
-        Kinds of observations where a method judges them apart; the covariance then holds their
-        excess already, `chi2` is counted before it, and no Birge ratio is applied.
+        Kinds of observations, where a method tests each kind separately. The covariance then
+        contains their excess, `chi2` is computed without it, and no Birge ratio is applied.
     notes : tuple of str
-        What the method has to say of the result, in words.
+        Remarks of the method on the result.
     courses : tuple of FilterHistory
-        Of sequential estimators, how they came there (first trial).
+        Of sequential estimators, the estimates over the run (first trial).
     tests : tuple of ModelTest
-        Tests of the model beside that of `chi2`, or of its groups (first trial).
+        Tests of the model other than `chi2` or those of its groups (first trial).
     scoring : LazyValue of ScoreTestSet
-        Returns the score tests: most estimates of a simulation never need it.
+        Returns the score tests, computed at the first call.
     sensitivities : mapping of str to (..., p) array
-        ∂(estimates)/∂(stated value) of what `covariance` counts and does not tell by itself:
-        quantities that are known beforehand and eliminated, or estimated in parts.
+        ∂(estimates)/∂(stated value) of quantities whose uncertainty is in `covariance` but that are
+        no parameters: known and eliminated ones, or those that parts of an estimator share.
     noise_dof : float
         Degrees of freedom behind the noise of one channel; not finite where it is stated.
     """
@@ -243,9 +244,12 @@ class Estimate:
         InputError
             A name that was not estimated.
         """
-        unknown = [name for name in names if name not in self.names]
+        unknown = tuple(name for name in names if name not in self.names)
         if unknown:
-            raise InputError(f"'{unknown[0]}' was not estimated; there are {', '.join(self.names)}")
+            raise InputError(
+                f"'{unknown[0]}' was not estimated; the estimate has {', '.join(self.names)}",
+                names=unknown,
+            )
         index = [self.names.index(name) for name in names]
         return replace(
             self,

@@ -1,22 +1,23 @@
 """Score tests: which parameter that was not estimated would explain the residuals.
 
 Let r be the whitened residual at the solution, observations and priors together, and J its
-Jacobian. A parameter δ that the problem left out adds c δ to the observations. The estimator takes
-up the part of c that lies in the columns of J, and r shows the rest::
+Jacobian. A parameter δ that the problem omits adds c δ to the observations. The estimator absorbs
+the part of c in the span of the columns of J, and r contains the rest::
 
     c' = (1 − J J⁺) c        t = c'·r / |c'|                 N(0, 1) where δ = 0
     δ̂ = c'·r / |c'|²         sd(δ̂) = 1 / |c'|
     shift of the estimate where δ is left out: J⁺ c δ̂
 
 A candidate with k components has t in its k directions, and |t|² is χ² with k degrees of freedom.
-|c' δ| is how visible δ is, η: no test of these data sees more of it. Two candidates whose c' are
-parallel explain the residuals equally well: no data of this kind tell them apart.
+η = |c' δ| is the visibility of δ: no test of these data has more power. Two candidates whose c' are
+parallel explain the residuals equally well: data of this kind cannot distinguish them.
 
-Many candidates are tested at once. They share the level so that each, whatever its k, would be
-noticed with the same probability at η = 6 (Bonferroni, weighted): by equal parts nine directions
-would show far more rarely than one. More than six directions get no more than six: twelve would
-take seven times as much, from all others. Where the candidates span few dimensions, all are judged
-by the χ² of that space instead (Scheffé), if this is the less strict for a single direction.
+Many candidates are tested at once. They share the level so that each, for any k, has the same
+probability of detection at η = 6 (Bonferroni, weighted): with equal shares a candidate of nine
+directions would be detected far more rarely than one of a single direction. More than six
+directions get the share of six: twelve would take seven times as much from all others. Where the
+candidates span few dimensions, the χ² of that space is used instead (Scheffé), if it is less strict
+for a single direction.
 
 Sources: Rao 1948, Mathematical Proceedings of the Cambridge Philosophical Society 44, 50–57 (score
 test); Scheffé 1953, Biometrika 40, 87–104 (all contrasts of a space); Rosenthal and Rubin 1983,
@@ -241,12 +242,9 @@ class ScoreTestSet:
             return 1.0
         if p_value is None and self._scheffe_is_sharper:
             return chi2_tail_probability(score.chi2, self.span, self.noise_dof)
-        p = (
-            chi2_tail_probability(score.chi2, score.dof, self.noise_dof)
-            if p_value is None
-            else p_value
-        )
-        return min(1.0, p * self._weights / _level_weight(score.dof))
+        if p_value is None:
+            p_value = chi2_tail_probability(score.chi2, score.dof, self.noise_dof)
+        return min(1.0, p_value * self._weights / _level_weight(score.dof))
 
     @cached_property
     def _weights(self) -> float:

@@ -68,7 +68,7 @@ _UNSEEN = 0.1  # of the variance that noise gives the mean slope
 
 @dataclass(frozen=True, eq=False)
 class SectionStatistics:
-    """What sections say of themselves.
+    """Noise, trends and disturbances of sections, from their samples.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ class SectionStatistics:
 
     @property
     def tests(self) -> tuple[ModelTest, ...]:
-        """Both tests, as far as they were made."""
+        """The two tests, those that exist."""
         return tuple(test for test in (self.within, self.trend_test) if test is not None)
 
     @property
@@ -120,10 +120,10 @@ class SectionStatistics:
 
     @property
     def undetectable_trend_sd(self) -> Array:
-        """Standard deviation of trends that the test hardly ever finds, per second.
+        """Standard deviation of trends that are too small for the test to detect, per second.
 
-        A tenth of the variance that noise gives the mean slope. It is a choice: of smaller trends
-        nothing is known from slopes, and larger ones are counted as they are found.
+        A tenth of the variance that noise gives the mean slope, by choice: slopes show nothing of
+        smaller trends, and larger trends count as estimated.
         """
         known = (self.trend_sd > 0) & np.isfinite(self.trend_sd)
         return np.sqrt(_UNSEEN) * np.where(known, self.trend_sd, 0.0)
@@ -340,11 +340,8 @@ def _trend(
         assert correlation is not None
         halves = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2)))
         for place, level in enumerate(one.levels[1:_OF_SLOPES], 2):
-            shape = (
-                float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
-                / halves
-            )
-            total += float(np.sum((level[:, used] / size[used]) ** 2)) / shape
+            shape = float(correlation.contrast_variance_ratio(np.array(one.seconds / 2**place)))
+            total += float(np.sum((level[:, used] / size[used]) ** 2)) / (shape / halves)
             dof += level[:, used].size
     sd = np.sqrt(total / dof / square) * size
     if not total > 0:

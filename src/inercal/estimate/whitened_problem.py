@@ -1,4 +1,4 @@
-"""A problem made ready for solving: checked, whitened, priors as rows, gauges as a basis.
+"""A problem in the form that solvers take: checked, whitened, priors as rows, gauges as a basis.
 
 The free coordinates t reach the parameters by x = x₀ + B t. Without gauges B is the identity;
 with gauges C x = d its columns span the null space of C (scaled), so every x is exact in C.
@@ -24,7 +24,7 @@ class LinearisationPoint(NamedTuple):
     x: Array  # (trials, p)
     residual: Array  # y − h(x), (trials, m)
     rows: Array  # ∂h/∂t, (1 or trials, m, k), decorrelated where the noise is correlated
-    weight: Array  # what whitens a row of it, (1 or trials, m)
+    weight: Array  # factor that whitens each row, (1 or trials, m)
     whitened: Array  # whitened residual, (trials, m)
     prior: Array  # whitened μ − x, (trials, b)
 
@@ -37,7 +37,7 @@ class Whitener(NamedTuple):
 
 
 class WhitenedProblem:
-    """What the solvers need of a problem.
+    """A checked and whitened problem.
 
     Parameters
     ----------
@@ -63,25 +63,33 @@ class WhitenedProblem:
         leads = [a.shape[:-1] for a in (start, residual, *(target for _, target in rows))]
         leads.append(jacobian.shape[:-2])
         if any(len(lead) > 1 for lead in leads):
-            raise InputError("only one leading axis, of trials, is possible")
+            raise InputError("arrays of a problem may have one leading axis only, that of trials")
         try:
             lead = np.broadcast_shapes(*leads)
         except ValueError:
-            raise InputError(f"numbers of trials differ: {sorted(set(leads))}") from None
+            raise InputError(
+                f"start, residual, Jacobian and priors have {sorted(set(leads))} trials; give each"
+                " the same number",
+                key="start",
+            ) from None
         self.single = lead == ()
         self.trials = 1 if self.single else lead[0]
         self.m = residual.shape[-1]
         self.dof = self.m + len(self.prior_rows) + (p - self.free) - p
         if problem.observations and len(problem.observations) != self.m:
             raise InputError(
-                f"{len(problem.observations)} labels for {self.m} observations; one each is needed"
+                f"{len(problem.observations)} labels for {self.m} observations; give one for each",
+                key="observations",
             )
         if jacobian.shape[-2:] != (self.m, p):
             raise InputError(
-                f"the Jacobian has shape {jacobian.shape}; expected (..., {self.m}, {p})"
+                f"the Jacobian has shape {jacobian.shape}; expected (..., {self.m}, {p})",
+                key="linearise",
             )
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
-            raise InputError("the residual or its Jacobian is not finite at the start")
+            raise InputError(
+                "the residual or its Jacobian is not finite at the start values", key="linearise"
+            )
 
         targets = [np.broadcast_to(c, (self.trials, c.shape[-1])) for _, c in rows]
         self.prior_target = np.concatenate([np.zeros((self.trials, 0)), *targets], axis=-1)
@@ -91,7 +99,7 @@ class WhitenedProblem:
         self.first = self.point(
             self.start, *self._with_trials(residual, jacobian), self.first_whitener
         )
-        # What is known of the nuisances alone, for the judgement of what the data see.
+        # Observability counts the priors of nuisances, not those of wanted parameters.
         known = [prior.marginal(problem.nuisances) for prior in problem.priors]
         nuisance = [prior.rows(problem.names)[0] for prior in known if prior]
         self.nuisance_rows = np.concatenate([np.zeros((0, p)), *nuisance])
@@ -108,7 +116,7 @@ class WhitenedProblem:
 
     def evaluate(self, x: Array) -> tuple[Array, Array]:
         """Return residual (trials, m) and Jacobian (1 or trials, m, p) at x (trials, p)."""
-        # Far from the solution a model may overflow; such a point is refused by its cost.
+        # Far from the solution a model may overflow; the search rejects this point by its cost.
         with np.errstate(all="ignore"):
             residual, jacobian = self.problem.linearise(x[0] if self.single else x)
         return self._with_trials(residual, jacobian)
@@ -147,12 +155,17 @@ class WhitenedProblem:
         if noise.shape[-1:] != (m,) or noise.shape[:-1] not in leads:
             raise InputError(
                 f"noise has shape {noise.shape}; expected standard deviations ({m},) or"
-                f" ({self.trials}, {m}), or a covariance with one axis of {m} more"
+                f" ({self.trials}, {m}), or a covariance with one axis of {m} more",
+                key="noise",
             )
         if not np.all(np.isfinite(noise) & (noise > 0)):
-            bad = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
-            labels = self.problem.observations or tuple(f"{i}" for i in range(m))
-            raise InputError(f"the standard deviation of observation {labels[bad]} is not positive")
+            bad: int = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
+            label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
+            raise InputError(
+                f"the standard deviation of observation {label} is not positive",
+                key="noise",
+                names=(label,),
+            )
         return Whitener(1 / noise.reshape(-1, m), full=False)
 
 
@@ -166,12 +179,16 @@ def _gauge_basis(problem: Problem) -> tuple[Array | None, Array]:
     scaled = matrix * problem.scale
     size = np.linalg.norm(scaled, axis=1)
     if not np.all(size > 0):
-        raise InputError("a gauge constrains nothing: a row of its matrix is zero")
+        raise InputError("a row of a gauge's matrix is zero; remove the row", key="gauge")
     left, singular, right = np.linalg.svd(scaled / size[:, None])
     q = len(value)
     if q > len(problem.names) or singular[q - 1] < 1e-10:
-        words = "; ".join(gauge.words for gauge in problem.gauges)
-        raise InputError(f"gauges repeat one another: {words}")
+        words = tuple(gauge.words for gauge in problem.gauges)
+        raise InputError(
+            f"gauges {'; '.join(words)} are not independent; remove one of them",
+            key="gauge",
+            names=words,
+        )
     short = (value - problem.start @ matrix.T) / size
     move = ((short @ left) / singular) @ right[:q] * problem.scale
     return problem.scale[:, None] * right[q:].T, problem.start + move

@@ -1,16 +1,12 @@
-"""Uncertainty: of means, of functions, of whole procedures, and how it is stated."""
+"""Uncertainty of means, of functions and of procedures."""
 
-from inercal.uncertainty.coverage import coverage_factor
-from inercal.uncertainty.monte_carlo import mean_with_error, monte_carlo, nees
+from inercal.uncertainty.monte_carlo import monte_carlo, nees
 from inercal.uncertainty.propagation import jacobian, propagate
-from inercal.uncertainty.type_a import BATCHES, mean_covariance, pooled_mean_covariances
+from inercal.uncertainty.type_a import BATCHES, pooled_mean_covariances
 
 __all__ = [
     "BATCHES",
-    "coverage_factor",
     "jacobian",
-    "mean_covariance",
-    "mean_with_error",
     "monte_carlo",
     "nees",
     "pooled_mean_covariances",

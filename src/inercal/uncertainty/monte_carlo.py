@@ -34,7 +34,7 @@ def monte_carlo(
     batch : int, optional
         Trials drawn at once: enough to share the cost of a call, few enough for the cache.
     progress : callable, optional
-        Told the trials done and those in all, after each batch.
+        Called after each batch with the number of trials done and of all trials.
 
     Returns
     -------
@@ -70,8 +70,3 @@ def nees(error: Array, covariance: Array) -> Array:
     (trials,) array
     """
     return np.sum(error * np.linalg.solve(covariance, error[..., None])[..., 0], axis=-1)
-
-
-def mean_with_error(values: Array) -> tuple[Array, Array]:
-    """Return the mean over trials of (trials, ...) and its standard error, each (...)."""
-    return np.mean(values, axis=0), np.std(values, axis=0, ddof=1) / np.sqrt(len(values))

@@ -55,7 +55,7 @@ def jacobian(function: Callable[[Array], Array], x: Array, step: Array) -> Array
     """
     # Rounding costs ε f / h and curvature h⁴ f⁗ / 30: at h = 1e-4 x both are below 1e-11.
     step = np.broadcast_to(np.maximum(step, 1e-4 * np.abs(x)), x.shape)
-    # Where the value and its uncertainty are both zero, any step tells: that column is not used.
+    # Where the value and its uncertainty are both zero, any step will do: the column is not used.
     step = np.where(step > 0, step, 1e-4)
     columns: list[Array] = []
     for i in range(x.shape[-1]):

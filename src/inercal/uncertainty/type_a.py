@@ -6,11 +6,11 @@ Statistics 38, 1034–1070, equation 4; for independent samples it is GUM 4.2.3)
 
     Ω = Σ bⱼ (ȳⱼ − ȳ)(ȳⱼ − ȳ)ᵀ / (a − 1),   cov ȳ = Ω / n,   a − 1 degrees of freedom
 
-It is honest when a batch is long beside the correlation of the noise. Few, long batches cost
-little: beyond some 10 to 30 the interval hardly gets shorter (Schmeiser 1982, Operations Research
-30, 556–568), so their number is fixed and their length grows with the data. Sections of the same
-noise pool their scatter: a fit that is weighted by a covariance of ν degrees of freedom in m
-channels has its χ² enlarged by about ν / (ν − m − 1), so ν should be many times m.
+It is unbiased when a batch is long compared with the correlation time of the noise. Few, long
+batches cost little: beyond some 10 to 30 the interval hardly gets shorter (Schmeiser 1982,
+Operations Research 30, 556–568), so their number is fixed and their length grows with the data.
+Sections of the same noise pool their scatter: a fit that is weighted by a covariance of ν degrees
+of freedom in m channels has its χ² enlarged by about ν / (ν − m − 1), so ν should be many times m.
 """
 
 from collections.abc import Iterable
@@ -23,46 +23,21 @@ from inercal.errors import InputError
 BATCHES = 20
 
 
-def mean_covariance(samples: Array) -> tuple[Array, float]:
-    """Return the covariance of the mean of a section, and its degrees of freedom.
-
-    Parameters
-    ----------
-    samples : (..., n, m) array
-        n samples of m channels, evenly spaced in time.
-
-    Returns
-    -------
-    covariance : (..., m, m) array
-        Of the mean over the n samples.
-    dof : float
-        Degrees of freedom behind it.
-
-    Raises
-    ------
-    InputError
-        Too few samples for a covariance of m channels.
-    """
-    covariances, dof = pooled_mean_covariances([samples], max(BATCHES, samples.shape[-1] + 1))
-    return covariances[0], dof
-
-
 def pooled_mean_covariances(
     sections: Iterable[Array], batches: int = BATCHES
 ) -> tuple[list[Array], float]:
     """Return the covariance of the mean of each of several sections of the same noise.
 
-    The sections share one Ω, so that short sections borrow from each other; each mean has its
-    share Ω / n.
+    The sections share one Ω, estimated from all of them; the covariance of each mean is Ω / n.
 
     Parameters
     ----------
     sections : iterable of (..., n, m) arrays
-        Sections of any lengths at one sampling rate; their means may differ, their noise may not.
-        They are looked at once, one after another.
+        Sections of n samples of m channels, of any lengths at one sampling rate; their means may
+        differ, their noise may not. They are read once, one after another.
     batches : int
-        Batches a section. Of many sections few and long batches do: 4 of each of 40 leave as many
-        degrees of freedom as 20 of each of six, and stand noise of a longer correlation.
+        Batches per section. Of many sections, few and long batches are enough: 4 of each of 40
+        give as many degrees of freedom as 20 of each of 6, and allow noise of a longer correlation.
 
     Returns
     -------
@@ -90,7 +65,7 @@ def pooled_mean_covariances(
         dof += number - 1
     if dof < max(m, 1):
         raise InputError(
-            f"{sum(counts)} samples about {len(counts)} means leave {dof} degrees of freedom; "
-            f"a covariance of {m} channels needs at least {m}"
+            f"{sum(counts)} samples in {len(counts)} sections give {dof} degrees of freedom, fewer "
+            f"than the {m} that the covariance of {m} channels needs; record longer sections"
         )
     return [total / (dof * n) for n in counts], float(dof)

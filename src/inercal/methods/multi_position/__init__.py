@@ -1,16 +1,16 @@
-"""Many positions by hand, with no equipment but gravity.
+"""Calibration by hand in many positions, with gravity as the only reference.
 
-At each rest specific force has the norm g, whatever the attitude: the accelerometers' bias, scale
-factor and non-orthogonality follow from the norms. On the way to the next rest the gyros carry
-gravity's direction along, and it must arrive where the accelerometers find it: the gyros' scale
-factor and misalignment to the accelerometers' frame follow from the rotations, their bias and
-sensitivity to acceleration from the rates at rest. The frame is the accelerometers' own: x along
-the first input axis, y in the plane of the first two.
+At each rest specific force has the norm g in any attitude: the accelerometers' bias, scale factor
+and non-orthogonality follow from the norms. Between two rests the gyros propagate the direction of
+gravity, which must agree with the accelerometers at the second rest: the gyros' scale factor and
+misalignment to the accelerometers' frame follow from the rotations, their bias and sensitivity to
+acceleration from the rates at rest. The frame is that of the accelerometers: x along the first
+input axis, y in the plane of the first two.
 
-Each kind of rows is judged by its own χ². Where it lies beyond its 95 % bound, the scatter that
-explains it is added to the noise; where it lies below its 1 % bound, the samples hold the hand's
-wobble, and only a share of their scatter is noise (`inercal.estimate.residual_scatter`). What the
-model leaves out is tested by the noise before anything is added
+Each kind of rows has its own χ² test. Where χ² exceeds its 95 % bound, the scatter that explains it
+is added to the noise. Where it is below its 1 % bound, the samples contain the hand's wobble, and
+only a share of their scatter is noise (`inercal.estimate.residual_scatter`). Terms that the model
+omits are tested with the noise before anything is added
 (`inercal.methods.multi_position.rest_candidates`).
 
 Sources: Skog and Händel, "Calibration of a MEMS inertial measurement unit", XVII IMEKO World
@@ -48,8 +48,8 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 _SIGN_NOTE = (
-    "norms at rest do not tell a reversed axis from one that is not, nor two exchanged axes: "
-    "compare the sign of each axis with its attitude in one rest"
+    "norms at rest show neither a reversed axis nor two exchanged axes: compare the sign of each "
+    "axis with its attitude in one rest"
 )
 
 
@@ -71,7 +71,7 @@ def joint(
     bench : Hand
         Gravity and the earth's rate.
     steps : sequence of HandStep
-        Not looked at: attitudes are found from the readings.
+        Unused: attitudes are estimated from the readings.
     priors : sequence of Gaussian
         On coefficients, from elsewhere.
 
@@ -80,7 +80,7 @@ def joint(
     InputError
         Observations with a trial axis.
     NotObserved
-        Coefficients that these rests and transitions leave open, and what to add.
+        Coefficients that these rests and transitions do not determine, and what to add.
     """
     rests = _checked_rests(observations, sensor, bench, priors)
     last = fit_accelerometers(rests, priors)
@@ -96,7 +96,7 @@ def sequential(
     steps: Sequence[HandStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
-    """Return the accelerometers from norms alone, then the gyros, which change them no more.
+    """Return the accelerometers from norms alone, then the gyros with the accelerometers fixed.
 
     The accelerometers' covariance enters that of the gyros. Parameters and errors as of `joint`.
     """
@@ -111,10 +111,12 @@ def _checked_rests(
     observations: Observations, sensor: Sensor, bench: Hand, priors: Sequence[Gaussian]
 ) -> Rests:
     if observations.mean.ndim != 2:
-        raise InputError("method multi_position works on one recording at a time")
+        raise InputError("multi_position takes one recording, not several trials at once")
     if len(sensor.axes) > len(sensor.select_axes("f").axes) and observations.transitions is None:
         raise InputError(
-            "the gyros need the transitions between rests; leave them out, or give them"
+            "the sensor has gyros but the observations have no transitions between rests; "
+            "calibrate the accelerometers alone, or give a recording",
+            key="transitions",
         )
     rests = Rests(observations, sensor, bench)
     require_coverage(rests, priors)
@@ -142,7 +144,7 @@ def _frame(bench: Hand) -> Frame:
 
 
 def _remarks(fit: Fit[Hand, Any]) -> Remarks:
-    """Return the delay of the gyros, where it is asked for."""
+    """Return the delay of the gyros, where the run file requests it."""
     if not fit.time_offset or not np.all(fit.estimate.converged):
         return Remarks()
     late = gyro_delay(fit.observations, fit.sensor, fit.estimate, fit.bench.gravity.value)

@@ -1,4 +1,4 @@
-"""Compiled: the rotation that integrated rates make of each transition, sample by sample.
+"""Compiled: the rotation of each transition by integrated rates, sample by sample.
 
 With ω̂ = W y + w₀ the corrected rate of a sample and φ the rotation of one step between samples
 (rates taken as linear in between; Magnus series to fourth order in the step)::
@@ -77,7 +77,8 @@ def integrate_transitions(
     weighted, before, now = weight.size > 0, 1.0, 1.0
     for k in range(count):
         r, p = np.eye(3), np.zeros((3, 3))
-        # The rows of the sensitivity, (b, quantity): apart, the compiler sees that they are.
+        # Rows of the sensitivity, (b, quantity), as separate arrays: the compiler then knows that
+        # they do not overlap.
         s0, s1, s2 = np.zeros(21), np.zeros(21), np.zeros(21)
         rise, fall = left[k] - start[k] + 1.0, stop[k] - reached[k] + 1.0
         for i in range(start[k], stop[k] + 1):
@@ -195,11 +196,8 @@ def delay_sums(
             if i > left[k]:
                 # u turns by u × ω; the middle of the step makes it second order.
                 h = 0.5 * (time[i] - time[i - 1])
-                p, q, r = (
-                    h * (last[3] + sensed[3]),
-                    h * (last[4] + sensed[4]),
-                    h * (last[5] + sensed[5]),
-                )
+                p, q = h * (last[3] + sensed[3]), h * (last[4] + sensed[4])
+                r = h * (last[5] + sensed[5])
                 u = x + 0.5 * (y * r - z * q)
                 v = y + 0.5 * (z * p - x * r)
                 w = z + 0.5 * (x * q - y * p)

@@ -1,4 +1,4 @@
-"""What would make a multi_position result better, in words."""
+"""Advice on how to improve a multi_position result."""
 
 # pyright: reportMissingTypeStubs=false
 
@@ -19,13 +19,13 @@ _TEST_LEVEL = 1e-3  # that rates without a sensitivity look like it
 
 
 def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
-    """Return what to add and what it would gain, where a few more attitudes would gain much.
+    """Return attitudes to add and the resulting uncertainty, where they would reduce it much.
 
-    Computed from the information matrix, with the noise and scatter that were found.
+    Computed from the information matrix, with the estimated noise and scatter.
     """
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     unit_scale = sensor.unit_scale
-    # More attitudes do not help against the recording's clock: its part stays as it is.
+    # More attitudes do not reduce the part of the recording's clock.
     clock = _clock_shifts(estimate)[:p] / unit_scale
     covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale)
     covariance -= np.outer(clock, clock)
@@ -59,7 +59,7 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
 
 
 def _clock_shifts(estimate: Estimate) -> Array:
-    """Return what one standard deviation of the clock's error moves each value by."""
+    """Return the shift of each value by one standard deviation of the clock's error."""
     if "timebase" not in estimate.names:
         return np.zeros(len(estimate.names))
     column = estimate.covariance[:, estimate.names.index("timebase")]
@@ -67,7 +67,7 @@ def _clock_shifts(estimate: Estimate) -> Array:
 
 
 def g_sensitivity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
-    """Say so where the rates at rest follow gravity and the gyros' model has no term for it.
+    """Return a note where the rates at rest follow gravity and the gyros' model has no g term.
 
     An F test of the rates' residuals against the attitude, at 0.1 %.
     """
@@ -91,10 +91,10 @@ def g_sensitivity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     explained = 100 * (1 - with_it / alone)
     return (
         f"the rates at rest follow gravity ({explained:.0f} % of their scatter): the gyros are "
-        'sensitive to acceleration; find that too with [method] also = ["g"]',
+        'sensitive to acceleration; estimate this too by [method] also = ["g"]',
     )
 
 
 def _residual_sum_of_squares(design: Array, y: Array) -> float:
-    """Return the sum of squares that a linear model leaves."""
+    """Return the residual sum of squares of a linear model."""
     return float(np.sum((y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) ** 2))

@@ -1,9 +1,9 @@
 """What a set of attitudes determines, what is missing, and which attitude to add next.
 
-A design is judged by its own geometry: the deviation of each combination of coefficients were every
-norm wrong by 1 mg and every rotation by 10 mrad (and every rate by 10 mrad/s). Such errors are
-beyond any noise, and are what bending, temperature and hands leave. A combination that they would
-shift by a tenth of its natural size is not observed, however quiet the sensor.
+The criterion is the geometry alone: the deviation of each combination of coefficients if every norm
+were wrong by 1 mg and every rotation by 10 mrad (and every rate by 10 mrad/s). These errors exceed
+the noise of any sensor; bending, temperature and the hand cause errors of this size. A combination
+that they would shift by a tenth of its natural size is not observed, however quiet the sensor.
 
 Attitudes to add are taken one after another from the 26 directions of a cube's faces, edges and
 corners: each time the one that, with the turn that leads to it, adds most to the determinant of
@@ -48,7 +48,7 @@ class GeometryErrors(NamedTuple):
 
 
 def rest_rows(sensor: Sensor, up: Array, g: float, errors: GeometryErrors) -> Array:
-    """Return what a rest in each attitude tells of the coefficients, (r, 1 or 4, p).
+    """Return the Jacobian of a rest in each attitude by the coefficients, (r, 1 or 4, p).
 
     Rows are whitened by `errors`, columns in natural sizes. `up` is (r, 3).
     """
@@ -68,16 +68,16 @@ def rest_rows(sensor: Sensor, up: Array, g: float, errors: GeometryErrors) -> Ar
 def turn_rows(
     sensor: Sensor, before: Array, after: Array, g: float, errors: GeometryErrors
 ) -> Array:
-    """Return what turns by the shortest way tell, (k, 2, p), whitened and in natural sizes.
+    """Return the Jacobian of turns by the shortest way, (k, 2, p), whitened and in natural sizes.
 
     Parameters
     ----------
     sensor : Sensor
         With gyros.
     before : (3,) array
-        Up in the body's frame where all of them begin, a unit vector.
+        Up in the body's frame before all turns, a unit vector.
     after : (k, 3) array
-        Where each ends; neither there nor opposite.
+        Up after each turn; neither parallel nor opposite to `before`.
     g : float
         m/s².
     errors : GeometryErrors
@@ -160,7 +160,11 @@ def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...
         Fewer positions than an accelerometer triad has coefficients.
     """
     if positions < 9:
-        raise InputError(f"{positions} positions: 9 or more are needed for 9 coefficients")
+        raise InputError(
+            f"{positions} positions do not determine the 9 coefficients of accelerometers; plan 9 "
+            "positions or more",
+            key="positions",
+        )
     whole = imu()
     parts = (
         whole.select_axes("f").with_coefficients("bias", "scale", "nonorthogonality"),

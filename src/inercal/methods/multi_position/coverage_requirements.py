@@ -1,4 +1,4 @@
-"""Refusal of rests and turns that leave coefficients open.
+"""Refusal of rests and turns that do not determine the coefficients.
 
 A combination of coefficients is not observed where the errors of a geometry
 (`attitude_coverage.GeometryErrors`) would shift it by a tenth of its natural size (10 % of scale,
@@ -44,7 +44,7 @@ def require_coverage(rests: Rests, priors: Sequence[Gaussian]) -> None:
         return
     words = tuple(direction_in_words(row, sensor.coefficients) for row in free)
     touched = {word for text in words for word in text.split()}
-    named = [name for name in sensor.coefficients if name in touched]
+    named = tuple(name for name in sensor.coefficients if name in touched)
     ups = rests.norms(rests.start()).up
     more, _ = next_attitudes(
         sensor,
@@ -59,6 +59,7 @@ def require_coverage(rests: Rests, priors: Sequence[Gaussian]) -> None:
         f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
         f"{'; '.join(words)}); {_coverage_gaps(rests, ups)}; add: {attitudes_in_words(more)}",
         words,
+        names=named,
     )
 
 
@@ -85,7 +86,7 @@ def geometry_information(rests: Rests, priors: Sequence[Gaussian]) -> Array:
 
 
 def _attitude_count(rests: int, coefficients: int) -> int:
-    """Return how many attitudes to name: as many as are missing by count, and a few at least."""
+    """Return how many attitudes to name: the number of missing rests, and 4 at least."""
     return max(coefficients + 3 - rests, 4)
 
 
@@ -107,11 +108,11 @@ def _coverage_gaps(rests: Rests, ups: Array) -> str:
     if count > 3 and size[-1] < np.sin(np.radians(10)) * size[0]:
         off = np.degrees(np.arcsin(min(size[-1] / count**0.5, 1.0)))
         normal = ", ".join(f"{part:+.2f}" for part in axes[-1])
-        parts.append(f"all lie in one plane to {off:.1f}° rms, across ({normal})")
+        parts.append(f"all are within {off:.1f}° rms of the plane across ({normal})")
     return ", ".join(parts)
 
 
 def attitudes_in_words(ups: Sequence[Array]) -> str:
-    """Return attitudes as what to do."""
+    """Return attitudes as an instruction."""
     holds = [Hold("", (float(x), float(y), float(z)), 0.0) for x, y, z in ups]
-    return "; ".join(f"hold {hold.describe()}" for hold in holds)
+    return f"hold {'; '.join(hold.describe() for hold in holds)}"

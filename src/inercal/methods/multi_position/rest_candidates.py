@@ -1,15 +1,15 @@
-"""What the fits of multi_position leave out or take as known: candidates of its score tests.
+"""Score test candidates of multi_position: terms that its fits omit or take as known.
 
-A candidate adds something to the readings. What it adds at the rests enters the rows as their noise
-does (`row_whitening.reading_sensitivities`); what it adds to the gyros on the way turns the
-transitions, whose rotations are integrated once more with it, for a small step of the candidate::
+A candidate adds an error to the readings. Its error at the rests enters the rows as their noise
+does (`row_whitening.reading_sensitivities`). Its error of the gyros between rests changes the
+rotations of the transitions, which are integrated again with a small step of the candidate::
 
     column = (ρ(ω + δ basis) − ρ(ω)) / δ
 
-The candidates are coefficients of the sensor that were not asked for, a drift of the biases over
-the run, and single rests, whose readings may be anything. The accelerometers' misalignments beside
-those that are estimated turn the frame alone, gravity changes the accelerometers' scale alone and
-the recording's clock the gyros' scale alone: no residual shows them, and they are none.
+The candidates are coefficients of the sensor that are not estimated, a drift of the biases over
+the run, and arbitrary errors of single rests. Three errors change no residual and are not among
+them: further misalignments of the accelerometers only turn the frame, gravity only changes the
+accelerometers' scale, and the recording's clock only the gyros' scale.
 """
 
 from collections.abc import Callable, Iterator
@@ -123,13 +123,13 @@ def _reading_column(rests: Rests, enter: Array, axis: int, size: Array) -> Array
 def _rotation_column(
     rests: Rests, rows: ResidualRows, x: Array
 ) -> Callable[[int, Callable[[Motion, slice], Array]], Array]:
-    """Return a function of an axis and of what is added to its samples, by their motion.
+    """Return a function of an axis and of an error of its samples as a function of their motion.
 
-    It gives the column of what that does to the rotations.
+    The function returns the column of the rotations' change by that error.
     """
     nothing = np.zeros(len(rows.residual))
     way, turns = rests.transitions, rows.rotations
-    if way is None or turns is None or rows.transition_rotations is None or rows.attitude is None:
+    if way is None or turns is None or rows.attitude is None:
         return lambda axis, basis: nothing
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     model = inverse_model(sensor, x[:p], float(np.mean(rests.temperature_offsets)))
@@ -207,9 +207,10 @@ def _drift_candidates(
 
 
 def _single_rest_candidates(rests: Rests, enter: Array) -> Iterator[Candidate]:
-    """Return each rest by itself, its accelerometers and its gyros, with its time where known.
+    """Return each rest as a candidate, with its time where known.
 
-    Apart: six directions at once would take a large share of the level from all other candidates.
+    Accelerometers and gyros are separate candidates: six directions at once would take a large
+    share of the level from all others.
     """
     sensor, seen = rests.sensor, rests.observations
     kinds = {one.measures for one in sensor.axes if one.measures == "f" or rests.transitions}

@@ -15,7 +15,7 @@ The gyros' noise at a rest is in its mean rate and in the rotations to and from 
 
 Rows may scatter by more than the samples say, or by less, where the samples hold the hand's wobble:
 `Scatter` has a share and an excess (`inercal.estimate.residual_scatter`) for a rest's accelerometer
-readings, its gyro readings (a bias that wanders also turns the transitions), and a rotation.
+readings, its gyro readings (a drift of the bias also turns the transitions), and a rotation.
 """
 
 from collections.abc import Callable
@@ -63,7 +63,6 @@ class ResidualRows(NamedTuple):
     residual: Array  # (r + 2 k + 3 r or 0,): norms, rotations, rates
     jacobian: Array  # of the predictions to x
     norm: NormResiduals
-    transition_rotations: TransitionRotations | None
     rotations: RotationResiduals | None
     attitude: Array | None  # (r, 3, 3), from the level frame to the body's, where there are turns
 
@@ -92,7 +91,7 @@ class Rests:
 
     @property
     def transitions(self) -> Transitions | None:
-        """What lies between the rests, where there are gyros to follow it."""
+        """Transitions between the rests; None for a sensor without gyros."""
         return self.observations.transitions if len(self.sensor.axes) > self.m else None
 
     @property
@@ -183,8 +182,8 @@ class Rests:
     def rows(self, x: Array, attitude: Array | None = None) -> ResidualRows:
         """Return all rows at x = (c, g, ω_e, τ), (p + 5,).
 
-        The attitudes in which the earth's rate is seen are found from x, unless they are given:
-        held within a fit, the derivatives are exact.
+        The attitudes that the earth's rate needs are computed from x unless they are given: with
+        attitudes that are constant within a fit, the derivatives are exact.
         """
         at = self.norms(x)
         p, a = len(self.sensor.coefficients), len(self.force.coefficients)
@@ -192,7 +191,7 @@ class Rests:
         jacobian = np.zeros((r, x.size))
         jacobian[:, :a], jacobian[:, p] = at.jacobian[:, :-1], at.jacobian[:, -1]
         if self.transitions is None:
-            return ResidualRows(at.residual, jacobian, at, None, None, None)
+            return ResidualRows(at.residual, jacobian, at, None, None)
         motion_derivatives = np.zeros((r, 3, p))
         motion_derivatives[..., :a] = at.by_coefficient
         before, after = self.transitions.rest, self.transitions.rest + 1
@@ -216,14 +215,13 @@ class Rests:
             np.concatenate([at.residual, turns.residual.ravel(), rates.ravel()]),
             np.concatenate([jacobian, of_turns.reshape(-1, x.size), of_rates]),
             at,
-            way,
             turns,
             to_level,
         )
 
     @cached_property
     def _cached_rotations(self) -> Callable[[bytes, float], TransitionRotations]:
-        """Return what `transition_rotations` returns; a fit begins where the last one ended."""
+        """Return `transition_rotations` with a cache: a fit starts where the previous one ended."""
         assert self.transitions is not None
         transitions = self.transitions
 
@@ -239,8 +237,8 @@ class Rests:
     def _attitudes(self, at: NormResiduals, way: TransitionRotations) -> Array:
         """Return the rotation from the level frame to the body's at each rest, (r, 3, 3).
 
-        The azimuth is carried along by the gyros; behind a missing transition it is lost, and the
-        level part of the earth's rate is left out from there on.
+        The gyros propagate the azimuth. After a missing transition the azimuth is unknown, and the
+        level part of the earth's rate is taken as zero.
         """
         assert self.transitions is not None
         level, before = attitude_from_vertical(at.up), self.transitions.rest
@@ -273,7 +271,7 @@ class Rests:
         return (self.observations.mean - reading)[:, self.m :], jacobian.reshape(-1, x.size)
 
     def reading_covariance(self, scatter: Scatter) -> Array:
-        """Return the covariance of what each rest lends its rows, (r, m + 12, m + 12) or (r, m, m).
+        """Return the covariance of the readings of each rest, (r, m + 12, m + 12) or (r, m, m).
 
         In the order of the accelerometers' means, the gyros' means, the gyros' integrals over the
         ramps by which the transitions arrive and leave (the same samples, hence correlated), and
@@ -306,7 +304,7 @@ class Rests:
 
     @property
     def ramps(self) -> Array:
-        """What a steady rate turns through on the ramps that arrive and leave, (r, 2) s."""
+        """Angle per unit of a steady rate over the ramps that arrive and leave, (r, 2) s."""
         step = self.observations.duration / self.observations.samples
         return 0.5 * self._ramp_samples * step[:, None]
 

@@ -1,13 +1,13 @@
-"""Gravity's direction carried by the gyros from one rest to the next, against what is found there.
+"""The direction of gravity, propagated by the gyros from rest to rest, against the accelerometers.
 
-With û the direction of f̂ at a rest and R the rotation that the corrected rate makes of the
-transition to the next, the residual is what is left across û at its end::
+With û the direction of f̂ at a rest and R the rotation of the transition to the next rest by the
+corrected rate, the residual is the difference across û at its end::
 
     ρ = B (û_after − E R û_before),   B (2 × 3): two unit vectors across the nominal û_after
 
-The gyros feel the earth's rate too, by which gravity turns with them: E = exp(ω_e T) takes it away.
-A turn about the vertical is not seen. The samples' times are by the recording's clock: T by it
-lasts T (1 + τ), and all turns grow by τ with it; the earth's, which are small, stay. The
+The gyros sense the earth's rate too; E = exp(ω_e T) removes its turn. A turn about the vertical
+changes no residual. The samples' times are those of the recording's clock: a true interval is
+T (1 + τ), and the factor 1 + τ applies to all turns but the earth's, which is small. The
 derivatives are exact to first order: R û moves by û × ψ with ψ = Σ C δω Δt (`_kernels`), δω by the
 inverse of the sensor's model, and û by the part of δf̂ across it over its length.
 
@@ -45,7 +45,7 @@ class InverseModel(NamedTuple):
 
 
 class TransitionRotations(NamedTuple):
-    """What the corrected rate makes of k transitions, and how that depends on it."""
+    """The rotations of k transitions by the corrected rate, and their derivatives."""
 
     rotation: Array  # (k, 3, 3), R
     coefficient_derivatives: Array  # (k, 3, p), of ψ
@@ -57,8 +57,10 @@ class TransitionRotations(NamedTuple):
 class RotationResiduals(NamedTuple):
     """The residuals of k transitions; see the module."""
 
+    rest: Indices  # (k,), where each transition begins
+    way: TransitionRotations
     residual: Array  # (k, 2), ρ in rad
-    to_end_turn: Array  # (k, 2, 3), ∂(−ρ)/∂ψ: how the prediction runs ahead of the observation
+    to_end_turn: Array  # (k, 2, 3), ∂(−ρ)/∂ψ, of the prediction minus the observation
     to_before: Array  # (k, 2, 3), of ρ to f̂ of the rest before
     to_after: Array  # (k, 2, 3), of ρ to f̂ of the rest after
     to_earth: Array  # (k, 2, 3), ∂(−ρ) to what the earth turns, rad
@@ -83,38 +85,29 @@ def inverse_model(sensor: Sensor, c: Array, dT: float = 0.0) -> InverseModel:
     Raises
     ------
     NotInvertible
-        The coefficients make the sensor blind along some direction.
+        The output does not determine all of f and ω.
     """
-    still = Motion(np.zeros((1, 3)), dT=dT)
-    at_rest, at_rest_design, slope = (a[0] for a in sensor.linearise(still, c))
-    if np.linalg.matrix_rank(slope) < 6:
-        raise NotInvertible(f"sensor {sensor.name}: the coefficients make it blind somewhere")
-    inverse: Array = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
-    scale = np.array([axis.readout.scale for axis in sensor.axes])
-    offset = np.array([axis.readout.offset for axis in sensor.axes])
-    unit = np.concatenate([np.eye(6), np.zeros((1, 6))])
-    design = sensor.design(Motion(unit[:, :3], unit[:, 3:], dT=dT), c)
-    design[:6] -= at_rest_design
-    return InverseModel(
-        inverse / scale,
-        -inverse @ (offset / scale + at_rest),
-        -np.einsum("bm,qmp->bqp", inverse[3:], design * _linear_coefficients(sensor)),
-    )
+    return InverseModel(*(part[0] for part in inverse_models(sensor, c, np.array([dT]))))
 
 
 def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
     """Return the same at k temperatures, dT (k,) K beyond the reference, with a leading axis."""
     warmth = dT[:, None]
-    at_rest, at_rest_design, slope = (
-        a[:, 0] for a in sensor.linearise(Motion(np.zeros((1, 3)), dT=warmth), c)
+    at_rest, at_rest_design, slope = sensor.linearise(
+        Motion(np.zeros((len(dT), 1, 3)), dT=warmth), c
     )
+    slope = np.broadcast_to(slope, (*at_rest.shape, 6))[:, 0]
+    at_rest, at_rest_design = at_rest[:, 0], at_rest_design[:, 0]
     if (np.linalg.matrix_rank(slope) < 6).any():
-        raise NotInvertible(f"sensor {sensor.name}: the coefficients make it blind somewhere")
+        raise NotInvertible(
+            f"sensor {sensor.name}: with these coefficients its output does not determine specific "
+            "force and rate"
+        )
     inverse: Array = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     offset = np.array([axis.readout.offset for axis in sensor.axes])
-    unit = np.eye(7, 6)
-    design = sensor.design(Motion(unit[:, :3], unit[:, 3:], dT=warmth), c)
+    unit = np.broadcast_to(np.eye(7, 6), (len(dT), 7, 6))
+    design = sensor.design(Motion(unit[..., :3], unit[..., 3:], dT=warmth), c)
     design[:, :6] -= at_rest_design[:, None]
     return InverseModel(
         inverse / scale,
@@ -132,7 +125,7 @@ def _linear_coefficients(sensor: Sensor) -> NDArray[np.bool_]:
 
 
 def output_at_reference(output: Array, sensor: Sensor, c: Array, dT: Array) -> Array:
-    """Return what the sensor would have put out at its reference temperature, (n, m).
+    """Return the output that the sensor would give at its reference temperature, (n, m).
 
     Parameters
     ----------
@@ -175,7 +168,7 @@ def transition_rotations(
     timebase: float = 0.0,
     dT: Array | None = None,
 ) -> TransitionRotations:
-    """Return the rotations that the corrected rate makes.
+    """Return the rotations of transitions by the corrected rate.
 
     Parameters
     ----------
@@ -229,7 +222,7 @@ def rotation_residuals(
     across : (r, 2, 3) array
         B of each rest.
     earth : (k, 3) array
-        What the earth turns in each transition, ω_e T in the body's frame after it, rad.
+        Turn of the earth in each transition, ω_e T in the body's frame after it, rad.
     """
     length = np.linalg.norm(sensed, axis=-1)
     up = sensed / length[:, None]
@@ -240,6 +233,8 @@ def rotation_residuals(
     # û × ψ = −[ψ×] û = [û×] ψ; ρ loses what the prediction gains.
     ahead = b @ skew(arrived)
     return RotationResiduals(
+        rest=rest,
+        way=way,
         residual=(b @ (up[after] - arrived)[..., None])[..., 0],
         to_end_turn=ahead @ e,
         to_before=-b @ turn @ _direction_jacobian(up[before], length[before]),

@@ -19,6 +19,7 @@ from scipy.linalg import cholesky_banded, solve_banded
 
 from inercal.arrays import Array
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
+from inercal.methods.multi_position.rotations import RotationResiduals
 
 Indices = NDArray[np.int64]
 Whiten = Callable[[Array], Array]
@@ -35,21 +36,13 @@ class RowCovariance(NamedTuple):
 
 
 def row_covariance(rests: Rests, rows: ResidualRows, scatter: Scatter) -> RowCovariance:
-    """Return how the rows scatter: the readings' noise propagated at `rows`."""
+    """Return the covariance of the rows: the readings' noise propagated at `rows`."""
     readings = rests.reading_covariance(scatter)
     enter, own = reading_sensitivities(rests, rows), np.zeros((0, 2, 2))
     turns = rows.rotations
-    if (
-        turns is not None
-        and rows.transition_rotations is not None
-        and rests.transitions is not None
-    ):
-        own = (
-            turns.to_end_turn
-            @ rows.transition_rotations.noise
-            @ np.swapaxes(turns.to_end_turn, -1, -2)
-        )
-        on_the_way = _transition_offset_sensitivities(rests, rows)
+    if turns is not None:
+        own = turns.to_end_turn @ turns.way.noise @ np.swapaxes(turns.to_end_turn, -1, -2)
+        on_the_way = _transition_offset_sensitivities(rests, turns)
         wander = scatter.rate.excess**2 * 2 * on_the_way @ np.swapaxes(on_the_way, -1, -2)
         own = scatter.turn.of(own) + wander
     return RowCovariance(enter @ readings @ np.swapaxes(enter, -1, -2), own)
@@ -64,52 +57,35 @@ def reading_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
     enter = np.zeros((r, _BLOCK_ROWS, m if rests.transitions is None else m + 12))
     back = np.broadcast_to(rows.norm.by_reading, (r, 3, m))
     enter[:, NORM_ROW, :m] = -(rows.norm.up[:, None, :] @ back)[:, 0]
-    if (
-        turns is not None
-        and rows.transition_rotations is not None
-        and rests.transitions is not None
-    ):
-        before = rests.transitions.rest
-        after = before + 1
-        arriving, leaving = _ramp_sensitivities(rests, rows)
-        on_the_way = _transition_offset_sensitivities(rests, rows)
+    if turns is not None:
+        before, after = turns.rest, turns.rest + 1
+        arriving, leaving = _ramp_sensitivities(rests, turns)
+        on_the_way = _transition_offset_sensitivities(rests, turns)
         enter[:, RATE_ROWS, m : m + 3] = enter[:, RATE_ROWS, m + 9 :] = np.eye(3)
         enter[after, :2, :m] = turns.to_after @ back[after]
         enter[after, :2, m + 3 : m + 6] = -turns.to_end_turn
         enter[after, :2, m + 9 :] = arriving + on_the_way
         enter[before, 6:, :m] = turns.to_before @ back[before]
-        enter[before, 6:, m + 6 : m + 9] = -turns.to_end_turn @ rows.transition_rotations.rotation
+        enter[before, 6:, m + 6 : m + 9] = -turns.to_end_turn @ turns.way.rotation
         enter[before, 6:, m + 9 :] = leaving + on_the_way
     return enter
 
 
-def _ramp_sensitivities(rests: Rests, rows: ResidualRows) -> tuple[Array, Array]:
-    """Return what an offset of the gyros on the ramps does to the rotations, (k, 2, 3) each."""
-    assert rows.rotations is not None
-    assert rows.transition_rotations is not None
-    assert rests.transitions is not None
-    before = rests.transitions.rest
-    arriving = -rows.rotations.to_end_turn * rests.ramps[before + 1, 0, None, None]
-    leaving = (
-        -rows.rotations.to_end_turn
-        @ rows.transition_rotations.rotation
-        * rests.ramps[before, 1, None, None]
-    )
+def _ramp_sensitivities(rests: Rests, turns: RotationResiduals) -> tuple[Array, Array]:
+    """Return the derivatives of the rotations by a gyro offset on the ramps, (k, 2, 3) each."""
+    arriving = -turns.to_end_turn * rests.ramps[turns.rest + 1, 0, None, None]
+    leaving = -turns.to_end_turn @ turns.way.rotation * rests.ramps[turns.rest, 1, None, None]
     return arriving, leaving
 
 
-def _transition_offset_sensitivities(rests: Rests, rows: ResidualRows) -> Array:
-    """Return what half an offset of the gyros between the ramps does, (k, 2, 3).
+def _transition_offset_sensitivities(rests: Rests, turns: RotationResiduals) -> Array:
+    """Return the derivatives of the rotations by half a gyro offset between the ramps, (k, 2, 3).
 
-    An offset stays through a rest; on the way it is the mean of those at its ends, and as much
-    again of its own.
+    An offset is constant in a rest. In a transition it is the mean of the offsets at its ends, plus
+    an independent part of the same variance.
     """
-    assert rows.rotations is not None
-    assert rows.transition_rotations is not None
-    arriving, leaving = _ramp_sensitivities(rests, rows)
-    return np.asarray(
-        0.5 * (-rows.rotations.to_end_turn @ rows.transition_rotations.to_bias - arriving - leaving)
-    )
+    arriving, leaving = _ramp_sensitivities(rests, turns)
+    return np.asarray(0.5 * (-turns.to_end_turn @ turns.way.to_bias - arriving - leaving))
 
 
 def sum_over_rests(rests: Rests, of_rests: Array) -> Array:

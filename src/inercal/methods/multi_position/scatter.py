@@ -1,7 +1,7 @@
-"""What the residuals of each kind of rows say of their noise: χ², and the spread that explains it.
+"""χ² of each kind of rows, and the share or excess of the noise that explains it.
 
-Norms are judged first, then rates, then rotations, each with what was found before: the readings of
-a rest are in all of them.
+Norms come first, then rates, then rotations, each with the noise of those before: the readings of a
+rest enter all three kinds.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ Places = NDArray[np.int64]
 
 
 class ScatterStatistics(NamedTuple):
-    """χ² of one kind of rows as stated, its degrees of freedom, and the spread that is found."""
+    """χ² of one kind of rows by the stated noise, degrees of freedom, and the noise by χ²."""
 
     chi2: float
     dof: int
@@ -27,7 +27,7 @@ class ScatterStatistics(NamedTuple):
 
 
 def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
-    """Judge the norms; `rests` are seen by accelerometers alone."""
+    """Return the statistics of the norms; `rests` have accelerometers alone."""
     jacobian = rows.jacobian[:, : len(rests.sensor.coefficients)]
     dof = len(rows.residual) - int(np.linalg.matrix_rank(jacobian * rests.sensor.unit_scale))
 
@@ -39,7 +39,7 @@ def norm_scatter(rests: Rests, rows: ResidualRows) -> ScatterStatistics:
 
 
 def rate_scatter(rests: Rests, rows: ResidualRows, shown: Places) -> ScatterStatistics:
-    """Judge the rates at rest, which show these places of x."""
+    """Return the statistics of the rates at rest, which determine the places `shown` of x."""
     residual, jacobian = _rate_rows(rests, rows, shown)
     whiten = _rate_whitener(rests)
     dof = max(len(residual) - shown.size, 0)
@@ -50,7 +50,7 @@ def rate_scatter(rests: Rests, rows: ResidualRows, shown: Places) -> ScatterStat
 def rotation_scatter(
     rests: Rests, rows: ResidualRows, shown: Places, fitted: Places, scatter: Scatter
 ) -> ScatterStatistics:
-    """Judge the rotations: by what they add to χ² of norms and rates together with these.
+    """Return the statistics of the rotations: their increment of the χ² of norms and rates.
 
     Parameters
     ----------
@@ -88,7 +88,8 @@ def rotation_scatter(
     chi2 = chi_squared(rows.residual, columns, stated) - others(scatter)
     found = beside(scatter)
     if scatter != scatter.shares and not found.excess:
-        # What is added to the readings may be more than the rotations need: it tells no share.
+        # The excess of the readings may be more than the rotations need; a share must not depend on
+        # it.
         found = ScatterModel(share=beside(scatter.shares).share)
     return ScatterStatistics(max(chi2, 0.0), dof, found)
 

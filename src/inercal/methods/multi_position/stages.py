@@ -9,8 +9,8 @@
 
 3. `fit_jointly`: all rows at once, with the scatter found before, started from there.
 
-`score_tests` tests what the fits leave out by the noise before any scatter is added, which would
-hide it: at the solution by that noise, close to the last stage's.
+`score_tests` tests what the fits omit with the noise before any scatter is added, because the
+added scatter would hide it. It uses the solution by that noise, near the solution of the last fit.
 """
 
 from collections.abc import Iterator, Sequence
@@ -56,7 +56,7 @@ KNOWN_QUANTITIES = ("g", "earth_1", "earth_2", "earth_up", "timebase")
 
 @dataclass(frozen=True, eq=False)
 class FitStage:
-    """How far the fits have come.
+    """The result of one of the fits.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class FitStage:
         nominal.
     scatter : Scatter
     groups : tuple of ResidualGroup
-        Judged so far; χ² before any excess.
+        Kinds of rows tested so far; χ² before any excess.
     """
 
     estimate: Estimate
@@ -81,12 +81,12 @@ def fit_accelerometers(rests: Rests, priors: Sequence[Gaussian]) -> FitStage:
     Raises
     ------
     NotObserved
-        Coefficients that the attitudes leave open.
+        Coefficients that the attitudes do not determine.
     """
     alone = Rests(rests.observations, rests.force, rests.bench)
     p = len(rests.force.coefficients)
-    x = alone.start()
-    free = _free_indices(alone, np.arange(p), known_count=1)
+    x, free = alone.start(), _free_indices(alone)
+    free = free[free <= p]  # coefficients and g
     # The noise is propagated at the nominal model first, then where that has led.
     for _ in range(2):
         x[free] = _fit(alone, free, x, Scatter(), priors).value
@@ -106,13 +106,13 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
     Raises
     ------
     NotObserved
-        Coefficients that the turns leave open.
+        Coefficients that the turns do not determine.
     """
     assert rests.transitions is not None
     sensor, p = rests.sensor, len(rests.force.coefficients)
     count = len(sensor.coefficients)
     own = np.arange(p, count)
-    free = np.setdiff1d(_free_indices(rests, own, known_count=len(KNOWN_QUANTITIES)), [count])
+    free = np.setdiff1d(_free_indices(rests), [*range(p), count])
     # The clock's error has its own row, its prior: it takes no degree of freedom.
     fitted = np.setdiff1d(free, [count + KNOWN_QUANTITIES.index("timebase")])
     still = np.array([k for k in own.tolist() if not _needs_rotation(rests, k)], dtype=np.int64)
@@ -143,10 +143,7 @@ def fit_gyros(rests: Rests, first: FitStage, priors: Sequence[Gaussian]) -> FitS
 
 def fit_jointly(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> FitStage:
     """Fit everything to all rows at once, started from `last`."""
-    x = last.x.copy()
-    free = _free_indices(
-        rests, np.arange(len(rests.sensor.coefficients)), known_count=len(KNOWN_QUANTITIES)
-    )
+    x, free = last.x.copy(), _free_indices(rests)
     estimate = _fit(rests, free, x, last.scatter, priors)
     x[free] = estimate.value
     judged = [(group.chi2, group.dof) for group in last.groups]
@@ -159,9 +156,7 @@ def score_tests(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Sco
 
     Of all rows; the accelerometers' too, where the gyros were fitted after them.
     """
-    free = _free_indices(
-        rests, np.arange(len(rests.sensor.coefficients)), known_count=len(KNOWN_QUANTITIES)
-    )
+    free = _free_indices(rests)
     if rests.transitions is None:
         free = free[free <= len(rests.sensor.coefficients)]
     return _fit(
@@ -175,15 +170,10 @@ def score_tests(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Sco
     ).score_tests
 
 
-def _free_indices(rests: Rests, coefficients: Places, known_count: int) -> Places:
-    """Return the places in x that are fitted: coefficients, and what else is not exact."""
-    p = len(rests.sensor.coefficients)
-    loose = [
-        p + k
-        for k, known in enumerate(rests.known_quantities[:known_count])
-        if known.sd > _EXACT_LIMIT
-    ]
-    return np.concatenate([coefficients, np.array(loose, dtype=np.int64)])
+def _free_indices(rests: Rests) -> Places:
+    """Return the places in x of all coefficients and of what else is not exact."""
+    loose = [known.sd > _EXACT_LIMIT for known in rests.known_quantities]
+    return np.flatnonzero([True] * len(rests.sensor.coefficients) + loose)
 
 
 def _needs_rotation(rests: Rests, place: int) -> bool:
@@ -328,8 +318,8 @@ def _residual_groups(
     of_rests, of_turns = row_covariance(rests, rows, scatter)
     variance = np.diagonal(of_rests, axis1=1, axis2=2)
     kinds = [("norms", "m/s²", labels, rows.norm.residual[:, None], variance[:, [NORM_ROW]])]
-    if rows.rotations is not None and rests.transitions is not None:
-        before = rests.transitions.rest
+    if rows.rotations is not None:
+        before = rows.rotations.rest
         ways = tuple(f"{labels[k]}–{labels[k + 1]}" for k in before)
         arriving, leaving = variance[before + 1, :2], variance[before, 6:]
         of_ways = arriving + leaving + np.diagonal(of_turns, axis1=1, axis2=2)

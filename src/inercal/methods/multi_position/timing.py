@@ -1,9 +1,8 @@
 """The gyros' delay against the accelerometers, from the way between rests.
 
-Gravity's direction u, carried along by the rate, moves as u̇ = u × ω. If the gyros lag by τ, so
-does u, and the specific force runs ahead of g u by τ g u × ω. Each transition gives the τ that fits
-it best; what the hand's own acceleration does to that differs between transitions, so that their
-scatter is its uncertainty.
+Gravity's direction u, propagated by the rate, obeys u̇ = u × ω. If the gyros lag by τ, so does u,
+and the specific force is ahead of g u by τ g u × ω. Each transition gives the τ of its best fit.
+The hand's acceleration changes these values independently, so their scatter gives the uncertainty.
 """
 
 import numpy as np
@@ -46,7 +45,12 @@ def gyro_delay(
     """
     way = observations.transitions
     if way is None or len(way.rest) < _MIN_PASSAGES:
-        raise NotObserved(f"a time offset needs gyros and {_MIN_PASSAGES} turns between rests")
+        count = 0 if way is None else len(way.rest)
+        raise NotObserved(
+            f"[method] time_offset needs gyros and {_MIN_PASSAGES} turns between rests; the "
+            f"recording has {count}",
+            key="[method] time_offset",
+        )
     force, c = sensor.select_axes("f"), estimate.value[: len(sensor.coefficients)]
     p, m = len(force.coefficients), len(force.axes)
     warmth = temperature.row_offsets(observations, sensor)
@@ -63,7 +67,11 @@ def gyro_delay(
         gravity,
     )
     if not square.sum() > 0:
-        raise NotObserved("a time offset needs turns that move gravity in the body")
+        raise NotObserved(
+            "[method] time_offset needs turns about horizontal axes; every turn is about the "
+            "vertical",
+            key="[method] time_offset",
+        )
     value = along.sum() / square.sum()
     n = len(along)
     left = along - value * square

@@ -1,4 +1,4 @@
-"""What the accelerometers change by within a rest, beyond the tilt that the gyros see.
+"""The change of the accelerometers within a rest, minus the tilt by the gyros.
 
 A hand sways: a tilt across gravity is not a fault. With Δf̂ the change of f̂ from the first half of
 a rest to the second and θ what the corrected rate turns through between their mean attitudes
@@ -6,10 +6,10 @@ a rest to the second and θ what the corrected rate turns through between their 
 
     d = Δf̂ − f̂ × θ
 
-whitened by the noise of both. They hold nothing of the coefficients beyond what the fits hold, and
-are tested only: by a step in the middle of a rest, which also moves the rest's mean by half of it,
-and by a drift of the biases. A hand that pushes scatters d: along gravity and across, each rest is
-judged by the others where those scatter beyond their noise.
+whitened by the noise of both. They add no information on the coefficients and are used for tests
+only: of a step in the middle of a rest, which also moves the rest's mean by half the step, and of a
+drift of the biases. The push of a hand scatters d: along gravity and across, each rest is tested
+against the scatter of the others where this exceeds their noise.
 """
 
 from collections.abc import Iterator
@@ -117,11 +117,8 @@ def step_candidates(
     rests: Rests, rows: ResidualRows, changed: RestChanges
 ) -> Iterator[tuple[Candidate, Array]]:
     """Yield a step in the middle of each rest: its rows of the fit, not whitened, and (3 r, m)."""
-    enter, m, r = (
-        reading_sensitivities(rests, rows)[..., : rests.m],
-        rests.m,
-        len(rests.observations.labels),
-    )
+    m, r = rests.m, len(rests.observations.labels)
+    enter = reading_sensitivities(rests, rows)[..., :m]
     names = [axis.name for axis in rests.sensor.axes[:m]]
     for k, label in enumerate(rests.observations.labels):
         own = np.zeros_like(enter)

@@ -1,4 +1,4 @@
-"""Drift of the biases as states of a filter, and what "the bias" is where it drifts.
+"""Drift of the biases as states of a filter, and the definition of a bias that drifts.
 
 Flicker of bias instability B, S(f) = B²/(2π f), is a sum of Gauss–Markov processes of the times
 τ_k = τ_1 r^(k−1) and variances B² ln r/π, as ∫ 2 τ/(1 + (2π f τ)²) d ln τ = 1/(2 f); both ends
@@ -6,11 +6,11 @@ stand for what is beyond them and have more. Their Allan variance at T (IEEE Std
 
     σ_A²(T) = Σ_k σ_k² (2 x − 3 + 4 e^−x − e^−2x)/x²,  x = T/τ_k
 
-is that of flicker, (2 ln 2/π) B², within 10 % in variance from 1 s to the span. One time a decade
-does: four states for each axis from 1 s to 10⁴ s. That is the span of all runs of up to 10⁴ s
-(2.8 h), so that a filter that goes along with a run, and does not know when it will end, has the
-states of one that does; longer runs get one more for each decade. A random walk is a state that
-never decays and begins at zero.
+is that of flicker, (2 ln 2/π) B², within 10 % in variance from 1 s to the span. One time per decade
+is enough: four states for each axis from 1 s to 10⁴ s. All runs of up to 10⁴ s (2.8 h) have this
+span, so that a filter during a run, whose duration is not known yet, has the same states as the
+filter of its recording; longer runs get one more for each decade. A random walk is a state that
+does not decay and starts at zero.
 
 **The bias** is the mean of the bias over the run, from the first to the last sample of its
 recording: flicker has no mean that a run could find. With a filter's constant b and the flicker's
@@ -18,9 +18,9 @@ states D that is b̄ = b + Σ ∫ D dt/T. The integral needs no dense row in Φ:
 
     ∫ D dt = J − τ D,  dJ = τ dβ,  J begins at τ D
 
-J, one for each axis for all its states together, is constant but for noise that it shares with
-them. A random walk, as in simulations, is counted from the run's start. A Gauss–Markov drift with a
-stated correlation time has a mean of its own: of that the bias is this mean, and there is no J.
+J, one per axis for all its states, is constant except for noise, which is correlated with theirs.
+A random walk, as in simulations, is counted from the run's start. A Gauss–Markov drift with a
+stated correlation time has an ensemble mean: there the bias is this mean, and there is no J.
 
 The covariance of two means is a double integral of that of the drift, C(u) at times u apart::
 
@@ -42,10 +42,8 @@ from inercal.sensors import Noise
 
 MIN_FLICKER_SPAN = 1e4  # s, of the flicker's states at least
 _SHORTEST_TIME, _LONGEST_TIME_SHARE = 0.8, 0.42  # the shortest time, s; the longest, of the span
-_VARIANCE_FACTOR, _END_VARIANCE_FACTOR = (
-    0.98,
-    1.17,
-)  # of B² ln r/π: all, and both ends beyond that; least deviation
+# Of B² ln r/π: factor of all variances, and further factor of the two ends; least deviation.
+_VARIANCE_FACTOR, _END_VARIANCE_FACTOR = 0.98, 1.17
 _PLACEHOLDER_TIME = 1.0  # s; of a drift of variance zero
 
 
@@ -100,7 +98,7 @@ class Drift(NamedTuple):
         return np.where(begun, integral / np.where(begun, elapsed[:, None], 1.0), 0.0)
 
     def mean(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
-        """Return the mean of the flicker from the start by the states, and what varies it further.
+        """Return the mean of the flicker from the start by the states, and its further variance.
 
         Parameters
         ----------
@@ -114,7 +112,7 @@ class Drift(NamedTuple):
         rows : (3, s) array
             Mean of each axis by the states.
         variance : (3,) array
-            Of what the flicker did since.
+            Of the flicker since the states were predicted.
         """
         c, rows, variance = len(self.times), np.zeros((3, self.size)), np.zeros(3)
         if not self.mean_over_run or elapsed <= 0:
@@ -156,18 +154,21 @@ def drift_model(noises: Sequence[Noise], run_duration: float, name: str = "senso
     ----------
     noises : sequence of 3 Noise
     run_duration : float
-        Of the run, s; below 10⁴ s it makes no difference.
+        Of the run, s; it has no effect below 10⁴ s.
     name : str
         For messages.
 
     Raises
     ------
     InputError
-        Axes of different correlation times.
+        Axes with different correlation times.
     """
     correlation = np.array([one.correlation for one in noises])
     if np.ptp(correlation) > 0:
-        raise InputError(f"{name}: a filter takes one correlation time of the drift for all")
+        raise InputError(
+            f"{name}: the axes state different correlation times of the drift; state one for all",
+            key="correlation",
+        )
     walk = np.array([one.random_walk**2 for one in noises])
     each = [one.bias_instability for one in noises]
     times, variance = np.zeros(0), np.zeros((0, 3))

@@ -11,7 +11,7 @@ from inercal.methods.turntable.drift import Drift
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def sum_drift_components(x: Array, first: int, components: int, out: Array) -> None:
-    """Write the drift of each bias, the sum of its components, which stand from `first` on."""
+    """Write the drift of each bias, the sum of its components, whose states start at `first`."""
     for k in range(3):
         out[k] = 0.0
         for c in range(components):
@@ -30,8 +30,8 @@ def propagate_drift(
 ) -> None:
     """Carry the drift, its states from `first` on, over a time; write diagonals of Φ and Q.
 
-    Beside the diagonal of Q there is
-    `joint`, (c, 3): what each component and J have in common, for `add_drift_cross_covariance`.
+    `joint`, (c, 3), is the covariance of the noise of each component with that of J, for
+    `add_drift_cross_covariance`.
     """
     times, variance, walk, mean_over_run = drift
     own = first + 3 * times.size  # where J begins
@@ -54,7 +54,7 @@ def propagate_drift(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def add_drift_cross_covariance(drift: Drift, first: int, joint: Array, p: Array) -> None:
-    """Add what the noise of J has in common with that of the components to P, as `predict` does."""
+    """Add the covariance of the noise of J with that of the components to P, after `predict`."""
     if not drift.mean_over_run:
         return
     components = drift.times.size

@@ -1,4 +1,4 @@
-"""What a fit found of a turntable far from what the run file states of it."""
+"""Remarks on a fit: parameters of the turntable that are far from the values in the run file."""
 
 from collections.abc import Mapping
 from math import degrees, radians, sqrt
@@ -26,7 +26,7 @@ _UNITS = {"s": "ms", "1": "ppm", "m": "mm", "m/s²": "m/s²"}
 
 
 def remarks(fit: Fit[Turntable, TableStep]) -> Remarks:
-    """Return what is far from stated and, of the source's own estimator, what noise allows it."""
+    """Return findings on stated values and, for the source's estimator, a note on the noise."""
     if not np.all(fit.estimate.converged):
         return Remarks()
     track, notes = fit.observations.track, ()
@@ -37,9 +37,9 @@ def remarks(fit: Fit[Turntable, TableStep]) -> Remarks:
 
 
 def source_noise_note(sensor: Sensor, track: Track) -> str:
-    """Say how well noise alone lets the gyros' biases be known over the run's last rest.
+    """Return the smallest uncertainty of the gyros' biases that noise allows over the last rest.
 
-    The source states 0.004 °/min from 72 s of it.
+    The source states 0.004 °/min from 72 s of rest.
     """
     held = track.time[track.hold == track.hold.max()]
     seconds = float(held[-1] - held[0])
@@ -49,7 +49,7 @@ def source_noise_note(sensor: Sensor, track: Track) -> str:
     )
     return (
         f"the gyros' noise over the last rest, {seconds:.3g} s, leaves u {least:.2g} °/min of each "
-        f"bias: the source's 0.004 °/min from it alone takes less than {needed:.2g} °/√h"
+        f"bias; the source's 0.004 °/min needs a noise below {needed:.2g} °/√h"
     )
 
 
@@ -72,7 +72,7 @@ def stated_value_findings(
         stated = expected.get(name)
         if stated is None or not stated.sd > 0 or sd > _MAX_SD_RATIO * stated.sd:
             continue
-        # What the data moved it by, against by how much they may: the prior's share is theirs not.
+        # The shift by the data against its standard deviation, without the share of the prior.
         pull = abs(value - stated.value) / sqrt(stated.sd**2 - sd**2)
         if pull > _MAX_DEVIATION_SD:
             unit = _UNITS.get(stated.unit) or ("″" if abs(value) + stated.sd < 1e-3 else "°")

@@ -1,7 +1,7 @@
-"""What the methods share: the sensor as a filter sees it, what is known at the start.
+"""The model of a triad that the turntable methods share, and its prior.
 
-Before anything is known a coefficient may be as large as `EXPECTED_SIZES` says; the data must say
-much more of it (`undecided_directions`), or the result would be that guess.
+The prior standard deviation of a coefficient is that of `EXPECTED_SIZES`. The data must determine
+it much better (`undecided_directions`), or the result would be the prior.
 """
 
 from collections.abc import Sequence
@@ -34,8 +34,8 @@ from inercal.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE
 
 ARCSEC = radians(1 / 3600)
 EPOCH_PERIOD = 0.1  # s between epochs
-# rad. What rates taken as linear between samples miss, beside kinks, which are in Q; and a readback
-# that is stated as exact would be divided by.
+# rad. Error of rates taken as linear between samples, without kinks, which are in Q. It also keeps
+# the variance positive where the readback is stated as exact.
 READBACK_NOISE_FLOOR = 0.1 * ARCSEC
 # Standard deviations before the data, SI; of other terms, per their natural size.
 EXPECTED_SIZES = {
@@ -46,15 +46,15 @@ EXPECTED_SIZES = {
     "delta_o": 0.02,
     "delta_p": 0.02,
 }
-# Of the natural size: 1000 µg/g², 200 °/h/g; of temperature LARGEST of it, 1 mg/K
+# Of the natural size: 1000 µg/g², 200 °/h/g; for temperature LARGEST_RELATIVE_SIZE, 1 mg/K
 _DEFAULT_SIZE = 1e-3
-# Of the variance before: a direction that keeps more was decided by the guess, or owes it a share.
+# Of the prior variance: a direction that keeps more is determined by the prior, or partly by it.
 _MAX_DECIDED_SHARE, _MIN_PRIOR_SHARE = 0.25, 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class TriadModel:
-    """Three axes of one kind as a filter sees them.
+    """The model of three axes of one kind in a filter.
 
     Parameters
     ----------
@@ -89,13 +89,14 @@ def triad_model(
     Raises
     ------
     InputError
-        Other than three axes, terms that a filter does not find, or noise that is not stated.
+        Other than three axes, terms that a filter cannot estimate, or noise that is not stated.
     """
     part = sensor.select_axes("f" if kind == "f" else "w")
     noise = [axis.noise for axis in part.axes]
     if not all(one.white > 0 for one in noise):
         which = "accelerometer" if kind == "f" else "gyro"
-        raise InputError(f"[sensor.{which}] white: a filter needs the noise; state it")
+        key = f"[sensor.{which}] white"
+        raise InputError(f"{key}: a filter needs the noise density of all axes; add it", key=key)
     return TriadModel(
         part,
         terms(part),
@@ -106,7 +107,7 @@ def triad_model(
 
 
 def expected_size(part: TriadModel) -> Array:
-    """Return how large each coefficient may be before anything is known, (p,) SI."""
+    """Return the prior standard deviation of each coefficient, (p,) SI."""
     named = zip(part.sensor.coefficients, part.sensor.unit_scale, strict=True)
     warm = temperature.temperature_coefficients(part.sensor)
     return np.array(
@@ -128,7 +129,7 @@ def initial_estimate(
     ----------
     part : TriadModel
     priors : sequence of Gaussian
-        Those on coefficients of these axes come on top of what may be expected.
+        Those on coefficients of these axes multiply the prior of `expected_size`.
     coarse : (3,) array
         Mean reading at rest beyond the sensed motion, SI: where the biases start.
     """
@@ -148,7 +149,7 @@ def initial_estimate(
 
 
 def coarse_bias(bench: Turntable, track: Track, part: TriadModel) -> Array:
-    """Return what the axes read beyond what they sensed over the first rest, (3,) SI.
+    """Return the mean reading minus the sensed motion over the first rest, (3,) SI.
 
     Parameters
     ----------
@@ -168,7 +169,9 @@ def coarse_bias(bench: Turntable, track: Track, part: TriadModel) -> Array:
     if run_duration < MIN_REST_SECONDS:
         raise InputError(
             f"the run begins with a rest of {run_duration:.3g} s; the filters take the biases' "
-            f"first values from {COARSE_REST_SECONDS:g} s of rest: let the table rest first"
+            f"first values from {COARSE_REST_SECONDS:g} s of rest: hold the table still that long "
+            "before its first move",
+            key="hold",
         )
     at = at[track.time[at] <= track.time[at[0]] + COARSE_REST_SECONDS]
     mat = reference_attitude(bench, track.angles[at[:1]])[0]
@@ -179,7 +182,7 @@ def coarse_bias(bench: Turntable, track: Track, part: TriadModel) -> Array:
 
 
 def undecided_directions(part: TriadModel, covariance: Array) -> tuple[NullDirection, ...]:
-    """Return the directions of the coefficients that neither data nor priors decided.
+    """Return the directions of the coefficients that neither data nor stated priors determine.
 
     Parameters
     ----------
@@ -193,7 +196,7 @@ def undecided_directions(part: TriadModel, covariance: Array) -> tuple[NullDirec
 def prior_dominated_directions(
     part: TriadModel, covariance: Array
 ) -> tuple[float, tuple[NullDirection, ...]]:
-    """Return those that were decided but where the guess has a share, and its largest share.
+    """Return directions that are determined partly by the assumed sizes, and the largest share.
 
     Arguments as of `undecided_directions`.
     """
@@ -201,7 +204,7 @@ def prior_dominated_directions(
 
 
 def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
-    """Refuse coefficients that are not decided, by name.
+    """Refuse coefficients that are not determined.
 
     Parameters
     ----------
@@ -217,18 +220,20 @@ def require_decided(part: TriadModel, covariance: Array, what: str) -> None:
     free, p = undecided_directions(part, covariance), len(covariance)
     if free:
         words = tuple(direction.words for direction in free)
+        touched = {word for text in words for word in text.split()}
         raise NotObserved(
-            f"not observed: the run decides {p - len(free)} of {p} coefficients of the {what}; it "
-            f"leaves open, in units of g and rad/s: {'; '.join(words)}; turn about each axis with "
-            "the readback all along, hold more attitudes, or give priors",
+            f"not observed: the run determines {p - len(free)} of {p} coefficients of the {what} "
+            f"(free directions, in units of g and rad/s: {'; '.join(words)}); turn about each axis "
+            "with continuous readback, hold more attitudes, or give priors",
             words,
+            names=tuple(name for name in part.sensor.coefficients if name in touched),
         )
 
 
 def _directions_by_variance_share(
     part: TriadModel, covariance: Array, above: float, to: float
 ) -> tuple[float, tuple[NullDirection, ...]]:
-    """Return the directions that keep such shares of the variance before, and the largest share."""
+    """Return directions whose share of the prior variance is in this range, and the largest."""
     sd = expected_size(part)
     share, directions = np.linalg.eigh(covariance / np.outer(sd, sd))
     chosen = (share > above) & (share <= to)

@@ -1,8 +1,8 @@
-"""What turntable methods leave out: columns for score tests, epoch by epoch.
+"""Columns for score tests of the terms that turntable methods omit, epoch by epoch.
 
-A column is how one unit of a constant q drives the error φ of a gyro's attitude or the velocity
-of accelerometers at rest (d), or how it shifts φ as the readback shows it (c), in the level frame
-and with the signs of `strapdown`::
+A column is the effect of one unit of a constant q: the increment of the gyros' attitude error φ or
+of the velocity of accelerometers at rest (d), or the shift of φ as observed by the readback (c), in
+the level frame and with the signs of `strapdown`::
 
     coefficient    d = −∫ C M e_a φ_q(f, ω) dt    (gyros; accelerometers with +)
     drift          d = −∫ C M e_a (t − t_mid)/T dt: its size is the change over the run; and
@@ -11,7 +11,7 @@ and with the signs of `strapdown`::
     table          c = −B_q                       latency, clock  c = −ω, −ω (t − t₀)
 
 f and ω are those of the readback in the middle of an epoch. A parameter of the table that a method
-estimates within its stated deviation is a column too: what it departs by beyond that shows.
+estimates with its stated prior is a column too: the test shows a departure beyond the prior.
 """
 
 from collections.abc import Sequence
@@ -34,8 +34,8 @@ from inercal.motion import Motion
 from inercal.sensors import G0, Sensor
 from inercal.sensors.coefficient_tables import SI_UNITS, TABLES
 
-# Cosines over the run that a slow change of a bias is described by: few, as the level is shared
-# among candidates, and one of many columns takes much of it.
+# Number of cosines that describe a slow change of a bias over the run: few, because the candidates
+# share the level, and a candidate of many columns takes a large part.
 DRIFT_MODES = 4
 _MIN_HARMONICS = 3  # of each axis, tested at least
 _EXCLUDED_GROUPS = ("arm", "rotation")  # groups of coefficients
@@ -77,7 +77,7 @@ class ConstantColumns:
 
 
 class ColumnInputs(NamedTuple):
-    """Where columns of what a triad leaves out are worked out."""
+    """What the columns of a triad are computed from."""
 
     triad: TriadModel
     bench: Turntable
@@ -137,13 +137,10 @@ def sensor_columns(
         for a, axis in enumerate(part.sensor.axes):
             drift[:, a, 3 * k + a] = shape
             name = f"drift of {axis.name}"
+            families = (f"drift of {_TRIAD_NAMES[kind]}", name)
             if k > 0:
-                name, families = (
-                    f"mode {k} of {axis.name}",
-                    (f"slow changes of {_TRIAD_NAMES[kind]}",),
-                )
-            else:
-                families = f"drift of {_TRIAD_NAMES[kind]}", name
+                name = f"mode {k} of {axis.name}"
+                families = (f"slow changes of {_TRIAD_NAMES[kind]}",)
             largest = LARGEST_RELATIVE_SIZE * (G0 if kind == "f" else 1.0)
             columns.append(ConstantColumn(name, "time", _UNITS[kind], largest, families))
     return tuple(columns), np.concatenate([design, drift], axis=-1)
@@ -214,7 +211,7 @@ def static_mean_columns(epochs: ColumnInputs) -> tuple[tuple[ConstantColumn, ...
 
 
 def static_motion(bench: Turntable, mat: Array) -> Motion:
-    """Return what a table at rest in attitudes (n, 3, 3) has sensed."""
+    """Return the motion that a sensor senses on a table at rest in attitudes (n, 3, 3)."""
     back = np.swapaxes(mat, -1, -2)
     return Motion(back @ np.array([0.0, 0.0, bench.gravity.value]), back @ earth_rate(bench))
 
@@ -222,7 +219,7 @@ def static_motion(bench: Turntable, mat: Array) -> Motion:
 def table_columns(
     bench: Turntable, angles: Array, but: Sequence[str]
 ) -> tuple[tuple[ConstantColumn, ...], Array]:
-    """Return the table's parameters but for some, and how φ as observed moves, (n, 3, B)."""
+    """Return the table's parameters except some, and the shift of φ as observed, (n, 3, B)."""
     count = max(_MIN_HARMONICS, len(bench.harmonics))
     sizes = (*bench.harmonics, *(1.0 for _ in range(count - len(bench.harmonics))))
     seen = linear_misalignment(replace(bench, harmonics=sizes), angles)
@@ -263,13 +260,13 @@ def families(bench: Turntable) -> dict[str, tuple[str, ...]]:
 def candidates(
     columns: Sequence[ConstantColumn], rows: Array, moved: Array | None
 ) -> list[Candidate]:
-    """Return the candidates that columns make: each family.
+    """Return a candidate for each family of columns.
 
     Parameters
     ----------
     columns : sequence of c ConstantColumn
     rows : (m, c) array
-        Whitened, without what the estimate takes up where `moved` is given.
+        Whitened; where `moved` is given, without the part that the estimate absorbs.
     moved : (q, c) array or None
         By how much one unit moves each parameter.
     """

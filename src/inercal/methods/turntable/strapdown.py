@@ -1,7 +1,7 @@
-"""Compiled: attitude step by step, and what errors of the sensor's coefficients make of it.
+"""Compiled: propagation of the attitude, and its sensitivity to the sensor's coefficients.
 
 Level frame: east, north, up. C takes the body's frame to it, C_est = (I − [φ×]) C. φ, small, is a
-rotation vector; φ(f, ω) of `terms` is called phi. What is written is changed in place.
+rotation vector; φ(f, ω) of `terms` is called phi. Functions write results to arguments, in place.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -16,7 +16,7 @@ from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 Indices = NDArray[np.int64]
 # Where an acceleration begins or ends between two samples, a rate taken as linear makes an angle of
 # a Δt² s (1 − s)/2 at the share s of the step: 0.09 a Δt² rms over s. Second differences of five
-# standard deviations (25 × 6 variances of a sample) are taken for such.
+# standard deviations (25 × 6 variances of a sample) count as changes of acceleration.
 LINEAR_RATE_ERROR, LINEAR_RATE_THRESHOLD = 0.09, 150.0
 # A rate taken as a parabola through three samples leaves a Δt² (s − s² − 1/6)/2, the half of
 # Bernoulli's second polynomial: none on average and 1/√720 rms. Third differences, whose mean
@@ -143,7 +143,7 @@ def inverse_scale_matrix_at_temperature(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_temperature_terms(phi: Array, warmth: float) -> None:
-    """Write what depends on ΔT into φ, by the rest of it."""
+    """Write the terms of φ that depend on ΔT, from the other terms."""
     for b in range(BASIS):
         phi[TEMPERATURE + b] = warmth * phi[b]
     phi[TEMPERATURE + BASIS] = warmth * warmth
@@ -151,7 +151,7 @@ def fill_temperature_terms(phi: Array, warmth: float) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_force_terms(phi: Array, f: Array) -> None:
-    """Write what depends on f into φ."""
+    """Write the terms of φ that depend on f."""
     phi[0] = 1.0
     for k in range(3):
         phi[FORCE + k] = f[k]
@@ -162,7 +162,7 @@ def fill_force_terms(phi: Array, f: Array) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def used_term_indices(weights: Array) -> Indices:
-    """Return which of φ a triad's coefficients take part of, 1 among them: biases drift."""
+    """Return the terms of φ that a triad's coefficients use, and the first: biases drift."""
     size = weights.shape[1]
     return np.array([b for b in range(size) if b == 0 or np.any(weights[:, b] != 0.0)])
 
@@ -171,7 +171,7 @@ def used_term_indices(weights: Array) -> Indices:
 def sum_reading_terms(
     axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array
 ) -> None:
-    """Write what each of φ adds to the readings of the axes, (BASIS, 3), the drift with 1."""
+    """Write the factor of each term of φ in the readings, (BASIS, 3); drift adds to the first."""
     for b in used:
         for i in range(3):
             by[b, i] = drift[i] if b == 0 else 0.0
@@ -312,7 +312,7 @@ def interpolate_attitude(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def are_similar_steps(step: float, other: float) -> bool:
-    """Return whether steps of time are of about one size: what bends is told by such alone."""
+    """Return whether two time steps are of similar length, as a curvature needs."""
     return 0 < step <= MAX_STEP_RATIO * other and other <= MAX_STEP_RATIO * step
 
 

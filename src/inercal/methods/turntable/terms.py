@@ -5,7 +5,7 @@ A reading is affine in the coefficients, and its terms are of second degree in t
     y = N u + Σ_m c_m e_a(m) (T_m · φ(f, ω)),   φ = (1, f, ω, fx², fy², fz², fx fy, fx fz, fy fz)
 
 with u = f or ω, e_a the axis that coefficient m belongs to. Of a sensor that depends on temperature
-φ goes on with ΔT times all of these, and ΔT².
+φ also has ΔT times all of these, and ΔT².
 """
 
 from dataclasses import replace
@@ -21,8 +21,7 @@ from inercal.sensors import G0, Sensor
 
 BASIS = 13
 BIAS, FORCE, RATE, SQUARE = 0, 1, 4, 7  # where 1, f, ω and products of f begin in φ
-TEMPERATURE = BASIS  # where ΔT times all of these begins, and after them ΔT² stands
-BASIS_WITH_TEMPERATURE = 2 * BASIS + 1
+TEMPERATURE = BASIS  # index of ΔT times all of these, before ΔT²
 
 
 class Terms(NamedTuple):
@@ -30,8 +29,8 @@ class Terms(NamedTuple):
 
     nominal: Array  # N, (3, 3)
     axis: NDArray[np.int64]  # a(m), (p,)
-    weights: Array  # T, (p, BASIS), or (p, WHOLE) of a sensor that depends on temperature
-    first: int  # where u begins in φ
+    weights: Array  # T, (p, BASIS), or (p, 2 BASIS + 1) where the sensor depends on temperature
+    first: int  # index of u in φ
 
     @property
     def bias(self) -> NDArray[np.bool_]:
@@ -67,9 +66,15 @@ def terms(sensor: Sensor) -> Terms:
     """
     kinds = {axis.measures for axis in sensor.axes}
     if len(sensor.axes) != 3 or len(kinds) != 1:
-        raise InputError(f"{sensor.name}: a filter takes three axes of one kind")
+        axes = tuple(axis.name for axis in sensor.axes)
+        raise InputError(
+            f"{sensor.name}: the method takes three axes of one kind, not {', '.join(axes)}",
+            names=axes,
+        )
     if sensor.form != "reference":
-        raise InputError(f"{sensor.name}: a filter takes the reference form, not {sensor.form}")
+        raise InputError(
+            f'{sensor.name}: the method takes form = "reference", not "{sensor.form}"', key="form"
+        )
     rng = np.random.default_rng(0)
     motion = Motion(G0 * rng.standard_normal((40, 3)), rng.standard_normal((40, 3)))
     probes = basis(motion)
@@ -90,6 +95,10 @@ def terms(sensor: Sensor) -> Terms:
     away = result.design - np.einsum("nb,pb,ap->nap", probes, weights, np.eye(3)[:, axis])
     beyond = np.abs(away).max(axis=(0, 1)) > 1e-9 * np.abs(result.design).max(axis=(0, 1))
     if beyond.any():
-        names = ", ".join(n for n, bad in zip(sensor.coefficients, beyond, strict=True) if bad)
-        raise InputError(f"{sensor.name}: a filter does not find {names}")
+        names = tuple(n for n, bad in zip(sensor.coefficients, beyond, strict=True) if bad)
+        raise InputError(
+            f"{sensor.name}: the method cannot estimate the coefficients {', '.join(names)}; remove"
+            " them",
+            names=names,
+        )
     return Terms(whole[first : first + 3].T.copy(), axis, weights, first)

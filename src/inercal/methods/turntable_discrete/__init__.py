@@ -1,10 +1,10 @@
 """An IMU on a turntable by the traditional procedure: means at rest, and over steady whole turns.
 
-Accelerometers read gravity in positions, gyros the earth's rate there and steady rates of both
-signs in rotations: biases and the earth's rate are what the signs leave, scale and misalignment
-what they turn. What the table may be off by is a nuisance with its stated deviation; the drift of
-biases makes neighbouring rows alike (`turntable.drift.covariance_of_means`), and a bias is its mean
-over the run. Accelerometers take no part in rotations, where an unstated lever arm would be sensed.
+Accelerometers read gravity in positions; gyros read the earth's rate there and steady rates of
+both signs in rotations. The sum over both signs gives biases and the earth's rate, the difference
+scale and misalignment. The table's errors are nuisances with their stated deviations; the drift of
+biases correlates neighbouring rows (`turntable.drift.covariance_of_means`), and a bias is its mean
+over the run. Accelerometers in rotations are not used: an unstated lever arm would add to them.
 
 Source: IEEE Std 1293 and 1431, multipoint and rate tests; Titterton and Weston, Strapdown Inertial
 Navigation Technology, 2nd edition, chapter 8.
@@ -24,6 +24,7 @@ from inercal.estimate import least_squares as solve
 from inercal.methods import mean_problem
 from inercal.methods._base import Method
 from inercal.methods.observability import require_observed
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS
 from inercal.methods.turntable.drift import covariance_of_means
 from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable.score_columns import families
@@ -71,7 +72,7 @@ def least_squares(
         Steps that are not those of the rows, two of one label, angles of other axes than the
         table's, or a row without noise.
     NotObserved
-        Coefficients that these steps leave open, by name.
+        Coefficients that these steps do not determine.
     """
     mean_problem.require_matching_rows(observations, sensor, steps)
     if observations.track is None:
@@ -127,8 +128,8 @@ def _add_readback_noise(
 ) -> Observations:
     """Return the observations with the readback's white noise σ in their covariance.
 
-    Of a position the mean of n readings is off by σ/√n about each axis, which turns gravity; of a
-    rotation over T the two ends by σ, which is √2 σ/T of the mean rate.
+    In a position the mean of n readings errs by σ/√n about each axis, which turns gravity; in a
+    rotation over T both ends err by σ, which is √2 σ/T in the mean rate.
     """
     count, lasting = observations.samples, observations.duration
     turns = np.array([isinstance(step, Rotation) for step in steps])
@@ -165,9 +166,13 @@ def _rows_from_readback(
         half = observations.duration[r] / 2
         at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= half * (1 + 1e-9))
         if at.size < _MIN_SAMPLES:
-            raise InputError(f"{step.label}: the track has {at.size} samples in it")
+            raise InputError(
+                f"step {step.label}: the recording has {at.size} samples of it, and {_MIN_SAMPLES} "
+                "are needed; check the step's times",
+                names=(step.label,),
+            )
         if isinstance(step, Rotation):
-            # A label may begin with the first sample that moves: the one before is at rest.
+            # A label may begin with the first moving sample: the sample before is at rest.
             at = np.arange(max(int(at[0]) - 1, 0), int(at[-1]) + 1)
         time, angles = track.time[at], track.angles[..., at, :]
         if isinstance(step, Position):
@@ -182,19 +187,22 @@ def _require_axes(bench: Turntable, steps: Sequence[TableStep]) -> None:
     k = len(bench.axes)
     for step in steps:
         if step.angles is not None and len(step.angles) != k:
-            raise InputError(f"{step.label}: {len(step.angles)} angles; the table's axes are {k}")
+            raise InputError(
+                f"step {step.label}: {len(step.angles)} angles are given; the table has {k} axes",
+                names=(step.label,),
+            )
         if not isinstance(step, Position) and step.axis >= k:
-            raise InputError(f"{step.label}: axis {step.axis}; the table has 0 to {k - 1}")
+            raise InputError(
+                f"step {step.label}: the table has no axis {step.axis}; its axes are 0 to {k - 1}",
+                names=(step.label,),
+            )
 
 
 METHOD = Method(
     name="turntable_discrete",
     bench=Turntable,
-    default_coefficients={
-        "f": ("bias", "scale", "misalignment"),
-        "w": ("bias", "scale", "misalignment"),
-    },
-    also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
+    default_coefficients=DEFAULT_COEFFICIENTS,
+    also=FURTHER_COEFFICIENTS,
     needs=(),
     plan=partial(path_by_name, path="discrete"),
     estimators={"least_squares": least_squares},

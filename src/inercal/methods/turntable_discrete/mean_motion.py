@@ -1,4 +1,4 @@
-"""What an IMU on a turntable feels on average in a position, and over a rotation.
+"""The mean motion that an IMU on a turntable senses in a position, and over a rotation.
 
 The readback's attitude C_k at times t_k is off by a small rotation φ_k = B_k β in the level frame::
 
@@ -177,7 +177,7 @@ def sensed_motion(
     known = declared_parameters(bench)
     f, w = motion.f, motion.w
     for name in (one for one in {**df, **dw} if one in q):
-        # The readback is taken as it came: a known delay is off it as much as an unknown one.
+        # The readback is not corrected for its stated delay, so the whole delay is an error.
         off = q[name] - (0.0 if name == "latency" else known[name].value)
         if np.any(off):
             beside = off[..., None, None]

@@ -1,20 +1,21 @@
 """An IMU on a turntable, followed by two Kalman filters over one recording.
 
-* `full`: the gyros' and the accelerometers' filter with the drift of the biases, the delay of the
-  readback and the table's other declared errors as states. R is the readback's noise as the bench
-  states it, so that the innovations test what was stated.
-* `drift`: without right angles and harmonics, of the source's R: 19 and 25 states for 24
-  parameters, and one each for an azimuth and a readback's clock that are not exact.
-* `paper`: the source's, 15 and 18 states: its uncertainties are too small where the table errs.
+* `full`: the filters of gyros and accelerometers with the drift of the biases, the delay of the
+  readback and the table's other declared errors as states. R is the stated noise of the readback,
+  so that the innovations test the stated noise and table.
+* `drift`: without right angles and harmonics, with the source's R: 19 and 25 states for 24
+  parameters, and one state each for an azimuth and a readback clock that are not exact.
+* `paper`: the filters of the source, 15 and 18 states; the uncertainties are too small where the
+  table has errors.
 
-Both filters run over the whole recording, the accelerometers' one where the table holds, and know
-nothing of each other: what both find of the table is stated once, by the one that knows it better.
+Both filters run over the whole recording, that of the accelerometers in the holds, independently of
+each other; a parameter of the table that both estimate is reported with the smaller uncertainty.
 Their coefficients refer to the table's innermost axis frame: 24 in all. `Calibration.in_frame`
 turns them exactly into the 21 of a frame that is tied to the accelerometers.
 
 Source: Liu, Cui, Zhang and Xu (North University of China), fast calibration of a MIMU on a
-turntable with LabVIEW; its equations are lost in the copy at hand and rebuilt from its text. Drift,
-delay and the table's errors as states are ours.
+turntable with LabVIEW. The available copy lacks the equations; they are derived from its text.
+Drift, delay and the table's errors as states are additions.
 """
 
 from functools import partial
@@ -22,6 +23,7 @@ from functools import partial
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name as named_path
 from inercal.methods._base import Method
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS
 from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, estimate_by_filters
 from inercal.methods.turntable_kalman.sequential import sequential
@@ -29,11 +31,8 @@ from inercal.methods.turntable_kalman.sequential import sequential
 METHOD = Method(
     name="turntable_kalman",
     bench=Turntable,
-    default_coefficients={
-        "f": ("bias", "scale", "misalignment"),
-        "w": ("bias", "scale", "misalignment"),
-    },
-    also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
+    default_coefficients=DEFAULT_COEFFICIENTS,
+    also=FURTHER_COEFFICIENTS,
     needs=("f", "w"),
     plan=named_path,
     estimators={

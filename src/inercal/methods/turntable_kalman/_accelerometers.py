@@ -1,13 +1,13 @@
-"""Compiled: the accelerometers' filter, sample by sample; its dense oracle stands in the tests.
+"""Compiled: the accelerometers' filter, sample by sample; the tests have its dense oracle.
 
 States: δV (3), φ (3), p coefficients, drift of the biases (`turntable.drift`), q of the table's
 parameters, and, where there are two more, the error of each hold's angles about east and north.
 
-A table at rest keeps the attitude, the earth's turn included, so that nothing of the gyros enters:
-what they are off by would be taken for tilt. The force is known as well, g along the vertical of
-that attitude, and coefficients are multiplied by it, not by the reading as corrected so far, whose
-errors times those of the coefficients are of second order and made a filter that trusts velocity
-diverge.
+The attitude of a table at rest is constant, including the earth's turn, so the gyros are not used:
+their errors would be taken for tilt. The specific force is known too, g along the vertical of that
+attitude. Coefficients are multiplied by it and not by the corrected reading: the product of its
+error with those of the coefficients is of second order and made a filter with a small variance of
+the velocity diverge.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -55,20 +55,20 @@ class VelocityReadback(NamedTuple):
 
     epochs: Indices  # (e,)
     attitude: Array  # (e, 3, 3)
-    table_sensitivity: Array  # (e, 2, q), how φ as it is observed moves with the table's parameters
+    table_sensitivity: Array  # (e, 2, q), ∂(φ as observed)/∂(the table's parameters)
     hold_variance: Array  # (e, 2) rad², variance of a hold's angles about east and north
     noise: Array  # (e, 2) rad², of the readback's noise
 
 
 class VelocitySettings(NamedTuple):
-    """Variances beside the model's."""
+    """Variances that are not in the model of the triad."""
 
     velocity_variance: float  # of velocity at rest, (m/s)²
     hold_attitude_variance: float  # of φ where a hold begins, rad²
 
 
 class VelocityState(NamedTuple):
-    """How far the filter has come. What of x is fed back is kept zero."""
+    """The state of the filter. The part of x that is fed back is zero."""
 
     c: Array  # (3, 3)
     theta: Array  # (p,)
@@ -84,7 +84,7 @@ class VelocityState(NamedTuple):
 
 
 class VelocityRun(NamedTuple):
-    """What every step of the filter is given."""
+    """The arguments of every step of the filter."""
 
     samples: FilterSamples
     readback: VelocityReadback
@@ -180,7 +180,7 @@ def _propagate_velocity(first: int, end: int, run: VelocityRun) -> int:
 
     Return the sample to follow.
     """
-    # Each field of a tuple that is asked for counts references: once here, not at each sample.
+    # Access to a field of a tuple counts references: once here, not at each sample.
     samples, _readback, model, _settings, state, done = run
     time, forces, hold, warmth = samples
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
@@ -216,9 +216,10 @@ def _propagate_velocity(first: int, end: int, run: VelocityRun) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _begin_hold(e: int, run: VelocityRun, to: Transition) -> None:
-    """Begin a hold: attitude from the table, velocity zero; Φ and Q keep all but what is its own.
+    """Begin a hold: attitude from the table, velocity zero.
 
-    The drift goes on.
+    Φ and Q keep the coefficients and the table's parameters, and propagate the drift; the states of
+    the hold start anew.
     """
     _samples, readback, model, settings, state, _done = run
     a, keep, driven, drawn, joint = to
@@ -229,10 +230,8 @@ def _begin_hold(e: int, run: VelocityRun, to: Transition) -> None:
     keep[:] = 1.0
     drawn[:] = 0.0
     for k in range(3):
-        driven[k, k], driven[3 + k, 3 + k] = (
-            settings.velocity_variance,
-            settings.hold_attitude_variance,
-        )
+        driven[k, k] = settings.velocity_variance
+        driven[3 + k, 3 + k] = settings.hold_attitude_variance
     for s in range(own, keep.size):
         keep[s], drawn[s] = 0.0, readback.hold_variance[e, s - own]
         state.x[s] = 0.0
@@ -270,13 +269,13 @@ def _transition(run: VelocityRun, to: Transition) -> None:
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0
     propagate_drift(model.drift, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
-    # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is that of a table that stands.
+    # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is relative to a table at rest.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _observe(e: int, run: VelocityRun, z: Array, h: Array) -> None:
-    """Write velocity, and what the readback says beyond the attitude, z = h x + noise."""
+    """Write the velocity, and the readback minus the attitude, as z = h x + noise."""
     _samples, readback, model, _settings, state, done = run
     beside, off = readback.table_sensitivity, done.scratch
     gm, q, n = 6 + state.theta.size, beside.shape[2], state.x.size

@@ -1,6 +1,10 @@
-"""Compiled: what both filters' kernels are given, and the steps that they share.
+"""Compiled: the arguments of both filters' kernels, and the steps that they share.
 
-All that a kernel changes are arrays, in place: a recording may come in pieces.
+Kernels change arrays in place, so that a recording may be processed in pieces.
+
+Each kernel has its own loop over epochs. A common loop would take the filter's steps as functions,
+and Numba caches no kernel that has functions among its arguments: each process would compile it
+again. A loop in Python over compiled steps would cost several calls of 10 µs per epoch of 30 µs.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -35,7 +39,7 @@ class FilterSamples(NamedTuple):
 
 
 class KernelModel(NamedTuple):
-    """Of three axes and the place where they are."""
+    """The model of three axes at a place."""
 
     terms: Terms
     white: Array  # (3,), variance of the integral of the noise, SI²/s
@@ -52,15 +56,15 @@ class Transition(NamedTuple):
     keep: Array
     driven: Array
     drawn: Array
-    joint: Array  # (components, 3), what the drift's noise has in common with that of J
+    joint: Array  # (components, 3), covariance of the drift's noise with that of J
 
 
 class KernelWorkspace(NamedTuple):
-    """What a kernel works out anew, in arrays that it need not allocate each time."""
+    """Arrays for intermediate results of a kernel, allocated once."""
 
-    used_terms: Indices  # which of φ the coefficients take part of
+    used_terms: Indices  # the terms of φ that the coefficients use
     m: Array  # M, (3, 3)
-    reading_terms: Array  # what each of φ adds to the readings, (size of φ, 3)
+    reading_terms: Array  # factor of each term of φ in the readings, (size of φ, 3)
     phi: Array  # φ of the last step, (size of φ,)
     cm: Array  # C M in its middle, (3, 3)
     half: Array  # C in its middle, (3, 3)
@@ -72,7 +76,7 @@ class KernelWorkspace(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def new_workspace(model: KernelModel, theta: Array, drift: Array) -> KernelWorkspace:
-    """Return where a piece begins: M and φ of coefficients (p,), drift of the biases (3,)."""
+    """Return the workspace for coefficients (p,) and the drift of the biases (3,)."""
     size = model.terms.weights.shape[1]
     result = KernelWorkspace(
         used_term_indices(model.terms.weights),
@@ -93,7 +97,7 @@ def new_workspace(model: KernelModel, theta: Array, drift: Array) -> KernelWorks
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def update_workspace(work: KernelWorkspace, model: KernelModel, theta: Array, drift: Array) -> None:
-    """Write M and what each of φ adds, as found so far."""
+    """Write M and the factors of φ by the present estimates."""
     terms = model.terms
     inverse_scale_matrix(terms.nominal, terms.axis, terms.weights, theta, terms.first, work.m)
     sum_reading_terms(terms.axis, terms.weights, theta, drift, work.used_terms, work.reading_terms)
@@ -108,14 +112,14 @@ def predict_covariance(model: KernelModel, first: int, to: Transition, p: Array)
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def copy_slice(x: Array, first: int, out: Array) -> None:
-    """Write what stands in x from `first` on; see `strapdown.copy_matrix`."""
+    """Write the part of x from `first` on; see `strapdown.copy_matrix`."""
     for k in range(out.size):
         out[k] = x[first + k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) -> None:
-    """Write what white noise makes of an integral over a time, C M diag(noise) (C M)ᵀ Δt."""
+    """Write the covariance of integrated white noise, C M diag(noise) (C M)ᵀ Δt."""
     for k in range(3):
         for j in range(3):
             out[k, j] = 0.0
@@ -144,7 +148,7 @@ def write_estimate(
     before : int
         Where the coefficients begin in the state; the drift follows them.
     theta : (p,) array
-        Coefficients; what the state has of them comes on top.
+        Coefficients, to which the state adds.
     x, p : (n,) and (n, n) arrays
     value, variance : (n,) arrays
         Written.

@@ -1,8 +1,8 @@
-"""Compiled: the gyros' filter, sample by sample; its dense oracle stands in the tests.
+"""Compiled: the gyros' filter, sample by sample; the tests have its dense oracle.
 
 Rates are parabolas through the last three samples, with the second-order term of coning (Miller
 1983, J. Guidance 6(4), 287–291). States: φ (3), p coefficients, drift of the biases
-(`turntable.drift`), q of the table's parameters. What a readback says of φ is in `_readback`.
+(`turntable.drift`), q of the table's parameters. `_readback` has the observation of φ.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -138,25 +138,16 @@ def run_gyro_filter(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
     """Carry the attitude over samples, and sum up what drives φ; return the sample to follow."""
-    # Each field of a tuple that is asked for counts references: once here, not at each sample.
+    # Access to a field of a tuple counts references: once here, not at each sample.
     samples, _readback, model, settings, state, done = run
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
     used, m, by, phi, cm, half, mean, u, turn, fed = done
-    c, result, before, times, past = (
-        state.c,
-        state.sensitivity_integral,
-        state.rates,
-        state.times,
-        state.attitudes,
-    )
+    c, result, before = state.c, state.sensitivity_integral, state.rates
+    times, past = state.times, state.attitudes
     earth, white, gravity, gap = model.earth, model.white, model.gravity, settings.gap
-    newest, now, kinks, lost = (
-        state.newest_row[0],
-        state.time[0],
-        state.acceleration_variance[0],
-        state.alignment_due[0],
-    )
+    newest, now = state.newest_row[0], state.time[0]
+    kinks, lost = state.acceleration_variance[0], state.alignment_due[0]
     sums, step, ended = state.sensitivity_integrals, state.time[3], state.time[4]
     squares, warmed = used[-1] >= SQUARE, warmth.size > 0
     for i in range(first, end):
@@ -183,7 +174,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
                 terms.nominal, terms.axis, terms.weights, theta, RATE, warmth[i], m
             )
         correct_reading(mean, m, by, phi, used, RATE, u)
-        # The way within the step, against the level frame; half of it first.
+        # Rotation of the step relative to the level frame, and half of it.
         for k in range(3):
             around_earth = 0.0
             for j in range(3):
@@ -192,9 +183,9 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
             coning = before[0, j1] * rates[i, j2] - before[0, j2] * rates[i, j1]
             turn[k] = (u[k] - around_earth) * dt + coning * dt * dt / 12
             fed[k] = 0.5 * turn[k]
-            # At rest only the earth's rate is sensed, about an axis that does not turn. Readings
-            # would do as well but for their noise: the angle's random walk is made of it, and scale
-            # factors would be found from the two.
+            # About an axis at rest the sensed rate is the earth's. The reading is not used here:
+            # its noise correlates with the angle's random walk, and the filter would estimate a
+            # scale factor from the correlation.
             beyond = u[k] - around_earth
             still = hold[i] >= 0 or beyond * beyond * dt < REST_RATE_VARIANCES * white[k]
             phi[RATE + k] = around_earth if still else u[k]
@@ -213,13 +204,9 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
                 past[newest, k, j] = c[k, j]
                 for b in used:
                     sums[newest, b, k, j] = result[b, k, j]
-    state.newest_row[0], state.time[0], state.acceleration_variance[0], state.alignment_due[0] = (
-        newest,
-        now,
-        kinks,
-        lost,
-    )
-    state.time[3], state.time[4] = step, ended
+    state.newest_row[0], state.alignment_due[0] = newest, lost
+    state.time[0], state.time[3], state.time[4] = now, step, ended
+    state.acceleration_variance[0] = kinks
     return end
 
 
@@ -253,13 +240,13 @@ def _transition(run: AttitudeRun, to: Transition) -> None:
     a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
     a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
     if settings.timing_states[2] >= 0:
-        # The level frame is the table's: turned clockwise it sees the earth's rate go west.
+        # The level frame is the table's: turned clockwise, the earth's rate has a part to the west.
         a[0, settings.timing_states[2]] = earth[1] * since
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array) -> None:
-    """Carry φ by the azimuth as estimated so far: the attitude goes by that as stated."""
+    """Propagate φ with the estimated azimuth: the attitude is propagated with the stated one."""
     azimuth = settings.timing_states[2]
     if azimuth < 0:
         return
@@ -273,7 +260,7 @@ def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array) -> 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _propagate_error(x: Array, a: Array) -> None:
-    """Carry φ that is not fed back."""
+    """Propagate φ where it is not fed back."""
     moved = np.zeros(3)
     for k in range(3):
         moved[k] = x[k]

@@ -1,10 +1,10 @@
-"""Compiled: what a readback says of the gyros' attitude, at the time when it was taken.
+"""Compiled: the observation of the gyros' attitude by a readback, at the time of the readback.
 
-A readback is compared with the attitude of its own time t′: of what is there
+A readback is compared with the attitude at its time t′. The error there is
 
     φ(t′) = φ(t) + G dθ,  G = ∫ C M φ(f, ω) dt from t′ to t
 
-G is kept for the samples that may be asked for, and what is fed back at t turns them by as much.
+G is stored for the samples that a readback may refer to; feedback at t turns their attitudes too.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -35,7 +35,7 @@ from inercal.methods.turntable_kalman._filter_steps import (
 )
 
 Indices = NDArray[np.int64]
-MAX_LINEAR_DELAY = 1e-4  # s: within that a way does not bend by more than 0.04″, even at 1000 °/s²
+MAX_LINEAR_DELAY = 1e-4  # s: over it the angle is linear within 0.04″, even at 1000 °/s²
 MAX_ITERATIONS, DELAY_TOLERANCE = 10, 1e-6  # of a delay, s
 REST_RATE_VARIANCES = 20.0  # variances of a sample, within which a rate is noise
 
@@ -46,25 +46,25 @@ class AttitudeReadback(NamedTuple):
     epochs: Indices  # (e,)
     age: Array  # (e,) s, how much older than the sample it is by its stamp
     attitude: Array  # (e, 3, 3)
-    table_sensitivity: Array  # (e, 3, q), how φ as it is observed moves with the table's parameters
+    table_sensitivity: Array  # (e, 3, q), ∂(φ as observed)/∂(the table's parameters)
 
 
 class AttitudeSettings(NamedTuple):
-    """How the two are compared."""
+    """Parameters of the comparison of readback and attitude."""
 
     variance: float  # of the attitude by readback, rad²
     alignment_variance: float  # of φ at an alignment, rad²
     gap: float  # s, a step of time beyond which the attitude is taken from readback anew
     timing_states: (
-        Indices  # (3,), where latency, clock and azimuth stand among the states; -1 is not there
+        Indices  # (3,), indices of latency, clock and azimuth among the states; -1 if no state
     )
     delay: float  # s, latency where it is not a state
-    feedback: bool  # whether what is found is fed back
-    azimuth: float  # rad, that the model's earth rate is of
+    feedback: bool  # whether estimates are fed back
+    azimuth: float  # rad, the azimuth of the model's earth rate
 
 
 class AttitudeState(NamedTuple):
-    """How far the filter has come. What of x is fed back is kept zero."""
+    """The state of the filter. The part of x that is fed back is zero."""
 
     c: Array  # (3, 3)
     theta: Array  # (p,)
@@ -85,15 +85,15 @@ class AttitudeState(NamedTuple):
     attitudes: Array
     sensitivity_integrals: Array
     newest_row: Indices  # (1,), their row of the sample before
-    # Of the last samples time and readback, which comes later than they; or of those that wait for
-    # theirs time, rates and hold.
+    # Time and readback of the last samples, where the readback waits for the IMU; or time, rates
+    # and hold of samples that wait for their readback.
     pending_samples: Array
     nis: float = 0.0
     epochs: int = 0
 
 
 class AttitudeRun(NamedTuple):
-    """What every step of the filter is given."""
+    """The arguments of every step of the filter."""
 
     samples: FilterSamples
     readback: AttitudeReadback
@@ -104,7 +104,7 @@ class AttitudeRun(NamedTuple):
 
 
 class ReadbackTerms(NamedTuple):
-    """What a readback says beyond the attitude, z = h x + noise."""
+    """A readback minus the attitude, z = h x + noise."""
 
     z: Array  # (3,) rad
     extra_variance: Array  # (3,) rad², variance beside that of the readback
@@ -131,9 +131,9 @@ def _readback_time(e: int, run: AttitudeRun, x: Array, p: Array) -> tuple[float,
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def align(e: int, run: AttitudeRun, to: Transition) -> None:
-    """Take the attitude from the first readback of after a gap.
+    """Take the attitude from the first readback after a gap.
 
-    φ is lost, in Φ and Q too, all else is kept.
+    φ, Φ and Q of φ start anew; all other states stay.
     """
     state, done = run.state, run.workspace
     when, variance = _readback_time(e, run, state.x, state.p)
@@ -145,7 +145,7 @@ def align(e: int, run: AttitudeRun, to: Transition) -> None:
     spread = run.settings.alignment_variance
     for k in range(3):
         spread += rate[k] * rate[k] * variance
-    # All that was carried since is turned alike.
+    # All attitudes since then turn by the same rotation.
     onto = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -164,9 +164,9 @@ def align(e: int, run: AttitudeRun, to: Transition) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def observe(e: int, run: AttitudeRun, fed: Array, x: Array, p: Array, seen: ReadbackTerms) -> None:
-    """Write what the readback says beyond the attitude when it was taken, about x of covariance p.
+    """Write the readback minus the attitude at its time, linearised at x with covariance p.
 
-    Its variance is larger where the way bends. `fed` is the drift that is fed back.
+    Its variance is larger where the rate changes. `fed` is the drift that is fed back.
     """
     readback, model, state, done = run.readback, run.model, run.state, run.workspace
     (z, spread, h), late, beside = seen, run.settings.timing_states, readback.table_sensitivity
@@ -185,7 +185,7 @@ def observe(e: int, run: AttitudeRun, fed: Array, x: Array, p: Array, seen: Read
     interpolate_attitude(times, past, newest, when, then, rate, turn)
     for k in range(3):
         spread[k] = turn[k] * turn[k]
-    # The noise of rates at rest is no motion: it would tell the delay from what never moved.
+    # The noise of rates at rest is no motion: the filter would estimate a delay from it.
     noise = max(model.white[0], model.white[1], model.white[2])
     for k in range(3):
         if rate[k] * rate[k] * state.time[3] < REST_RATE_VARIANCES * noise:
@@ -205,7 +205,7 @@ def observe(e: int, run: AttitudeRun, fed: Array, x: Array, p: Array, seen: Read
         if late[1] >= 0:
             h[k, late[1]] = -rate[k] * lasting
             z[k] -= rate[k] * x[late[1]] * lasting
-        # φ as it was then: what drove it since is taken back.
+        # φ at that time: its increments since then are subtracted.
         for b in used:
             for t in range(axis.size):
                 early, later = sums[before, b, k, axis[t]], sums[after, b, k, axis[t]]
@@ -222,7 +222,7 @@ def observe(e: int, run: AttitudeRun, fed: Array, x: Array, p: Array, seen: Read
 def iterate_observation(
     e: int, run: AttitudeRun, fed: Array, seen: ReadbackTerms, gain: Array
 ) -> None:
-    """Take z = h x about the delay that it leads to, where little was known of that (iterated).
+    """Iterate z = h x at the estimated delay, where the delay was uncertain.
 
     Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton on what is most probable.
     """
@@ -244,10 +244,10 @@ def iterate_observation(
 def _add_delay_curvature(
     run: AttitudeRun, p: Array, when: float, variance: float, spread: Array
 ) -> None:
-    """Add the mean squares of what is of second order in a delay that is hardly known.
+    """Add the mean squares of terms of second order in an uncertain delay.
 
-    Of α δτ²/2 that is 3/4 (α σ²)², of δω δτ, with the error of the rate by the coefficients, no
-    more than 3 σ² var(ω).
+    For α δτ²/2 this is 3/4 (α σ²)²; for δω δτ, with the error of the rate by the coefficients, at
+    most 3 σ² var(ω).
     """
     model, state, done = run.model, run.state, run.workspace
     then, sd, newest = done.half, np.sqrt(variance), state.newest_row[0]
@@ -279,7 +279,7 @@ def _add_delay_curvature(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def feed_back(run: AttitudeRun, fed: Array) -> None:
-    """Turn the attitude, now and as it was, by φ, and take in the coefficients.
+    """Turn the present and past attitudes by φ, and add the corrections of the coefficients.
 
     `fed` is the drift that was fed back before.
     """

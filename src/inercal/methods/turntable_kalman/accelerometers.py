@@ -1,11 +1,11 @@
-"""The accelerometers' filter: velocity at rest should stay zero, and the table says what is up.
+"""The accelerometers' filter: the velocity at rest is zero, and the table gives the vertical.
 
-States: δV (3), φ (3), coefficients, drift of the biases (`turntable.drift`), and what the table's
-attitude may be off by: lean of the base, right angles and harmonics of the readback; or the lean
-and, anew at each hold, an error of its angles (2) that stands for the others. At every hold
-the attitude is taken from the table, which keeps it, and the velocity set to zero and integrated;
-what is found is fed back ten times a second. The source integrates the attitude by the gyros: what
-these are off by, their sensitivity to g above all, is then taken for tilt.
+States: δV (3), φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the
+table's attitude: lean of the base, right angles and harmonics of the readback; or the lean and,
+anew at each hold, an error of its angles (2) in place of the others. At every hold the attitude is
+taken from the table and is constant; the velocity is set to zero and integrated. Estimates are fed
+back ten times a second. The source integrates the attitude by the gyros: their errors, above all
+their sensitivity to g, are then taken for tilt.
 """
 
 from collections.abc import Sequence
@@ -96,25 +96,24 @@ class AccelerometerFilter(Filter[VelocityState]):
         Raises
         ------
         InputError
-            A sensor that a filter does not take, or no rest to begin with.
+            A sensor that the filter does not support, or no rest at the start.
         """
         part = model.triad_model(
             sensor, "f", model.run_duration(track, run_duration), bias_drift=bias_drift
         )
         first, prior = model.initial_estimate(part, priors, model.coarse_bias(bench, track, part))
         seen = linear_misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
+        chosen = {"exact": (), "lean": _BASE_PARAMETERS}.get(table)
         kept = tuple(
             q
             for q in seen
-            if q.sd > 0
-            and (q.name in _BASE_PARAMETERS or (table == "whole" and q.name != "azimuth"))
+            if q.sd > 0 and (q.name != "azimuth" if chosen is None else q.name in chosen)
         )
-        kept = () if table == "exact" else kept
         return cls(part, bench, prior, first, kept, table == "lean", readback_sd, velocity_sd)
 
     @property
     def time_varying_states(self) -> tuple[str, ...]:
-        """Names of the states that vary with time and that a hold says something of."""
+        """Names of the states that vary with time and that a hold determines."""
         return (*TILT[:2], *self.bias_drift, *self.hold_states)
 
     @property
@@ -125,7 +124,7 @@ class AccelerometerFilter(Filter[VelocityState]):
     @property
     def tested_components(self) -> int:
         """How many components of an epoch are tested."""
-        # At rest a readback that is stated as exact is: what it leaves of the floor tests nothing.
+        # With a readback that is stated as exact, the floor of its noise is arbitrary: no test.
         return 3 if self.readback_sd is None and self.bench.white == 0 else self.rows
 
     @property
@@ -171,7 +170,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         return self.step_result(after, nis, track.time[epochs], steps, history, smooth)
 
     def _readback(self, epochs: NDArray[np.int64], angles: Array) -> VelocityReadback:
-        """Return what the kernel is told of the readback (e, k) at epochs."""
+        """Return the readback (e, k) at epochs as the kernel takes it."""
         e, q = len(angles), len(self.table)
         if not e:  # as long as the table moves
             shapes = (e, 3, 3), (e, 2, q), (e, 2), (e, 2)
@@ -187,7 +186,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         )
 
     def _hold_variance(self, angles: Array) -> Array:
-        """Return the variance about east and north of what a hold's angles are off by, (e, 2)."""
+        """Return the variance of the error of a hold's angles about east and north, (e, 2)."""
         if not self.hold_errors:
             return np.zeros((len(angles), 2))  # no state of its own
         seen = linear_misalignment(self.bench, angles)

@@ -1,4 +1,4 @@
-"""Both filters over one track, and the estimate that they make together."""
+"""Both filters over one track, and their combined estimate."""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -45,7 +45,7 @@ def run_filter(
 ) -> FilterResult:
     """Run the filter of the gyros ("w") or of the accelerometers ("f") over one trial's track.
 
-    And back where that is wanted.
+    `smooth`: smooth the states that vary with time, and keep the data of the tests.
     """
     result = config.filter(kind, sensor, bench, track, priors)
     run = result.begin(track)
@@ -64,7 +64,7 @@ def run_filter(
 def _untested_noise_note(readback_sd: float | None) -> str:
     if readback_sd is None:
         return ""
-    return f"R of the source, {readback_sd / ARCSEC:.3g}″, is not that of the noise"
+    return f"the source's R, {readback_sd / ARCSEC:.3g}″, is not the noise of the readback"
 
 
 def estimate_by_filters(
@@ -83,10 +83,10 @@ def estimate_by_filters(
     observations : Observations
         With the track that the filters follow.
     sensor : Sensor
-        Triads of gyros and of accelerometers; gyros alone are found too.
+        Triads of gyros and of accelerometers, or one of them.
     bench : Turntable
     steps : sequence of Position or Rotation
-        Unused: the readback says what was done.
+        Unused: the readback gives the motion.
     priors : sequence of Gaussian
         On coefficients.
     config : FilterConfig
@@ -97,16 +97,18 @@ def estimate_by_filters(
         No track, no rest at its start, a sensor that the filters do not take, or a prior that joins
         gyros and accelerometers.
     NotObserved
-        Directions that the run does not decide.
+        Directions that the run does not determine.
     """
     if observations.track is None:
-        raise InputError("the filters follow a recording; means of positions are not enough")
+        raise InputError(
+            "the filters need a recording; the data are means of positions", key="track"
+        )
     track = temperature.with_steady_temperature(observations.track)
     kinds = {axis.measures for axis in sensor.axes}
     priors = split_priors(sensor, priors)
     lead = track.reading.shape[:-2]
     trials = [
-        # Of several trials the first one's course is kept.
+        # Of several trials only the first has a smoothed course and tests.
         [
             run_filter(kind, sensor, bench, track.trial(*k), config, priors, smooth=not any(k))
             for kind in FILTER_KINDS
@@ -124,7 +126,7 @@ def estimate_by_filters(
         for one in trials[0]
     ]
     result = [_combine_filters(names, trial, own) for trial in trials]
-    # An R above the noise makes the tests of means less sharp, not wrong: biases still add up.
+    # An R above the noise makes the tests of means less powerful but not wrong.
     checked = [one.test_data for one in trials[0] if one.test_data]
     q, p = len(names), len(sensor.coefficients)
     value = np.array([one[0] for one in result]).reshape(*lead, q)
@@ -162,10 +164,10 @@ def estimate_by_filters(
 def _table_sensitivities(
     names: tuple[str, ...], parts: Sequence[FilterResult], bench: Turntable
 ) -> dict[str, Array]:
-    """Return how coefficients move with what is stated of the table, (q,) by its parameters.
+    """Return the sensitivity of the coefficients to the table's stated values, (q,) by parameter.
 
-    Each filter has its own estimate of the table, and so its own part of every column. Gravity is
-    no state: of accelerometers it is a factor on what they read.
+    Each filter estimates the table separately, and so gives its part of every column. Gravity is
+    no state: it is a factor on the accelerometers' readings.
     """
     declared, moved = bench.acting_parameters(), dict[str, Array]()
     for one in parts:
@@ -196,8 +198,9 @@ def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
         first, second = (np.flatnonzero(np.isin(prior.names, names)) for names in own)
         if np.any(prior.covariance[np.ix_(first, second)]):
             raise InputError(
-                f"prior on {', '.join(prior.names)}: the filters find gyros and accelerometers "
-                "apart; give priors of each by themselves, or use turntable_trajectory"
+                f"prior on {', '.join(prior.names)}: the filters estimate gyros and accelerometers "
+                "separately; give an uncorrelated prior for each, or use turntable_trajectory",
+                names=prior.names,
             )
         result += [part for names in own if (part := prior.marginal(names)) is not None]
     return result
@@ -206,14 +209,14 @@ def split_priors(sensor: Sensor, priors: Sequence[Gaussian]) -> list[Gaussian]:
 def _notes(
     parts: Sequence[FilterResult], config: FilterConfig, bench: Turntable
 ) -> tuple[str, ...]:
-    """Say how innovations agree, and what the uncertainties do not hold."""
+    """Return notes on the innovations and on errors that the uncertainties do not include."""
     result = [describe_innovations(one) for one in parts]
     result += [words for one in parts if (words := _prior_share_note(one))]
     if not config.table and (bench.square > 0 or any(bench.harmonics)):
         which = "gyros" if config.accelerometer_table == "lean" else "gyros and accelerometers"
         result.append(
-            f"{which}: right angles and harmonics of the table, which the bench declares, are in "
-            "none of the states, and the uncertainties are too small: full holds them"
+            f"{which}: the filters have no states for the right angles and harmonics that [bench] "
+            "states, and the uncertainties are too small; estimator full has them"
         )
     if (
         len(parts) > 1
@@ -221,30 +224,30 @@ def _notes(
         and set(_table_states(parts[0])) & set(_table_states(parts[1]))
     ):
         result.append(
-            "gyros and accelerometers are stated as independent, though right angles and harmonics "
-            "of the table are common to both"
+            "gyros and accelerometers are taken as independent, although the table's right angles "
+            "and harmonics affect both"
         )
     return tuple(result)
 
 
 def _prior_share_note(one: FilterResult) -> str:
-    """Say what rests on the guess before the data in some measure."""
+    """Return a note on directions that the assumed sizes of coefficients determine in part."""
     p = len(one.triad.sensor.coefficients)
     share, found = model.prior_dominated_directions(one.triad, one.covariance[:p, :p])
     if not found:
         return ""
     return (
-        f"{one.course.name}: up to {100 * share:.2g} % of what is known rests on how large "
-        f"coefficients may be expected to be, not on the run, in units of g and rad/s: "
+        f"{one.course.name}: the assumed sizes of coefficients, not the run, give up to "
+        f"{100 * share:.2g} % of the information on these directions (in units of g and rad/s): "
         f"{'; '.join(direction.words for direction in found)}"
     )
 
 
 def _owners(parts: Sequence[FilterResult]) -> dict[str, FilterResult]:
-    """Return, by parameter of the table, the filter that knows it better.
+    """Return, by parameter of the table, the filter with the smaller variance.
 
-    Each has its own estimate, with its own correlations: one value of the one with correlations of
-    the other would be no covariance.
+    Each filter has its own correlations: a value of one with the correlations of the other would
+    give no valid covariance.
     """
     found: dict[str, tuple[float, FilterResult]] = {}
     for one in parts:
@@ -266,9 +269,9 @@ def _table_states(one: FilterResult) -> list[str]:
 def _combine_filters(
     names: tuple[str, ...], parts: Sequence[FilterResult], own: Sequence[Sequence[str]]
 ) -> tuple[Array, Array, float]:
-    """Return value and covariance in order, by both filters as independent, and the sum of NIS.
+    """Return value and covariance in the order of `names`, and the sum of NIS.
 
-    Of each filter those of its states that are its `own`.
+    The filters are taken as independent; `own` are the names that each of them gives.
     """
     value, covariance = np.zeros(len(names)), np.zeros((len(names), len(names)))
     for one, taken in zip(parts, own, strict=True):
@@ -277,7 +280,7 @@ def _combine_filters(
         value[at] = one.value[k]
         ratio, first = variance_inflation(one), at[: len(one.shared_covariance)]
         covariance[np.ix_(at, at)] = ratio * one.covariance[np.ix_(k, k)]
-        # Innovations say nothing of an error that all of them share.
+        # Innovations do not test gravity, whose error is in none of them.
         covariance[np.ix_(first, first)] -= (ratio - 1) * one.shared_covariance
     return value, covariance, sum(one.nis for one in parts)
 

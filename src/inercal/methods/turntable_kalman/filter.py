@@ -1,4 +1,4 @@
-"""What both filters are: states of a triad and of its table, over the samples of a track in pieces.
+"""The base of both filters: states of a triad and its table, over the samples of a track in pieces.
 
 The states are those of the attitude, and of the velocity of accelerometers, then the coefficients,
 the drift of the biases (`turntable.drift`), the table's parameters, and those of each hold.
@@ -29,17 +29,15 @@ from inercal.recording import Track
 _SCALAR_FIELDS = ("nis", "epochs")  # of a state; all else is an array
 S = TypeVar("S", _accelerometers.VelocityState, _readback.AttitudeState)
 TILT = ("phi_e", "phi_n", "phi_u")
-"""φ: how far the attitude that a filter went by is off, about east, north and up."""
+"""φ: the error of the attitude that a filter uses, about east, north and up."""
 
 
 class FilterEstimate(NamedTuple):
-    """What a filter has found so far: its states' values from the coefficients on."""
+    """The present estimate of a filter: its states from the coefficients on."""
 
     value: Array  # (s,)
     covariance: Array  # (s, s)
-    shared_covariance: (
-        Array  # (p, p), part of the coefficients' that no innovation shows: gravity's
-    )
+    shared_covariance: Array  # (p, p), of the coefficients by gravity, which no innovation shows
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +93,7 @@ class Filter(ABC, Generic[S]):
     @property
     @abstractmethod
     def time_varying_states(self) -> tuple[str, ...]:
-        """Names of the states that vary with time and that the data say something of."""
+        """Names of the states that vary with time and that the data determine."""
 
     @property
     def tested_components(self) -> int:
@@ -135,7 +133,7 @@ class Filter(ABC, Generic[S]):
         """Return the same, and what the filter did at each epoch where a state is smoothed."""
 
     def estimate(self, state: S) -> FilterEstimate:
-        """Return what the filter has found, with biases as means over the run so far."""
+        """Return the present estimate, with biases as means over the run so far."""
         at, p = len(self.leading_states), len(self.initial_values)
         value, covariance = state.x[at:].copy(), state.p[at:, at:].copy()
         value[:p] += state.theta
@@ -148,7 +146,7 @@ class Filter(ABC, Generic[S]):
         return FilterEstimate(value, covariance, self.shared_covariance)
 
     def mean_bias_transform(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
-        """Return how biases as means over the run depend on the states, and what varies them more.
+        """Return how biases as means over the run depend on the states, and their further variance.
 
         Parameters
         ----------
@@ -160,7 +158,7 @@ class Filter(ABC, Generic[S]):
         by : (n, n) array
             What each state adds to each coefficient beyond itself.
         variance : (n,) array
-            Of what the drift did since the states were predicted.
+            Of the drift since the states were predicted.
         """
         part, n, at = self.triad, len(self.states), len(self.leading_states)
         by, variance = np.zeros((n, n)), np.zeros(n)
@@ -173,9 +171,10 @@ class Filter(ABC, Generic[S]):
         return by, variance
 
     def covariance(self, before: float) -> Array:
-        """Return that of the states before the data, (n, n); of those before the coefficients so.
+        """Return the prior covariance of the states, (n, n).
 
-        What is of each hold is set where that begins.
+        `before` is the variance of the states before the coefficients. Those of each hold are set
+        where the hold begins.
         """
         return np.asarray(
             block_diag(
@@ -188,7 +187,7 @@ class Filter(ABC, Generic[S]):
         )
 
     def kernel_model(self) -> KernelModel:
-        """Return what a kernel knows of the triad, and of where it is."""
+        """Return the model of the triad at its place, as a kernel takes it."""
         part, bench = self.triad, self.bench
         return KernelModel(
             part.terms,
@@ -206,7 +205,7 @@ class Filter(ABC, Generic[S]):
         return FilterSamples(track.time, reading, track.hold, warmth)
 
     def allocate_steps(self, epochs: int, smooth: Sequence[str]) -> tuple[FilterSteps, Array]:
-        """Return room for what a kernel does at each epoch, with a way back, and its history."""
+        """Return empty arrays for a kernel's steps, for its smoother, and for its history."""
         states = self.states
         wanted = np.zeros((len(smooth), len(states)))
         for row, name in zip(wanted, smooth, strict=True):
@@ -220,7 +219,7 @@ class Filter(ABC, Generic[S]):
         ), history
 
     def _write_bias_weights(self, name: str, row: Array) -> None:
-        """Write how a bias, its constant and the components of its drift, depends on the states."""
+        """Write the weights of the states in a bias: its constant and components of its drift."""
         terms, at = self.triad.terms, len(self.leading_states)
         i = [axis.name for axis in self.triad.sensor.axes].index(name[len("drift[") : -1])
         row[at + len(self.initial_values) + i + 3 * np.arange(len(self.triad.drift.times))] = 1.0
@@ -236,10 +235,10 @@ class Filter(ABC, Generic[S]):
         history: Array,
         smooth: Sequence[str],
     ) -> tuple[S, FilterHistory, FilterSteps]:
-        """Return the state after the epochs that a kernel has gone over, their course and steps.
+        """Return the state after the epochs of a kernel, their course and steps.
 
-        The states before the coefficients are in the way back alone. Of flicker a bias is the mean
-        so far, as the result is; its drift in the way back is its departure from the mean of all
+        Only the smoothed course has the states before the coefficients. With flicker a bias is the
+        mean so far, as in the result; its smoothed drift is the departure from the mean over all
         epochs.
 
         Parameters
@@ -270,7 +269,7 @@ class Filter(ABC, Generic[S]):
     def _smoothed_course(
         self, smooth: Sequence[str], elapsed: Array, value: Array, made: FilterSteps, p: Array
     ) -> SmoothedStates:
-        """Return the way back from a covariance p, some s after the filter's start."""
+        """Return the smoothed course from a covariance p; `elapsed` is the time since the start."""
         part, at = self.triad, len(self.leading_states)
         value, against = value.copy(), np.zeros(made.wanted.shape)
         if part.drift.mean_over_run and elapsed.size:
@@ -285,7 +284,7 @@ class Filter(ABC, Generic[S]):
                     row[at:first] = weights[at:first]
                     row[:] = row @ whole
         added, spread = smoother_corrections(made, against, p)
-        # What is known exactly is the difference of equal variances: rounding may leave it below 0.
+        # The variance of a known state is a difference of equal numbers: rounding may make it < 0.
         std = np.sqrt(np.maximum(spread, 0.0))
         last = against @ value[-1] if elapsed.size else 0.0
         return SmoothedStates(tuple(smooth), value @ made.wanted.T + added - last, std)
@@ -293,7 +292,7 @@ class Filter(ABC, Generic[S]):
 
 @dataclass
 class RunningFilter(Generic[S]):
-    """A filter, and the state that it has come to."""
+    """A filter and its present state."""
 
     filter: Filter[S]
     state: S
@@ -305,7 +304,7 @@ class RunningFilter(Generic[S]):
 
     @property
     def estimate(self) -> FilterEstimate:
-        """What the filter has found so far."""
+        """The present estimate."""
         return self.filter.estimate(self.state)
 
     @property

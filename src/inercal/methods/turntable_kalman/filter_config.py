@@ -1,4 +1,4 @@
-"""The two filters as the estimators have them."""
+"""The configuration of the two filters for each estimator."""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
@@ -18,18 +18,17 @@ _SOURCE_VELOCITY_SD = 1e-3  # m/s
 
 
 class FilterConfig(NamedTuple):
-    """Which states the filters have, and how far attitude and velocity at rest are trusted."""
+    """The states of the filters, and the standard deviations of attitude and velocity at rest."""
 
     bias_drift: bool
     table: bool  # right angles and harmonics in the gyros' filter
-    accelerometer_table: Literal["whole", "lean", "exact"]  # in the accelerometers'
-    source_readback_sd: (
-        tuple[float, float] | None
-    )  # rad, of the attitude in each filter; None is the bench's
+    accelerometer_table: Literal["whole", "lean", "exact"]  # of the accelerometers' filter
+    # rad, of the attitude in each filter; None is that of the bench
+    source_readback_sd: tuple[float, float] | None
     velocity_sd: float  # m/s
 
     def readback_sd(self, bench: Turntable) -> tuple[float, float | None]:
-        """Return what the gyros' and the accelerometers' filter take of the readback, rad."""
+        """Return the readback's standard deviation in the two filters, rad; gyros first."""
         return self.source_readback_sd or (max(bench.white, model.READBACK_NOISE_FLOOR), None)
 
     def filter(
@@ -43,8 +42,7 @@ class FilterConfig(NamedTuple):
     ) -> GyroFilter | AccelerometerFilter:
         """Return the filter of the gyros ("w") or of the accelerometers ("f").
 
-        Arguments as of `GyroFilter.from_track`, which say what is refused, and
-        `AccelerometerFilter.from_track`.
+        Arguments and errors as of `GyroFilter.from_track` and `AccelerometerFilter.from_track`.
         """
         gyros, accelerometers = self.readback_sd(bench)
         if kind == "w":

@@ -1,4 +1,4 @@
-"""Tests of what both filters assume: innovations by step, and scores of what has no state."""
+"""Tests of both filters' models: innovations by step, and scores of constants without a state."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,6 +9,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.estimate import ModelTest, ScoreTestSet, score_tests
 from inercal.estimate.innovations import (
+    epoch_groups,
     group_innovations,
     mean_and_whiteness_tests,
     standardised_innovations,
@@ -29,13 +30,11 @@ _MAX_LATENCY_DEVIATION = 3.0  # standard deviations of the latency as stated
 
 
 class InnovationTestData(NamedTuple):
-    """What one filter's innovations are tested by."""
+    """The data for the tests of one filter's innovations."""
 
     name: str
     time: Array  # (e,) s
-    standardised_innovations: (
-        Array  # (e, m), innovations over their standard deviations; NaN where none
-    )
+    standardised_innovations: Array  # (e, m), over their standard deviations; NaN where none
     states: tuple[str, ...]
     columns: tuple[ConstantColumn, ...]
     sums: OmittedSums | None  # of the columns
@@ -48,7 +47,7 @@ def innovation_test_data(
     time: Array,
     steps: FilterSteps,
 ) -> InnovationTestData:
-    """Return what tests of a filter need.
+    """Return the data for the tests of a filter.
 
     Parameters
     ----------
@@ -62,7 +61,7 @@ def innovation_test_data(
         Of them all.
     """
     theta = found.value[: len(made.initial_values)]
-    # What drives gyros does so from the run's start on.
+    # Driving constants act on gyros from the start of the run.
     whole = np.concatenate([track.time[:1], time]) if isinstance(made, GyroFilter) else time
     warmth = temperature.offsets_at_times(track, made.triad.sensor, whole)
     at = ColumnInputs(made.triad, made.bench, theta, whole, _angles(track, whole), warmth)
@@ -82,10 +81,8 @@ def innovation_test_data(
         )
     else:
         some = columns.accelerometer_columns(at)
-        start, seen = (
-            _initial_sensitivity(made, some),
-            some.observed_effects[:, : steps.s.shape[1] - phi],
-        )
+        start = _initial_sensitivity(made, some)
+        seen = some.observed_effects[:, : steps.s.shape[1] - phi]
         sums = omitted_constant_sums(
             steps, start, some.driving_effects, 0, seen, phi, made.tested_components
         )
@@ -106,7 +103,7 @@ def _sums_for_mean_biases(
 
 
 def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantColumns) -> Array:
-    """Return U of the columns at the start, (n, c): those that are states act as these do."""
+    """Return U of the columns at the start, (n, c); columns that are states act by the state."""
     known, c = [one.name for one in made.table], len(some.driving_columns)
     start = np.zeros((len(made.states), len(some.columns)))
     for k, one in enumerate(some.columns):
@@ -120,14 +117,15 @@ def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantC
 def _sums_for_time_states(
     made: GyroFilter, found: FilterEstimate, some: tuple[ConstantColumn, ...], sums: OmittedSums
 ) -> OmittedSums:
-    """Return the sums with latency and clock, where they are states, scored by what they came to.
+    """Return the sums with those of latency and clock, where they are states, from their estimates.
 
-    A delay that is hardly known does not act in first order before it is found, as the recursion
-    would have it. Of a constant with the prior N(μ, P₀) that comes to x̂ and P the sums are known::
+    The recursion is of first order, but an uncertain delay is not, until it is estimated. For a
+    constant with the prior N(μ, P₀) and the estimate x̂ of variance P the sums are known::
 
         G = (P₀ − P)/P₀²        b = (x̂ − μ)/P₀        −U = −P e/P₀
 
-    Nothing else is alike: they hold the one combination of innovations that finds the delay.
+    The products with other columns are set to zero: the sums contain only the one combination of
+    innovations that determines the delay.
     """
     gram, product, moved = (one.copy() for one in sums)
     names = [one.name for one in some]
@@ -146,7 +144,7 @@ def _sums_for_time_states(
     if "latency" in known and "clock" not in known:
         k, late = names.index("clock"), names.index("latency")
         if product[late] ** 2 > _MAX_LATENCY_DEVIATION**2 * gram[late, late]:
-            # About a delay that was far off, nothing is told of how it grows.
+            # After a delay far from its stated value the data do not test the clock.
             gram[k], gram[:, k], product[k] = 0.0, 0.0, 0.0
     return OmittedSums(gram, product, moved)
 
@@ -159,10 +157,7 @@ def _angles(track: Track, time: Array) -> Array:
 
 def innovation_tests(one: InnovationTestData, observations: Observations) -> tuple[ModelTest, ...]:
     """Return the tests of one filter's innovations by step of the run."""
-    group = np.full(one.time.size, -1)
-    spans = zip(observations.time, observations.duration, strict=True)
-    for number, (middle, seconds) in enumerate(spans):
-        group[np.abs(one.time - middle) <= seconds / 2] = number
+    group = epoch_groups(one.time, observations.time, observations.duration)
     z = group_innovations(one.standardised_innovations[:, :3], group)
     return mean_and_whiteness_tests(
         z,
@@ -174,7 +169,7 @@ def innovation_tests(one: InnovationTestData, observations: Observations) -> tup
 def score_omissions(
     parts: Sequence[InnovationTestData], names: Sequence[str], owners: Sequence[Sequence[str]]
 ) -> ScoreTestSet:
-    """Return the scores of what the filters leave out, by both of them together.
+    """Return the scores of constants without a state, by both filters together.
 
     Parameters
     ----------

@@ -1,11 +1,11 @@
-"""The gyros' filter: what they make of the attitude against what the table says of it.
+"""The gyros' filter: the attitude by the gyros against the attitude by the table's readback.
 
-States: φ (3), coefficients, drift of the biases (`turntable.drift`), and what the table's attitude
-may be off by (latency, clock, right angles, harmonics of the readback). The attitude is integrated
-from the rates as corrected so far and compared ten times a second; what is found is fed back.
+States: φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the table's
+attitude (latency, clock, right angles, harmonics of the readback). The attitude is integrated from
+the corrected rates and compared with the readback ten times a second; estimates are fed back.
 
-A readback may be ahead of the IMU or behind it: the one that comes first waits for the other, so
-that each is compared with an attitude between samples, at most 8 standard deviations of the latency
+A readback may be ahead of the IMU or behind it: the earlier one waits for the other, so that each
+readback is compared with an attitude between samples, at most 8 standard deviations of the latency
 old.
 """
 
@@ -38,14 +38,11 @@ from inercal.recording import Track
 from inercal.sensors import Sensor
 
 _LATENCY_COVERAGE = 4.0  # standard deviations
-# s; where less is known of a delay it does not act in first order as the table speeds up.
+# s; a more uncertain delay is not of first order while the table accelerates.
 _MAX_LATENCY_SPAN = 0.1
 # Samples of the ring beyond those: two at either end for a cubic, and uneven steps
 _SPARE_SAMPLES = 8
-_DURATION_FACTOR, _PAUSE_ALLOWANCE = (
-    2.0,
-    600.0,
-)  # as long as planned, and s: what a run with pauses may take
+_DURATION_FACTOR, _PAUSE_ALLOWANCE = 2.0, 600.0  # of the planned duration, and s, for pauses
 _TIMING_PARAMETERS = ("latency", "clock", "azimuth")
 _ALIGNMENT_SD = 60 * ARCSEC  # sd of φ where the attitude is taken from the table
 
@@ -61,11 +58,11 @@ class GyroFilter(Filter[AttitudeState]):
     readback_sd : float
         Standard deviation of the attitude by readback, rad.
     lag : int
-        Samples by which readback waits for the IMU; negative, the IMU waits for it.
+        Number of samples by which the readback waits for the IMU; if negative, the IMU waits.
     buffer_size : int
         Samples whose attitudes are kept.
     feedback : bool
-        Whether what is found is fed back to the integration.
+        Whether estimates are fed back to the integration.
     compare_while_turning : bool
         Whether attitudes are compared while the table turns too.
     """
@@ -101,22 +98,22 @@ class GyroFilter(Filter[AttitudeState]):
         sensor : Sensor
         bench : Turntable
         track : Track
-            Of one trial; its first 20 s do.
+            Of one trial; its first 20 s are enough.
         priors : sequence of Gaussian
         bias_drift, table : bool
             Whether biases drift and readback may be late; whether the table's other errors are
             states.
         readback_sd : float
-            rad. 4″ hold what the readback's noise, and rates taken as linear between samples at
-            100 Hz, are off by.
+            rad. 4″ cover the readback's noise and the error of rates taken as linear between
+            samples at 100 Hz.
         run_duration : float, optional
             s that the run takes as planned; pauses come on top. None is the track's.
 
         Raises
         ------
         InputError
-            A sensor that a filter does not take, no rest to begin with, or a latency that is not
-            known well enough.
+            A sensor that the filter does not support, no rest at the start, or a latency that is
+            too uncertain.
         """
         part = model.triad_model(
             sensor, "w", model.run_duration(track, run_duration), bias_drift=bias_drift
@@ -126,7 +123,7 @@ class GyroFilter(Filter[AttitudeState]):
         wanted = [q for q in loose if q.name in _TIMING_PARAMETERS and bias_drift]
         if table:
             seen = linear_misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
-            # A lean turns all attitudes alike: φ at the start holds it.
+            # A lean turns all attitudes equally: φ at the start includes it.
             known = ("lean_x", "lean_y", *_TIMING_PARAMETERS)
             wanted += [q for q in seen if q.sd > 0 and q.name not in known]
         lag, kept = _buffer_lengths(
@@ -172,7 +169,7 @@ class GyroFilter(Filter[AttitudeState]):
         """Return as `Filter.with_steps`."""
         after = copy_state(state)
         samples, stamps, angles, tail = self._pair_readback(state.pending_samples, track)
-        # In one order of memory, or the kernel would be compiled for each.
+        # With one memory layout, or Numba would compile the kernel for each layout.
         after = after._replace(pending_samples=np.ascontiguousarray(tail))
         epochs = strapdown.epoch_indices(
             samples.time, model.EPOCH_PERIOD * (1 - 1e-6), after.time[1]
@@ -211,9 +208,9 @@ class GyroFilter(Filter[AttitudeState]):
     def _pair_readback(
         self, tail: Array, track: Track
     ) -> tuple[FilterSamples, Array, Array, Array]:
-        """Return samples, of each the readback's stamp and angles, and what waits for later ones.
+        """Return samples, the stamp and angles of the readback of each, and those that wait.
 
-        `tail` is what has waited.
+        `tail` are the samples or readbacks that waited before.
         """
         samples, lag = self.samples(track), self.lag
         if lag < 0:
@@ -234,7 +231,7 @@ class GyroFilter(Filter[AttitudeState]):
         return samples, ready[:, 0], ready[:, 1:], read[track.time.size :]
 
     def _timing_state_indices(self) -> NDArray[np.int64]:
-        """Return where latency, clock and azimuth stand among the states."""
+        """Return the indices of latency, clock and azimuth among the states, -1 if absent."""
         names = self.states
         return np.array([names.index(n) if n in names else -1 for n in _TIMING_PARAMETERS])
 
@@ -242,7 +239,7 @@ class GyroFilter(Filter[AttitudeState]):
 def _buffer_lengths(
     bench: Turntable, track: Track, sd: float, run_duration: float | None
 ) -> tuple[int, int]:
-    """Return by how many samples readback waits for the IMU, and how many attitudes are kept.
+    """Return how many samples the readback waits for the IMU, and how many attitudes are stored.
 
     Parameters
     ----------
@@ -260,14 +257,14 @@ def _buffer_lengths(
         else _DURATION_FACTOR * run_duration + _PAUSE_ALLOWANCE
     )
     ahead = _LATENCY_COVERAGE * sd - late
-    # A sample beyond the delay's own time serves to tell how the way bends there.
+    # The curvature at the time of the readback needs one more sample.
     lag = ceil(ahead / step - 1e-9) + 1 if sd > 0 or late != 0 else 0
     span = 2 * _LATENCY_COVERAGE * sd
     if span > _MAX_LATENCY_SPAN:
         raise InputError(
-            f"[bench] latency: known to ± {1e3 * sd:.3g} ms the readback may be of any time within "
-            f"{1e3 * span:.3g} ms; the gyros' filter takes ± "
-            f"{1e3 * _MAX_LATENCY_SPAN / 2 / _LATENCY_COVERAGE:.3g} ms at "
-            "most: find the latency first, by a turn back and forth, and state it"
+            f"[bench] latency: ± {1e3 * sd:.3g} ms is too uncertain; the gyros' filter takes ± "
+            f"{1e3 * _MAX_LATENCY_SPAN / 2 / _LATENCY_COVERAGE:.3g} ms at most: measure the "
+            "latency by a turn back and forth, and state it",
+            key="[bench] latency",
         )
     return lag, ceil((span + _LATENCY_COVERAGE * bench.clock * most) / step) + _SPARE_SAMPLES

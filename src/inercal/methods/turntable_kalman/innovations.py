@@ -1,8 +1,8 @@
-"""What a filter's innovations say of it: whether noise and table are as stated.
+"""The test of a filter's innovations: whether noise and table are as stated.
 
-Normalised, their squares (NIS) are χ² of as many degrees of freedom as there are components, if R
+The normalised innovations squared (NIS) are χ² with as many degrees of freedom as components, if R
 is the noise (Bar-Shalom, Li and Kirubarajan 2001, Estimation with Applications to Tracking and
-Navigation, section 5.4). The source's R is not, and its NIS tests nothing.
+Navigation, section 5.4). The source's R is not the noise, and NIS with it is no test.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -20,12 +20,12 @@ from inercal.methods.turntable_kalman.filter_tests import InnovationTestData
 from inercal.recording import Observations, Track
 
 _CONFIDENCE_LEVEL = 0.95
-# Of NIS as stated: noise is seldom known to 5 %, and what is less does no harm
+# Of the expected NIS: noise is seldom known to 5 %, and a small overstatement is harmless
 _MIN_NIS_RATIO = 0.9
 
 
 class FilterResult(NamedTuple):
-    """What one filter made of one track; coefficients come first."""
+    """The result of one filter over one track; coefficients come first."""
 
     triad: TriadModel
     names: tuple[str, ...]
@@ -34,35 +34,35 @@ class FilterResult(NamedTuple):
     course: FilterHistory
     nis: float  # sum over its components
     components: int  # observed
-    minimum_nis: float  # NIS a component where all is as stated, at least
+    minimum_nis: float  # least NIS per component where noise and table are as stated
     unit: str
-    untested_reason: str  # why NIS does not test what was stated; empty where it does
-    shared_covariance: Array  # (p, p), part of the covariance that no innovation shows: gravity's
+    untested_reason: str  # why NIS is no test of noise and table; empty where it is
+    shared_covariance: Array  # (p, p), the part by gravity, which changes no innovation
     test_data: InnovationTestData | None = None  # where its steps were kept
 
     @property
     def sd(self) -> float:
-        """Of the first three innovations, as the filter expected them."""
+        """Standard deviation of the first three innovations by the filter's model."""
         z = self.course.innovation[self.course.nis > 0, :3]
         ratio = self.nis / max(self.components, 1)
         return float(np.sqrt(np.mean(z**2) / ratio)) if z.size and ratio else 1.0
 
 
 def minimum_nis(track: Track) -> float:
-    """Return how small NIS may be: by trapezoids an epoch of n samples has the noise of n − ½."""
+    """Return the least NIS: the trapezoids of an epoch of n samples have the noise of n − ½."""
     step = float(np.median(np.diff(track.time))) if track.time.size > 1 else 0.0
     return 1 - 0.5 * min(step / EPOCH_PERIOD, 1.0)
 
 
 def variance_inflation(one: FilterResult) -> float:
-    """Return what the innovations enlarge variances by."""
+    """Return the factor by which the innovations enlarge variances."""
     if one.components == 0 or one.nis <= chdtri(one.components, 1 - _CONFIDENCE_LEVEL):
         return 1.0
     return one.nis / one.components
 
 
 def residual_group(one: FilterResult, observations: Observations) -> ResidualGroup:
-    """Return mean innovations by step of the run."""
+    """Return the mean innovations of each step of the run."""
     kept = one.course.nis > 0
     time, z = one.course.time[kept], one.course.innovation[kept, :3]
     labels: list[str] = []
@@ -92,16 +92,16 @@ def residual_group(one: FilterResult, observations: Observations) -> ResidualGro
 
 
 def describe_innovations(one: FilterResult) -> str:
-    """Say how the innovations agree with what was stated."""
+    """Return a sentence on the agreement of the innovations with the stated noise and table."""
     mean = one.nis / max(one.components, 1)
-    said = f"{one.course.name}: the innovations' NIS is {mean:.2f} a component"
+    text = f"{one.course.name}: the innovations' NIS per component is {mean:.2f}"
     if variance_inflation(one) > 1:
-        return f"{said} (1 is as stated): beyond what noise and table allow"
+        return f"{text}, significantly above 1: the noise or the table is worse than stated"
     if one.untested_reason:
-        return f"{said}: {one.untested_reason}, so it tests nothing"
+        return f"{text}; it is no test of noise and table: {one.untested_reason}"
     if one.nis < _MIN_NIS_RATIO * one.minimum_nis * chdtri(one.components, _CONFIDENCE_LEVEL):
         return (
-            f"{said} (1 is as stated): less than stated; noise or table are better than that, and "
-            "the uncertainties too large"
+            f"{text}, below 1: noise or table are better than stated, and the uncertainties are "
+            "too large"
         )
-    return f"{said} (1 is as stated): within what noise and table allow"
+    return f"{text}: consistent with noise and table as stated"

@@ -1,8 +1,7 @@
 """Both filters of a run over its samples as they come.
 
-The estimate is bit for bit what the recording gives afterwards, whatever the pieces: the same
-filters take the same steps. Afterwards the innovations' excess may enlarge the uncertainties, once
-all innovations are known.
+The estimate equals that of the recording bit for bit, whatever the pieces: the same filters take
+the same steps. The final estimate may have larger uncertainties, by the excess of all innovations.
 """
 
 from collections.abc import Mapping, Sequence
@@ -94,12 +93,12 @@ class FilterPair:
         self._filters: dict[str, _AnyRunningFilter] = {}
 
     def feed(self, track: Track) -> None:
-        """Take in the samples that follow.
+        """Process the samples that follow.
 
         Raises
         ------
         InputError
-            The first rest was too short, or a sensor or bench that the filters do not take.
+            The first rest was too short, or the filters do not support the sensor or the bench.
         """
         if self._filters:
             for one in self._filters.values():
@@ -113,7 +112,7 @@ class FilterPair:
             self._pending_tracks = []
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
-        """Return what each filter has found; empty before the first rest has lasted 20 s."""
+        """Return the estimate of each filter; empty before the first rest has lasted 20 s."""
         return {kind: _partial_estimate(one) for kind, one in self._filters.items()}
 
     def _begin(self, track: Track) -> None:
@@ -130,7 +129,7 @@ class FilterPair:
 
 
 def _partial_estimate(one: _AnyRunningFilter) -> PartialEstimate:
-    """Return the coefficients, which are the first of what a filter has found."""
+    """Return the coefficients, which come first in the estimate of a filter."""
     names, found = one.filter.triad.sensor.coefficients, one.estimate
     p = len(names)
     return PartialEstimate(

@@ -1,11 +1,11 @@
-"""An IMU on a turntable by generalised least squares over a whole recording at once.
+"""An IMU on a turntable by generalised least squares over a complete recording.
 
-The gyros carry the attitude from one readback to the next, ten times a second; accelerometers read
-gravity where the table holds. Coefficients and what the table may be off by, timing included, are
-found together by Gauss–Newton steps on residuals that are made independent exactly: the noise of
-gyros and accelerometers, that of the readback and the drift of biases (`turntable.drift`) go
-through a filter of their own, the same for every column of the Jacobian. For normal noise no
-unbiased estimate is better (Cramér–Rao); the filters of `turntable_kalman` are held to it.
+The gyros propagate the attitude from one readback to the next, ten times a second; accelerometers
+read gravity in holds. Coefficients and the table's errors, timing included, are estimated together
+by Gauss–Newton steps on whitened residuals: a Kalman filter with the noise of gyros, accelerometers
+and readback and the drift of biases (`turntable.drift`) whitens the residual and every column of
+the Jacobian exactly. For normal noise no unbiased estimate is better (Cramér–Rao); tests compare
+the filters of `turntable_kalman` with it.
 
 Source: Aitken 1935, Proc. R. Soc. Edinburgh 55, 42–48 (generalised least squares); Kailath 1968,
 IEEE TAC 13, 646–655 (innovations).
@@ -23,10 +23,15 @@ from inercal.benches.turntable.paths import path_by_name
 from inercal.errors import InputError
 from inercal.estimate import Candidate, Estimate, Gaussian, ModelTest, Problem
 from inercal.estimate import least_squares as solve
-from inercal.estimate.innovations import group_innovations, residual_mean_test
+from inercal.estimate.innovations import epoch_groups, group_innovations, residual_mean_test
 from inercal.methods import mean_problem, temperature
 from inercal.methods._base import Method
-from inercal.methods.turntable import model, score_columns
+from inercal.methods.turntable import (
+    DEFAULT_COEFFICIENTS,
+    FURTHER_COEFFICIENTS,
+    model,
+    score_columns,
+)
 from inercal.methods.turntable.fit_remarks import remarks
 from inercal.methods.turntable.score_columns import ConstantColumn
 from inercal.methods.turntable.terms import BIAS
@@ -36,7 +41,7 @@ from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
 Indices = NDArray[np.int64]
-# Whitening follows the coefficients and sums many increments: a fall of χ² below this says nothing.
+# Whitening depends on the coefficients and sums many increments: a smaller fall of χ² is rounding.
 _ROUNDING = 1e-7
 
 
@@ -47,7 +52,7 @@ def trajectory(
     steps: Sequence[TableStep],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
-    """Return the coefficients by all of a recording at once, one trial after the other.
+    """Return the coefficients from a complete recording, one trial after the other.
 
     Parameters
     ----------
@@ -57,25 +62,27 @@ def trajectory(
         Triads of gyros, of accelerometers or of both, with their noise stated.
     bench : Turntable
     steps : sequence of Position or Rotation
-        Unused: the readback says what was done.
+        Unused: the readback gives the motion.
     priors : sequence of Gaussian
         On coefficients.
 
     Raises
     ------
     InputError
-        No track, no rest for accelerometers, or a sensor that the method does not take.
+        No track, no rest for accelerometers, or a sensor that the method does not support.
     NotObserved
-        Directions that the run does not decide.
+        Directions that the run does not determine.
     """
     if observations.track is None:
-        raise InputError("a trajectory follows a recording; means of positions are not enough")
+        raise InputError(
+            "turntable_trajectory needs a recording; the data are means of positions", key="track"
+        )
     track = temperature.with_steady_temperature(observations.track)
     lead = track.reading.shape[:-2]
     spans = np.column_stack([observations.time, observations.duration])
     return stack_estimates(
         [
-            # Of several trials the first one's steps are tested.
+            # Of several trials only the first is tested.
             solve_trial(sensor, bench, track.trial(*k), priors, steps=None if any(k) else spans)
             for k in np.ndindex(*lead)
         ],
@@ -135,9 +142,9 @@ def problem(
     sensor : Sensor
     bench : Turntable
     parts : sequence of RotationRows or StaticRows
-        What gyros and accelerometers leave.
+        The residuals of gyros and accelerometers.
     priors : sequence of Gaussian
-        On coefficients, beside those of `model.EXPECTED_SIZES`.
+        On coefficients, in addition to those of `model.EXPECTED_SIZES`.
     """
     loose = {one.name: one for one in parameters(bench)}
     p, q = len(sensor.coefficients), len(loose)
@@ -178,10 +185,9 @@ def problem(
             by[:, p:] -= mean[:, end - q : end]
             drifts.append((columns, mean[:, end:]))
         columns, rows = score_columns.stack_columns(found)
-        # One below the other; both parts move what is each one's own.
+        # Stacked rows: each part moves its own coefficients.
         moved = score_columns.stack_columns(drifts)[1].reshape(len(parts), p + q, -1).sum(axis=0)
-        # The estimate takes its mean drift in after all (`with_mean_biases`), as it will these
-        # shifts.
+        # `with_mean_biases` adds the mean drift to the estimate and to these shifts afterwards.
         before = np.asarray(np.linalg.solve(by, moved), dtype=float)
         return score_columns.candidates(columns, rows, before)
 
@@ -204,7 +210,7 @@ def with_mean_biases(
 ) -> Estimate:
     """Return the estimate of one trial with biases as means over the run (`turntable.drift`).
 
-    The drift is what residuals leave of it, and moves with the parameters as they do.
+    The drift is estimated from the residuals, and depends on the parameters as they do.
 
     Parameters
     ----------
@@ -259,9 +265,7 @@ def _tests(
         time, p = part.row_times, jacobian.shape[1]
         rows = slice(first, first + 3 * time.size)
         first = rows.stop
-        group = np.full(time.size, -1)
-        for number, (middle, seconds) in enumerate(steps.tolist()):
-            group[np.abs(time - middle) <= seconds / 2] = number
+        group = epoch_groups(time, *steps.T)
         residual = estimate.whitened[rows].reshape(-1, 3)
         group[~residual.any(axis=1)] = -1  # across a gap
         z = group_innovations(residual, group)
@@ -312,11 +316,8 @@ def stack_estimates(estimates: Sequence[Estimate], lead: tuple[int, ...]) -> Est
 METHOD = Method(
     name="turntable_trajectory",
     bench=Turntable,
-    default_coefficients={
-        "f": ("bias", "scale", "misalignment"),
-        "w": ("bias", "scale", "misalignment"),
-    },
-    also={"f": ("k2", "temperature"), "w": ("g", "temperature")},
+    default_coefficients=DEFAULT_COEFFICIENTS,
+    also=FURTHER_COEFFICIENTS,
     needs=(),
     plan=path_by_name,
     estimators={"trajectory": trajectory},

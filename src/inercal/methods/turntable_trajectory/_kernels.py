@@ -1,4 +1,4 @@
-"""Compiled: attitude from one readback to the next, and the whitening of what is left.
+"""Compiled: attitude from one readback to the next, and the whitening of the differences.
 
 Level frame and signs as in `inercal.methods.turntable.strapdown`.
 """
@@ -50,7 +50,7 @@ def increments(
     drifting: Array,
     driven: Array,
 ) -> None:
-    """Carry the table's attitude from each epoch to the next by the gyros; write what is left.
+    """Propagate the table's attitude from each epoch to the next; write the differences.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def increments(
     apart_by : (e, 3) array
         Written: the rotation from the gyros' to the readback's attitude, level frame, rad.
     columns, drifting : (e, 3, p) and (e, 3, 3) arrays
-        Written: how it moves with coefficients and biases.
+        Written: its derivatives by coefficients and biases.
     driven : (e, 3, 3) array
-        Written: covariance that the gyros' noise gives it, rad².
+        Written: its covariance by the gyros' noise, rad².
     """
     count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
@@ -164,7 +164,7 @@ def whiten(
     earth: Array,
     lost: Bools,
 ) -> tuple[Array, Array]:
-    """Whiten sums of increments that readback's noise, a walk of φ and drift make alike, in place.
+    """Whiten sums of increments with readback noise, a random walk of φ and drift, in place.
 
     With φ_k+1 = E φ_k + D_k γ + w and z_k = φ_k − v_k, the innovations of a Kalman filter of φ and
     the drift γ, each divided by the root of its covariance, are independent: so are those of any
@@ -187,7 +187,7 @@ def whiten(
     earth : (3,) array
         rad/s.
     lost : (e,) array of bool
-        Which increments say nothing: the attitude begins anew after them.
+        Which increments contain a gap: the attitude starts anew after them.
 
     Returns
     -------
@@ -219,7 +219,7 @@ def whiten(
         predict(p, a, keep, driven[e], drawn)
         add_drift_cross_covariance(drift, 3, joint, p)
         if lost[e]:
-            # φ is lost; drift goes on.
+            # φ starts anew; the drift continues.
             total[:], x[:3], rows[e] = 0.0, 0.0, 0.0
             p[:3, :], p[:, :3] = 0.0, 0.0
             for k in range(3):

@@ -1,14 +1,14 @@
-"""Whitened residuals and Jacobians of a whole recording: gyros all along, accelerometers at rest.
+"""Whitened residuals and Jacobians of a recording: gyros throughout, accelerometers at rest.
 
-From one epoch to the next the gyros carry the readback's attitude C_k on; what the next readback
-then says beyond it is, with e_k = B_k β what the readback is off by (the true attitude is
-exp [e_k×] C_k) and v_k its noise, in the level frame, E the earth's turn within an epoch::
+From one epoch to the next the gyros propagate the readback's attitude C_k. The difference of the
+next readback is, with e_k = B_k β the error of the readback (the true attitude is exp [e_k×] C_k)
+and v_k its noise, in the level frame, E the earth's turn within an epoch::
 
     d_k+1 = −(e + v)_k+1 + E (e + v)_k − C M (∫ dε + dS ω + drift + noise)
 
-Summed up, z_k+1 = E z_k + d_k+1, the noise of the gyros is a walk of φ and that of the readback is
-white: `_kernels.whiten` makes them independent. Each carry starts from the table, so that nothing
-is of second order but what happens within one epoch.
+In the sums z_k+1 = E z_k + d_k+1 the noise of the gyros is a random walk of φ and that of the
+readback is white: `_kernels.whiten` decorrelates them. Each epoch starts from the table's attitude,
+so that terms of second order arise only within one epoch.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ _AVERAGING_TIME = 1.0  # s of rest that make one mean
 
 
 def parameters(bench: Turntable) -> tuple[Parameter, ...]:
-    """Return the bench's parameters that are not exact and that a recording feels."""
+    """Return the bench's parameters that are not exact and that affect a recording."""
     return tuple(q for q in bench.parameters if q.sd > 0 and not q.name.startswith("lever_"))
 
 
@@ -88,8 +88,11 @@ class RotationRows:
                 track.time, model.EPOCH_PERIOD * (1 - 1e-6), first
             )
             epochs = np.concatenate([[0], epoch_indices])
-        if epochs.size < len("ab"):
-            raise InputError(f"a recording of {track.time.size} samples has no way to follow")
+        if epochs.size < 2:
+            raise InputError(
+                f"the recording has {track.time.size} samples, less than two epochs of "
+                f"{model.EPOCH_PERIOD:g} s; record longer"
+            )
         table = parameters(bench)
         # φ as it is observed falls as the true attitude gets ahead of the readback.
         by = -model.table_sensitivity(linear_misalignment(bench, track.angles[epochs]), table)
@@ -98,10 +101,10 @@ class RotationRows:
     def whiten(
         self, theta: Array, q: Mapping[str, float], beside: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Return whitened residual and Jacobian, (3 e, 1 + p + q + c), and the drift they leave.
+        """Return whitened residual and Jacobian, (3 e, 1 + p + q + c), and the estimated drift.
 
-        That is the mean of each bias' drift over the run, of the residual and of columns, (3, 1 + p
-        + q + c), and its covariance, (3, 3).
+        The drift is the mean of each bias over the run, for the residual and for each column,
+        (3, 1 + p + q + c), with its covariance, (3, 3).
 
         Parameters
         ----------
@@ -156,7 +159,7 @@ class RotationRows:
         return end - float(self.track.time[0]), end - float(self.track.time[self.epochs[-1]])
 
     def omitted_columns(self, theta: Array) -> tuple[tuple[ConstantColumn, ...], Array]:
-        """Return columns of what is left out, (e, 3, c), for `whiten`."""
+        """Return the columns of omitted terms, (e, 3, c), for `whiten`."""
         time, angles = self.track.time[self.epochs], self.track.angles[self.epochs]
         warmth = temperature.offsets_at_times(self.track, self.triad.sensor, time)
         found, first = score_columns.gyro_columns(
@@ -165,7 +168,7 @@ class RotationRows:
         seen = np.concatenate([first[None], found.observed_effects])
         since = np.diff(time)[:, None, None]
         within = skew(earth_rate(self.bench)) @ seen[:-1] * since
-        # φ goes on, but for the earth's turn.
+        # φ is constant but for the earth's turn.
         result = [found.driving_effects, seen[1:] - seen[:-1] + within]
         return found.columns, np.concatenate(result, axis=-1)
 
@@ -176,12 +179,12 @@ class RotationRows:
 
     @property
     def _increments_across_gaps(self) -> NDArray[np.bool_]:
-        """Return on which ways samples are missing that rates cannot be carried over, (e,)."""
+        """Return which increments contain a gap that rates cannot bridge, (e,)."""
         missing = (np.diff(self.track.time) > MAX_GAP_SECONDS).astype(np.int64)
         return np.add.reduceat(missing[: self.epochs[-1]], self.epochs[:-1]) > 0
 
     def _attitude(self, stamp: Array) -> Array:
-        """Return the attitude that the readback says by its stamps, (e + 1, 3, 3)."""
+        """Return the attitude by the readback at its stamps, (e + 1, 3, 3)."""
         time = self.track.time
         angles: list[Array] = [np.interp(stamp, time, axis) for axis in self.track.angles.T]
         return reference_attitude(self.bench, np.stack(angles, axis=-1))
@@ -260,7 +263,11 @@ class StaticRows:
             A track without holds.
         """
         if not (track.hold >= 0).any():
-            raise InputError("the recording has no rest: accelerometers have nothing to go by")
+            raise InputError(
+                "the recording has no rest, which the accelerometers need; hold the table still, or"
+                " calibrate the gyros alone",
+                key="hold",
+            )
         at = np.flatnonzero(track.hold >= 0)
         first = np.concatenate([[True], np.diff(track.hold[at]) != 0])
         begun = track.time[at][np.maximum.accumulate(np.where(first, np.arange(at.size), 0))]
@@ -322,7 +329,7 @@ class StaticRows:
         )  # fmt: skip
 
     def omitted_columns(self, theta: Array) -> tuple[tuple[ConstantColumn, ...], Array]:
-        """Return columns of what is left out, (e, 3, c), for `whiten`."""
+        """Return the columns of omitted terms, (e, 3, c), for `whiten`."""
         warmth = self.temperature_offset if self.temperature_varies else None
         epochs = ColumnInputs(self.triad, self.bench, theta, self.time, self.angles, warmth)
         return score_columns.static_mean_columns(epochs)
