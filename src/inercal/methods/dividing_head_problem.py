@@ -45,7 +45,7 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
     """
     if positions < MIN_POSITIONS:
         raise InputError(
-            f"{positions} positions; a tumble needs {MIN_POSITIONS} or more", key="positions"
+            f"positions is {positions}: a tumble needs {MIN_POSITIONS} or more", key="positions"
         )
     return on_head(positions, reverse=reverse, seconds=seconds)
 

@@ -29,7 +29,7 @@ def require_matching_rows(observations: Observations, sensor: Sensor, steps: Seq
     labels = tuple(step.label for step in steps)
     if again := tuple(sorted({label for label in labels if labels.count(label) > 1})):
         raise InputError(
-            f"two steps have the label {again[0]!r}; give each step its own label",
+            f"two steps have the label {again[0]!r}; give each step a different label",
             key="steps",
             names=again,
         )

@@ -287,8 +287,8 @@ def require_enough_positions(sensor: Sensor, steps: Sequence[Index]) -> None:
     if shown < possible:
         different = len(set(first_visit_rows(steps)))
         raise NotObserved(
-            f"{different} different positions determine {shown} of the {possible} combinations of "
-            "coefficients that g² can determine; take 8 or more evenly spaced positions, best 12 "
+            f"{different} different positions show {shown} of the {possible} combinations of "
+            "coefficients that g² can show; take 8 or more evenly spaced positions, best 12 "
             "(30° apart)",
             key="steps",
         )
