@@ -202,7 +202,7 @@ def bench_candidates(
             and name in column
             and _affects_observations(column[name])
         ):
-            for kind in _family_names(name, families or {}) or [_vector_name(name)]:
+            for kind in _family_names(name, families or {}) or [ErrorName(name).vector]:
                 kinds.setdefault(kind, []).append(name)
     return [
         Candidate(
@@ -301,11 +301,6 @@ def largest_angle(name: str, otherwise: float = LARGEST_RELATIVE_SIZE) -> float:
 def _affects_observations(column: Array) -> bool:
     """Return whether a parameter acts on the observations by more than rounding."""
     return bool(np.max(np.abs(column), initial=0.0) > _ROUNDING_LIMIT)
-
-
-def _vector_name(full: str) -> str:
-    """Return "pose[XY30]" of "pose_x[XY30]", and any other name as it is."""
-    return ErrorName(full).vector
 
 
 def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:

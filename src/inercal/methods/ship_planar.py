@@ -13,7 +13,6 @@ equations 1 to 5. The covariance is ours.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -206,21 +205,6 @@ def planar(
     require_affine_triad(sensor)
     require_matching_rows(observations, sensor, steps)
     rows = [k for k, step in enumerate(steps) if not is_tilted(step)]
-    estimate = planar_estimate(observations, sensor, bench, steps, rows)
-    if tilted := len(steps) - len(rows):
-        note = f"estimator planar does not use the {tilted} tilted states"
-        return replace(estimate, notes=(note, *estimate.notes))
-    return estimate
-
-
-def planar_estimate(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    rows: Sequence[int],
-) -> Estimate:
-    """Return the estimate of `planar` from these rows."""
     here = [steps[k] for k in rows]
     require_excitation(bench, here)
     f = sensed_motion(bench, here, {}).f / G0
@@ -231,6 +215,7 @@ def planar_estimate(
     whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
     whole[..., at] = gain
     agreement = consistency(observations, sensor, bench, steps, model, whole, rows)
+    tilted = len(steps) - len(rows)
     estimate = affine_estimate(
         sensor,
         model,
@@ -241,6 +226,7 @@ def planar_estimate(
         agreement,
         bench_sensitivities(bench, steps, whole),
         notes=(
+            *([f"estimator planar does not use the {tilted} tilted states"] if tilted else []),
             "the frame is that of the mountings' nominal axes; the uncertainties include the "
             "effects of pose, seat, speed and lean",
         ),

@@ -6,7 +6,7 @@ A file named as a section holds its title and text, and the claims of the source
     text = ["A paragraph; a figure stands in braces: {across} mg."]
 
     [claims.itself]
-    name = "what is said, and the other fields of `Claim`"
+    name = "the statement, and the other fields of `Claim`"
 
 study.toml holds the text of the page above all sections.
 """

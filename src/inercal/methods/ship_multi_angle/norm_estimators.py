@@ -7,7 +7,6 @@ decided them. A stated frame of the sensor fixes the rotation: then both estimat
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -81,20 +80,21 @@ def damped(
     done = norm_equations.damped_solution(a, square, start.model)
     require_convergence(done.converged, sensor, bench, steps, groups)
     done = _in_stated_frame(sensor, done)
-    told = group_information(done.model, a)
+    _, null, gain = group_information(done.model, a)
     spread = row_covariance(observations, bench, steps, done.model.matrix)
-    whole = np.zeros((*told.gain.shape[:-1], 3 * len(steps)))
-    whole[..., axis_columns(groups)] = told.gain
+    whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
+    whole[..., axis_columns(groups)] = gain
     rest: list[int] = []
     if start.gain is not None:
         rest = [k for k in range(len(steps)) if k not in groups]
-        whole[..., axis_columns(rest)] = told.null_projector @ start.gain
+        whole[..., axis_columns(rest)] = null @ start.gain
     covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
     if start.prior_covariance is not None:
-        covariance = covariance + told.null_projector @ start.prior_covariance @ told.null_projector
+        covariance = covariance + null @ start.prior_covariance @ null
     decided = ("damping alone", start.uncertainty_source)
-    rows = _UsedRows(rest, groups, whole)
-    return _norm_estimate(observations, sensor, bench, steps, rows, done, covariance, decided)
+    return _norm_estimate(
+        observations, sensor, bench, steps, (rest, groups), whole, done, covariance, decided
+    )
 
 
 def global_(
@@ -138,21 +138,22 @@ def global_(
     count = np.array(len(found.history))
     done = norm_equations.DampedSolution(found.model, np.array(found.cost), np.array(True), count)
     done = _in_stated_frame(sensor, done)
-    told = group_information(done.model, a)
+    _, null, gain = group_information(done.model, a)
     at = axis_columns(groups)
     spread = row_covariance(observations, bench, steps, done.model.matrix)[np.ix_(at, at)]
-    even = told.null_projector @ np.diag(options.bounds.half_width**2 / 3) @ told.null_projector
+    uniform = null @ np.diag(options.bounds.half_width**2 / 3) @ null
     whole = np.zeros((12, 3 * len(steps)))
-    whole[:, at] = told.gain
+    whole[:, at] = gain
     estimate = _norm_estimate(
         observations,
         sensor,
         bench,
         steps,
-        _UsedRows([], groups, whole),
+        ([], groups),
+        whole,
         done,
-        told.gain @ spread @ told.gain.T + even,
-        ("chance", "an even distribution over the bounds"),
+        gain @ spread @ gain.T + uniform,
+        ("chance", "a uniform distribution over the bounds"),
     )
     beyond = _bound_warnings(done.model, options)
     return replace(estimate, notes=(_search_note(found, options), *estimate.notes, *beyond))
@@ -198,26 +199,23 @@ def _in_stated_frame(
     return done._replace(model=norm_equations.to_symmetric_frame(done.model))
 
 
-class _UsedRows(NamedTuple):
-    """The rows that an estimator used, and its gain."""
-
-    level: Sequence[int]
-    groups: Sequence[int]
-    gain: Array  # (..., 12, 3 r), ∂θ/∂ of the errors of M a + p − f of all rows
-
-
 def _norm_estimate(
     observations: Observations,
     sensor: Sensor,
     bench: RateTable,
     steps: Sequence[Spin],
-    used: _UsedRows,
+    used: tuple[Sequence[int], Sequence[int]],
+    gain: Array,
     done: norm_equations.DampedSolution,
     covariance: Array,
     decided: tuple[str, str],
 ) -> Estimate:
-    """Return the estimate of norms; `decided`: what decided free directions, and by what source."""
-    level, groups, gain = used
+    """Return the estimate of norms.
+
+    Arguments as of `consistency`; `used` are the rows that the estimator used as vectors and as
+    norms, `decided` what decided the free directions and the source of their uncertainty.
+    """
+    level, groups = used
     a, square = norm_observations(observations, bench, steps, groups)
     at, r = axis_columns(groups), len(groups)
     spread = row_covariance(observations, bench, steps, done.model.matrix)[..., at, :][..., at]
