@@ -18,6 +18,7 @@ from tests.accuracy.centrifuge import (
     printed_attitudes,
     sensed_motion,
 )
+from tests.refusals import refused
 
 from inercal.benches import Centrifuge
 from inercal.errors import InputError, NotObserved
@@ -226,7 +227,7 @@ def test_calibrations_together_are_those_of_each_alone():
 def test_one_rate_in_half_a_circle_leaves_one_axis_open():
     f, rates = sensed_motion(printed_attitudes(), RATES[:1])
     seen, made, spins = table(TRUTH.output(f), rates)
-    with pytest.raises(NotObserved, match=r"y\.k0.*y\.k1.*y\.k2") as refusal:
+    with pytest.raises(NotObserved) as refusal:
         ml(seen, made, BENCH, spins)
     (direction,) = refusal.value.directions
     weights = {
@@ -245,21 +246,23 @@ def test_one_rate_all_round_is_enough():
 def test_closed_formulas_refuse_what_they_cannot_do():
     f, rates = sensed_motion(printed_attitudes(), RATES[:1])
     seen, made, spins = table(TRUTH.output(f), rates)
-    with pytest.raises(NotObserved, match="rank 10 of 13"):
+    with pytest.raises(NotObserved):
         series(seen, made, BENCH, spins)
     f, rates = printed_design()
     seen, made, spins = table(TRUTH.output(f), rates, "k3")
-    with pytest.raises(InputError, match="k0, k1 and k2 of three"):
+    with refused(key="[method]", names=("x.k3", "y.k3", "z.k3")):
         series(seen, made, BENCH, spins)
     seen, made, spins = table(TRUTH.output(f), rates)
     prior = Gaussian(("x.k0",), np.zeros(1), np.eye(1))
-    with pytest.raises(InputError, match="takes no priors"):
+    with refused(key="priors", names=("x.k0",)):
         paper(seen, made, BENCH, spins, [prior])
     straight = replace(TRUTH, bend=np.zeros(3))
     noisy = straight.output(f) + NOISE * np.random.default_rng(1).standard_normal(f.shape)
     seen, made, spins = table(noisy, rates)
-    with pytest.raises(InputError, match="noise is larger"):
+    with pytest.raises(InputError) as refusal:
         paper(seen, made, BENCH, spins)
+    assert refusal.value.names
+    assert set(refusal.value.names) <= set("xyz")
 
 
 def test_non_orthogonality_and_cubic_terms_are_found_on_wish():
@@ -287,9 +290,10 @@ def test_non_orthogonality_and_cubic_terms_are_found_on_wish():
 def test_rotations_of_the_triad_are_not_observed(form: Form):
     f, rates = sensed_motion(full_circle(), RATES)
     seen, made, spins = table(TRUTH.output(f), rates, "misalignment")
-    with pytest.raises(NotObserved, match=r"rotation of the triad about x \(y\.delta_o") as refusal:
+    with pytest.raises(NotObserved) as refusal:
         ml(seen, replace(made, form=form), BENCH, spins)
     assert len(refusal.value.directions) == 3
+    assert set(refusal.value.names) == {n for n in made.coefficients if ".delta" in n}
 
 
 def test_in_the_reference_form_rotations_show_through_k2_alone():

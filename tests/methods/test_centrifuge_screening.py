@@ -44,7 +44,6 @@ def test_the_printed_table_lost_twenty_three_signs(printed: tuple[Array, Array])
         name = sensor.channels[axis]
         assert list(repair.after) == [name]
         assert repair.after[name] == pytest.approx(corrected[row, axis], abs=2e-6)
-        assert "sign of" in suspect.describe()
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -86,7 +85,7 @@ def test_a_row_that_no_single_change_repairs_is_named():
     seen, sensor, spins = table(output, rates)
     (suspect,) = screen_rows(seen, sensor, BENCH, spins)
     assert suspect.label == "d05"
-    assert "no single change repairs it" in suspect.describe()
+    assert suspect.repairs == ()
 
 
 @pytest.mark.slow
@@ -94,5 +93,6 @@ def test_a_table_that_is_wrong_as_a_whole_is_refused():
     output, rates = made(3)
     shuffled = output[np.random.default_rng(3).permutation(len(output))]
     seen, sensor, spins = table(shuffled, rates)
-    with pytest.raises(InputError, match="check the rates"):
+    with pytest.raises(InputError) as refusal:
         screen_rows(seen, sensor, BENCH, spins)
+    assert set(refusal.value.names) <= set(seen.labels)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from tests.accuracy.dividing_head import LARGE, Bench
 from tests.methods.dual_orthogonal_cases import SENSOR, case, known, nominal, observed
+from tests.refusals import refused
 
 from inercal.benches.dividing_head.bench import DividingHead, mounted_sensor
-from inercal.errors import InputError, NotObserved
+from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.dual_orthogonal import dual, joint, patent
 from inercal.sensors import G0, Sensor, pair
@@ -18,7 +19,7 @@ from inercal.units import Measured
 def test_dual_names_what_it_does_not_see():
     y, steps = nominal()
     seen, bench = observed(y / G0, steps), DividingHead(Measured(G0, 0.0))
-    with pytest.raises(NotObserved, match="k1 against K3") as refusal:
+    with pytest.raises(NotObserved) as refusal:
         dual(seen, SENSOR, bench, steps)
     assert len(refusal.value.directions) == 3
     assert refusal.value.directions[0].startswith("harmonic 1 of A: a.k0 − a.k2 + b.kip")
@@ -32,17 +33,18 @@ def test_readings_with_errors_are_judged_as_the_nominal_sensor():
     with pytest.raises(NotObserved) as refusal:
         dual(given.seen, SENSOR, given.bench, given.steps, [k3])
     assert len(refusal.value.directions) == 2
-    with pytest.raises(NotObserved, match="k1 against K3"):
-        dual(given.seen, SENSOR, given.bench, given.steps, [kip])
-    with pytest.raises(NotObserved, match=r"a\.k3 − b\.k3"):
-        patent(given.seen, SENSOR, given.bench, given.steps, [kip])
+    for estimator, named in ((dual, "k1 against K3"), (patent, "a.k3 − b.k3")):
+        with pytest.raises(NotObserved) as refusal:
+            estimator(given.seen, SENSOR, given.bench, given.steps, [kip])
+        (direction,) = refusal.value.directions
+        assert named in direction
 
 
 def test_patent_needs_twelve_positions():
-    for n, words in ((8, "3 of 5"), (9, "90°, 180°, 270°"), (6, "90°, 270°")):
+    for n, lacking in ((8, ()), (9, ("90°", "180°", "270°")), (6, ("90°", "270°"))):
         given = case(1, 2, Bench(), n)
         priors = [known(given, "kip", 20), known(given, "k3", 0.5)]
-        with pytest.raises(NotObserved, match=words):
+        with refused(NotObserved, key="steps", directions=lacking):
             patent(given.seen, SENSOR, given.bench, given.steps, priors)
         if n > 6:
             assert np.all(joint(given.seen, SENSOR, given.bench, given.steps, priors).converged)
@@ -51,14 +53,14 @@ def test_patent_needs_twelve_positions():
 def test_what_does_not_fit_is_refused():
     given = case(1, 1, Bench())
     other: Sensor = pair().with_coefficients("k0", "k1")
-    with pytest.raises(InputError, match="P against x"):
+    with refused(key="[sensor]", names=other.channels):
         joint(given.seen, other, given.bench, given.steps)
     flat = replace(SENSOR, form="reference")
-    with pytest.raises(InputError, match="no cosine of a mounting angle"):
+    with refused(key="[sensor] form", names=("a.delta_o", "b.delta_o")):
         dual(given.seen, flat, given.bench, given.steps)
     bias = Gaussian.independent(("a.k0",), 0.0, 1e-3)
-    with pytest.raises(InputError, match=r"a\.k0 from the four points"):
+    with refused(key="priors", names=("a.k0",)):
         patent(given.seen, SENSOR, given.bench, given.steps, [bias])
     fewer = mounted_sensor().with_coefficients("k0", "k2")
-    with pytest.raises(InputError, match=r"a\.k1"):
+    with refused(key="[method]", names=("a.k1", "b.k1")):
         patent(given.seen, fewer, given.bench, given.steps)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 from inercal.benches import (
     Bench,
@@ -18,7 +19,6 @@ from inercal.benches import (
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.benches.turntable.attitude import motion as on_turntable
 from inercal.benches.turntable.simulation import path_profile
-from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods import METHODS
 from inercal.plan import Position, TableStep
@@ -137,7 +137,7 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
 def test_classical_refuses_the_tilted_form_that_it_does_not_find():
     sensor = METHODS["six_position"].prepare(Sensor("t", imu().axes, form="tilted"))
     made = perfect(sensor, np.zeros(12), "six_position")
-    with pytest.raises(InputError, match="form tilted takes ml"):
+    with refused(key="[sensor] form"):
         METHODS["six_position"].estimator("classical")(
             made, sensor, BENCH, METHODS["six_position"].plan()
         )

@@ -43,7 +43,7 @@ def calibrated(ups: Array, also: Sequence[str] = (), **session: float) -> Estima
 
 
 def test_eight_rests_are_too_few_for_nine_coefficients():
-    with pytest.raises(NotObserved, match="8 rests for 9 coefficients") as refusal:
+    with pytest.raises(NotObserved) as refusal:
         calibrated(directions(8, np.random.default_rng(0)))
     assert "; add: hold " in str(refusal.value)
 
@@ -53,7 +53,7 @@ def test_eight_rests_are_too_few_for_nine_coefficients():
 )
 def test_twenty_rests_in_one_plane_are_refused(normal: tuple[float, ...], named: str):
     across = np.array(normal) / np.linalg.norm(normal)
-    with pytest.raises(NotObserved, match="all lie in one plane") as refusal:
+    with pytest.raises(NotObserved) as refusal:
         calibrated(planar(20, across, 1.0, np.random.default_rng(0)))
     assert named in str(refusal.value).partition("(free directions")[0]
     assert "; add: hold " in str(refusal.value)

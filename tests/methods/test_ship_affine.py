@@ -91,5 +91,5 @@ def test_trials_are_mapped_at_once():
     ],
 )
 def test_another_error_model_is_refused(sensor):  # pyright: ignore
-    with pytest.raises(InputError, match="three accelerometers in the reference form"):
+    with pytest.raises(InputError):
         to_affine(sensor, np.zeros(len(sensor.coefficients)))

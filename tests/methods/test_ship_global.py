@@ -16,8 +16,9 @@ from tests.accuracy.rate_table import (
 )
 from tests.base_seeds import SEEDS
 from tests.methods.ship_cases import SENSOR, Case, case, off
+from tests.refusals import refused
 
-from inercal.errors import InputError, NotObserved
+from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.global_search import (
@@ -108,7 +109,7 @@ def test_time_ends_it():
     estimate = global_(
         given.seen, SENSOR, given.bench, given.steps, options=SearchOptions(seconds=0.0)
     )
-    assert "it was ended after" in estimate.notes[0]
+    assert "the time limit ended it" in estimate.notes[0]
 
 
 def test_the_search_stays_within_its_bounds():
@@ -123,12 +124,9 @@ def test_the_search_stays_within_its_bounds():
 def test_the_estimate_warns_and_is_as_uncertain_as_the_bounds():
     given = one()
     estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=SearchOptions(seed=1))
-    print(estimate.notes)
-    assert "the goal of 5 % is met at generation" in estimate.notes[0]
-    assert "chance decided 3 directions" in estimate.notes[1]
-    assert "rotation of the triad about x" in estimate.notes[1]
     assert estimate.rank == 9
     assert len(estimate.null_directions) == 3
+    assert all(one.words in estimate.notes[1] for one in estimate.null_directions)
     assert 0.03 < estimate.std.max() < 0.1 * np.sqrt(3)
     assert off(replace(estimate, value=estimate.value[None]), given)[0] > 20
 
@@ -138,7 +136,6 @@ def test_coefficients_that_polishing_takes_beyond_the_bounds_are_named():
     narrow = SearchOptions(Bounds(scale=1e-3, cross=0.5, bias=0.5), seed=1)
     estimate = global_(given.seen, SENSOR, given.bench, given.steps, options=narrow)
     last = estimate.notes[-1]
-    print(last)
     assert last.startswith("warning: beyond the bounds of the search: S")
     assert "(±0.1 %)" in last
     assert "Axp" not in last
@@ -148,11 +145,11 @@ def test_coefficients_that_polishing_takes_beyond_the_bounds_are_named():
 
 def test_a_table_at_a_time_without_priors():
     many = case(1, 2)
-    with pytest.raises(InputError, match="one table at a time"):
+    with refused(key="observations"):
         global_(many.seen, SENSOR, many.bench, many.steps)
     given = one()
     prior = Gaussian.independent(("x.k0",), 0.0, 1.0)
-    with pytest.raises(InputError, match="bounds, no priors"):
+    with refused(key="priors", names=("x.k0",)):
         global_(given.seen, SENSOR, given.bench, given.steps, [prior])
 
 
@@ -168,7 +165,7 @@ def test_fewer_than_twelve_groups_are_refused():
         samples=given.seen.samples[rows],
         time=given.seen.time[rows],
     )
-    with pytest.raises(NotObserved, match="estimator global needs 12"):
+    with refused(NotObserved, key="steps"):
         global_(seen, SENSOR, given.bench, given.steps[rows])
 
 

@@ -27,6 +27,7 @@ from tests.methods.ship_cases import (
     observed,
     off,
 )
+from tests.refusals import refused
 
 from inercal.benches.rate_table.bench import sensed_motion
 from inercal.benches.rate_table.fixture import (
@@ -35,7 +36,7 @@ from inercal.benches.rate_table.fixture import (
     multi_angle_plan,
     planar_plan,
 )
-from inercal.errors import InputError, NotObserved
+from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.ship_multi_angle import METHOD, damped, joint, plan, planar
 from inercal.methods.ship_multi_angle import norm_equations as by_norms
@@ -320,12 +321,12 @@ def test_notes_warn_of_what_damping_decided():
     given = case(1, 1, reading="dihedral")
     one = replace(given.seen, mean=given.seen.mean[0])
     found = damped(one, SENSOR, given.bench, given.steps)
-    print(found.notes)
     assert found.rank == 8
     assert len(found.null_directions) == 4
-    assert "rotation of the triad about x" in found.notes[0]
-    assert "damping alone decided 3 directions" in found.notes[0]
-    assert "accidents of the mountings alone show Exy + Eyx" in found.notes[1]
+    *rotations, weak = found.null_directions
+    assert all(one.words in found.notes[0] for one in rotations)
+    assert weak.words in found.notes[1]
+    assert set(weak.weights) >= {"x.delta_o", "y.delta_p"}  # Exy + Eyx
     # The fourth direction lives on the mountings' errors alone: no better than a tenth.
     assert found.std.max() > 0.1
 
@@ -360,12 +361,12 @@ def test_priors_take_the_place_of_untilted_states():
 
 def test_nothing_that_tells_the_rotations_is_refused():
     given, seen_alone, steps = groups_alone(1, Bench())
-    with pytest.raises(NotObserved, match="rotation of the triad about z") as refused:
+    with pytest.raises(NotObserved) as refusal:
         damped(seen_alone, SENSOR, given.bench, steps)
-    assert "add the untilted states" in str(refused.value)
-    assert len(refused.value.directions) == 3
+    assert len(refusal.value.directions) == 3
+    assert refusal.value.names == SENSOR.coefficients
     some = Gaussian.independent(("x.k0",), [0.0], 1.0)
-    with pytest.raises(NotObserved, match="priors on all twelve"):
+    with refused(NotObserved, names=[n for n in SENSOR.coefficients if n != "x.k0"]):
         damped(seen_alone, SENSOR, given.bench, steps, [some])
 
 
@@ -374,7 +375,7 @@ def test_fewer_than_twelve_groups_are_refused():
     rows = list(range(20))
     steps = tuple(given.steps[k] for k in rows)
     few = observed(given.draw.readings[0, rows], steps, 3e-4)
-    with pytest.raises(NotObserved, match="11 tilted states make 11 norms for 12 coefficients"):
+    with refused(NotObserved, key="steps"):
         damped(few, SENSOR, given.bench, steps)
     assert joint(few, SENSOR, given.bench, steps).rank == 12
 
@@ -382,7 +383,7 @@ def test_fewer_than_twelve_groups_are_refused():
 def test_priors_beside_untilted_states_are_refused():
     given = case(1, 1)
     prior = Gaussian.independent(SENSOR.coefficients, np.zeros(12), 1.0)
-    with pytest.raises(InputError, match="in the place of untilted states"):
+    with refused(key="priors"):
         damped(given.seen, SENSOR, given.bench, given.steps, [prior])
 
 
@@ -391,7 +392,7 @@ def test_joint_names_the_axis_that_nothing_excites():
     given = case(1, 1)
     steps = tuple(STEPS[k] for k in rows)
     seen_alone = observed(given.draw.readings[0, rows], steps, 3e-4)
-    with pytest.raises(NotObserved, match=r"not observed: y: .* add mounting YX"):
+    with refused(NotObserved, names=("y",)):
         joint(seen_alone, SENSOR, given.bench, steps)
     known = Gaussian.independent(
         [n for n in SENSOR.coefficients if "delta" in n or "y" in n], 0, 1e-3
@@ -406,7 +407,7 @@ def test_priors_count_in_joint():
     some = joint(given.seen, SENSOR, given.bench, given.steps, [told])
     k = SENSOR.coefficients.index("x.k1")
     assert some.std[0, k] < 1e-5 < none.std[0, k]
-    assert none.notes[0].startswith("the states determine 12 of 12 coefficients; the frame is")
+    assert (none.rank, none.null_directions) == (12, ())
 
 
 @pytest.mark.parametrize("name", ["planar_norm", "damped", "joint"])

@@ -26,9 +26,10 @@ from tests.methods.ship_cases import (
     observed,
     off,
 )
+from tests.refusals import refused
 
 from inercal.benches.rate_table.fixture import planar_plan
-from inercal.errors import InputError, NotObserved
+from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
 from inercal.methods.ship_planar import METHOD, planar
 from inercal.sensors.affine import to_affine
@@ -82,7 +83,7 @@ def test_tilted_states_are_left_out_and_it_is_said():
     nine = observed(given.draw.readings[:, :9], NINE, 3e-4)
     alone = planar(nine, SENSOR, given.bench, NINE)
     assert np.array_equal(alone.value, found.value)
-    assert "16 tilted states are left out" in found.notes[0]
+    assert "16 tilted states" in found.notes[0]
     assert found.observations == alone.observations
     assert len(alone.observations) == 27
 
@@ -95,7 +96,7 @@ def test_trials_together_are_those_of_each_alone():
     assert alone.covariance == pytest.approx(found.covariance[2], rel=1e-9, abs=1e-18)
 
 
-def refused(keep: Callable[[State], bool], speeds: tuple[float, ...]) -> NotObserved:
+def refusal_of(keep: Callable[[State], bool], speeds: tuple[float, ...]) -> NotObserved:
     """Return how states of these mountings and speeds (r/min) are refused."""
     states = tuple((p, 0.0, None, w) for p in PLANES for w in speeds)
     steps = planar_plan([w * RPM for w in speeds])
@@ -104,41 +105,41 @@ def refused(keep: Callable[[State], bool], speeds: tuple[float, ...]) -> NotObse
     steps = tuple(steps[k] for k in kept)
     with pytest.raises(NotObserved) as found:
         planar(observed(given.readings[0], steps, 3e-4), SENSOR, declared(Bench()), steps)
-    assert "\n" not in str(found.value)
+    assert found.value.names == found.value.directions
     return found.value
 
 
 def test_nine_states_that_leave_an_axis_unexcited_name_it_and_what_to_add():
     speeds = (0.0, 20.0, 46.0, 66.0, 86.0)
-    error = refused(lambda state: state[0] != "YX" and state != ("ZY", 0.0, None, 20.0), speeds)
+    error = refusal_of(lambda state: state[0] != "YX" and state != ("ZY", 0.0, None, 20.0), speeds)
     assert error.directions == ("y",)
-    assert "not observed: y: what it feels does not change apart from bias" in str(error)
-    assert "in the states at hand (9)" in str(error)
-    assert "add mounting YX (that axis toward the centre)" in str(error)
+    assert "add mounting YX" in str(error)
 
 
 def test_one_mounting_lacks_two_axes():
-    error = refused(lambda state: state[0] == "XY", (0.0, 46.0, 86.0))
+    error = refusal_of(lambda state: state[0] == "XY", (0.0, 46.0, 86.0))
     assert error.directions == ("y", "z")
-    assert "add mountings YX, ZY (that axis" in str(error)
+    assert "add mounting YX, ZY" in str(error)
 
 
 def test_a_table_that_only_stands_lacks_all():
-    assert refused(lambda _: True, (0.0,)).directions == ("x", "y", "z")
+    assert refusal_of(lambda _: True, (0.0,)).directions == ("x", "y", "z")
 
 
 def test_a_bench_that_tells_too_little_is_refused():
     given = case(1, 1, Bench(pose=0.5))
-    with pytest.raises(NotObserved, match="free directions"):
+    with pytest.raises(NotObserved) as refusal:
         planar(given.seen, SENSOR, given.bench, given.steps)
+    assert refusal.value.names
+    assert set(refusal.value.names) <= set(SENSOR.coefficients)
 
 
 def test_priors_and_wrong_rows_are_refused():
     given = case(1, 1)
     prior = Gaussian.independent(("x.k0",), 0.0, 1.0)
-    with pytest.raises(InputError, match="takes no priors"):
+    with refused(key="priors", names=("x.k0",)):
         planar(given.seen, SENSOR, given.bench, given.steps, [prior])
-    with pytest.raises(InputError, match="give the step of each row"):
+    with refused(key="steps", names=(STEPS[0].label, STEPS[-1].label)):
         planar(given.seen, SENSOR, given.bench, STEPS[::-1])
 
 

@@ -7,11 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.rate_table import Bench
 from tests.methods.ship_cases import EXACT, SENSOR, Case, case, observed
+from tests.refusals import refused
 
 from inercal.calibration import Calibration
-from inercal.errors import InputError, NotObserved
+from inercal.errors import NotObserved
 from inercal.estimate import Gaussian
-from inercal.methods.ship_multi_angle import damped, global_, symmetric_frame
+from inercal.methods.ship_multi_angle import damped, global_, norm_equations
 from inercal.methods.ship_multi_angle.global_search import Bounds, SearchOptions
 from inercal.sensors import G0
 from inercal.sensors.affine import AffineModel, to_affine
@@ -91,7 +92,6 @@ def test_the_frame_is_exact_and_has_no_uncertainty():
         assert abs(both @ found.value) < 1e-14
         assert both @ found.covariance @ both < 1e-16
     assert (found.rank, len(found.null_directions), len(found.singular_values)) == (9, 0, 9)
-    assert "norms determine 9 of 12 coefficients, the stated frame three" in found.notes[0]
     assert not any("warning" in note for note in found.notes)
 
 
@@ -128,22 +128,22 @@ def test_a_search_and_damping_agree_once_the_frame_is_stated(options: SearchOpti
 def test_mirrored_and_turned_solutions_have_one_symmetric_frame():
     rng = np.random.default_rng(1)
     model, _ = to_affine(SENSOR, case(1, 1).truth[0])
-    there = symmetric_frame.to_symmetric_frame(model)
+    there = norm_equations.to_symmetric_frame(model)
     q = np.linalg.qr(rng.standard_normal((5, 3, 3)))[0]
     q[::2] *= -1
     assert {1.0, -1.0} == set(np.sign(np.linalg.det(q)).tolist())
-    many = symmetric_frame.to_symmetric_frame(AffineModel(q @ model.matrix, q @ model.offset))
+    many = norm_equations.to_symmetric_frame(AffineModel(q @ model.matrix, q @ model.offset))
     assert many.theta == pytest.approx(np.broadcast_to(there.theta, (5, 12)), abs=1e-13)
 
 
 def test_what_restores_the_frame_is_its_slope():
-    model = symmetric_frame.to_symmetric_frame(to_affine(SENSOR, case(1, 1).truth[0])[0])
+    model = norm_equations.to_symmetric_frame(to_affine(SENSOR, case(1, 1).truth[0])[0])
     h = 1e-6 * np.eye(12)
     there, back = (
-        symmetric_frame.to_symmetric_frame(AffineModel.of(model.theta + s * h)).theta
+        norm_equations.to_symmetric_frame(AffineModel.of(model.theta + s * h)).theta
         for s in (1, -1)
     )
-    assert symmetric_frame.frame_projection(model) == pytest.approx(
+    assert norm_equations.frame_projection(model) == pytest.approx(
         (there - back).T / 2e-6, abs=1e-8
     )
 
@@ -151,27 +151,27 @@ def test_what_restores_the_frame_is_its_slope():
 def test_what_the_plan_does_not_see_besides_is_still_named():
     given = case(1, 1, reading="dihedral")
     few, steps = groups_alone(given)
-    with pytest.raises(NotObserved, match=r"leave free the plan's own Exy \+ Eyx") as refused:
+    with pytest.raises(NotObserved) as refusal:
         damped(few, FRAMED, given.bench, steps)
-    assert len(refused.value.directions) == 1
+    (direction,) = refusal.value.directions
+    assert "Exy + Eyx" in direction
     seen = replace(given.seen, mean=given.seen.mean[0])
     found = damped(seen, FRAMED, given.bench, given.steps)
     assert found.rank == 8
-    assert "accidents of the mountings alone show Exy + Eyx" in found.notes[-1]
+    assert found.null_directions[-1].words in found.notes[-1]
 
 
 def test_error_free_data_of_a_blind_plan_warn_of_the_one_direction_that_damping_decided():
     given = case(1, 1, EXACT, "dihedral")
     seen = replace(given.seen, mean=given.seen.mean[0])
     found = damped(seen, FRAMED, given.bench, given.steps)
-    print(found.notes)
-    assert "damping alone decided 1 direction, whose" in found.notes[1]
-    assert "rotation" not in found.notes[1]
+    (direction,) = found.null_directions
+    assert direction.words in found.notes[1]
 
 
 def test_priors_beside_a_frame_are_refused():
     given = one()
     few, steps = groups_alone(given)
     prior = Gaussian.independent(SENSOR.coefficients, np.zeros(12), 1.0)
-    with pytest.raises(InputError, match="no priors together with"):
+    with refused(key="priors"):
         damped(few, FRAMED, given.bench, steps, [prior])

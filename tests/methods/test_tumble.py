@@ -25,9 +25,9 @@ from tests.methods.tumble_cases import (
     sensor,
     spread,
 )
+from tests.refusals import refused
 
 from inercal.benches.dividing_head.bench import mounted_sensor
-from inercal.errors import InputError
 from inercal.methods.tumble import METHOD, fourier, least_squares
 from inercal.plan import Index
 from inercal.sensors import G0, single
@@ -81,7 +81,7 @@ def test_what_is_known_beyond_even_angles_is_taken_out(estimator: Estimator, col
 
 def test_formulas_move_no_reading_far():
     far = [replace(step, level=0.02 * (k == 3)) for k, step in enumerate(positions(12))]
-    with pytest.raises(InputError, match=r"position p3 is 1\.05° off .* least_squares"):
+    with refused(names=("p3",)):
         run(fourier, far, sensor())
     near = [replace(step, level=0.009 * (-1) ** k) for k, step in enumerate(positions(12))]
     true = angles(near) + [step.level for step in near]

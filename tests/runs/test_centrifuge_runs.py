@@ -91,7 +91,7 @@ def test_a_laboratory_table_states_the_gain_by_its_attitudes():
     outcome = calibrate(EXAMPLES / "lab.toml")
     assert outcome.estimate.consistent
     assert any(
-        line.startswith("known attitudes bring uncertainties to") for line in outcome.verdict
+        line.startswith("known attitudes reduce the uncertainties to") for line in outcome.verdict
     )
     # made with 0.1 V/g times these
     for a, scale in zip(("ax", "ay", "az"), (1.0021, 0.9987, 1.0008), strict=True):

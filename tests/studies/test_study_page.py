@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.refusals import refused
 
 from inercal.cli.app import main
 from inercal.errors import InputError
@@ -16,13 +17,13 @@ VERDICTS = {"reproduced", "not reproducible", "false"}
 
 
 def test_an_unknown_study_is_refused_with_those_there_are():
-    with pytest.raises(InputError, match=r"no study 'ferris wheel'; there are centrifuge"):
+    with refused(key="name", names=("ferris wheel",)):
         reproduce("ferris wheel")
 
 
-@pytest.mark.parametrize(("trials", "seed", "words"), [(19, 0, "too few"), (20, -1, "seed -1")])
-def test_invalid_trials_and_seeds_are_refused(trials: int, seed: int, words: str):
-    with pytest.raises(InputError, match=words):
+@pytest.mark.parametrize(("trials", "seed", "key"), [(19, 0, "--trials"), (20, -1, "--seed")])
+def test_invalid_trials_and_seeds_are_refused(trials: int, seed: int, key: str):
+    with refused(key=key):
         reproduce("centrifuge", trials, seed)
 
 
@@ -101,10 +102,10 @@ def test_the_page_needs_nothing_but_itself_and_follows_the_readers_colours(html:
 
 def test_a_page_that_cannot_be_written_leaves_nothing(centrifuge_study: Study, tmp_path: Path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be made"):
+    with refused(key="--out", file="file"):
         write_study(centrifuge_study, tmp_path / "file")
     (tmp_path / "centrifuge.study.html").mkdir()
-    with pytest.raises(InputError, match="is a folder"):
+    with pytest.raises(InputError):
         write_study(centrifuge_study, tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["centrifuge.study.html", "file"]
 

@@ -35,12 +35,12 @@ METHODS: Registry[Method[Any, Any]] = Registry(
 
 
 def method(name: str) -> Method[Any, Any]:
-    """Return a method by name, hyphens being as good as underscores.
+    """Return a method by name, with hyphens or underscores.
 
     Raises
     ------
     InputError
-        No such method; the message lists those there are.
+        No method has this name; the message lists the methods.
     """
     return METHODS.find(name.replace("-", "_"))
 

@@ -1,4 +1,4 @@
-"""What a method is: a plan, the coefficients it sees, and named estimators."""
+"""What a method is: a plan, the coefficients that it estimates, and named estimators."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -36,7 +36,7 @@ class Estimator(Protocol[BenchIn, StepIn]):
 
 
 class PartialEstimate(NamedTuple):
-    """What the samples so far say of a part of the sensor.
+    """The estimate of a part of the sensor from the samples so far.
 
     Parameters
     ----------
@@ -47,9 +47,9 @@ class PartialEstimate(NamedTuple):
     covariance : (p, p) array
         SI.
     nis : float
-        Sum of the innovations' squares, normalised by what was stated of them.
+        Sum of the normalised innovations squared.
     components : int
-        How many innovations that is of.
+        Number of innovations in that sum.
     """
 
     names: tuple[str, ...]
@@ -62,24 +62,24 @@ class PartialEstimate(NamedTuple):
 class Sequential(Protocol):
     """A sequential estimator that follows one run.
 
-    A run as it goes on and its recording afterwards are the same samples in pieces of different
-    lengths; the estimate is the same to the last bit.
+    The samples arrive in pieces of any length, live or from a recording; how they are cut does not
+    change a bit of the estimate.
     """
 
     def feed(self, track: Track) -> None:
-        """Take in the samples that follow; raise InputError where they cannot be followed."""
+        """Process the next samples; raise InputError where they cannot be used."""
         ...
 
     def estimate(self) -> Mapping[str, PartialEstimate]:
         """Return the estimate by part: "f" and "w", or "all" where the axes are estimated together.
 
-        It is empty until there are enough samples to begin with.
+        Empty until there are enough samples for a first estimate.
         """
         ...
 
 
 class SequentialEstimator(Protocol[BenchIn, StepIn]):
-    """Begins a sequential estimator of a run."""
+    """Starts a sequential estimator of a run."""
 
     def __call__(
         self,
@@ -99,7 +99,7 @@ class SequentialEstimator(Protocol[BenchIn, StepIn]):
         sensor : Sensor
         bench : Bench
         steps : sequence of steps
-            As planned: how long the run will last may decide which states there are.
+            As planned: the length of the run may decide which states the estimator has.
         priors : sequence of Gaussian
         rate_hz : float
             Samples per second.
@@ -107,14 +107,14 @@ class SequentialEstimator(Protocol[BenchIn, StepIn]):
         Raises
         ------
         InputError
-            An estimator, a sensor or a prior that cannot be followed.
+            An estimator, a sensor or a prior that cannot be used sequentially.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Fit(Generic[Bench, Step]):
-    """What an estimator was given, and what it made of it.
+    """The arguments of an estimator and its estimate.
 
     Parameters
     ----------
@@ -122,14 +122,14 @@ class Fit(Generic[Bench, Step]):
         Its name.
     sensor : Sensor
     bench : Bench
-        As the estimator took it.
+        As the estimator used it.
     observations : Observations
     steps : sequence of Step
         Of each row.
     priors : sequence of Gaussian
     estimate : Estimate
     time_offset : bool
-        Whether the gyros' delay is asked for.
+        Whether the gyros' delay is to be estimated.
     """
 
     estimator: str
@@ -143,16 +143,16 @@ class Fit(Generic[Bench, Step]):
 
 
 class Remarks(NamedTuple):
-    """What a method says of a fit besides its estimate.
+    """Findings, notes and conditions that a method adds to an estimate.
 
     Parameters
     ----------
     findings : tuple of Finding
-        What may be wrong, for the verdict.
+        Possible errors, for the verdict.
     notes : tuple of str
-        In plain words.
+        Sentences for the verdict.
     conditions : mapping of str to str
-        For the calibration's conditions, in words with units.
+        Of the calibration, as text with units.
     """
 
     findings: tuple[Finding, ...] = ()
@@ -176,29 +176,29 @@ class Method(Generic[Bench, Step]):
     ----------
     name : str
     bench : type
-        The kind of bench that it takes.
+        The kind of bench that it needs.
     default_coefficients : mapping of "f" or "w" to tuple of str
-        The groups of coefficients that it finds by default, of accelerometers and of gyros. A
-        kind of axis that is not here is left out.
+        The groups of coefficients that it estimates by default, of accelerometers and of gyros.
+        Axes of a kind that is not a key are left out.
     also : mapping of "f" or "w" to tuple of str
-        What it can find on wish.
+        The groups that it estimates if the user chooses them.
     needs : tuple of "f" or "w"
-        Kinds of axes it cannot do without.
+        Kinds of axes that the sensor must have.
     plan : callable
         Nominal steps; keyword arguments are the method's own (seconds, angle).
     estimators : mapping
         By name; the first is the default.
     source : str
     unknown_attitudes : bool
-        Whether attitudes are free: rests are found and named by themselves, not from the plan.
+        Whether attitudes are free: rests are detected and labelled without a plan.
     norm_only_estimators : tuple of str
-        Estimators of norms, which see no rotation of the triad: its frame may be stated.
+        Estimators of norms, which do not observe a rotation of the triad: its frame may be stated.
     frame : callable
         From the bench to the frame that misalignments refer to where the run file states none.
     remarks : callable
-        From a `Fit` to `Remarks`; called of one that did not converge too.
+        From a `Fit` to `Remarks`; called also for a fit that did not converge.
     sequential : callable or None
-        Begins the estimation of a run while it goes on; None where there is none.
+        Starts the live estimation of a run; None where the method has none.
     """
 
     name: str
@@ -218,41 +218,46 @@ class Method(Generic[Bench, Step]):
     def prepare(
         self, sensor: Sensor, coefficients: Sequence[str] = (), also: Sequence[str] = ()
     ) -> Sensor:
-        """Return the part of the sensor the method calibrates, with the chosen coefficients.
+        """Return the part of the sensor that the method calibrates, with the chosen coefficients.
 
         Parameters
         ----------
         sensor : Sensor
         coefficients : sequence of str
-            Names or groups in place of the method's own choice.
+            Names or groups in place of the method's defaults.
         also : sequence of str
-            Names or groups beside it.
+            Names or groups in addition.
 
         Raises
         ------
         InputError
-            The sensor lacks axes the method needs, or a coefficient is beyond the method.
+            The sensor lacks axes that the method needs, or the method cannot estimate a
+            coefficient.
         """
         kinds = {axis.measures for axis in sensor.axes}
-        if not set(self.needs) <= kinds:
-            need = " and ".join(_WORDS[kind] for kind in self.needs)
-            raise InputError(f"method {self.name} needs {need}; sensor {sensor.name} lacks them")
+        if lacking := tuple(_WORDS[kind] for kind in self.needs if kind not in kinds):
+            raise InputError(
+                f"method {self.name} needs {' and '.join(lacking)}, and sensor {sensor.name} has "
+                "none; add them to [sensor], or choose another method",
+                key="[sensor]",
+                names=lacking,
+            )
         part = replace(
             sensor, axes=tuple(a for a in sensor.axes if a.measures in self.default_coefficients)
         )
-        own, possible = (
-            self._selected_coefficients(part, {}),
-            self._selected_coefficients(part, self.also),
-        )
+        own, possible = self._selected_coefficients(part, {}), self.possible(part)
         chosen = part.with_coefficients(*coefficients).coefficients if coefficients else own
         more = part.with_coefficients(*also).coefficients
-        beyond = [name for name in (*chosen, *more) if name not in possible]
-        if beyond:
+        if beyond := tuple(name for name in (*chosen, *more) if name not in possible):
             seen = "; ".join(
                 f"of {_WORDS[kind]} {', '.join((*words, *self.also.get(kind, ())))}"
                 for kind, words in self.default_coefficients.items()
             )
-            raise InputError(f"method {self.name} cannot see {', '.join(beyond)}: it sees {seen}")
+            raise InputError(
+                f"method {self.name} cannot estimate {', '.join(beyond)}; it estimates {seen}",
+                key="[method]",
+                names=beyond,
+            )
         return replace(part, coefficients=tuple(n for n in possible if n in (*chosen, *more)))
 
     def possible(self, sensor: Sensor) -> tuple[str, ...]:
@@ -262,7 +267,7 @@ class Method(Generic[Bench, Step]):
     def _selected_coefficients(
         self, part: Sensor, also: Mapping[Kind, tuple[str, ...]]
     ) -> tuple[str, ...]:
-        """Return the coefficients the method finds, by default or with what it can find also."""
+        """Return the coefficients that the method estimates by default and of groups `also`."""
         names: tuple[str, ...] = ()
         for kind, words in self.default_coefficients.items():
             axes = part.select_axes(kind)
@@ -276,10 +281,13 @@ class Method(Generic[Bench, Step]):
         Raises
         ------
         InputError
-            No such estimator; the message lists those there are.
+            No estimator has this name; the message lists the estimators.
         """
         if name and name not in self.estimators:
             raise InputError(
-                f"method {self.name} has no estimator {name!r}; it has {', '.join(self.estimators)}"
+                f"method {self.name} has no estimator {name!r}; it has "
+                f"{', '.join(self.estimators)}",
+                key="[method] estimator",
+                names=(name,),
             )
         return self.estimators[name or next(iter(self.estimators))]

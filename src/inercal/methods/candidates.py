@@ -1,13 +1,13 @@
-"""What a problem of means leaves out or takes as known: the candidates of its score tests.
+"""Errors that a problem of means omits or takes as known: the candidates of its score tests.
 
-The candidates are read off an extended problem: the same observations, the sensor with every
+The candidates come from an extended problem: the same observations, the sensor with every
 coefficient of its table, every declared parameter of the bench free. Its Jacobian at the solution
-holds a column for each, exact as those of the fit. A coefficient that was not estimated has its
-value there, zero. A parameter of the bench that was estimated within its stated deviation is a
-candidate too, by its column without its prior: a departure far beyond what was stated shows so.
+has an exact column for each candidate. A coefficient that was not estimated is zero there. A
+parameter of the bench that was estimated within its stated deviation is a candidate too, by its
+column without its prior, which shows a departure far beyond the statement.
 
-Further candidates are single rows, whose readings may be anything, and a drift of the biases over
-the run, linear in time.
+Further candidates are single rows with arbitrary readings, and a drift of the biases over the run,
+linear in time.
 """
 
 import re
@@ -25,11 +25,11 @@ from inercal.parameters import Parameter
 from inercal.sensors import G0, SI_UNITS, Sensor
 from inercal.sensors.coefficient_tables import LARGEST_RELATIVE_SIZE, TABLES, ErrorTerm
 
-# Parameters of these scopes act on many rows; those of one position are seen as its row.
+# Parameters of these scopes act on many rows; a parameter of one position acts like its row.
 _SHARED_SCOPES = ("run", "speed", "mounting", "pass")
-# SI per SI unit: whole turns leave this little of what they take out.
+# SI per SI unit: the rounding error of an effect that whole turns cancel
 _ROUNDING_LIMIT = 1e-12
-# rad: north is taken for south, east for north; harmonics of a readback are small in any encoder.
+# rad: north mistaken for south, east for north; harmonics of any encoder are small.
 _LARGEST_ANGLES = {"azimuth": np.pi, "latitude": np.pi / 2}
 _LARGEST_HARMONIC = 0.01
 _NATURAL_SIZES = {"m/s²": G0, "(m/s²)⁻¹": 1 / G0}
@@ -40,7 +40,7 @@ _BIAS_TERMS = {"f": "k0", "w": "bias"}
 def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sensor:
     """Return the sensor with all coefficients of its axes' tables, those chosen first.
 
-    Those of temperature only where it is known and varies, `temperature_varies`.
+    Coefficients of temperature only where it is known and varies, `temperature_varies`.
     """
     whole = tuple(
         f"{axis.name}.{line.name}"
@@ -92,8 +92,8 @@ def candidate_function(
     common_errors : sequence of str, optional
         As of `common_error_candidates`.
     zero_input : (m,) array of bool, optional
-        Observations of axes that feel nothing nominally: terms with a sign are left out there. The
-        sign would be that of the tilt as it was estimated, which the tilts follow by themselves.
+        Observations of axes with zero nominal input: terms with a sign are left out there. The
+        sign would be that of the estimated tilt, which is arbitrary.
     """
 
     def candidates(x: Array) -> list[Candidate]:
@@ -122,7 +122,7 @@ def candidate_function(
 
 
 def _sign_dependent_coefficients(sensor: Sensor) -> list[str]:
-    """Return the coefficients of a sensor's axes, chosen or not, that have a sign in them."""
+    """Return the coefficients of a sensor's axes, chosen or not, that depend on a sign."""
     whole = extended_sensor(sensor, temperature_varies=True)
     return [n for n in whole.coefficients if whole.coefficient(n).basis.uses("si", "swi")]
 
@@ -150,7 +150,7 @@ def _coefficient_candidates(
     column: Mapping[str, Array],
     families: Mapping[str, Sequence[str]],
 ) -> list[Candidate]:
-    """Return the coefficients that are not estimated: those of a kind together, and each alone."""
+    """Return the coefficients that are not estimated: of each kind together, and each alone."""
     larger = extended_sensor(sensor, temperature_varies=True)
     kinds: dict[tuple[str, str], list[str]] = {}
     for full in larger.coefficients:
@@ -193,7 +193,7 @@ def bench_candidates(
     """Return the parameters of the bench that act on many rows, by their columns (m,).
 
     The components of one vector at one place, "pose_x[XY30]" to "pose_z[XY30]", are one candidate,
-    "pose[XY30]": which of them is off is in their sizes.
+    "pose[XY30]": their sizes show which component is wrong.
     """
     kinds: dict[str, list[str]] = {}
     for name, parameter in declared.items():
@@ -202,7 +202,7 @@ def bench_candidates(
             and name in column
             and _affects_observations(column[name])
         ):
-            for kind in _family_names(name, families or {}) or [_vector_name(name)]:
+            for kind in _family_names(name, families or {}) or [ErrorName(name).vector]:
                 kinds.setdefault(kind, []).append(name)
     return [
         Candidate(
@@ -220,9 +220,9 @@ def bench_candidates(
 def common_error_candidates(
     declared: Mapping[str, Parameter], column: Mapping[str, Array], names: Sequence[str]
 ) -> list[Candidate]:
-    """Return errors that are stated for each row by itself, as one that is alike in all rows.
+    """Return errors that are stated row by row, as errors common to all rows.
 
-    Errors of the rows that are independent as stated vary: their mean is hardly off by as much.
+    The mean of independent errors of the rows would be far smaller than each of them.
 
     Parameters
     ----------
@@ -256,14 +256,14 @@ def common_error_candidates(
 
 
 def prior_candidates(
-    sensor: Sensor, told: Sequence[str], column: Mapping[str, Array]
+    sensor: Sensor, names: Sequence[str], column: Mapping[str, Array]
 ) -> list[Candidate]:
     """Return the priors of coefficients, which may be wrong: those of a kind, and each alone.
 
-    The column of a coefficient without the row of its prior lets the data alone tell it.
+    With the column of a coefficient without the row of its prior the data alone determine it.
     """
     kinds: dict[str, list[str]] = {}
-    for full in dict.fromkeys(told):
+    for full in dict.fromkeys(names):
         kinds.setdefault(CoefficientName(full).term, []).append(full)
     together = [(short, members) for short, members in kinds.items() if len(members) > 1]
     alone = [(full, [full]) for members in kinds.values() for full in members]
@@ -303,13 +303,8 @@ def _affects_observations(column: Array) -> bool:
     return bool(np.max(np.abs(column), initial=0.0) > _ROUNDING_LIMIT)
 
 
-def _vector_name(full: str) -> str:
-    """Return "pose[XY30]" of "pose_x[XY30]", and any other name as it is."""
-    return ErrorName(full).vector
-
-
 def row_candidates(observations: Sequence[str], sensor: Sensor) -> list[Candidate]:
-    """Return each row by itself: its readings may be anything."""
+    """Return each row separately, with arbitrary readings."""
     channels = {axis.name: _READING_UNITS[axis.measures] for axis in sensor.axes}
     rows: dict[str, list[int]] = {}
     for k, label in enumerate(observations):
@@ -330,7 +325,7 @@ def drift_candidates(
     """Return a drift of the biases over the run, linear in time, from its first row to its last.
 
     Of the axes of a kind together, and of each alone: the column of an axis's bias, times the
-    time of its rows. None where there is no span of time.
+    time of its rows. Empty where all rows have one time.
     """
     span = float(np.ptp(time))
     channels = {axis.name: axis.measures for axis in sensor.axes}

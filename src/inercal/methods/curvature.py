@@ -1,8 +1,8 @@
-"""Second order of the tilts: what an unknown lean does beyond the first-order fit.
+"""Second order of the tilts: the effect of an unknown lean beyond the first-order fit.
 
-A face leaning by t reads g (1 − |t|²/2) along its normal, and misalignments m pick up m·t. The fit
-knows t and the coefficients c only to within their covariance P; the terms of second order in the
-errors τ of t and δ of c are, for reading i in row r::
+A face that leans by t reads g (1 − |t|²/2) along its normal, and misalignments m add m·t. The fit
+estimates t and the coefficients c with covariance P; the terms of second order in the errors τ of t
+and δ of c are, for reading i in row r::
 
     Q_i = Σ_k η_ik τ_rk,   η_ik = ½ (∂²h_i/∂t²) τ_rk + (∂²h_i/∂c ∂t_k)·δ
 
@@ -31,7 +31,7 @@ from inercal.sensors import Sensor
 
 
 class Curvature(NamedTuple):
-    """What the tilts add to the mean readings of r rows and m axes at second order, SI.
+    """Second-order effect of the tilts on the mean readings of r rows and m axes, SI.
 
     `shift` (..., r, m) is its mean, `covariance` (..., r·m, r·m) its covariance, row after row.
     """
@@ -43,7 +43,7 @@ class Curvature(NamedTuple):
 def tilt_curvature(
     estimate: Estimate, sensor: Sensor, bench: Hand, done: Sequence[HandStep], durations: Array
 ) -> Curvature | None:
-    """Return the second-order effect at a first-order estimate; None where no tilt is loose.
+    """Return the second-order effect at a first-order estimate; None where all tilts are exact.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def tilt_curvature(
     sensor : Sensor
         Affine in f and ω.
     bench : Hand
-        Values of what it knows exactly.
+        With the values of its exact parameters.
     done : sequence of r HandStep
     durations : (r,) array
         s.

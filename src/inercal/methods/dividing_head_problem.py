@@ -20,7 +20,7 @@ from inercal.recording import Observations
 from inercal.sensors import Sensor
 
 MIN_POSITIONS = 4  # positions
-_TESTED_HARMONICS = 4  # of the head's error: higher ones look like graduations
+_TESTED_HARMONICS = 4  # of the head's error: higher ones act like errors of the graduations
 # Along the spindle only its lean is sensed, and kpp is k0 less k2: sin² + cos² = 1.
 _UNOBSERVED_TERMS = {"delta_p", "kio", "kpo", "koo", "kpp"}
 _MAX_ANGLE_CORRECTION = 1.5e-4  # rad
@@ -34,7 +34,7 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
     positions : int
         Of one turn.
     reverse : bool
-        Whether the turn is made back too: a drift of the bias then cancels to first order.
+        Whether the head turns back too: a drift of the bias then cancels to first order.
     seconds : float
         Length of each hold, s.
 
@@ -44,7 +44,9 @@ def plan(positions: int = 12, reverse: bool = True, seconds: float = 60.0) -> tu
         Fewer than four positions.
     """
     if positions < MIN_POSITIONS:
-        raise InputError(f"{positions} positions; a tumble needs {MIN_POSITIONS} or more")
+        raise InputError(
+            f"positions is {positions}: a tumble needs {MIN_POSITIONS} or more", key="positions"
+        )
     return on_head(positions, reverse=reverse, seconds=seconds)
 
 
@@ -124,7 +126,7 @@ def extended_planar_sensor(sensor: Sensor, *, temperature_varies: bool = False) 
 def _test_families(
     sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
 ) -> dict[str, tuple[str, ...]]:
-    """Return what is tested together: a harmonic's sine and cosine, a drift in all passes."""
+    """Return the families of score tests: a harmonic's sine and cosine, a drift in all passes."""
     count = max(_TESTED_HARMONICS, len(bench.harmonics))
     result: dict[str, tuple[str, ...]] = {
         f"harmonic {h}": (f"sin{h}", f"cos{h}") for h in range(1, count + 1)
@@ -139,23 +141,24 @@ def _test_families(
 def readings_at_stated_angles(
     observations: Observations, sensor: Sensor, bench: DividingHead, steps: Sequence[Index]
 ) -> Observations:
-    """Return the readings as they would be at the head's stated angles, for formulas of these.
+    """Return the readings corrected to the head's nominal angles, for formulas that assume these.
 
-    To first order in what level, autocollimator and certificate tell beyond them, at the nominal
-    sensor: at 10″ their products with a mounting angle of 100″ leave 2e-8 g.
+    The correction is of first order in the angles that level, autocollimator and certificate add to
+    the nominal ones, at the nominal sensor: at 10″ and a mounting angle of 100″ it leaves 2e-8 g.
 
     Raises
     ------
     InputError
-        More than 30″ beyond.
+        A position is more than 30″ from its nominal angle.
     """
     beyond = sensor_angles(bench, steps).nominal - np.array([step.angle for step in steps])
     beyond = (beyond + np.pi) % (2 * np.pi) - np.pi
     if np.abs(beyond).max() > _MAX_ANGLE_CORRECTION:
         worst = int(np.argmax(np.abs(beyond)))
         raise InputError(
-            f"position {steps[worst].label} is {np.degrees(beyond[worst]):.3g}° off its nominal "
-            "angle, too far for this estimator, which takes the nominal angles; use joint"
+            f"position {steps[worst].label} is {np.degrees(beyond[worst]):.3g}° from its nominal "
+            "angle, and this estimator corrects 30″ at most; use estimator joint",
+            names=(steps[worst].label,),
         )
     result = sensed_motion(bench, steps, {})
     slope = sensor.slope(result.motion, np.zeros(len(sensor.coefficients)))[..., :3]
@@ -177,11 +180,11 @@ def with_drift_covariance(
 
 
 def _drift_columns(sensor: Sensor, steps: Sequence[Index]) -> dict[str, Array]:
-    """Return what a drift of one does to all readings, (m r,), by its name."""
-    found: dict[str, Array] = {}
+    """Return the effect of a unit drift on all readings, (m r,), by its name."""
+    result: dict[str, Array] = {}
     for k, channel in enumerate(sensor.channels):
         for name, ramp in zip(drift_names(channel, steps), drift_ramps(steps), strict=True):
             column = np.zeros((len(steps), len(sensor.channels)))
             column[:, k] = ramp
-            found[name] = column.ravel()
-    return found
+            result[name] = column.ravel()
+    return result

@@ -10,9 +10,9 @@ whose columns are the mean readings of x, y, z up and down, and W those of the i
                     K_g R_g = W / α, with bias and K_ga f̄ taken out      (12–15)
 
 so that a reading is K R (f or ω) + b, and for a gyro + K_ga f. Faces, turns and gravity are taken
-as exact: the covariance here holds the noise of the means alone, and the formulas leave no
-residual. Whether the readings agree with one another is tested by the problem of `ml`, in which
-faces, turns and gravity have their stated deviations.
+as exact: the covariance here includes the noise of the means alone, and the formulas leave no
+residual. The problem of `ml`, in which faces, turns and gravity have their stated deviations,
+tests whether the readings agree with one another.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, ModelTest
-from inercal.methods import temperature
+from inercal.methods import estimator_inputs
 from inercal.methods.hand_likelihood import ml
 from inercal.methods.likelihood_tests import READINGS_TEST
 from inercal.methods.observability import NOISE_ONLY_NOTE
@@ -50,29 +50,36 @@ def classical(
     NotObserved
         A position or a turn is missing.
     """
-    if priors:
-        raise InputError("estimator classical takes no priors; use ml")
-    temperature.refuse_temperature_terms(sensor, "classical", "ml")
-    missing = [step.label for step in steps if step.label not in observations.labels]
-    if missing:
+    estimator_inputs.refuse_priors(priors, "classical", "ml")
+    estimator_inputs.refuse_temperature_terms(sensor, "classical", "ml")
+    estimator_inputs.require_single_recording(observations, "estimator classical")
+    if missing := tuple(step.label for step in steps if step.label not in observations.labels):
         raise NotObserved(
-            f"estimator classical needs every position and turn; missing from the recording: "
-            f"{', '.join(missing)}"
+            "estimator classical needs every position and turn; missing from the recording: "
+            f"{', '.join(missing)}; record them, or use estimator ml",
+            names=missing,
         )
     formulas_of = {f"{a}_{what}" for a in "xyz" for what in ("p", "a", "rot")}
-    if again := [label for label in observations.labels if label not in formulas_of]:
+    if again := tuple(label for label in observations.labels if label not in formulas_of):
         raise InputError(
-            f"estimator classical takes each position and turn once, and there is {again[0]}; use "
-            "ml"
+            f"estimator classical takes each position and turn once, and the recording has "
+            f"{', '.join(again)} too; use estimator ml",
+            names=again,
         )
     if sensor.form != "reference":
-        raise InputError("estimator classical finds the reference form; form tilted takes ml")
+        raise InputError(
+            'estimator classical estimates the reference form; set [sensor] form = "reference", '
+            "or use estimator ml",
+            key="[sensor] form",
+        )
     for axes in (sensor.axes[:3], sensor.axes[3:]):
         if axes and (len(axes) != 3 or not np.allclose([a.i for a in axes], np.eye(3))):
-            raise InputError("estimator classical needs orthogonal triads along x, y, z")
-    r, m = observations.mean.shape[-2:]
-    if observations.mean.ndim != 2:
-        raise InputError("estimator classical works on one recording at a time")
+            raise InputError(
+                "estimator classical needs orthogonal triads along x, y, z; use estimator ml",
+                key="[sensor]",
+                names=tuple(axis.name for axis in axes),
+            )
+    r, m = observations.mean.shape
 
     def formulas(flat: Array) -> Array:
         means = dict(zip(observations.labels, flat.reshape(r, m), strict=True))

@@ -1,9 +1,9 @@
 """Maximum likelihood from the mean readings of holds and turns.
 
 Each row's mean reading is compared with the model's reading of the mean motion (exact for models
-affine in f and ω). The bench's imperfections ride along as nuisances with their standard
-deviations as priors, the mean specific force during each turn as a free one, so that the stated
-uncertainty holds fixture and turn-angle errors, local gravity and the clock.
+affine in f and ω). The bench's imperfections are nuisances with their standard deviations as
+priors; the mean specific force during each turn is a nuisance without a prior. The stated
+uncertainty therefore includes errors of fixture, turn angles, local gravity and clock.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Observations
 from inercal.sensors import Sensor, inverse
 
-_EXACT_LIMIT = 1e-15  # SI; what is known better is exact, such as the level earth rate at a pole
+_EXACT_LIMIT = 1e-15  # SI; a smaller deviation is exact: the level earth rate at a pole
 _ZERO_INPUT_LIMIT = 1e-6  # of g, or of a turn's rate
 
 
@@ -45,17 +45,17 @@ def ml(
     observations : Observations
         Rows in SI; labels name steps, channels are the sensor's axes.
     sensor : Sensor
-        With the coefficients that are wanted.
+        With the coefficients to estimate.
     bench : Hand
     steps : sequence of HandStep
         The nominal plan; steps without a row were not carried out.
     priors : sequence of Gaussian
-        On coefficients, from elsewhere.
+        On coefficients, from other measurements.
 
     Raises
     ------
     NotObserved
-        Coefficients that these steps leave open, by name, and the steps that are missing.
+        Coefficients that these steps do not determine, by name, and the steps that are missing.
     """
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]
@@ -82,13 +82,13 @@ def problem(
 ) -> Problem:
     """Return the estimation problem; `done` are the steps of the rows, in their order.
 
-    `curvature` corrects the readings for the second order of the tilts, once that is known.
+    `curvature` corrects the readings for the second order of the tilts.
     """
     noise = _reading_noise(observations)
     if curvature is not None:
         noise = observations.full_covariance + curvature.covariance
         observations = replace(observations, mean=observations.mean - curvature.shift)
-    # How long a step took is what the recording says.
+    # The recording states how long a step took, not the plan.
     lasting = [
         replace(step, seconds=t)
         for step, t in zip(done, observations.duration.tolist(), strict=True)
@@ -121,9 +121,9 @@ def problem(
 
 
 def _zero_input_readings(sensor: Sensor, done: Sequence[HandStep]) -> NDArray[np.bool_] | None:
-    """Return which readings are of axes that feel nothing nominally, (r·m,), row after row.
+    """Return which readings are of axes with zero nominal input, (r·m,), row after row.
 
-    None where each position was taken once: two or four such readings of an axis tell no sign.
+    None where each position occurs once: two or four readings of an axis do not show a sign.
     """
     at = [step.up if isinstance(step, Hold) else step.axis for step in done]
     if len(set(zip(map(type, done), at, strict=True))) == len(at):
@@ -137,7 +137,7 @@ def _zero_input_readings(sensor: Sensor, done: Sequence[HandStep]) -> NDArray[np
 def _reading_noise(observations: Observations) -> Array:
     """Return the covariance of all readings, or without correlations their deviations, (..., r·m).
 
-    Standard deviations are quicker to work with.
+    Standard deviations are faster to whiten by.
     """
     blocks = observations.covariance
     variance = np.diagonal(blocks, axis1=-2, axis2=-1)

@@ -1,16 +1,16 @@
-"""Tests of an estimator that leaves no residuals of its own, by maximum likelihood.
+"""Tests of an estimator without residuals of its own, by maximum likelihood.
 
-A closed formula uses some of the readings, or weighs them alike, and its remainder tests nothing.
-The same observations have a problem of maximum likelihood with the bench as stated. Its χ² tests
-the readings whatever formula is used, and so do its score tests.
+A closed formula uses some of the readings, or all with equal weights; its residuals test nothing.
+The problem of maximum likelihood of the same observations, with the bench as stated, has a χ² and
+score tests of the readings, whatever formula is used.
 
 The formula itself is tested by its difference d from maximum likelihood. Where both hold, an
 efficient estimate and any other of covariance C have (Hausman 1978, Econometrica 46, 1251–1271)::
 
     cov(d) = C − C_ml        T = dᵀ (C − C_ml + ε C)⁻¹ d
 
-T is at most χ² of as many degrees of freedom as there are coefficients. ε leaves a tenth of what
-the formula states as uncertainty: where it is as good as maximum likelihood, C − C_ml is rounding.
+T is at most χ² with one degree of freedom per coefficient. ε adds a tenth of the formula's standard
+uncertainty: where the formula is as good as maximum likelihood, C − C_ml is rounding.
 """
 
 from dataclasses import replace
@@ -31,12 +31,12 @@ def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None
     Parameters
     ----------
     estimate : Estimate
-        Of one recording; of many trials, or without uncertainty, it is returned as it is, and so
-        it is where maximum likelihood cannot be had.
+        Of one recording. An estimate of many trials or without uncertainty is returned unchanged,
+        as is any estimate where the maximum likelihood fails.
     whole : Problem
-        Of maximum likelihood, with all that the bench states.
+        Of maximum likelihood, with all stated errors of the bench.
     stated : Problem, optional
-        The same with what the estimate's covariance holds, where that is less.
+        The same with the errors in the estimate's covariance, where these are fewer.
     """
     if estimate.value.ndim != 1 or not np.isfinite(estimate.covariance).all():
         return estimate

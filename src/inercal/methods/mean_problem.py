@@ -1,4 +1,4 @@
-"""The problem of mean readings: each compared with the motion that the bench states for it.
+"""The estimation problem of mean readings: each is compared with the motion that the bench states.
 
 The motion is a function of the bench's declared parameters. Parameters with a standard deviation
 are nuisances; the others are exact.
@@ -6,7 +6,6 @@ are nuisances; the others are exact.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,18 +16,19 @@ from inercal.benches import MeanBench, MeanMotion
 from inercal.errors import InputError
 from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
 from inercal.methods import candidates, temperature
+from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.observe import vector_residuals
 from inercal.parameters import Parameter
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 
-ROUNDING = 2.0**-50  # of a reading, by the few operations that give it
+ROUNDING = 2.0**-50  # of a reading: the error of the few operations that compute it
 
 MotionFunction = Callable[[Mapping[str, Array]], MeanMotion]
 
 
 class Unknowns(NamedTuple):
-    """What a problem estimates, and what of the bench it takes as exact.
+    """The parameters that a problem estimates, and the bench's parameters that are exact.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Unknowns(NamedTuple):
     exact : dict of str to () array
         Values of the others, SI.
     nuisances : tuple of str
-        Names of what is estimated behind the coefficients.
+        Names of the parameters that follow the coefficients.
     """
 
     sensor: Sensor
@@ -48,7 +48,7 @@ class Unknowns(NamedTuple):
 
     @property
     def p(self) -> int:
-        """How many coefficients the sensor has."""
+        """Number of the sensor's coefficients."""
         return len(self.sensor.coefficients)
 
     def bench_values(self, x: Array) -> Mapping[str, Array]:
@@ -57,7 +57,7 @@ class Unknowns(NamedTuple):
 
 
 class RowComparison(NamedTuple):
-    """How n observations are compared with what the bench makes of its parameters.
+    """How n observations are compared with the bench's motion.
 
     Parameters
     ----------
@@ -84,20 +84,20 @@ def joint(
     steps: Sequence[Any],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
-    """Return the estimate of mean readings on any bench of means, its parameters being nuisances.
+    """Return the estimate from mean readings on any bench of means, with its errors as nuisances.
 
-    An estimator, for a method that needs nothing of its own.
+    An estimator for methods that need no estimator of their own.
 
     Parameters
     ----------
     observations : Observations
         (..., r, m), SI.
     sensor : Sensor
-        With the coefficients that are wanted.
+        With the coefficients to estimate.
     bench : MeanBench
-        Its parameters of scope "dwell" are not for this estimator.
+        Without parameters of scope "dwell".
     steps : sequence of r Step
-        Of the rows; steps of a plan that have no row are left out.
+        Of the rows; steps of a plan that have no row are ignored.
     priors : sequence of Gaussian
         On coefficients.
 
@@ -106,14 +106,20 @@ def joint(
     InputError
         Rows without their steps, or a parameter of scope "dwell".
     NotObserved
-        Coefficients that these steps leave open, by name.
+        Coefficients that these steps do not determine, by name.
     """
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels if label in by_label]
     require_matching_rows(observations, sensor, done)
     declared = bench.nuisances(done, sensor)
-    if noisy := [name for name, one in declared.items() if one.scope == "dwell" and one.sd > 0]:
-        raise InputError(f"{noisy[0]} is another in each dwell: this estimator has no noise of it")
+    noisy = tuple(name for name, one in declared.items() if one.scope == "dwell" and one.sd > 0)
+    if noisy:
+        raise InputError(
+            f"[bench] {noisy[0]} differs from dwell to dwell, and estimator joint has no model of "
+            "that; set it to 0, or use another estimator",
+            key=f"[bench] {noisy[0]}",
+            names=noisy,
+        )
     offsets = {
         name: bench.reading_offsets(done, sensor, {name: np.array(1.0)}) for name in declared
     }
@@ -129,32 +135,6 @@ def joint(
         with_drift_candidate=True,
     )
     return replace(least_squares(whole), tests=observations.tests)
-
-
-def require_matching_rows(
-    observations: Observations,
-    sensor: Sensor,
-    steps: Sequence[Any],
-) -> None:
-    """Refuse steps or channels that are not those of the rows.
-
-    Raises
-    ------
-    InputError
-        Naming the first that differs, or a label that comes twice.
-    """
-    if observations.channels != sensor.channels:
-        raise InputError(
-            f"readings are of {', '.join(observations.channels)}, the sensor has "
-            f"{', '.join(sensor.channels)}"
-        )
-    labels = tuple(step.label for step in steps)
-    if len(set(labels)) < len(labels):
-        raise InputError("two steps have one label; give each its own")
-    if labels != observations.labels:
-        pairs = zip_longest(observations.labels, labels)
-        row, step = next(pair for pair in pairs if pair[0] != pair[1])
-        raise InputError(f"row {row} has step {step}; give the step of each row, in order")
 
 
 def problem(
@@ -189,7 +169,7 @@ def problem(
     priors : sequence of Gaussian
         On coefficients.
     reading_columns : mapping of str to (m r,) array, optional
-        What one of a parameter adds to the readings themselves, row after row.
+        What a unit of a parameter adds to the readings themselves, row after row.
     dwell_covariance : callable, optional
         From coefficients and the sensed motion to a covariance that is added to that of the means.
     gauges : tuple of Gauge
@@ -198,11 +178,11 @@ def problem(
     families : mapping of str to sequence of str, optional
         Of candidates, as of `inercal.methods.candidates.candidate_function`.
     common_errors : sequence of str, optional
-        Errors of single rows that may be alike, as of
+        Errors of single rows that may be common, as of
         `inercal.methods.candidates.common_error_candidates`.
     unknown_forces : mapping of str to (...) array, optional
-        Specific forces that nothing is known of, by the names that `motion_function` takes: where
-        the search begins, m/s².
+        Start values of specific forces without a prior, m/s², by the names that `motion_function`
+        takes.
     stated_noise : (..., m r) or (..., m r, m r) array, optional
         Deviations of the readings, or their covariance, in place of that of the observations.
     zero_input : (m r,) array of bool, optional
@@ -253,7 +233,7 @@ def build_problem(
     Parameters
     ----------
     sensor : Sensor
-        With the coefficients that are wanted.
+        With the coefficients to estimate.
     declared : mapping of str to Parameter
         The bench's parameters by full name; those with a deviation are nuisances.
     compare : callable
@@ -269,7 +249,7 @@ def build_problem(
     unknowns = Unknowns(sensor, loose, known, (*loose, *forces))
     comparison = compare(unknowns)
     first = start_values(unknowns.p, loose)
-    # Without forces all trials start from one point, which is then worked out once.
+    # Without forces all trials share one start, whose Jacobian is computed once.
     if forces:
         begin = np.stack([*forces.values()], axis=-1)
         alike = np.broadcast_to(first, (*begin.shape[:-1], first.size))
@@ -295,7 +275,7 @@ def compare_vectors(
     dwell_covariance: Callable[[Array, MeanMotion], Array] | None = None,
     stated_noise: Array | None = None,
 ) -> RowComparison:
-    """Compare each axis's reading with that of the motion it sensed; arguments as of `problem`."""
+    """Compare each reading with that of the motion its axis sensed; arguments as of `problem`."""
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
     added = {n: one for n, one in (reading_columns or {}).items() if n in unknowns.estimated}
     at = [p + nuisances.index(name) for name in added]
@@ -349,7 +329,7 @@ def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:
     whole : Problem
         Its noise is one covariance for all x.
     at : (k,) array of int
-        Places of the observations that are kept.
+        Indices of the observations of the subset.
     """
     assert not callable(whole.noise)
     places: list[int] = at.tolist()
@@ -386,14 +366,14 @@ def _stacked_derivatives(
 def split_parameters(
     declared: Mapping[str, Parameter],
 ) -> tuple[dict[str, Parameter], dict[str, Array]]:
-    """Return the parameters that are estimated, and the values of those that are exact."""
+    """Return the parameters that are estimated, and the values of the exact parameters."""
     loose = {name: parameter for name, parameter in declared.items() if parameter.sd > 0}
     known = {n: np.array(q.value) for n, q in declared.items() if n not in loose}
     return loose, known
 
 
 def start_values(p: int, loose: Mapping[str, Parameter]) -> Array:
-    """Return where a search starts: p coefficients at nominal, the bench as declared."""
+    """Return the start: p coefficients at nominal, the bench's parameters as declared."""
     return np.concatenate([np.zeros(p), [parameter.value for parameter in loose.values()]])
 
 
@@ -405,7 +385,7 @@ def parameter_scales(sensor: Sensor, loose: Mapping[str, Parameter]) -> Array:
 def with_bench_priors(
     loose: Mapping[str, Parameter], priors: Sequence[Gaussian]
 ) -> tuple[Gaussian, ...]:
-    """Return the priors, those of the bench's parameters before them."""
+    """Return the bench's parameters as priors, followed by `priors`."""
     if not loose:
         return tuple(priors)
     values, deviations = zip(*((q.value, q.sd) for q in loose.values()), strict=True)

@@ -3,11 +3,11 @@
 Two rules beyond the algebraic rank of the problem:
 
 * Bias and scale of an accelerometer must be separated by readings of both signs, not by the
-  assumed levelness of faces: without −z, say, K₀ of z would rest on positions in which z should
-  read nothing, and on how level they happened to be.
+  assumed levelness of faces: without −z, say, K₀ of z would depend on positions in which z should
+  read zero, and on how level they were.
 * A direction known no better than a tenth of its natural size (10 % of scale, 0.1 g of bias,
-  0.1 rad of misalignment) is not observed, whatever residual excitation (the earth's rate, an
-  accidental tilt) makes the algebra say.
+  0.1 rad of misalignment) is not observed, even if residual excitation (the earth's rate, an
+  accidental tilt) gives the problem full rank.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,11 @@ from inercal.estimate import Estimate, Gaussian
 from inercal.plan import HandStep, Hold
 from inercal.sensors import Sensor
 
-NOISE_ONLY_NOTE = "the uncertainties hold the noise of the means alone: the bench is taken as exact"
+NOISE_ONLY_NOTE = (
+    "the uncertainties include the noise of the means alone: the bench is taken as exact"
+)
 OBSERVABILITY_LIMIT = 0.1  # of the natural size
-_MIN_INPUT = 0.5  # g; an axis must have been up and down by at least so much
+_MIN_INPUT = 0.5  # g, up and down, that an axis must have sensed
 
 
 def require_bias_scale_separation(
@@ -40,27 +42,28 @@ def require_bias_scale_separation(
     """
     known = {name for prior in priors for name in prior.names}
     ups = np.array([step.up for step in done if isinstance(step, Hold)]).reshape(-1, 3)
-    problems: list[str] = []
+    problems: dict[tuple[str, str], str] = {}
     for axis in sensor.axes:
         pair = (f"{axis.name}.k0", f"{axis.name}.k1")
         if axis.measures != "f" or not set(pair) <= set(sensor.coefficients) or known & set(pair):
             continue
         along = ups @ np.array(axis.i)
-        lacking = [
-            s
-            for s, there in (("+", along > _MIN_INPUT), ("−", along < -_MIN_INPUT))
+        sides = [
+            f"{sign}{axis.name}"
+            for sign, there in (("+", along > _MIN_INPUT), ("−", along < -_MIN_INPUT))
             if not there.any()
         ]
-        if lacking:
-            sides = " and ".join(f"{sign}{axis.name}" for sign in lacking)
-            problems.append(
-                f"{pair[0]} and {pair[1]} are not separated: no position with {sides} up"
+        if sides:
+            problems[pair] = (
+                f"{pair[0]} and {pair[1]} are not separated: no position with "
+                f"{' and '.join(sides)} up"
             )
     if problems:
         raise NotObserved(
-            f"not observed: {'; '.join(problems)}{steps_in_words(missing)}; record what is "
-            "missing, or give a prior on one of the two",
-            tuple(problems),
+            f"not observed: {'; '.join(problems.values())}{steps_in_words(missing)}; record the "
+            "missing position, or give a prior on one of the two coefficients",
+            tuple(problems.values()),
+            names=tuple(name for pair in problems for name in pair),
         )
 
 
@@ -75,7 +78,7 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[HandS
     p = len(sensor.coefficients)
     scaled = estimate.covariance[..., :p, :p] / np.outer(sensor.unit_scale, sensor.unit_scale)
     trials = scaled.reshape(-1, p, p)
-    # Of many trials the one that knows its weakest direction least stands for all.
+    # Of many trials, the trial with the largest variance of its weakest direction decides.
     variance, directions = np.linalg.eigh(trials[np.argmax(np.linalg.eigvalsh(trials)[:, -1])])
     weak = directions[:, variance > OBSERVABILITY_LIMIT**2].T
     if not len(weak):
@@ -88,7 +91,7 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[HandS
 def not_observed_error(
     sensor: Sensor, directions: Sequence[str], missing: Sequence[HandStep]
 ) -> NotObserved:
-    """Return the refusal: the coefficients, the free directions in natural units, what would help.
+    """Return the refusal: the coefficients, the free directions in natural units, the remedy.
 
     Parameters
     ----------
@@ -100,12 +103,13 @@ def not_observed_error(
     """
     plain = tuple(words.partition(" (in units")[0] for words in directions)
     touched = {word for words in plain for word in words.split()}
-    named = [name for name in sensor.coefficients if name in touched]
+    named = tuple(name for name in sensor.coefficients if name in touched)
     return NotObserved(
         f"not observed: {', '.join(named)} (free directions, in units of g and rad/s: "
         f"{'; '.join(plain)}){steps_in_words(missing)}; record what is missing, choose fewer "
         "coefficients, or give a prior",
         plain,
+        names=named,
     )
 
 

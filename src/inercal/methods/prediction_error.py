@@ -1,8 +1,7 @@
-"""What a calibration leaves on poses that it has not seen, by its own covariance.
+"""The error of a calibration on new poses, by its own covariance.
 
-Residuals in the sample say how well a model follows what it was fitted to. What a user meets is the
-error of the corrected vector in other poses, δf = −S⁻¹ ∂h/∂c δc: a direction that was left free
-shows there alone.
+Residuals of the fit show how well the model follows the fitted readings. A user needs the error of
+the corrected vector in other poses, δf = −S⁻¹ ∂h/∂c δc: a free direction shows only there.
 """
 
 from math import pi
@@ -23,18 +22,18 @@ _MILLI_G = 1e-3 * G0
 
 
 def pose_forces(fastest: float, radius: float, g: float) -> Array:
-    """Return the sensed motion in attitudes all round at rates from rest on, (300, 3) m/s².
+    """Return the specific force in attitudes all round at rates from rest on, (300, 3) m/s².
 
     Parameters
     ----------
     fastest : float
-        Rate of a table, rad/s; rates are even up to it.
+        Largest rate of the table, rad/s; the rates are evenly spaced from 0.
     radius : float
         m.
     g : float
         m/s².
     """
-    rng = np.random.default_rng(0)  # always the same poses
+    rng = np.random.default_rng(0)  # the same poses in every call
     up, across = rng.standard_normal((2, _POSE_COUNT, 3))
     up /= np.linalg.norm(up, axis=-1, keepdims=True)
     across -= np.sum(across * up, axis=-1, keepdims=True) * up
@@ -57,7 +56,7 @@ def expected_error(sensor: Sensor, estimate: Estimate, f: Array) -> float:
 def prediction_note(
     sensor: Sensor, estimate: Estimate, fastest: float, radius: float, g: float
 ) -> str:
-    """Say the error to expect on fresh poses beside the residuals in the sample, in mg."""
+    """Return the note on the error of fresh poses and on the residuals of the fit, in mg."""
     error = expected_error(sensor, estimate, pose_forces(fastest, radius, g)) / _MILLI_G
     inside = float(np.sqrt(np.mean(estimate.residual**2))) / _MILLI_G
     frame = "" if sensor.frame == "mount" else f", in the {sensor.frame} frame,"
@@ -69,7 +68,7 @@ def prediction_note(
 
 
 def remarks(fit: Fit[RateTable, Spin]) -> Remarks:
-    """Return what the result is off by on fresh poses, beside its residuals."""
+    """Return the note on the error of fresh poses, for a fit that converged."""
     if not np.all(fit.estimate.converged):
         return Remarks()
     fastest = max(abs(step.rate) for step in fit.steps)

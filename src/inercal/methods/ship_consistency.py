@@ -1,22 +1,21 @@
-"""Whether rows on a rate table agree with one affine triad, whatever estimator was used on them.
+"""Whether rows on a rate table agree with one affine triad, for any estimator of them.
 
 Untilted rows are compared as vectors, tilted ones as norms, in g::
 
     f − (M a + p)          |f| − |M a + p|
 
-The errors of the rows share those of the bench. Their covariance S holds the noise of the readings
-and the bench's deviations, mapped to M a + p and on to the rows as compared. From the estimator's
-solution the rows are fitted by generalised least squares with S; what remains has
+The bench's errors are common to the rows. Their covariance S contains the noise of the readings and
+the bench's deviations, mapped to M a + p and then to the rows as compared. From the estimator's
+solution the rows are fitted by generalised least squares with S; the residuals have
 
     χ² = min r(θ)ᵀ S⁻¹ r(θ),   degrees of freedom = rows − directions of θ that the rows determine
 
 The residuals r = (I − A G) ε of a linear estimator with gain G have the singular covariance
-(I − A G) S (I − A G)ᵀ. By its pseudo-inverse they make the same χ²: both leave out the columns
-of A.
+(I − A G) S (I − A G)ᵀ. Its pseudo-inverse gives the same χ²: both exclude the columns of A.
 
-Norms are those of any rotation of the triad: the solution is first turned to where its vectors lie
-nearest to what the bench states. Directions with a standard deviation above a tenth of their
-natural size are taken as the estimator left them, as they count as not observed.
+Norms do not change with a rotation of the triad: the solution is first rotated so that its vectors
+are nearest to the bench's. Directions with a standard deviation above a tenth of their natural size
+count as not observed and keep the estimator's value.
 """
 
 from collections.abc import Callable, Sequence
@@ -57,7 +56,7 @@ def joint_problem(
     priors: Sequence[Gaussian] = (),
 ) -> Problem:
     """Return the problem of all readings, with the bench's errors as nuisances."""
-    # Rows of a table without times are taken in the order in which they were measured.
+    # Rows of a table without times are in the order of measurement.
     return mean_problem.problem(
         observations,
         sensor,
@@ -90,14 +89,14 @@ def row_covariance(
 
 
 def bench_sensitivities(bench: RateTable, steps: Sequence[Spin], gain: Array) -> dict[str, Array]:
-    """Return how θ moves with what is stated of the whole run's errors of a bench, (..., 12).
+    """Return the derivatives of θ by the stated bench errors of the whole run, (..., 12).
 
     Parameters
     ----------
     bench, steps
         Of r rows.
     gain : (..., 12, 3 r) array
-        As of `consistency`: what is stated adds to f, and so takes from M a + p − f.
+        As of `consistency`: a stated error adds to f, and so subtracts from M a + p − f.
     """
     result = sensed_motion(bench, steps, {}).df
     return {
@@ -110,13 +109,13 @@ def bench_sensitivities(bench: RateTable, steps: Sequence[Spin], gain: Array) ->
 def linearised_rows(
     model: AffineModel, level: Array, f: Array, groups: Array, square: Array
 ) -> tuple[Array, Array]:
-    """Return the residuals, (..., 3 r + s) g, and the slopes of what the model says by θ.
+    """Return the residuals, (..., 3 r + s) g, and the derivatives of the model's values by θ.
 
     Parameters
     ----------
     model : AffineModel
     level, f : (..., r, 3) and (r, 3) arrays
-        Readings of untilted states, and what the bench states, g.
+        Readings of untilted states, and the bench's specific force, g.
     groups, square : (..., s, 3) and (s,) arrays
         Readings of tilted states, g, and A² + 1, g².
     """
@@ -156,7 +155,7 @@ def consistency(
     model : AffineModel
         The estimator's solution, of (...) trials.
     gain : (..., 12, 3 r) array
-        ∂θ/∂ of errors of M a + p − f of all rows, axes within: how the estimator shifts.
+        ∂θ/∂ of errors of M a + p − f of all rows, axes within.
     level, groups : sequence of int
         Rows compared as vectors, and as norms.
     """
@@ -173,7 +172,7 @@ def consistency(
         return linearised_rows(model, of_level, f[at_level], of_groups, square)
 
     def at(theta: Array) -> tuple[Array, Array]:
-        # Slopes at the noise of the readings would have a share of it, and so of the residuals.
+        # Derivatives at the noisy readings would depend on their noise, and so on the residuals.
         here = AffineModel.of(theta)
         return residuals(here, a)[0], residuals(here, here.inverse.correct(f))[1]
 
@@ -196,18 +195,18 @@ def consistency(
         requested = joint_problem(some, sensor, bench, here)
         start = np.concatenate([value, requested.start[len(value) :]])
         assert requested.candidates is not None
-        # As the slopes: where the rows are by the fit, without their noise.
+        # At the rows by the fit, without their noise, as the derivatives.
         expected = fitted.inverse.correct(f)
         from_readings = whitener @ comparison_map(fitted, expected, at_level, at_groups)
         own = [3 * k + axis for k in used for axis in range(3)]
         whitened: list[Candidate] = []
         for one in requested.candidates(start):
             columns = one.rows.reshape(len(used), 3, -1)
-            # The estimator weighs the rows otherwise than this fit: its gain says how it shifts.
+            # The estimator weights the rows differently from this fit: its gain gives its shift.
             shift = slope @ gain[:, own] @ _added_rows(model.matrix, columns)
             rows = -from_readings @ _added_rows(fitted.matrix, columns)
             whitened.append(replace(one, rows=rows, moved=shift))
-        # All of a shift is in `moved`, by the estimator's gain: none in the coordinates of U.
+        # The full shift is in `moved`, by the estimator's gain; nothing is in the coordinates of U.
         none = np.zeros((len(value), u.shape[1]))
         return score_tests(residual, u, whitened, none)
 
@@ -215,7 +214,7 @@ def consistency(
 
 
 def _added_rows(matrix: Array, rows: Array) -> Array:
-    """Return what (r, 3, k) m/s² of readings adds to M a + p, (3 r, k) g."""
+    """Return the effect of (r, 3, k) m/s² of readings on M a + p, (3 r, k) g."""
     return np.einsum("ij,rjk->rik", matrix, rows).reshape(-1, rows.shape[-1]) / G0
 
 
@@ -263,7 +262,7 @@ def comparison_map(
 
 
 def _whitener(spread: Array) -> Array:
-    """Return the symmetric W with W S W = I, (..., m, m): each row stays nearly itself."""
+    """Return the symmetric W with W S W = I, (..., m, m), which mixes the rows least."""
     variance, directions = np.linalg.eigh(spread)
     variance = np.maximum(variance, _VARIANCE_FLOOR * variance[..., -1:])
     return (directions / np.sqrt(variance)[..., None, :]) @ np.swapaxes(directions, -1, -2)

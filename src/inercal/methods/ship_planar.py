@@ -1,19 +1,18 @@
 """A triad on a plain rate table, level mountings: least squares of the sensed motion on readings.
 
-With a the readings and f what the bench says was sensed, of each axis on its own::
+With a the readings and f the specific force that the bench states, for each axis separately::
 
     f_x = Sx a_x + Exy a_y + Exz a_z + Axp        and y, z alike
 
-The mountings XY, YX and ZY at 0, 46 and 86 r/min make nine equations of four unknowns an axis. The
-mountings are taken as exact: what pose, seat, speed and lean do to the result is in its covariance,
-to first order, beside the readings' noise.
+The mountings XY, YX and ZY at 0, 46 and 86 r/min make nine equations of four unknowns per axis. The
+mountings are taken as exact: the covariance of the result includes the readings' noise and, to
+first order, the effects of pose, seat, speed and lean.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 1 to 5. The covariance is ours.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,10 +21,15 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import PLANES, is_tilted, planar_plan
-from inercal.errors import InputError, NotObserved
+from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, NullDirection
-from inercal.methods import mean_problem, prediction_error
+from inercal.methods import prediction_error
 from inercal.methods._base import Method
+from inercal.methods.estimator_inputs import (
+    refuse_priors,
+    refuse_temperature_terms,
+    require_matching_rows,
+)
 from inercal.methods.observability import require_observed
 from inercal.methods.ship_consistency import (
     Consistency,
@@ -44,10 +48,10 @@ _EXCITATION_LIMIT = 1e-3
 
 
 class LevelStates(NamedTuple):
-    """What the level states tell: the model, and how it moves with the errors of their rows."""
+    """The model by the level states, and its derivative by the errors of their rows."""
 
     model: AffineModel  # of (...) trials
-    gain: Array  # (..., 12, 3 r), θ by what is added to f of each row, axes within
+    gain: Array  # (..., 12, 3 r), ∂θ/∂f of each row, axes within
 
 
 def fit_level_states(a: Array, f: Array) -> LevelStates:
@@ -58,7 +62,7 @@ def fit_level_states(a: Array, f: Array) -> LevelStates:
     a : (..., r, 3) array
         Readings in g.
     f : (r, 3) array
-        What the bench says was sensed, g.
+        Specific force that the bench states, g.
     """
     rows = np.concatenate([a, np.ones((*a.shape[:-1], 1))], axis=-1)
     back = np.asarray(np.linalg.pinv(rows), dtype=float)
@@ -67,14 +71,14 @@ def fit_level_states(a: Array, f: Array) -> LevelStates:
     r, lead = len(f), a.shape[:-2]
     gain = np.zeros((*lead, 12, r, 3))
     for axis in range(3):
-        # Errors of readings shift what M a says of f: the solution moves against them.
+        # Errors of M a + p − f of the rows shift the solution by their negative.
         gain[..., 3 * axis : 3 * axis + 3, :, axis] = -back[..., :3, :]
         gain[..., 9 + axis, :, axis] = -back[..., 3, :]
     return LevelStates(model, gain.reshape(*lead, 12, 3 * r))
 
 
 def require_excitation(bench: RateTable, steps: Sequence[Spin]) -> None:
-    """Refuse states that leave an axis unexcited, or excited with another one or with the bias.
+    """Refuse states that do not excite an axis separately from the other axes and the bias.
 
     Raises
     ------
@@ -88,18 +92,17 @@ def require_excitation(bench: RateTable, steps: Sequence[Spin]) -> None:
     free = directions[size <= _EXCITATION_LIMIT * size[0]]
     if not len(free):
         return
-    # A direction that is not told apart from bias: the axes that take part in it.
+    # The axes with a component in a direction that is not separated.
     part = np.abs(free[:, :3]).max(axis=0)
-    lacking = [axis for axis, share in zip("xyz", part, strict=True) if share > 0.1]
+    lacking = tuple(axis for axis, share in zip("xyz", part, strict=True) if share > 0.1)
     radial = {toward: plane for plane, (toward, _) in PLANES.items()}
-    adding = ", ".join(radial[axis] for axis in lacking)
-    one = len(lacking) == 1
+    axes, adding = ", ".join(lacking), ", ".join(radial[axis] for axis in lacking)
     raise NotObserved(
-        f"not observed: {', '.join(lacking)}: what {'it feels' if one else 'they feel'} does not "
-        f"change apart from bias and the other axes in the states at hand ({len(steps)}); add "
-        f"{'mounting' if one else 'mountings'} {adding} (that axis toward the centre) at two "
-        "speeds or more",
-        tuple(lacking),
+        f"not observed: {axes}: in these {len(steps)} states the specific force along {axes} does "
+        f"not vary independently of the bias and the other axes; add mounting {adding} (axis "
+        f"{axes} toward the centre) at two speeds or more",
+        lacking,
+        names=lacking,
     )
 
 
@@ -119,10 +122,10 @@ def affine_estimate(
     converged: NDArray[np.bool_] | None = None,
     iterations: NDArray[np.intp] | None = None,
 ) -> Estimate:
-    """Return the estimate of a model whose rows weigh alike and share the bench's errors.
+    """Return the estimate of a model with equal weights of rows that share the bench's errors.
 
-    Its own residuals are standardised row by row; χ² is that of all rows together, with the
-    covariance that the bench's errors make between them.
+    Its residuals are standardised row by row; χ² is of all rows together, with their covariance by
+    the bench's errors.
 
     Parameters
     ----------
@@ -137,7 +140,7 @@ def affine_estimate(
     agreement : Consistency
         Of the rows that were used.
     moved : mapping of str to (..., 12) array
-        How θ moves with what is stated of the bench (`bench_sensitivities`).
+        Derivatives of θ by the stated errors of the bench (`bench_sensitivities`).
     notes, rank, null_directions, converged, iterations
         Of the estimate.
     """
@@ -146,7 +149,7 @@ def affine_estimate(
     trials, sd = value.shape[:-1], np.sqrt(variance)
     first = whole.reshape(-1, 12, 12)[0] / np.outer(sensor.unit_scale, sensor.unit_scale)
     known = np.maximum(np.linalg.eigvalsh(first), np.finfo(float).tiny)
-    known = known[known > _ROUNDING * known[-1]]  # the others a stated frame fixes
+    known = known[known > _ROUNDING * known[-1]]  # a stated frame fixes the others
     return Estimate(
         names=sensor.coefficients,
         value=value,
@@ -181,41 +184,27 @@ def planar(
     Parameters
     ----------
     observations : Observations
-        One row a state, (..., r, 3) m/s²; those of tilted mountings are left out.
+        One row a state, (..., r, 3) m/s²; rows of tilted mountings are not used.
     sensor : Sensor
         A triad with bias, scale factor and misalignments, in the reference form.
     bench : RateTable
     steps : sequence of r Spin
         Of the rows, in known attitudes.
     priors : sequence of Gaussian
-        None are taken.
+        Must be empty.
 
     Raises
     ------
     InputError
         Priors, another sensor, steps that are not those of the rows.
     NotObserved
-        States that leave an axis unexcited; the message says what to add.
+        States that do not excite an axis; the message states the mounting to add.
     """
-    if priors:
-        raise InputError("estimator planar takes no priors; joint of ship_multi_angle does")
+    refuse_priors(priors, "planar", "joint of ship_multi_angle")
+    refuse_temperature_terms(sensor, "planar", "joint of ship_multi_angle")
     require_affine_triad(sensor)
-    mean_problem.require_matching_rows(observations, sensor, steps)
+    require_matching_rows(observations, sensor, steps)
     rows = [k for k, step in enumerate(steps) if not is_tilted(step)]
-    found = planar_estimate(observations, sensor, bench, steps, rows)
-    left = len(steps) - len(rows)
-    said = (f"{left} tilted states are left out: planar does not use them",) if left else ()
-    return replace(found, notes=(*said, *found.notes))
-
-
-def planar_estimate(
-    observations: Observations,
-    sensor: Sensor,
-    bench: RateTable,
-    steps: Sequence[Spin],
-    rows: Sequence[int],
-) -> Estimate:
-    """Return the estimate of `planar` from these rows."""
     here = [steps[k] for k in rows]
     require_excitation(bench, here)
     f = sensed_motion(bench, here, {}).f / G0
@@ -226,6 +215,7 @@ def planar_estimate(
     whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
     whole[..., at] = gain
     agreement = consistency(observations, sensor, bench, steps, model, whole, rows)
+    tilted = len(steps) - len(rows)
     estimate = affine_estimate(
         sensor,
         model,
@@ -236,8 +226,9 @@ def planar_estimate(
         agreement,
         bench_sensitivities(bench, steps, whole),
         notes=(
-            "the mountings' nominal axes are the frame; what pose, seat, speed and lean do to the "
-            "coefficients is in their uncertainties",
+            *([f"estimator planar does not use the {tilted} tilted states"] if tilted else []),
+            "the frame is that of the mountings' nominal axes; the uncertainties include the "
+            "effects of pose, seat, speed and lean",
         ),
     )
     require_observed(estimate, sensor, missing=())

@@ -1,7 +1,7 @@
 """The temperature of rows and samples, as the model of a sensor takes it.
 
-ΔT is set where a problem is built, from the temperature that was recorded: neither benches nor
-estimators handle it. Estimators that cannot take it say so by name.
+ΔT is set where a problem is built, from the recorded temperature: neither benches nor estimators
+handle it.
 """
 
 from dataclasses import replace
@@ -17,13 +17,13 @@ from inercal.sensors import Sensor
 def row_offsets(observations: Observations, sensor: Sensor) -> Array:
     """Return ΔT of each row, (..., r) K; () of 0 for a sensor that does not depend on it.
 
-    Rows that differ by less than `TEMPERATURE_VARIATION` are at one temperature, their mean: what
-    such differences tell of a coefficient is the noise of the temperature's sensor.
+    Rows that differ by less than `TEMPERATURE_VARIATION` are at one temperature, their mean:
+    smaller differences are noise of the temperature's sensor.
 
     Raises
     ------
     InputError
-        Coefficients of temperature, and none was recorded.
+        The sensor has coefficients of temperature, and no temperature was recorded.
     """
     if not sensor.uses("dT"):
         return np.zeros(())
@@ -33,12 +33,12 @@ def row_offsets(observations: Observations, sensor: Sensor) -> Array:
 
 
 def sample_offsets(track: Track, sensor: Sensor) -> Array:
-    """Return ΔT of each sample, (..., n) K; of no samples, (0,), where a sensor depends on none.
+    """Return ΔT of each sample, (..., n) K; (0,) for a sensor that does not depend on it.
 
     Raises
     ------
     InputError
-        Coefficients of temperature, and none was recorded.
+        The sensor has coefficients of temperature, and no temperature was recorded.
     """
     if not sensor.uses("dT"):
         return np.zeros(0)
@@ -49,7 +49,7 @@ def sample_offsets(track: Track, sensor: Sensor) -> Array:
 
 
 def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
-    """Return ΔT of one trial at some times, (e,) K; None where it was not recorded or is constant.
+    """Return ΔT of one trial at these times, (e,) K; None where not recorded or constant.
 
     Parameters
     ----------
@@ -59,17 +59,15 @@ def offsets_at_times(track: Track, sensor: Sensor, time: Array) -> Array | None:
         s.
     """
     result = track.temperature_offset(sensor.reference_temperature)
-    return (
-        np.interp(time, track.time, result)
-        if result is not None and track.temperature_varies
-        else None
-    )
+    if result is None or not track.temperature_varies:
+        return None
+    return np.interp(time, track.time, result)
 
 
 def with_steady_temperature(track: Track) -> Track:
     """Return a whole track with a temperature that is constant where it hardly varies.
 
-    As of `row_offsets`: not piece by piece, which would tell other temperatures of each.
+    As `row_offsets`. Not piece by piece: each piece would have its own mean temperature.
     """
     if track.temperature is None:
         return track
@@ -87,42 +85,28 @@ def temperature_coefficients(sensor: Sensor) -> list[str]:
     return [n for n in sensor.coefficients if sensor.coefficient(n).basis.uses("dT")]
 
 
-def refuse_temperature_terms(sensor: Sensor, estimator: str, instead: str) -> None:
-    """Refuse coefficients of temperature for an estimator that has no place for them.
-
-    Parameters
-    ----------
-    sensor : Sensor
-    estimator, instead : str
-        Names of the estimator and of one that finds them.
-
-    Raises
-    ------
-    InputError
-    """
-    if names := temperature_coefficients(sensor):
-        raise InputError(
-            f"estimator {estimator} finds no coefficients of temperature, {', '.join(names)}; "
-            f"take {instead}, or leave them out"
-        )
-
-
 def refuse_temperature_terms_in_plan(sensor: Sensor) -> None:
-    """Refuse coefficients of temperature where a plan stands for the data: it has no temperatures.
+    """Refuse coefficients of temperature where a plan replaces the data: it has no temperatures.
 
     Raises
     ------
     InputError
+        Naming the coefficients.
     """
-    if names := temperature_coefficients(sensor):
+    if names := tuple(temperature_coefficients(sensor)):
         raise InputError(
-            f"[method] {', '.join(names)}: a plan states no temperatures; leave them out, and add "
-            "them for the recording"
+            f"[method] {', '.join(names)}: a plan states no temperatures; remove these "
+            "coefficients for the plan, and add them for the recording",
+            key="[method]",
+            names=names,
         )
 
 
 def _missing_temperature_error(sensor: Sensor) -> InputError:
+    names = tuple(temperature_coefficients(sensor))
     return InputError(
-        f"[data] temperature is missing: {', '.join(temperature_coefficients(sensor))} need the "
-        "column of the sensor's temperature; name it, or leave them out"
+        f"[data] temperature is missing: {', '.join(names)} need the sensor's temperature; name "
+        "its column, or remove these coefficients",
+        key="[data] temperature",
+        names=names,
     )

@@ -7,7 +7,7 @@ level, up, level, down. With s = sin θ, c = cos θ the reading is::
     y = K₀ + (1 + k₁) g s + δ_O g c + K₂ g² s² + K_ip g² s c + K₃ g³ s³
       = A₀ + S₁ sin θ + C₁ cos θ + S₂ sin 2θ + C₂ cos 2θ + S₃ sin 3θ
 
-What one tumble sees, by s² = (1 − cos 2θ)/2, s c = sin 2θ / 2, s³ = (3 sin θ − sin 3θ)/4::
+What one tumble observes, by s² = (1 − cos 2θ)/2, s c = sin 2θ / 2, s³ = (3 sin θ − sin 3θ)/4::
 
     A₀ = K₀ + K₂ g²/2            C₁ = δ_O g          C₂ = −K₂ g²/2
     S₁ = (1 + k₁ + ¾ K₃ g²) g    S₂ = K_ip g²/2      S₃ = −K₃ g³/4
@@ -15,11 +15,11 @@ What one tumble sees, by s² = (1 − cos 2θ)/2, s c = sin 2θ / 2, s³ = (3 si
 * The mean holds K₀ + K₂ g²/2 and the sine k₁ + ¾ K₃ g²; K₂ separates through the second harmonic
   alone, K₃ through the third: K₀ = A₀ + C₂, k₁ = (S₁ + 3 S₃)/g − 1. On the four cardinal positions
   s³ = s: only k₁ + K₃ g² is left. K_ip is the sine of 2θ and disturbs nothing else.
-* g is not told from the scale factor: its relative uncertainty is one of k₁.
-* s² + c² = 1: K_pp is not told from K₀ and K₂. What acts along the output axis is not seen at all.
+* g is not separated from the scale factor: its relative uncertainty is an uncertainty of k₁.
+* s² + c² = 1: K_pp is not separated from K₀ and K₂. Terms of the output axis are not observed.
 
-What an error ε(θ) = ε₀ + Σ a_h sin hθ + b_h cos hθ of the head's angle does to first order: it adds
-g c ε to the reading (that is by products of sines and cosines)::
+An error ε(θ) = ε₀ + Σ a_h sin hθ + b_h cos hθ of the head's angle adds g c ε, to first order, to
+the reading. By products of sines and cosines this is::
 
     ε₀          C₁ by g ε₀                      δ_O by ε₀: a constant error looks like δ_O
     a₁ sin θ    S₂ by g a₁/2                    K_ip by a₁/g
@@ -31,14 +31,14 @@ g c ε to the reading (that is by products of sines and cosines)::
     a₄ sin 4θ   S₃ (and S₅) by g a₄/2           k₁ by 3 a₄/2, K₃ by −2 a₄/g²
     b₄ cos 4θ   C₃ and C₅ by g b₄/2             nothing
 
-Higher ones do nothing until n positions fold harmonic h ± 1 onto a lower one. None of the first
-four lines shows in the residuals. A white error σ adds (σ dy/dθ)² to the variance of a reading,
-nearly (σ g c)². What angles do to second order, k₁ by −σ²/2, is left out: 1e-10 at 3″.
+Higher harmonics have no effect until n positions fold harmonic h ± 1 onto a lower one. None of the
+first four lines shows in the residuals. A white error σ adds (σ dy/dθ)² to the variance of a
+reading, nearly (σ g c)². Second-order effects of angles, k₁ by −σ²/2, are neglected: 1e-10 at 3″.
 
 The reference form is linear in its coefficients, and `fourier` and `least_squares` are exact for
-it. A sensor whose case is turned by δ reads sin(θ + δ): in the reference form k₁ then is off by
-−δ²/2 and other coefficients by their products with δ; the tilted form has neither error in what
-acts along the input axis.
+it. A sensor whose case is turned by δ reads sin(θ + δ): in the reference form k₁ then has an error
+of −δ²/2 and other coefficients have errors of their products with δ; in the tilted form the
+coefficients of the input axis have neither error.
 
 Source: IEEE Std 1293, static multipoint (tumble) test.
 """
@@ -56,7 +56,7 @@ from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate import least_squares as solve
 from inercal.keys import CoefficientName
-from inercal.methods import dividing_head_problem, mean_problem
+from inercal.methods import dividing_head_problem, estimator_inputs
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import coefficient_sums
@@ -68,8 +68,8 @@ from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 from inercal.uncertainty.propagation import value_and_jacobian
 
-_MAX_ANGLE_CORRECTION = 0.01  # rad; what `fourier` moves readings by to even angles, at most
-# Each leaves `_MAX_ANGLE_CORRECTION` of what the one before left, at most
+_MAX_ANGLE_CORRECTION = 0.01  # rad, from a stated to an even angle, of `fourier`
+# Each iteration reduces the error by the factor `_MAX_ANGLE_CORRECTION` or more.
 _CORRECTION_ITERATIONS = 6
 _ROUNDING_LIMIT = 1e-12  # of g
 
@@ -83,28 +83,28 @@ def least_squares(
 ) -> Estimate:
     """Return the estimate by the sensor's exact model, in either form, at any positions.
 
-    What the bench states of gravity, angles and drift are nuisances with priors.
+    Gravity, angles and drift are nuisances with the bench's deviations as priors.
 
     Parameters
     ----------
     observations : Observations
         One row a position, (..., r, 1) in SI.
     sensor : Sensor
-        One accelerometer along x with P along y, and the coefficients that are wanted.
+        One accelerometer along x with P along y, and the coefficients to estimate.
     bench : DividingHead
     steps : sequence of r Index
         Of the rows.
     priors : sequence of Gaussian
-        On coefficients, from elsewhere.
+        On coefficients, from other measurements.
 
     Raises
     ------
     InputError
         Several axes, a gyro or an axis along another direction, readings of another axis, no
         coefficient, fewer than four different positions, steps that are not those of the rows, two
-        of one label, or a row without noise.
+        steps with the same label, or a row without noise.
     NotObserved
-        Coefficients that these positions leave open, by name, and the harmonics that fold.
+        Coefficients that these positions do not determine, by name, and the harmonics that fold.
     """
     angle = _checked_angles(observations, sensor, steps)
     try:
@@ -114,8 +114,8 @@ def least_squares(
         raise harmonics.not_observed_error(
             sensor, error.directions, angle, "give a prior"
         ) from None
-    told = (*harmonics.folding_notes(angle), *coefficient_sums.notes(estimate, bench, priors))
-    return replace(estimate, notes=(*told, *estimate.notes))
+    notes = (*harmonics.folding_notes(angle), *coefficient_sums.notes(estimate, bench, priors))
+    return replace(estimate, notes=(*notes, *estimate.notes))
 
 
 def fourier(
@@ -127,36 +127,39 @@ def fourier(
 ) -> Estimate:
     """Return k0, k1, delta_o, k2, kip and k3, as chosen, by closed formulas from harmonics.
 
-    All readings weigh alike, also those near the level, where errors of the angle act most: a white
-    one can cost k2 a factor √2 against `least_squares`. Noise, drift, angles and gravity are
-    propagated. Where level, autocollimator or certificate tell of an angle beyond the even one,
-    the reading is moved there along the curve that is found. Coefficients that are not chosen are
-    taken as zero. Arguments as of `least_squares`, of one recording, without priors.
+    All readings have equal weight, also those near the level, where errors of the angle act most: a
+    white error can increase the uncertainty of k2 by a factor √2 over `least_squares`. Noise,
+    drift, angles and gravity are propagated. Where level, autocollimator or certificate state a
+    difference from the even angle, the reading is corrected for it along the fitted curve.
+    Coefficients that are not chosen are taken as zero. Arguments as of `least_squares`, of one
+    recording, without priors.
 
     Raises
     ------
     InputError
         As of `least_squares`; positions that are not evenly spaced and equally often visited, or
-        known to stand far from there; priors, the tilted form, or other coefficients.
+        far from their even angles; priors, the tilted form, or other coefficients.
     NotObserved
         Coefficients whose harmonics fold, by name, and which harmonic folds onto which.
     """
-    if priors:
-        raise InputError("estimator fourier takes no priors; use least_squares")
-    if observations.mean.ndim != 2:
-        raise InputError("estimator fourier works on one recording at a time")
+    estimator_inputs.refuse_priors(priors, "fourier", "least_squares")
+    estimator_inputs.require_single_recording(observations, "estimator fourier")
     angle = _checked_angles(observations, sensor, steps)
     terms = [CoefficientName(name).term for name in sensor.coefficients]
-    others = [term for term in terms if term not in harmonics.TERMS]
-    if others:
+    if others := tuple(
+        n for n, term in zip(sensor.coefficients, terms, strict=True) if term not in harmonics.TERMS
+    ):
         raise InputError(
-            f"estimator fourier finds {', '.join(harmonics.TERMS)}, not {', '.join(others)}; "
-            "least_squares finds what is chosen"
+            f"estimator fourier estimates {', '.join(harmonics.TERMS)}, not {', '.join(others)}; "
+            "use estimator least_squares, or leave the others out",
+            key="[method]",
+            names=others,
         )
     if sensor.form != "reference":
         raise InputError(
-            'estimator fourier finds the reference form: state form = "reference", or take '
-            "least_squares"
+            'estimator fourier estimates the reference form; set [sensor] form = "reference", or '
+            "use estimator least_squares",
+            key="[sensor] form",
         )
     harmonics.require_even_spacing(angle)
     matrix = harmonics.harmonic_basis(angle, harmonics.harmonic_names(terms))
@@ -165,11 +168,11 @@ def fourier(
 
     def formulas(x: Array) -> Array:
         # Gravity is one of the arguments, so that its uncertainty is propagated with the others.
-        found: list[Array] = []
+        values: list[Array] = []
         for row in x.reshape(-1, x.shape[-1]):
             to_term, add = harmonics.amplitude_map(terms, float(row[-1]))
-            found.append(to_term @ (row[:-1] @ sums) + add)
-        return np.stack(found).reshape(*x.shape[:-1], len(terms))
+            values.append(to_term @ (row[:-1] @ sums) + add)
+        return np.stack(values).reshape(*x.shape[:-1], len(terms))
 
     y, f = observations.mean[:, 0], sensed_motion(bench, steps, {}).f
     even = _force_at_even_angles(bench, steps, f)
@@ -202,18 +205,18 @@ def fourier(
 
 
 def _nominal_angles(steps: Sequence[Index]) -> Array:
-    """Return the angle of each step, (r,) rad: on an even grid where they stand on one."""
+    """Return the angle of each step, (r,) rad: on the even grid where the steps have one."""
     grid = even_angles(steps)
     return np.array([step.angle for step in steps]) if grid is None else grid
 
 
 def _force_at_even_angles(bench: DividingHead, steps: Sequence[Index], f: Array) -> Array:
-    """Return the force at the nominal angles from f, (r, 3) m/s², at the stated ones.
+    """Return the force at the nominal angles; f, (r, 3) m/s², is that at the stated angles.
 
     Raises
     ------
     InputError
-        A position known to stand far from its even angle.
+        A position far from its even angle.
     """
     plain = [
         replace(step, angle=float(a), level=0.0, reading=0.0)
@@ -224,8 +227,10 @@ def _force_at_even_angles(bench: DividingHead, steps: Sequence[Index], f: Array)
     worst = int(np.argmax(away))
     if away[worst] > _MAX_ANGLE_CORRECTION:
         raise InputError(
-            f"position {steps[worst].label} is {np.degrees(away[worst]):.3g}° off its "
-            "nominal angle, too far for estimator fourier; use least_squares"
+            f"position {steps[worst].label} is {np.degrees(away[worst]):.3g}° from its nominal "
+            f"angle, and estimator fourier corrects {np.degrees(_MAX_ANGLE_CORRECTION):.2g}° at "
+            "most; use estimator least_squares",
+            names=(steps[worst].label,),
         )
     return even
 
@@ -233,26 +238,38 @@ def _force_at_even_angles(bench: DividingHead, steps: Sequence[Index], f: Array)
 def _checked_angles(observations: Observations, sensor: Sensor, steps: Sequence[Index]) -> Array:
     """Return the nominal angle of each row, (r,) rad, of observations that can be used."""
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
+        words = {"f": "an accelerometer", "w": "a gyro"}
         raise InputError(
             f"a tumble test takes one accelerometer; sensor {sensor.name} has "
-            f"{', '.join(f'{a.name} ({a.measures})' for a in sensor.axes)}"
+            f"{', '.join(f'{a.name} ({words[a.measures]})' for a in sensor.axes)}",
+            key="[sensor]",
+            names=sensor.channels,
         )
     axis = sensor.axes[0]
     if not np.allclose((axis.i, axis.p), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))):
         raise InputError(
-            f"axis {axis.name} has I along {axis.i}, P along {axis.p}; on the head they are x and y"
+            f"axis {axis.name} has its input axis along {axis.i} and its pendulous axis along "
+            f"{axis.p}; on the head they must be along x and y",
+            key="[sensor]",
+            names=(axis.name,),
         )
     if not sensor.coefficients:
-        raise InputError(f"sensor {sensor.name} has no coefficients to find; choose some")
-    mean_problem.require_matching_rows(observations, sensor, steps)
+        raise InputError(
+            f"sensor {sensor.name} has no coefficients to estimate; choose coefficients",
+            key="[method]",
+        )
+    estimator_inputs.require_matching_rows(observations, sensor, steps)
     if not (observations.covariance > 0).all():
-        raise InputError("a reading is stated without noise; give all of them their variance")
+        raise InputError(
+            "a reading has no variance; state the variance of every reading", key="observations"
+        )
     angle = _nominal_angles(steps)
     n = len(harmonics.distinct_angles(angle)[0]) if len(angle) else 0
     if n < dividing_head_problem.MIN_POSITIONS:
         raise InputError(
             f"{n} different positions; a tumble test needs {dividing_head_problem.MIN_POSITIONS} "
-            "or more"
+            "or more",
+            key="steps",
         )
     return angle
 

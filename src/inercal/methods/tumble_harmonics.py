@@ -1,13 +1,13 @@
-"""Harmonics of a tumble test: which one holds which coefficient, and which fold onto one another.
+"""Harmonics of a tumble test: which contains which coefficient, and which fold onto one another.
 
 On n evenly spaced positions θ = θ₀ + 2πk/n the columns 1, sin hθ, cos hθ are orthogonal as long as
 n ≥ 2m + 1 for the highest harmonic m (IEEE Std 1293), and amplitudes are plain sums::
 
     A₀ = Σ y / n,   S_h = 2 Σ y sin hθ / n,   C_h = 2 Σ y cos hθ / n
 
-By fewer positions harmonic h is not told from harmonic n − h; harmonic n/2 keeps one phase of the
-two, and the sum of squares of that column, not n/2, divides. Positions visited equally often (a
-turn forward and one back) change nothing of this.
+With fewer positions harmonic h is not separated from harmonic n − h; harmonic n/2 retains one of
+its two phases, and the sum of squares of that column, not n/2, is the divisor. Positions visited
+equally often (a turn forward and a turn back) do not change this.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from inercal.sensors import G0, Sensor
 TERMS = ("k0", "k1", "delta_o", "k2", "kip", "k3")
 _HARMONIC_OF_TERM = {"k0": "A0", "k1": "S1", "delta_o": "C1", "k2": "C2", "kip": "S2", "k3": "S3"}
 _HIGHEST_HARMONIC = 3
-_ANGLE_TOLERANCE = 1e-9  # rad; nominal angles, so that nothing but rounding separates equal ones
+_ANGLE_TOLERANCE = 1e-9  # rad; equal nominal angles differ by rounding alone
 
 
 def harmonic_names(terms: Sequence[str]) -> tuple[str, ...]:
@@ -43,7 +43,7 @@ def amplitude_map(terms: Sequence[str], g: float) -> tuple[Array, Array]:
     """Return the map from amplitudes to coefficients, (p, p), and what to add, (p,).
 
     Amplitudes in m/s², in the order of `harmonic_names`; coefficients in SI.
-    A term that is not among them is taken as zero.
+    Terms that are not listed are taken as zero.
     """
     k2 = -2 / g**2
     k3 = -4 / g**3
@@ -55,8 +55,8 @@ def amplitude_map(terms: Sequence[str], g: float) -> tuple[Array, Array]:
         "kip": {"S2": 2 / g**2},
         "k3": {"S3": k3},
     }
-    found = harmonic_names(terms)
-    matrix = np.array([[rows[term].get(name, 0.0) for name in found] for term in terms])
+    columns = harmonic_names(terms)
+    matrix = np.array([[rows[term].get(name, 0.0) for name in columns] for term in terms])
     return matrix, np.array([-1.0 if term == "k1" else 0.0 for term in terms])
 
 
@@ -82,20 +82,20 @@ def distinct_angles(angle: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 def unevenness(angle: Array) -> str:
-    """Return in words where angles, (r,) rad, are not evenly spaced or visited; empty if even."""
+    """Return as text where angles, (r,) rad, are not evenly spaced or visited; empty if even."""
     at, visits = distinct_angles(angle)
     gaps = np.diff(at, append=at[0] + 2 * pi)
     worst = int(np.argmax(gaps))
     even = 2 * pi / len(at)
     if gaps[worst] - even > len(at) * _ANGLE_TOLERANCE:
         return (
-            f"after {degrees(at[worst]):.6g}° the next is {degrees(gaps[worst]):.6g}° away, where "
-            f"{len(at)} positions would be {degrees(even):.6g}° apart"
+            f"the position after {degrees(at[worst]):.6g}° is {degrees(gaps[worst]):.6g}° away, "
+            f"but {len(at)} even positions are {degrees(even):.6g}° apart"
         )
     if visits.min() != visits.max():
         most, least = int(visits.argmax()), int(visits.argmin())
         return (
-            f"{degrees(at[most]):.6g}° was visited {visits[most]} times, "
+            f"{degrees(at[most]):.6g}° was visited {visits[most]} times and "
             f"{degrees(at[least]):.6g}° {visits[least]} times"
         )
     return ""
@@ -109,18 +109,19 @@ def require_even_spacing(angle: Array) -> None:
     InputError
         Saying where.
     """
-    words = unevenness(angle)
-    if words:
+    if words := unevenness(angle):
         raise InputError(
             "estimator fourier needs positions evenly spaced round the circle, each as often as "
-            f"the others: {words}; use least_squares"
+            f"the others: {words}; use estimator least_squares",
+            key="steps",
         )
 
 
 def folded_harmonics(angle: Array) -> tuple[str, ...]:
-    """Return which harmonic up to the third folds onto which lower one, in words.
+    """Return which harmonic up to the third folds onto which lower one, as text.
 
-    Empty where none does, and where positions are not evenly spaced: there nothing folds exactly.
+    Empty where no harmonic folds, and where positions are not evenly spaced: there none folds
+    exactly.
 
     Examples
     --------
@@ -131,17 +132,17 @@ def folded_harmonics(angle: Array) -> tuple[str, ...]:
     n = len(at)
     if unevenness(at):
         return ()
-    found: list[str] = []
+    folded: list[str] = []
     for h in range(ceil(n / 2), _HIGHEST_HARMONIC + 1):
         if 2 * h > n:
-            found.append(f"harmonic {h} folds onto harmonic {n - h}")
+            folded.append(f"harmonic {h} folds onto harmonic {n - h}")
             continue
         sine, cosine = abs(np.sin(h * at[0])), abs(np.cos(h * at[0]))
-        lost = "its sine and cosine are not told apart"
+        lost = "its sine and cosine are not separated"
         if min(sine, cosine) < h * _ANGLE_TOLERANCE:
             lost = f"its {'sine' if sine < cosine else 'cosine'} is not seen"
-        found.append(f"harmonic {h} folds onto itself: {lost}")
-    return tuple(found)
+        folded.append(f"harmonic {h} folds onto itself: {lost}")
+    return tuple(folded)
 
 
 def require_distinct_harmonics(
@@ -165,7 +166,9 @@ def require_distinct_harmonics(
     _, size, right = np.linalg.svd(design)
     free = right[int(np.sum(size > 1e-9 * size[0])) :]
     directions = [direction_in_words(row, sensor.coefficients) for row in free]
-    raise not_observed_error(sensor, directions, angle, "use least_squares with a prior", names)
+    raise not_observed_error(
+        sensor, directions, angle, "use estimator least_squares with a prior", names
+    )
 
 
 def not_observed_error(
@@ -185,29 +188,31 @@ def not_observed_error(
     angle : (r,) array
         rad.
     remedy : str
-        What helps beside fewer coefficients and more positions.
+        In addition to fewer coefficients and more positions.
     names : sequence of str
-        Coefficients to name beside those of the directions.
+        Coefficients to name in addition to those of the directions.
     """
     plain = tuple(words.partition(" (in units")[0] for words in directions)
     touched = {word for words in plain for word in words.replace("−", " ").split()} | set(names)
-    named = [name for name in sensor.coefficients if name in touched]
+    named = tuple(name for name in sensor.coefficients if name in touched)
     free = f" (free directions, in units of g and rad: {'; '.join(plain)})" if plain else ""
     folded = folded_harmonics(angle)
     n = len(distinct_angles(angle)[0])
-    why = f": of {n} positions {'; '.join(folded)}; take 7 positions or more" if folded else ""
+    why = f": with {n} positions {'; '.join(folded)}; take 7 positions or more" if folded else ""
     return NotObserved(
         f"not observed: {', '.join(named)}{free}{why}; choose fewer coefficients or {remedy}",
         plain,
+        names=named,
     )
 
 
 def folding_notes(angle: Array) -> tuple[str, ...]:
-    """Say what a coefficient that was not chosen would do, where harmonics fold."""
+    """Return the note on coefficients that were not chosen, where harmonics fold."""
     folded = folded_harmonics(angle)
     if not folded:
         return ()
     n = len(distinct_angles(angle)[0])
     return (
-        f"of {n} positions {'; '.join(folded)}: a coefficient that was left out may be in others",
+        f"with {n} positions {'; '.join(folded)}: coefficients that were not chosen may falsify "
+        "those that were",
     )

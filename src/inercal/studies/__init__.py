@@ -26,7 +26,7 @@ _MIN_TRIALS = 20
 
 
 def _discard_message(_: str) -> None:
-    """Say nothing."""
+    """Ignore progress messages."""
 
 
 def reproduce(
@@ -39,31 +39,36 @@ def reproduce(
     name : str
         Of `STUDIES`.
     trials : int
-        Of the Monte Carlo runs; slower estimators take a share of it.
+        Of the Monte Carlo runs; slower estimators run a part of them.
     seed : int
     say : callable
-        Told in words what is being computed.
+        Receives progress messages.
 
     Raises
     ------
     InputError
-        No such study, or fewer than 20 trials.
+        No study has this name, or fewer than 20 trials.
     """
     name = name.replace("_", "-")
     if name not in STUDIES:
-        raise InputError(f"no study {name!r}; there are {', '.join(STUDIES)}")
+        raise InputError(
+            f"no study {name!r}; there are {', '.join(STUDIES)}", key="name", names=(name,)
+        )
     if trials < _MIN_TRIALS:
-        raise InputError(f"{trials} trials are too few to judge by; take {_MIN_TRIALS} or more")
+        raise InputError(
+            f"{trials} trials are too few for a verdict; take {_MIN_TRIALS} or more",
+            key="--trials",
+        )
     if seed < 0:
-        raise InputError(f"seed {seed}: take a whole number from 0")
+        raise InputError(f"seed is {seed}; give a whole number, 0 or larger", key="--seed")
     return cast("StudyModule", import_module(STUDIES[name])).run(trials, seed, say)
 
 
 def results_as_list(study: Study) -> list[dict[str, Any]]:
-    """Return the findings as `inercal reproduce --json` prints them; null is not finite.
+    """Return the findings as `inercal reproduce --json` prints them; null if not finite.
 
-    "printed" is null, too, where the source prints no number: "expected" is what its words or a
-    printed formula stand for.
+    "printed" is also null where the source prints no number; "expected" is then the number that its
+    words or a printed formula imply.
     """
     return [
         {
@@ -79,7 +84,7 @@ def results_as_list(study: Study) -> list[dict[str, Any]]:
 
 
 def write_study(study: Study, folder: str | Path) -> Path:
-    """Write the study as one HTML page, NAME.study.html, whole or not at all; return its path.
+    """Write the study as one HTML page, NAME.study.html, atomically; return its path.
 
     Raises
     ------
@@ -93,7 +98,11 @@ def write_study(study: Study, folder: str | Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from None
+        raise InputError(
+            f"{folder}: the folder cannot be created: {error.strerror}; give another folder",
+            file=folder,
+            key="--out",
+        ) from None
     return write_text(folder / f"{study.name}.study.html", render_study(study))
 
 

@@ -1,13 +1,13 @@
-"""What a source says, and the verdict on it from the numbers.
+"""Claims of a source, and the verdicts on them from the numbers.
 
-A claim is data: what is said, where, and the number that it takes to be right: one in print, one
-that the source's words imply, or what a printed formula or figure gives. A finding puts beside it
-the number that comes out, and how well that is known. The verdict follows from
+A claim is data: its statement, where it is, and the number that it requires: a printed number, a
+number that the source's words imply, or the result of a printed formula or figure. A finding adds
+the computed number and its uncertainty. The verdict follows from
 
     z = |expected − computed| / u,    one-sided where the claim is a bound
 
 u the standard uncertainty of the comparison: rounding of the printed digits, Monte Carlo error, the
-noise of the experiment, or what the mended formula itself leaves.
+noise of the experiment, or the remaining error of the corrected formula.
 """
 
 from dataclasses import dataclass
@@ -27,26 +27,26 @@ LIMIT = 2.0  # standard uncertainties, about 95 %, as of every expanded uncertai
 
 @dataclass(frozen=True)
 class Claim:
-    """One thing that a source says.
+    """One claim of a source.
 
     Parameters
     ----------
     name : str
-        What is said, in words.
+        The statement as text.
     where : str
         Equation, table or section.
     expected : float
-        The number that the claim stands for.
+        The number that the claim requires.
     unit : str
     relation : "=", "≤" or "≥"
         Of the quantity to that number.
     kind : "result" or "statement"
-        The outcome of one run, which may fail to come out again; or a statement, which is false
-        where it fails.
+        The outcome of one run, which may not be reproducible; or a statement, which is false where
+        the numbers contradict it.
     last_digit : float
         Value of one unit in the last printed place; 0 is exact.
     basis : "number", "words" or "derived"
-        Whether the source prints the number, implies it by its words, or prints what gives it.
+        Whether the source prints the number, implies it by its words, or prints its formula.
     """
 
     name: str
@@ -65,12 +65,12 @@ class Claim:
 
     @property
     def title(self) -> str:
-        """Where and what: "Table 2: S_ax"."""
+        """Place and statement: "Table 2: S_ax"."""
         return f"{self.where}: {self.name}"
 
     @property
     def digits(self) -> int:
-        """Significant digits in print; four of what was not printed as a number."""
+        """Significant digits in print; four where no number is printed."""
         if not (self.last_digit and self.expected):
             return 4
         return floor(log10(abs(self.expected) / self.last_digit) + 1 + 1e-9)
@@ -83,13 +83,13 @@ class Claim:
 
 @dataclass(frozen=True)
 class ClaimResult:
-    """A claim beside what comes out; the verdict is computed, never stated.
+    """A claim with the computed number, from which the verdict follows.
 
     Parameters
     ----------
     claim : Claim
     computed : float
-        In the claim's unit; not finite where nothing comes out.
+        In the claim's unit; not finite where there is no result.
     uncertainty : float
         Standard uncertainty of the comparison, rounding included.
     reason : str
@@ -103,7 +103,7 @@ class ClaimResult:
 
     @property
     def deviation(self) -> float:
-        """How far the claim is missed, in standard uncertainties; 0 within a bound."""
+        """Deviation from the claim in standard uncertainties; 0 within a bound."""
         return normalized_deviation(
             self.claim.expected, self.computed, self.uncertainty, self.claim.relation
         )
@@ -143,7 +143,7 @@ class ClaimResult:
 
     @property
     def expected_text(self) -> str:
-        """The number that the claim stands for as text, with its relation."""
+        """The number that the claim requires as text, with its relation."""
         relation = "" if self.claim.relation == "=" else f"{self.claim.relation} "
         return relation + format_significant(self.claim.expected, self.claim.digits)
 
@@ -183,11 +183,7 @@ def judge_claim(claim: Claim, computed: float, uncertainty: float, reason: str) 
     return ClaimResult(claim, float(computed), hypot(uncertainty, claim.rounding), reason)
 
 
-_PLAIN_MIN, _PLAIN_MAX, _PLAIN_DIGITS = (
-    1e-2,
-    1e4,
-    9,
-)  # numbers between are written without a power of ten
+_PLAIN_MIN, _PLAIN_MAX, _PLAIN_DIGITS = 1e-2, 1e4, 9  # between, without a power of ten
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

@@ -1,4 +1,4 @@
-"""What a study says in words, from TOML files beside the modules that compute its figures.
+"""The text of a study, from TOML files beside the modules that compute its figures.
 
 A file named as a section holds its title and text, and the claims of the source that it judges::
 
@@ -6,9 +6,9 @@ A file named as a section holds its title and text, and the claims of the source
     text = ["A paragraph; a figure stands in braces: {across} mg."]
 
     [claims.itself]
-    name = "what is said, and the other fields of `Claim`"
+    name = "the statement, and the other fields of `Claim`"
 
-study.toml holds what the page says above all sections.
+study.toml holds the text of the page above all sections.
 """
 
 import tomllib
@@ -23,7 +23,7 @@ from inercal.studies.study_content import Chart, Study, StudySection, StudyTable
 
 @dataclass(frozen=True)
 class SectionText:
-    """The words of a section.
+    """The text of a section and its claims.
 
     Parameters
     ----------
@@ -49,13 +49,13 @@ class SectionText:
         charts: Sequence[Chart] = (),
         **figures: object,
     ) -> StudySection:
-        """Return the section, its text with the figures that it names."""
+        """Return the section, with the figures in place of their names in the text."""
         text = [paragraph.format(**figures) for paragraph in self.text]
         return StudySection(self.name, self.title, text, findings, tables, charts)
 
 
 def read_section_text(package: str, name: str) -> SectionText:
-    """Return the words of a section by the package of its study and its name."""
+    """Return the text of a section by the package of its study and its name."""
     content = _read_toml(package, name)
     claims = {
         key: Claim(**fields | {"name": _one_line(fields["name"])})
@@ -67,7 +67,7 @@ def read_section_text(package: str, name: str) -> SectionText:
 
 
 def build_study(package: str, sections: Sequence[StudySection], **figures: object) -> Study:
-    """Return the study of a package, its facts with the figures that they name."""
+    """Return the study of a package, with the figures in place of their names in the facts."""
     content = _read_toml(package, "study")
     return Study(
         content["name"],

@@ -12,7 +12,7 @@ MessageCallback = Callable[[str], object]
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One curve of a panel: its name, x and y, (n,) each; NaN is left out."""
+    """One curve of a panel: its name, x and y, (n,) each; NaN is not plotted."""
 
     name: str
     x: Array
@@ -22,7 +22,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class StudyPanel:
-    """One pair of axes; `names` stand under whole numbers of x in place of a scale."""
+    """One pair of axes; `names` label the whole numbers of x in place of a scale."""
 
     title: str
     x: str
@@ -34,7 +34,7 @@ class StudyPanel:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Panels side by side, with a caption that also says what is to be seen."""
+    """Panels side by side, with a caption that states what to look for."""
 
     name: str
     caption: str
@@ -43,19 +43,19 @@ class Chart:
 
 @dataclass(frozen=True)
 class StudyTable:
-    """A table: heading above each column, a name before each row, cells that stand out."""
+    """A table: headings of columns, names of rows, and highlighted cells."""
 
     title: str
     row_heading: str
     columns: Sequence[str]
     rows: Sequence[tuple[str, Sequence[str]]]
     highlighted: frozenset[tuple[int, int]] = frozenset()  # of rows and columns
-    collapsed: bool = False  # long: opened on wish
+    collapsed: bool = False  # a long table, which the reader opens
 
 
 @dataclass(frozen=True)
 class StudySection:
-    """One question of a study: what is asked, the findings, and what shows them."""
+    """One question of a study: its text, the findings, tables and charts."""
 
     name: str
     title: str
@@ -72,7 +72,7 @@ class Study:
     Parameters
     ----------
     name : str
-        By which the verb knows it.
+        As `inercal reproduce` takes it.
     title, source : str
         Of the page; the source with its DOI.
     summary : str
@@ -99,5 +99,5 @@ class StudyModule(Protocol):
     """The module of a study."""
 
     def run(self, trials: int, seed: int, say: MessageCallback) -> Study:
-        """Compute the study with so many Monte Carlo trials; `say` is told what goes on."""
+        """Compute the study with this number of Monte Carlo trials; `say` receives progress."""
         ...

@@ -1,16 +1,19 @@
-"""Accelerometers on a precision centrifuge, from the norm of what they feel.
+"""Accelerometers on a precision centrifuge, from the norm of the sensed specific force.
 
 In any attitude on the arm specific force has the norm √(a² + g²), a the centripetal acceleration:
-no attitude has to be known. At rates that press tens of g on the sensor its quadratic terms show
-besides bias and scale factor.
+no attitude has to be known. At tens of g the quadratic terms are observed besides bias and scale
+factor.
 
-`ml` compares ‖f̂‖, f̂ the inverse of the sensor's exact model, with the norm that the bench makes,
-weighted by the readings' noise seen along f̂ and by what differs from dwell to dwell; what the whole
-run shares (radius, stretch, rate, tilt, gravity, earth's rate) are nuisances with their stated
+`ml` compares ‖f̂‖, f̂ the inverse of the sensor's exact model, with the norm that the bench states,
+weighted by the readings' noise along f̂ and by the errors that differ from dwell to dwell; errors of
+the whole run (radius, stretch, rate, tilt, gravity, earth's rate) are nuisances with their stated
 deviations. `series` and `paper` are closed formulas
 (`inercal.methods.centrifuge_norm.closed_formulas`).
 
-Rotating the triad changes no norm: of the misalignments only the non-orthogonality is seen.
+Rotating the triad changes no norm: of the misalignments only the non-orthogonality is observed.
+
+Remarks name coefficients that explain the scatter of the rows, and rows that violate the norm with
+the change that would repair each. No row is changed: only the user has the original of the table.
 
 Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021 (the observation);
 IEEE Std 836 (the bench); `ml` is ours.
@@ -28,26 +31,27 @@ from inercal.calibration.forms import Frame
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.keys import CoefficientName
-from inercal.methods import temperature
-from inercal.methods._base import Method
+from inercal.methods import estimator_inputs
+from inercal.methods._base import Fit, Method, Remarks
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.arm_plans import plan
+from inercal.methods.centrifuge_norm.omitted_coefficients import find_omitted_coefficients
 from inercal.methods.centrifuge_norm.problems import exact_bench_norm_problem, norm_problem, problem
-from inercal.methods.centrifuge_norm.remarks import remarks
+from inercal.methods.centrifuge_norm.screening import screen_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE, require_observed
 from inercal.plan import Spin
-from inercal.recording import Observations
+from inercal.recording import Finding, Observations
 from inercal.sensors import Sensor
 from inercal.uncertainty import propagate
 
 SIGN_NOTE = (
-    "norms do not tell a reversed axis, whose k0 and k2 only change sign, nor two axes exchanged: "
+    "norms show neither a reversed axis, whose k0 and k2 only change sign, nor two exchanged axes: "
     "compare the sign of each axis with its attitude in one dwell"
 )
 LEVER_ARM_NOTE = (
-    "without [data] attitude they do not tell lever arms either: 1 µm on a radius of 1 m counts as "
-    "up to 1 ppm of k1, and U does not hold it"
+    "without [data] attitude norms do not show lever arms either: 1 µm on a radius of 1 m acts as "
+    "up to 1 ppm of k1, which U does not include"
 )
 
 
@@ -65,18 +69,18 @@ def ml(
     observations : Observations
         One row a dwell, (..., r, m) in SI.
     sensor : Sensor
-        Accelerometers with the coefficients that are wanted, in the tilted form where nonlinear
-        terms and misalignments are found together.
+        Accelerometers with the coefficients to estimate, in the tilted form where nonlinear terms
+        and misalignments are estimated together.
     bench : Centrifuge
     steps : sequence of r Spin
         Of the rows.
     priors : sequence of Gaussian
-        On coefficients, from elsewhere: a static multi-position test knows bias and scale best.
+        On coefficients, from other measurements, such as a static multi-position test.
 
     Raises
     ------
     NotObserved
-        Coefficients that these dwells leave open.
+        Coefficients that these dwells do not determine.
     """
     estimate = least_squares(problem(observations, sensor, bench, steps, priors))
     require_observed(estimate, sensor, missing=())
@@ -97,29 +101,29 @@ def _attitude_gain_note(
     steps: Sequence[Spin],
     priors: Sequence[Gaussian],
 ) -> str:
-    """Say what the attitudes bring beside norms, by the uncertainties as modelled."""
+    """Return the note on what the attitudes gain over norms, by the uncertainties as modelled."""
     try:
         norms = norm_problem(observations, sensor, bench, steps, priors)
         alone = least_squares(replace(norms, candidates=None))
         require_observed(alone, sensor, missing=())
     except NotObserved as error:
-        return f"the attitudes tell what norms alone leave open: {'; '.join(error.directions)}"
+        return f"the attitudes determine what norms leave free: {'; '.join(error.directions)}"
     p = len(sensor.coefficients)
     ratio = np.sqrt(np.diagonal(estimate.covariance)[:p] / np.diagonal(alone.covariance)[:p])
     most = int(ratio.argmin())
     return (
-        f"known attitudes bring uncertainties to {ratio.min():.2g} to {ratio.max():.2g} of what "
-        f"norms alone give, most for {sensor.coefficients[most]}"
+        f"known attitudes reduce the uncertainties to {ratio.min():.2g} to {ratio.max():.2g} of "
+        f"those from norms alone, most for {sensor.coefficients[most]}"
     )
 
 
 def _observability_note(estimate: Estimate) -> str:
-    """Say what the dwells determine: rank, condition and the direction they see least."""
+    """Return the note on rank, condition number and the least determined direction."""
     singular = estimate.singular_values
     assert estimate.weakest is not None
     return (
         f"the dwells determine {estimate.rank} of {len(estimate.wanted)} coefficients, scaled "
-        f"condition number {singular[0] / singular[-1]:.3g}; they see least of "
+        f"condition number {singular[0] / singular[-1]:.3g}; the least determined direction is "
         f"{estimate.weakest.words}"
     )
 
@@ -128,7 +132,7 @@ def _observability_note(estimate: Estimate) -> str:
 class ClosedFormulas:
     """An estimator of k0, k1 and k2 by closed formulas.
 
-    The covariance holds the readings' noise alone: the bench is taken as exact.
+    The covariance includes the readings' noise alone: the bench is taken as exact.
 
     Parameters
     ----------
@@ -157,16 +161,14 @@ class ClosedFormulas:
         ------
         InputError
             Priors, a trial axis, or other coefficients than k0, k1, k2 of three accelerometers; or
-            noise that may leave no root.
+            noise that leaves no root.
         NotObserved
             Dwells that leave the regression short of rank.
         """
-        if priors:
-            raise InputError(f"estimator {self.name} takes no priors; use ml")
-        temperature.refuse_temperature_terms(sensor, self.name, "ml")
+        estimator_inputs.refuse_priors(priors, self.name, "ml")
+        estimator_inputs.refuse_temperature_terms(sensor, self.name, "ml")
+        estimator_inputs.require_single_recording(observations, f"estimator {self.name}")
         mean = observations.mean
-        if mean.ndim != 2:
-            raise InputError(f"estimator {self.name} works on one table at a time")
         singular = closed_formulas.regression_singular_values(sensor, mean, self.name)
         declared = bench.acting_parameters(steps, vectors=False)
         result = specific_force_norm(
@@ -180,14 +182,14 @@ class ClosedFormulas:
             )
 
         value, spread = propagate(formulas, mean.ravel(), observations.full_covariance)
-        if not np.isfinite(value).all():
-            lost = (
-                n for n, v in zip(sensor.coefficients, value, strict=True) if not np.isfinite(v)
-            )
-            axes = sorted({CoefficientName(name).axis for name in lost})
+        rootless = ~np.isfinite(value)
+        if rootless.any():
+            lost = np.array(sensor.coefficients)[rootless].tolist()
+            axes = tuple(sorted({CoefficientName(name).axis for name in lost}))
             raise InputError(
-                f"estimator {self.name}: the noise is larger than what k2 leaves in the fourth "
-                f"powers of {', '.join(axes)}, whose square root it takes; use series or ml"
+                f"estimator {self.name} takes the square root of the fourth-power coefficients of "
+                f"{', '.join(axes)}, which noise makes negative; use estimator series or ml",
+                names=axes,
             )
         notes = (NOISE_ONLY_NOTE, SIGN_NOTE)
         return with_tests(
@@ -198,19 +200,37 @@ class ClosedFormulas:
 
 
 series = ClosedFormulas("series", closed_formulas.series)
-"""By the series' first three coefficients, rows weighted alike."""
+"""By the series' first three coefficients, with equal weights of the rows."""
 series_weighted = ClosedFormulas("series_weighted", closed_formulas.series, weighted=True)
 """As `series`, rows weighted by the noise of their squared norms."""
 paper = ClosedFormulas("paper", closed_formulas.paper)
 """As the source does, for comparison: k2 from the fourth powers.
 
-A fourth coefficient that is negative has no square root, and is refused; the covariance is not a
-number where noise as stated may leave none.
+A negative fourth coefficient has no square root and is refused; the covariance is NaN where the
+stated noise can make it negative.
 """
 
 
+def _remarks(fit: Fit[Centrifuge, Spin]) -> Remarks:
+    """Return warnings where the estimate does not agree with what was stated."""
+    if fit.estimate.dof and fit.estimate.consistent:
+        return Remarks()
+    warnings: tuple[Finding, ...] = ()
+    rows, bench, steps, priors = fit.observations, fit.bench, fit.steps, fit.priors
+    try:
+        explained = find_omitted_coefficients(rows, fit.sensor, bench, steps, priors)
+        if explained.words:
+            warnings = (Finding("warning", "left out", explained.describe()),)
+        suspects = screen_rows(rows, explained.sensor, bench, steps, priors, explained.agreement)
+    except NotObserved:
+        return Remarks(warnings)  # the estimator raises the same with more detail
+    except InputError as error:
+        return Remarks((*warnings, Finding("warning", "norm", str(error))))
+    return Remarks((*warnings, *(Finding("warning", "norm", one.describe()) for one in suspects)))
+
+
 def _frame(bench: Centrifuge) -> Frame:
-    # Norms know no mounting.
+    # Norms do not depend on the mounting.
     return "triangular" if bench.indexing is None else "mount"
 
 
@@ -224,6 +244,6 @@ METHOD = Method(
     estimators={"ml": ml, "series": series, "series_weighted": series_weighted, "paper": paper},
     norm_only_estimators=("ml",),
     frame=_frame,
-    remarks=remarks,
+    remarks=_remarks,
     source="Wang and Li, Navigation Positioning and Timing 8(6), 2021; IEEE Std 836",
 )

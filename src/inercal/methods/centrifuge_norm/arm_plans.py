@@ -1,8 +1,8 @@
 """Plans for the arm: attitudes at several rates, whole turns each.
 
-Norms tell an axis's coefficients by readings that swing to both signs on it. In the twenty
-positions of Wang and Li 2021 ψ goes over half a circle and y never feels the arm from behind; all
-round, the worst coefficient is known seven times as well for the same work.
+Norms determine an axis's coefficients by readings of both signs on it. In the twenty positions of
+Wang and Li 2021 ψ covers half a circle, and y never senses the arm from behind; on a full circle
+the worst coefficient is known seven times as well from as many dwells.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ def half_circle() -> tuple[Attitude, ...]:
 
 
 def full_circle() -> tuple[Attitude, ...]:
-    """Return twenty positions all round: ψ by 72° from 10°, θ = 20°, 110°, 200°, 290°."""
+    """Return twenty positions on the full circle: ψ by 72° from 10°, θ = 20°, 110°, 200°, 290°."""
     return tuple(
         arm_attitude(radians(10 + 72 * i), radians(theta))
         for i in range(5)
@@ -48,12 +48,20 @@ def plan(
     Raises
     ------
     InputError
-        Attitudes of another name, no rate, or a rate of zero.
+        Unknown attitudes, no rate, or a rate of zero.
     """
     if attitudes not in ATTITUDES:
-        raise InputError(f"attitudes {attitudes!r}; there are {', '.join(ATTITUDES)}")
+        raise InputError(
+            f"there are no attitudes {attitudes!r}; choose {' or '.join(ATTITUDES)}",
+            key="attitudes",
+            names=(attitudes,),
+        )
     if not rates or not all(rates):
-        raise InputError("rates: at least one, and none of zero, which is not a dwell on the arm")
+        raise InputError(
+            "rates must hold at least one rate, and no rate of 0: at rest there is no dwell on the "
+            "arm",
+            key="rates",
+        )
     return tuple(
         Spin(f"p{k:02d}_r{j}", rate, 2 * pi * turns / abs(rate), attitude)
         for j, rate in enumerate(rates, start=1)

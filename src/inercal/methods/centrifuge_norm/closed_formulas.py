@@ -10,11 +10,11 @@ With K = Db/S and q = √(1 − 4K) the Taylor coefficients at N = 0 are exactly
     C₁ = (q − 1)/(DSq)    C₂ = 1/(S²q³)    C₃ = −2D/(S³q⁵)    C₄ = 5D²/(S⁴q⁷)
 
 `series` inverts C₁, C₂, C₃ and is regular at D = 0; `paper` takes D from C₄, as its source does.
-The powers that are cut off fold into the others: at 36 g and D = 5e-5/g into D by 2e-9/g.
+The truncated powers add errors to the others: 2e-9/g to D at 36 g and D = 5e-5/g.
 
 Source: Wang Shiming, Li Mengzhen, Navigation Positioning and Timing 8(6), 2021, equations 13 to 22,
-with its misprints mended: (14) C₄ = 5D²S⁻⁴ without N⁴; (19) the other branch of K; (21) the sign of
-D, which is that of −C₃; (22) upside down. `series` is ours.
+with its misprints corrected: (14) C₄ = 5D²S⁻⁴ without N⁴; (19) the other branch of K; (21) the sign
+of D, which is that of −C₃; (22) upside down. `series` is ours.
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ def series(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Ar
 
 
 def paper(c1: Array, c2: Array, c3: Array, c4: Array) -> tuple[Array, Array, Array]:
-    """Return S, b (g) and D (1/g) of each axis as the source does; NaN where it has no root."""
+    """Return S, b (g) and D (1/g) of each axis as the source does; NaN without a real root."""
     m = c4 / c3 * c1 / c2  # (17)
     six = 6 * m - 5
     with np.errstate(invalid="ignore"):
@@ -97,20 +97,23 @@ def regression_singular_values(sensor: Sensor, y: Array, name: str) -> Array:
     InputError
         Not three accelerometers with bias, scale factor and k2 each.
     NotObserved
-        A regressor of less than full rank; the message names the powers that are not told apart.
+        A regressor of less than full rank; the message names the powers that are not separated.
     """
     wanted = {f"{axis.name}.{short}" for axis in sensor.axes for short in TERMS}
     if len(sensor.axes) != 3 or set(sensor.coefficients) != wanted:
         raise InputError(
-            f"estimator {name} finds k0, k1 and k2 of three accelerometers, no more and no less; "
-            "ml finds what is chosen"
+            f"estimator {name} estimates exactly k0, k1 and k2 of three accelerometers; choose "
+            "these, or use estimator ml",
+            key="[method]",
+            names=tuple(sorted(wanted ^ set(sensor.coefficients))),
         )
     rows = regression_matrix(y / G0)
     scaled = rows / np.linalg.norm(rows, axis=0)
     if len(scaled) < scaled.shape[1]:
         raise NotObserved(
-            f"estimator {name}: {len(scaled)} dwells for {scaled.shape[1]} terms; add attitudes, "
-            "at two rates or more"
+            f"estimator {name}: {len(scaled)} dwells are too few for {scaled.shape[1]} terms; add "
+            "attitudes, at two rates or more",
+            key="steps",
         )
     _, singular, vectors = np.linalg.svd(scaled)
     if singular[-1] < 1e-10 * singular[0]:

@@ -1,9 +1,9 @@
 """Coefficients that were not chosen and would explain why the rows of a table scatter.
 
-Where rows scatter more than stated, those that agree best with one another are fitted alone, and
-the score tests of that fit rank what was left out. The first two that are significant are tried: a
-coefficient counts where the rows scatter far less with it, or far fewer stand out. A second one may
-follow the first.
+Where rows scatter more than stated, the rows that agree best with one another are fitted alone, and
+the score tests of that fit rank the omitted coefficients. The first two that are significant are
+tried: a coefficient is named if the rows scatter far less with it, or far fewer rows are outliers.
+Then a second coefficient may be added.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
-CANDIDATE_GROUPS = ("k3", "koq", "nonorthogonality")  # that norms show, as [method] also takes them
-_INLIER_LIMIT = 4.0  # deviations of most rows; farther ones are left out of the score tests
-_EXPECTED_SCATTER = 1.5  # scatter over what is stated that needs no explanation
-# Of scatter, or of outlying rows, that is left where a coefficient explains it
+CANDIDATE_GROUPS = ("k3", "koq", "nonorthogonality")  # observed by norms, as in [method] also
+_INLIER_LIMIT = 4.0  # deviations of most rows; rows beyond are not in the score tests
+_EXPECTED_SCATTER = 1.5  # times the stated one: less needs no explanation
+# Part of the scatter, or of the outliers, that may remain where a coefficient explains it
 _EXPLAINED_RATIO = 0.5
 _TRIED_PER_STEP = 2  # coefficients with the best scores
-_MAX_OMITTED = 2  # coefficients that are left out at a time
+_MAX_OMITTED = 2  # coefficients that may be omitted at the same time
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ class OmittedCoefficients:
     Parameters
     ----------
     words : tuple of str
-        As [method] also takes them; empty where none explains it.
+        As in [method] also; empty where no coefficient explains the scatter.
     sensor : Sensor
         With them.
     before, after : float
-        Scatter of most rows over what is stated, without and with them.
+        Scatter of most rows over the stated one, without and with them.
     outlier_counts : tuple of two int
-        Rows that stand out from the others, without and with them.
+        Outliers among the rows, without and with them.
     agreement : Agreement
         Of the rows, with them.
     """
@@ -60,8 +60,8 @@ class OmittedCoefficients:
         names = ", ".join(f'"{word}"' for word in self.words)
         return (
             f"[method] also = [{names}] explains the residuals: without it most rows scatter "
-            f"{self.before:.3g} times as much as stated and {self.outlier_counts[0]} stand out, "
-            f"with it {self.after:.3g} times and {self.outlier_counts[1]}"
+            f"{self.before:.3g} times as much as stated and {self.outlier_counts[0]} rows are "
+            f"outliers; with it {self.after:.3g} times and {self.outlier_counts[1]}"
         )
 
 
@@ -77,7 +77,7 @@ def find_omitted_coefficients(
     Raises
     ------
     NotObserved
-        Coefficients of the sensor that these dwells leave open.
+        Coefficients of the sensor that these dwells do not determine.
     """
     here = before = row_agreement(norm_problem(observations, sensor, bench, steps, priors))
     words: tuple[str, ...] = ()
@@ -114,11 +114,11 @@ def _ranked_groups(
     bench: Centrifuge,
     steps: Sequence[Spin],
     priors: Sequence[Gaussian],
-    found: Agreement,
+    agreement: Agreement,
 ) -> list[str]:
-    """Return the words that the sensor lacks, those first whose score test explains most."""
-    size = np.abs(found.fit.whitened)
-    keep: list[int] = np.flatnonzero(size <= _INLIER_LIMIT * found.noise).tolist()
+    """Return the groups that the sensor lacks, in descending order of their score tests."""
+    size = np.abs(agreement.fit.whitened)
+    keep: list[int] = np.flatnonzero(size <= _INLIER_LIMIT * agreement.noise).tolist()
     some = observations.rows(keep)
     try:
         fit = least_squares(norm_problem(some, sensor, bench, [steps[k] for k in keep], priors))
@@ -135,5 +135,5 @@ def _ranked_groups(
 
 def _with_coefficients(sensor: Sensor, word: str) -> Sensor:
     chosen = sensor.with_coefficients(*sensor.coefficients, word)
-    # The tilted form takes nonlinear terms and misalignments together.
+    # Only the tilted form has nonlinear terms together with misalignments.
     return replace(chosen, form="tilted") if word == "nonorthogonality" else chosen

@@ -1,12 +1,12 @@
 """The estimation problems of maximum likelihood: by norms, and by vectors in known attitudes.
 
-Norms compare ‖f̂‖, f̂ the inverse of the sensor's model at the reading, with what the arm makes.
-Turning the triad changes none of them: (h_i → R h_i) is a gauge. Lever arms act through the rate,
-whose direction in the body the attitudes give, and the mounting angles that turn them.
+Norms compare ‖f̂‖, f̂ the inverse of the sensor's model at the reading, with the norm of the arm.
+A rotation of the triad changes no norm: (h_i → R h_i) is a gauge. Lever arms act through the rate,
+whose direction in the body depends on attitudes and mounting angles.
 
 Vectors compare each axis's reading with that of the force it sensed in its attitude; the errors of
-the attitudes are nuisances with their stated deviations, so that attitudes known badly leave what
-norms tell.
+the attitudes are nuisances with their stated deviations, so that badly known attitudes still leave
+the information of the norms.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -69,9 +69,9 @@ def norm_problem(
     Raises
     ------
     NotObserved
-        Misalignments that hold rotations of the triad, and no gauge or prior.
+        Misalignments that include rotations of the triad, without a gauge or prior.
     InputError
-        Lever arms, and a step of unknown attitude.
+        Lever arms, with a step of unknown attitude.
     """
     require_gauge(sensor, priors)
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
@@ -113,11 +113,12 @@ def norm_problem(
 def _lever_arm_candidates(
     built: Problem, sensor: Sensor, steps: Sequence[Spin], x: Array
 ) -> list[Candidate]:
-    """Return lever arms along the axes, in attitudes that nobody knows.
+    """Return lever arms along the axes, in unknown attitudes.
 
-    An arm l along an axis adds −ω² l (1 − v²) to its reading, v its share of the vertical. Norms
-    tell the direction û of the force alone, and the vertical lies across it: (1 − û²)/2 is the mean
-    of v² over all directions there. The norm changes by û for each unit that a reading does.
+    An arm l along an axis adds −ω² l (1 − v²) to its reading, v the component of the vertical along
+    the axis. Norms determine the direction û of the force alone, and the vertical is across it:
+    (1 − û²)/2 is the mean of v² over all directions there. The norm changes by û per unit of a
+    reading.
     """
     _, jacobian = built.linearise(x)
     rates = np.array([step.rate for step in steps])
@@ -156,8 +157,8 @@ def _extended_sensor(
     """Return the sensor with all coefficients that norms can show, those of `sensor` first.
 
     Of the misalignments these are the non-orthogonality, which is a name that a user can choose;
-    terms of the rate count where the rate in the body is known, those of temperature where it is
-    known and varies.
+    terms of the rate are included where the rate in the body is known, terms of temperature where
+    it is known and varies.
     """
     turns = bench.platform == "locked" and all(step.attitude is not None for step in steps)
     words = ("nonlinearity", "asymmetry", "cross", *(("rotation", "arm") if turns else ()))
@@ -251,7 +252,7 @@ def _compare_norms(
         return full
 
     def relative_size(x: Array) -> float:
-        # A norm of tens of g is rounded at a millionth of what it is known to.
+        # A norm of tens of g is rounded at a millionth of its uncertainty.
         result, _, seen = compared(x)
         return float(np.max(result.norm / np.sqrt(seen.variance)))
 
@@ -261,7 +262,7 @@ def _compare_norms(
 def _same_dwell_rows(
     observations: Observations, bench: Centrifuge, steps: Sequence[Spin]
 ) -> NDArray[np.bool_] | None:
-    """Return which rows are of one dwell, (r, r), where that matters: azimuths share its errors."""
+    """Return which rows share a dwell, (r, r); None where no error of a dwell is shared."""
     if not (bench.dwell_rate or bench.dwell_tilt):
         return None
     at_azimuth = np.array([step.azimuth is not None for step in steps])
@@ -312,7 +313,7 @@ def vector_problem(
 
 
 def _cache_last_result(work: Callable[[Array], _Result]) -> Callable[[Array], _Result]:
-    """Return the function with its last result kept: residual and noise are asked for in turn."""
+    """Return the function with a cache of its last result, for residual and noise at one x."""
     last: list[tuple[Array, _Result]] = []
 
     def result(x: Array) -> _Result:

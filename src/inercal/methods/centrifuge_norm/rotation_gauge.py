@@ -1,6 +1,6 @@
-"""Rotations of the triad: what no norm sees, and the gauge that takes its place.
+"""Rotations of the triad, which norms do not observe, and the gauge that fixes them.
 
-With the input axes h_i every norm stays as it is under h_i → R h_i. Of the six misalignments three
+Norms do not change under h_i → R h_i of the input axes h_i. Of the six misalignments three
 combinations are therefore free: a rotation by ρ turns axis i about its O by ρ·O_i and about its P
 by ρ·P_i. Their sums over the axes are zero where the matrix of the misalignments is symmetric.
 """
@@ -19,10 +19,10 @@ _ROTATION = "rotation of the triad"
 
 
 def require_gauge(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
-    """Refuse rotations of the triad: no norm sees them.
+    """Refuse rotations of the triad, which norms do not observe.
 
-    In the reference form they show through the nonlinear terms alone, which bend along other axes;
-    that is not a measurement of an angle, and it is not taken for one.
+    In the reference form they act on norms through the nonlinear terms alone, which bend along
+    other axes; that does not count as a measurement of an angle.
 
     Raises
     ------
@@ -31,42 +31,36 @@ def require_gauge(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
     """
     if sensor.frame == "symmetric":
         return
-    told = {name for prior in priors for name in prior.names}
-    free = [
-        (axis, names)
-        for axis, names in zip("xyz", _rotations(sensor), strict=True)
-        if len(names) > 1 and set(names) <= set(sensor.coefficients) and not set(names) & told
-    ]
+    known = {name for prior in priors for name in prior.names}
+    free: dict[str, list[str]] = {}
+    for k, axis in enumerate("xyz"):
+        names = [n for n, about in _misalignment_axes(sensor).items() if abs(about[k]) > 1 - 1e-9]
+        if len(names) > 1 and set(names) <= set(sensor.coefficients) and not set(names) & known:
+            free[f"{_ROTATION} about {axis} ({' + '.join(names)})"] = names
     if free:
-        words = tuple(f"{_ROTATION} about {axis} ({' + '.join(names)})" for axis, names in free)
         raise NotObserved(
-            f"norms see no {'; no '.join(words)}: choose nonorthogonality, "
-            'or state the frame, [sensor] frame = "symmetric", or give a prior',
-            words,
+            f"norms show no {'; no '.join(free)}: choose nonorthogonality, set "
+            '[sensor] frame = "symmetric", or give a prior',
+            tuple(free),
+            names=tuple(name for names in free.values() for name in names),
         )
 
 
-def _rotations(sensor: Sensor) -> list[list[str]]:
-    """Return the misalignments that a rotation of the triad about x, y and z consists of."""
-    return [
-        [
-            f"{axis.name}.{name}"
-            for axis in sensor.axes
-            for name, about in (("delta_o", axis.frame[2]), ("delta_p", axis.frame[1]))
-            if abs(about[k]) > 1 - 1e-9
-        ]
-        for k in range(3)
-    ]
+def _misalignment_axes(sensor: Sensor) -> dict[str, Array]:
+    """Return the axis about which each misalignment turns, (3,), by full name."""
+    return {
+        f"{axis.name}.{term}": axis.frame[row]
+        for axis in sensor.axes
+        for term, row in (("delta_o", 2), ("delta_p", 1))
+    }
 
 
 def _rotation_rows(sensor: Sensor, p: int) -> Array:
     """Return the misalignments of a rotation about x, y and z, one row each, (3, p)."""
     rows = np.zeros((3, p))
-    for axis in sensor.axes:
-        for name, about in (("delta_o", axis.frame[2]), ("delta_p", axis.frame[1])):
-            full = f"{axis.name}.{name}"
-            if full in sensor.coefficients:
-                rows[:, sensor.coefficients.index(full)] = about
+    for name, about in _misalignment_axes(sensor).items():
+        if name in sensor.coefficients:
+            rows[:, sensor.coefficients.index(name)] = about
     return rows
 
 
@@ -77,12 +71,12 @@ def rotation_null_directions(sensor: Sensor, size: int) -> tuple[tuple[str, Arra
 
 
 def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
-    """Return the gauge that makes the matrix of the misalignments symmetric, where it is asked.
+    """Return the gauge that makes the matrix of the misalignments symmetric, in that frame alone.
 
     Raises
     ------
     InputError
-        Asked for without all of the misalignments.
+        The symmetric frame without all misalignments.
     """
     if sensor.frame != "symmetric":
         return ()
@@ -91,8 +85,10 @@ def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
     )
     if len(names) < 2 * len(sensor.axes):
         raise InputError(
-            'frame "symmetric" takes all misalignments of the triad: choose misalignment, or leave '
-            "the frame out"
+            '[sensor] frame = "symmetric" needs all misalignments of the triad: choose '
+            "misalignment, or remove the frame",
+            key="[sensor] frame",
+            names=tuple(n for n in _misalignment_axes(sensor) if n not in names),
         )
     rows = _rotation_rows(sensor, len(sensor.coefficients))
     columns = [sensor.coefficients.index(name) for name in names]

@@ -1,18 +1,18 @@
 """Rows of a table that violate the norm, and the single change that would repair each.
 
-A table typed by hand or copied from print holds lost signs, exchanged columns and wrong digits. The
-norm tells them without any truth: all rows are fitted under Cauchy's loss, whose threshold falls
-from the largest residual by halves to the noise (graduated non-convexity: Blake and Zisserman 1987,
-Visual Reconstruction, chapter 7), so that rows that agree with one another take over. A loss of
-fixed threshold does not: wrong rows bend the fit, and good ones look bad.
+A table typed by hand or copied from print has lost signs, exchanged columns and wrong digits. The
+norm shows them without a reference: all rows are fitted under Cauchy's loss, whose threshold is
+halved from the largest residual to the noise (graduated non-convexity: Blake and Zisserman 1987,
+Visual Reconstruction, chapter 7), so that rows that agree with one another decide the fit. A fixed
+threshold fails: wrong rows bend the fit, and good rows have large residuals.
 
-Each row that is left out is tried with one change at a time: the sign of an entry, two entries
-exchanged, the decimal point of an entry shifted by one place, then one digit of an entry or two
-neighbouring digits exchanged. The first kind that brings the row within its noise is named. Nothing
-is applied: what was written is for the person who has the original.
+Each suspect row is tried with one change at a time: the sign of an entry, two entries exchanged,
+the decimal point of an entry shifted by one place, then one digit of an entry or two neighbouring
+digits exchanged. The first kind that brings the row within its noise is named. No change is
+applied: only the user has the original of the table.
 
-A row is a suspect where its residual is too large for the largest of as many as there are: the
-score test of a single row in `inercal.methods.candidates` says the same of it.
+A row is a suspect where its residual is too large to be the largest of all rows; the score test of
+a single row in `inercal.methods.candidates` has the same level.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -32,6 +32,7 @@ from inercal.errors import InputError
 from inercal.estimate import Cauchy, Estimate, Gaussian, Problem, least_squares
 from inercal.estimate.scores import SIGNIFICANCE_LEVEL
 from inercal.methods.centrifuge_norm.problems import norm_problem
+from inercal.methods.estimator_inputs import require_single_recording
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -39,7 +40,7 @@ from inercal.sensors import Sensor
 _FINAL_THRESHOLD = 1.5  # threshold of the loss at the end, in deviations
 _FINAL_ITERATIONS, _INTERMEDIATE_ITERATIONS = 30, 5  # at the last threshold and at those on the way
 _REPAIR_LIMIT = 4.0  # deviations, and no more than half of those without the repair
-_MAX_LISTED_REPAIRS = 4  # repairs of a row; more are not listed
+_MAX_LISTED_REPAIRS = 4  # of a row
 _INCONSISTENT_SCATTER = 1e3  # times the stated noise
 _MAD_FACTOR = 1.4826  # deviations per median of |u|
 
@@ -90,7 +91,7 @@ class SuspectRow:
     repairs: tuple[Repair, ...]
 
     def describe(self) -> str:
-        """Return the row, how far it is off, and what would repair it."""
+        """Return the row, the error of its norm, and the repairs."""
         text = f"{self.label}: norm off by {abs(self.residual):.3g} m/s²"
         if not self.repairs:
             return f"{text}; no single change repairs it"
@@ -106,7 +107,7 @@ def screen_rows(
     bench: Centrifuge,
     steps: Sequence[Spin],
     priors: Sequence[Gaussian] = (),
-    found: "Agreement | None" = None,
+    agreement: "Agreement | None" = None,
 ) -> tuple[SuspectRow, ...]:
     """Return the rows that violate the norm, in their order.
 
@@ -114,33 +115,33 @@ def screen_rows(
     ----------
     observations, sensor, bench, steps, priors
         Of `inercal.methods.centrifuge_norm.ml`.
-    found : Agreement, optional
+    agreement : Agreement, optional
         Of these rows, where it is known.
 
     Raises
     ------
     InputError
-        A trial axis, or rows of which no half agrees.
+        Many trials, or rows of which no half agrees.
     NotObserved
-        Coefficients that these dwells leave open.
+        Coefficients that these dwells do not determine.
     """
-    if observations.mean.ndim != 2:
-        raise InputError("rows are screened in one table at a time")
-    found = found or row_agreement(norm_problem(observations, sensor, bench, steps, priors))
-    fit, noise = found.fit, found.noise
-    bad: list[int] = found.outlier_rows.tolist()
-    if found.inconsistent:
+    require_single_recording(observations, "the screening of rows")
+    agreement = agreement or row_agreement(norm_problem(observations, sensor, bench, steps, priors))
+    fit, noise = agreement.fit, agreement.noise
+    bad: list[int] = agreement.outlier_rows.tolist()
+    if agreement.inconsistent:
         raise InputError(
-            f"the rows agree with no norm ({len(bad)} of {len(steps)} are outliers, the noise of "
-            f"the others is {noise:.3g} times the stated): check the rates, the radius and the "
-            "nominal scale before single rows"
+            f"the rows agree with no norm: {len(bad)} of {len(steps)} are outliers, and the others "
+            f"scatter {noise:.3g} times as much as stated; check the rates, the radius and the "
+            "nominal scale before single rows",
+            names=tuple(observations.labels[k] for k in bad),
         )
 
     warmth = observations.temperature
 
-    def misses(rows: Array, k: int) -> Array:
-        """Return how far variants of row k, (v, m) in SI, are off, (v,) in their deviations."""
-        seen = replace(
+    def deviations(rows: Array, k: int) -> Array:
+        """Return the errors of the norm of variants of row k, (v, m) SI, in deviations, (v,)."""
+        variants = replace(
             observations,
             labels=tuple(str(j) for j in range(len(rows))),
             mean=rows,
@@ -152,7 +153,7 @@ def screen_rows(
             temperature=None if warmth is None else np.full(len(rows), warmth[k]),
         )
         one = _with_independent_rows(
-            norm_problem(seen, sensor, bench, [steps[k]] * len(rows), priors)
+            norm_problem(variants, sensor, bench, [steps[k]] * len(rows), priors)
         )
         residual, jacobian = one.linearise(fit.value)
         assert callable(one.noise)
@@ -169,7 +170,7 @@ def screen_rows(
             for row, change in zip(after, changes, strict=True):
                 for axis, value in change.after.items():
                     row[sensor.channels.index(axis)] = value
-            near = misses(sensor.to_si(after), k) < min(
+            near = deviations(sensor.to_si(after), k) < min(
                 _REPAIR_LIMIT, abs(float(fit.whitened[k])) / noise / 2
             )
             repairs = tuple(c for c, good in zip(changes, near.tolist(), strict=True) if good)
@@ -188,10 +189,10 @@ def screen_rows(
 
 
 class Agreement(NamedTuple):
-    """How far rows agree with one another: a robust fit, and what scatters about it."""
+    """How well rows agree with one another: a robust fit, and the scatter about it."""
 
     fit: Estimate
-    noise: float  # scatter of most rows over what is stated, 1 or more
+    noise: float  # scatter of most rows over the stated one, 1 or more
     outlier_rows: NDArray[np.intp]  # rows whose residual is too large to be the largest of all
 
     @property
@@ -202,28 +203,27 @@ class Agreement(NamedTuple):
         )
 
 
-def row_agreement(asked: Problem) -> Agreement:
-    """Return how far the rows of a problem of norms agree, one bad row not tainting others."""
-    asked = replace(_with_independent_rows(asked), candidates=None)
-    fit = least_squares(asked)
+def row_agreement(problem: Problem) -> Agreement:
+    """Return how well the rows of a problem of norms agree; a bad row does not affect others."""
+    problem = replace(_with_independent_rows(problem), candidates=None)
+    fit = least_squares(problem)
     scale = float(np.abs(fit.whitened).max())
     noise = 1.0
     while scale > _FINAL_THRESHOLD * noise:
         last = scale / 2 <= _FINAL_THRESHOLD * noise
         scale = max(scale / 2, _FINAL_THRESHOLD * noise)
         steps = _FINAL_ITERATIONS if last else _INTERMEDIATE_ITERATIONS
-        fit = least_squares(replace(asked, start=fit.value), Cauchy(scale), steps)
-        # Noise that is stated too small must not make every row a suspect.
+        fit = least_squares(replace(problem, start=fit.value), Cauchy(scale), steps)
+        # If the stated noise is too small, not every row is a suspect.
         noise = max(1.0, _MAD_FACTOR * float(np.median(np.abs(fit.whitened))))
-    limit = -float(
-        ndtri(SIGNIFICANCE_LEVEL / 4 / len(fit.whitened))
-    )  # half of the level, both signs
+    # Half of the level, both signs.
+    limit = -float(ndtri(SIGNIFICANCE_LEVEL / 4 / len(fit.whitened)))
     return Agreement(fit, noise, np.flatnonzero(np.abs(fit.whitened) > limit * noise))
 
 
-def _with_independent_rows(asked: Problem) -> Problem:
-    """Return the problem with the deviations of single rows: one bad row must not taint others."""
-    stated = asked.noise
+def _with_independent_rows(problem: Problem) -> Problem:
+    """Return the problem with uncorrelated rows, so that a bad row does not affect others."""
+    stated = problem.noise
     assert callable(stated)
 
     def noise(x: Array) -> Array:
@@ -231,7 +231,7 @@ def _with_independent_rows(asked: Problem) -> Problem:
         matrix = result.ndim == x.ndim + 1
         return np.sqrt(np.diagonal(result, axis1=-2, axis2=-1)) if matrix else result
 
-    return replace(asked, noise=noise)
+    return replace(problem, noise=noise)
 
 
 def _single_changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:
@@ -255,14 +255,14 @@ def _single_changes(written: Array, channels: Sequence[str]) -> Iterator[list[Re
 
 
 def _digit_changes(value: float) -> list[float]:
-    """Return the numbers that differ in one digit as written, or by two neighbours exchanged."""
+    """Return the numbers with one digit changed, or two neighbouring digits exchanged."""
     text = f"{value:.9g}"
     places = [k for k, c in enumerate(text) if c.isdigit()]
-    found = {
+    changed = {
         float(text[:k] + d + text[k + 1 :]) for k in places for d in "0123456789" if d != text[k]
     }
     for j, k in pairwise(places):
         swapped = list(text)
         swapped[j], swapped[k] = swapped[k], swapped[j]
-        found.add(float("".join(swapped)))
-    return sorted(found - {value})
+        changed.add(float("".join(swapped)))
+    return sorted(changed - {value})

@@ -1,16 +1,20 @@
-"""Two orthogonal accelerometers on a dividing head: what they feel together is g.
+"""Two orthogonal accelerometers on a dividing head: the norm of the sensed force is g.
 
-A head of 3″ is 15 µg at the horizon. Two accelerometers at right angles err there in opposite ways,
-so that ‖f̂‖ = g is free of the head; what g² does not tell (`g_squared.NULL_DIRECTIONS`) an
-autocollimator does, or priors.
+An error of the head of 3″ is 15 µg at the horizon. Two accelerometers at right angles have opposite
+errors there, so that ‖f̂‖ = g is free of the head. An autocollimator or priors determine what g²
+leaves free (`g_squared.NULL_DIRECTIONS`).
 
 * `joint`: all readings, exact, with the head's errors and the biases' drift as nuisances.
 * `patent`: bias and gain from the four cardinal positions, then g² elsewhere.
-* `dual`: g² alone, with priors in the place of the autocollimator.
+* `dual`: g² alone, with priors in place of the autocollimator.
 * `single`: each accelerometer against the head taken as exact, the conventional tumble test.
 
-The sensor is that of `inercal.benches.dividing_head.bench.mounted_sensor`. `joint` and `single`
-take one accelerometer too.
+The sensor is that of `inercal.benches.dividing_head.bench.mounted_sensor`; `joint` and `single`
+also take one accelerometer.
+
+g² does not show the common mounting angle. `patent` and `dual` take it from the angle at which the
+compensated accelerometers sense gravity: its mean difference from the head's angles is their common
+mounting angle plus the mean error of the head, above all of its zero.
 
 Source: CN101852817A (Harbin Institute of Technology, 2010) for `patent` and `dual`, rebuilt from
 the physics; IEEE Std 1293 for the tumble test; `joint` is ours.
@@ -23,14 +27,15 @@ import numpy as np
 
 from inercal.benches.dividing_head.bench import DividingHead
 from inercal.benches.dividing_head.covariance import bench_covariance, reading_sensitivities
+from inercal.benches.dividing_head.head_angles import sensor_angles
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.estimate.scores import NO_SCORE_TESTS
-from inercal.methods import dividing_head_problem, mean_problem, temperature
+from inercal.methods import dividing_head_problem
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import g_squared
 from inercal.methods.dual_orthogonal import patent_estimator as four
 from inercal.methods.dual_orthogonal.coefficient_sums import notes
-from inercal.methods.dual_orthogonal.common_mounting_angle import with_common_angle
+from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
 from inercal.methods.likelihood_tests import with_tests
 from inercal.methods.observability import require_observed
 from inercal.plan import Index
@@ -52,22 +57,22 @@ def joint(
     observations : Observations
         One row a position, (..., r, 1 or 2) m/s².
     sensor : Sensor
-        Of the fixture, with the coefficients that are wanted.
+        Of the fixture, with the coefficients to estimate.
     bench : DividingHead
     steps : sequence of r Index
         Of the rows.
     priors : sequence of Gaussian
-        On coefficients, from elsewhere: K3 of a centrifuge, Kip of single tests.
+        On coefficients, from other measurements: K3 of a centrifuge, Kip of single tests.
 
     Raises
     ------
     InputError
         A sensor that is not the fixture's, or steps that are not those of the rows.
     NotObserved
-        Coefficients that these positions leave open.
+        Coefficients that these positions do not determine.
     """
     g_squared.require_fixture_sensor(sensor, allow_single=True)
-    mean_problem.require_matching_rows(observations, sensor, steps)
+    require_matching_rows(observations, sensor, steps)
     g_squared.require_enough_positions(sensor, steps)
     estimate = least_squares(
         dividing_head_problem.problem(observations, sensor, bench, steps, priors)
@@ -85,22 +90,20 @@ def patent(
 ) -> Estimate:
     """Return the coefficients by four points, then g² elsewhere; arguments as of `joint`.
 
-    The mounting angles' common part is the mean angle beyond the head's, as good as its zero.
-
     Raises
     ------
     InputError
         Priors on k0 or k1, or a sensor without them.
     NotObserved
-        Cardinal positions that are missing, too few others, or K3 without a prior.
+        Missing cardinal positions, too few others, or K3 without a prior.
     """
     g_squared.require_fixture_sensor(sensor)
-    temperature.refuse_temperature_terms(sensor, "patent", "joint")
-    mean_problem.require_matching_rows(observations, sensor, steps)
+    refuse_temperature_terms(sensor, "patent", "joint")
+    require_matching_rows(observations, sensor, steps)
     steady = dividing_head_problem.with_drift_covariance(observations, bench, steps)
     there = dividing_head_problem.readings_at_stated_angles(steady, sensor, bench, steps)
     estimate = four.two_stage_estimate(there, sensor, bench, steps, priors)
-    estimate = with_common_angle(estimate, observations, sensor, bench, steps)
+    estimate = _with_common_angle(estimate, observations, sensor, bench, steps)
     estimate = with_tests(
         estimate, dividing_head_problem.problem(observations, sensor, bench, steps, priors)
     )
@@ -114,27 +117,66 @@ def dual(
     steps: Sequence[Index],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
-    """Return the coefficients by g² alone, with what priors tell; arguments as of `joint`.
-
-    The mounting angles' common part is the mean angle beyond the head's, as good as its zero.
+    """Return the coefficients by g² alone and the priors; arguments as of `joint`.
 
     Raises
     ------
     InputError
         A sensor that is not the fixture's pair.
     NotObserved
-        Combinations of coefficients that g² and the priors leave free, named.
+        Combinations of coefficients that g² and the priors leave free, by name.
     """
     g_squared.require_fixture_sensor(sensor)
-    temperature.refuse_temperature_terms(sensor, "dual", "joint")
-    mean_problem.require_matching_rows(observations, sensor, steps)
+    refuse_temperature_terms(sensor, "dual", "joint")
+    require_matching_rows(observations, sensor, steps)
     g_squared.require_enough_positions(sensor, steps)
     g_squared.require_determined(sensor, bench, steps, priors)
     steady = dividing_head_problem.with_drift_covariance(observations, bench, steps)
     requested = g_squared.problem(steady, sensor, bench, steps, priors)
     estimate = g_squared.with_gravity_sensitivity(requested, least_squares(requested))
-    estimate = with_common_angle(estimate, observations, sensor, bench, steps)
+    estimate = _with_common_angle(estimate, observations, sensor, bench, steps)
     return replace(estimate, notes=(*notes(estimate, bench, priors), *estimate.notes))
+
+
+def _with_common_angle(
+    estimate: Estimate,
+    observations: Observations,
+    sensor: Sensor,
+    bench: DividingHead,
+    steps: Sequence[Index],
+) -> Estimate:
+    """Return an estimate of g², of mounting angles ± δ/2, with their common part and its variance.
+
+    Arguments as of `joint`, of two accelerometers.
+    """
+    if not set(g_squared.MOUNTING_ANGLES) <= set(sensor.coefficients):
+        return estimate
+    g, stated = bench.gravity.value, sensor_angles(bench, steps)
+    p = len(sensor.coefficients)
+    sensed = g_squared.compare_with_gravity(
+        sensor, observations.mean, estimate.value[..., :p], g
+    ).force
+    beyond = np.arctan2(sensed[..., 0], sensed[..., 1]) - stated.nominal
+    common = np.mean((beyond + np.pi) % (2 * np.pi) - np.pi, axis=-1)
+
+    declared = bench.acting_parameters(steps)
+    by_bench = sum(
+        (declared[name].sd * weight.mean()) ** 2 for name, weight in stated.weights.items()
+    )
+    across = np.stack([np.cos(stated.nominal), -np.sin(stated.nominal)], axis=-1).ravel()
+    across = across / (g * len(steps))
+    variance = by_bench + across @ observations.full_covariance @ across
+    both = [estimate.names.index(name) for name in g_squared.MOUNTING_ANGLES]
+    value, covariance = estimate.value.copy(), estimate.covariance.copy()
+    value[..., both] += common[..., None]
+    rows, columns = np.ix_(both, both)
+    covariance[..., rows, columns] += np.asarray(variance)[..., None, None]
+    moved = {name: by.copy() for name, by in estimate.sensitivities.items()}
+    for name, weight in stated.weights.items():
+        # A larger stated angle of the head leaves less to the mounting.
+        by = moved.setdefault(name, np.zeros_like(value))
+        by[..., both] -= weight.mean()
+    return replace(estimate, value=value, covariance=covariance, sensitivities=moved)
 
 
 def single(
@@ -144,34 +186,34 @@ def single(
     steps: Sequence[Index],
     priors: Sequence[Gaussian] = (),
 ) -> Estimate:
-    """Return the coefficients of each accelerometer for itself, the head taken as exact.
+    """Return the coefficients of each accelerometer separately, the head taken as exact.
 
-    Arguments as of `joint`. The covariance holds what the bench's errors do to the result.
+    Arguments as of `joint`. The covariance includes the effect of the bench's errors on the result.
 
     Raises
     ------
     InputError
         A sensor that is not the fixture's, or steps that are not those of the rows.
     NotObserved
-        Coefficients that these positions leave open.
+        Coefficients that these positions do not determine.
     """
     g_squared.require_fixture_sensor(sensor, allow_single=True)
-    mean_problem.require_matching_rows(observations, sensor, steps)
+    require_matching_rows(observations, sensor, steps)
     steady = dividing_head_problem.with_drift_covariance(observations, bench, steps)
     requested = dividing_head_problem.problem(steady, sensor, bench, steps, priors, exact=True)
-    found = least_squares(requested)
+    alone = least_squares(requested)
     _, rows = requested.linearise(requested.start)
     rows = rows.reshape(-1, *rows.shape[-2:])[0]
     assert not callable(requested.noise)
     weighted = np.asarray(np.linalg.solve(requested.noise, rows), dtype=float)
-    gain = found.covariance @ np.swapaxes(weighted, -1, -2)
+    gain = alone.covariance @ np.swapaxes(weighted, -1, -2)
     bench_alone = bench_covariance(sensor, bench, steps)
     columns = reading_sensitivities(sensor, bench, steps)
     estimate = replace(
-        found,
-        covariance=found.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
-        # The residuals hold the head's errors besides their noise: no test of either.
-        chi2=np.zeros(found.value.shape[:-1]),
+        alone,
+        covariance=alone.covariance + gain @ bench_alone @ np.swapaxes(gain, -1, -2),
+        # The residuals contain the head's errors besides their noise: no test of either.
+        chi2=np.zeros(alone.value.shape[:-1]),
         dof=0,
         scoring=NO_SCORE_TESTS,
         sensitivities={name: -gain @ column for name, column in columns.items()},

@@ -1,8 +1,9 @@
-"""What is told of coefficients together where neither is told alone.
+"""Sums of coefficients that are known far better than each coefficient alone.
 
-An accelerometer that stands up and down feels k1 + K3 g². What tells the two apart lies between,
-where the head's second harmonic looks alike: a centrifuge does, or a polygon face at each position.
-Both mounting angles share the head's zero; the angle between the accelerometers does not.
+An accelerometer that is vertical determines k1 + K3 g². Positions between would separate the two,
+but there the head's second harmonic has the same effect; a centrifuge separates them, or a polygon
+face at each position. Both mounting angles depend on the head's zero; the angle between the
+accelerometers does not.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from inercal.keys import CoefficientName
 from inercal.methods.dual_orthogonal.g_squared import MOUNTING_ANGLES
 from inercal.units import format_quantity
 
-_MIN_IMPROVEMENT = 3.0  # times better known together than alone
+_MIN_IMPROVEMENT = 3.0  # standard uncertainty alone over that of the sum
 
 
 class CoefficientSum(NamedTuple):
@@ -31,12 +32,12 @@ class CoefficientSum(NamedTuple):
 
 
 def well_determined_sums(estimate: Estimate, g: float) -> tuple[CoefficientSum, ...]:
-    """Return k1 + K3 g² of each accelerometer, then the angle between them, where they are.
+    """Return k1 + K3 g² of each accelerometer, then the angle between them, where well known.
 
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis.
+        Of one recording.
     g : float
         m/s².
     """
@@ -47,43 +48,43 @@ def well_determined_sums(estimate: Estimate, g: float) -> tuple[CoefficientSum, 
     ]
     first, second = MOUNTING_ANGLES
     between = (f"{second} − {first}", "angle between the accelerometers", (second, first))
-    found: list[CoefficientSum] = []
+    sums: list[CoefficientSum] = []
     for name, meaning, terms, weights in (*requested, (*between, (1.0, -1.0))):
         if set(terms) <= set(estimate.wanted):
             both, to = estimate.select(terms), np.array(weights)
             sd = float(np.sqrt(to @ both.covariance @ to))
             alone = np.abs(to) * np.sqrt(np.diagonal(both.covariance))
             if (alone > _MIN_IMPROVEMENT * sd).all():
-                found.append(CoefficientSum(name, meaning, terms, float(to @ both.value), sd))
-    return tuple(found)
+                sums.append(CoefficientSum(name, meaning, terms, float(to @ both.value), sd))
+    return tuple(sums)
 
 
 def notes(estimate: Estimate, bench: DividingHead, priors: Sequence[Gaussian]) -> tuple[str, ...]:
-    """Say what is known better together; of many trials nothing is said."""
+    """Return the notes on these sums of one recording; none for many trials."""
     if estimate.value.ndim != 1:
         return ()
-    found = well_determined_sums(estimate, bench.gravity.value)
+    sums = well_determined_sums(estimate, bench.gravity.value)
     k = COVERAGE * float(estimate.birge)
-    gains = [one for one in found if one.terms != MOUNTING_ANGLES[::-1]]
-    said: list[str] = []
+    gains = [one for one in sums if one.terms != MOUNTING_ANGLES[::-1]]
+    result: list[str] = []
     if gains:
-        told = {name for prior in priors for name in prior.names}
-        why = "a prior of K3 tells k1 from K3"
-        if not {one.terms[1] for one in gains} <= told:
-            why = "K3 has no prior, and is told from k1 by what is stated of the head"
-        sums = ", ".join(
+        known = {name for prior in priors for name in prior.names}
+        why = "the prior of K3 separates them"
+        if not {one.terms[1] for one in gains} <= known:
+            why = "without a prior of K3, only the stated errors of the head separate them"
+        values = ", ".join(
             f"{CoefficientName(one.terms[0]).axis} {format_quantity(one.value, k * one.sd, 'ppm')}"
             for one in gains
         )
-        said.append(
-            f"k1 + K3 g² is known better than either (k = 2): {sums}; {why}: give K3 of a "
-            "centrifuge, or read a polygon face at every position"
+        result.append(
+            f"k1 + K3 g² is known better than k1 or K3 (k = 2): {values}; {why}; to know them "
+            "better, give K3 from a centrifuge or read a polygon face at every position"
         )
-    said += [
+    result += [
         f"the angle between the accelerometers, δ_b − δ_a, is "
-        f"{format_quantity(one.value, k * one.sd, '″')} (k = 2): their common angle is as good as "
-        "the head's zero is known"
-        for one in found
+        f"{format_quantity(one.value, k * one.sd, '″')} (k = 2); their common angle is known no "
+        "better than the head's zero"
+        for one in sums
         if one not in gains
     ]
-    return tuple(said)
+    return tuple(result)

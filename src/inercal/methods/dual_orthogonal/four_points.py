@@ -1,16 +1,16 @@
 """The four cardinal positions: bias, gain and K2 of both accelerometers from sums and differences.
 
-With u and v the readings at which an accelerometer lies level (0° and 180° for A, 270° and 90° for
-B) and n, m those at which it stands up and down (90° and 270°, 0° and 180°), in g::
+With u and v the readings of a level accelerometer (0° and 180° for A, 270° and 90° for B) and n, m
+those of a vertical one, up and down (90° and 270°, 0° and 180°), in g::
 
     K0 = (u + v)/2        k1 + K3 = √(((n − m)/2)² + ((u − v)/2)²) − 1        K2 = (n + m)/2 − K0
 
-The head is trimmed so that the members of a pair differ in angle by what the autocollimator cannot
-see, no more. The root takes out the mounting angle: to lowest order it adds ½ ((u − v)/2)²,
-without which an angle of 300″ leaves 1.1 µg.
+The head is trimmed so that the angles of a pair differ by less than the autocollimator resolves.
+The root corrects for the mounting angle: to lowest order it adds ½ ((u − v)/2)², without which an
+angle of 300″ leaves 1.1 µg.
 
-That angle is of the level positions, by the head's error another than that of those up and down. At
-these the other accelerometer lies level and tells it, once δ is known from g²::
+That angle is of the level positions; the head's error makes the angle of the vertical positions
+different. There the other accelerometer is level and determines it, once δ is known from g²::
 
     k1 + K3 = (n − m) / (2 cos φ) − 1        φ_A = φ of B − δ        φ_B = φ of A + δ
 
@@ -28,10 +28,8 @@ from inercal.benches.dividing_head.passes import CARDINAL_ANGLES, matches_any_an
 from inercal.errors import NotObserved
 from inercal.plan import Index
 
-_LEVEL_ROWS, _VERTICAL_ROWS = (
-    ((0, 2), (3, 1)),
-    ((1, 3), (0, 2)),
-)  # of A and B, as indices of CARDINAL
+# Of A and B, as indices of `CARDINAL_ANGLES`
+_LEVEL_ROWS, _VERTICAL_ROWS = ((0, 2), (3, 1)), ((1, 3), (0, 2))
 
 
 class FourPoints(NamedTuple):
@@ -43,7 +41,7 @@ class FourPoints(NamedTuple):
 
 
 def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True) -> FourPoints:
-    """Return what the four cardinal positions tell.
+    """Return bias, gain and K2 from the four cardinal positions.
 
     Parameters
     ----------
@@ -52,7 +50,7 @@ def four_points(y: Array, delta: Array | None = None, *, corrected: bool = True)
     delta : (...) array, optional
         δ = δ_B − δ_A where it is known, rad.
     corrected : bool
-        Whether the mounting angle is taken out of the gain; False is for comparison.
+        Whether the gain is corrected for the mounting angle; False is for comparison.
     """
     k0, gain, k2, half, tilt = (np.empty((*y.shape[:-2], 2)) for _ in range(5))
     for k in range(2):
@@ -81,14 +79,15 @@ def averaging_matrix(steps: Sequence[Index]) -> Array:
     there = np.array(
         [[matches_any_angle(step.angle, [angle]) for step in steps] for angle in CARDINAL_ANGLES]
     )
-    lacking = [
+    if lacking := tuple(
         f"{180 * angle / pi:.0f}°"
-        for k, angle in enumerate(CARDINAL_ANGLES)
-        if not bool(there[k].any())
-    ]
-    if lacking:
+        for angle, at in zip(CARDINAL_ANGLES, there, strict=True)
+        if not bool(at.any())
+    ):
         raise NotObserved(
-            f"the four points need the head at {', '.join(lacking)}; use dual or joint",
-            tuple(lacking),
+            f"estimator patent needs positions at {', '.join(lacking)}; add them, or use estimator "
+            "dual or joint",
+            lacking,
+            key="steps",
         )
     return there / there.sum(axis=1, keepdims=True)

@@ -1,18 +1,17 @@
-"""The g² observation: two orthogonal accelerometers feel g together, whatever the head's angle.
+"""The g² observation: two orthogonal accelerometers sense g together, whatever the head's angle.
 
 In g, with s = sin θ, c = cos θ and δ = δ_B − δ_A, z = ½(y_A² + y_B² − 1) is to first order
 
     z = K_A0 s + K_B0 c + k_A1 s² + k_B1 c² − δ s c + K_A2 s³ + K_B2 c³ + K_A3 s⁴ + K_B3 c⁴
         + K_Aip s² c − K_Bip s c²
 
-from which the head's error has gone. Here it serves for what it shows alone: eight of the eleven
-coefficients' combinations. An estimate takes the exact form: with f̂ the force in the plane of
-rotation that the sensor's whole model finds behind both readings, ‖f̂‖ = g. With the readings
-compensated to α and β this is α² + β² + 2αβ sin δ = cos² δ, free of the angle to all orders.
+which does not contain the head's error. Here it decides what is observed: eight combinations of the
+eleven coefficients. An estimate uses the exact form: with f̂ the force in the plane of rotation, by
+the inverse of the sensor's full model at both readings, ‖f̂‖ = g. With the readings compensated to
+α and β this is α² + β² + 2αβ sin δ = cos² δ, free of the angle to all orders.
 
-The exact form is not blind to the three combinations to all orders: they show through products of
-errors. That is not a measurement of them and is not taken for one: what is observed is judged at
-the nominal sensor.
+The exact form depends on the other three combinations through products of errors. That does not
+count as a measurement of them: what is observed is judged at the nominal sensor.
 
 Source: CN101852817A (Harbin Institute of Technology, 2010), step 3, rebuilt from the physics.
 """
@@ -55,11 +54,10 @@ NULL_DIRECTIONS: tuple[tuple[str, dict[str, float]], ...] = (
     ("harmonic 1 of B", {"b.k0": 1.0, "b.k2": -1.0, "a.kip": -1.0}),
     ("k1 against K3", {"a.k1": 1.0, "b.k1": -1.0, "a.k3": -1.0, "b.k3": 1.0}),
 )
-PRIOR_ADVICE = "kip of single tests and k3 of a centrifuge tell them; or take estimator joint"
 MOUNTING_ANGLES = ("a.delta_o", "b.delta_o")
-_NEWTON_STEPS = 4  # from an error of 1e-3 each step squares it
-_DENSE_POSITIONS = 24  # positions that show all that there is
-# Singular value of the design; angles read anew, off by 1e-4, show nothing more
+_NEWTON_STEPS = 4  # each squares an error, which is 1e-3 at first
+_DENSE_POSITIONS = 24  # positions that determine all combinations of g²
+# Singular value of the design; repeated positions that differ by 1e-4 rad add no rank
 _RANK_TOLERANCE = 1e-2
 
 
@@ -71,16 +69,16 @@ def design_matrix(theta: Array) -> Array:
 
 
 def null_vectors(sensor: Sensor, g: float) -> tuple[tuple[str, Array], ...]:
-    """Return those null directions whose coefficients the sensor has, (p,) each in SI."""
+    """Return the null directions whose coefficients the sensor has, (p,) each in SI."""
     size = {"k0": g, "k1": 1.0, "k2": 1 / g, "k3": 1 / g**2, "kip": 1 / g}
-    found: list[tuple[str, Array]] = []
+    result: list[tuple[str, Array]] = []
     for words, weights in NULL_DIRECTIONS:
         if set(weights) <= set(sensor.coefficients):
             row = np.zeros(len(sensor.coefficients))
             for name, weight in weights.items():
                 row[sensor.coefficients.index(name)] = weight * size[CoefficientName(name).term]
-            found.append((words, row))
-    return tuple(found)
+            result.append((words, row))
+    return tuple(result)
 
 
 class SquaredComparison(NamedTuple):
@@ -93,7 +91,7 @@ class SquaredComparison(NamedTuple):
 
 
 def compare_with_gravity(sensor: Sensor, y: Array, c: Array, g: float) -> SquaredComparison:
-    """Return how far the force in the plane behind the readings is from g.
+    """Return the difference between g and the norm of the force in the plane, by the readings.
 
     Parameters
     ----------
@@ -140,7 +138,7 @@ def problem(
         (..., r, 2), m/s².
     sensor : Sensor
     bench : DividingHead
-        Of which gravity counts alone.
+        Of which the problem uses gravity alone.
     steps : sequence of r Index
     priors : sequence of Gaussian
         On coefficients.
@@ -163,19 +161,20 @@ def problem(
         seen = compare_with_gravity(larger, y, there, g)
         column: dict[str, Array] = dict(zip(larger.coefficients, seen.jacobian.T, strict=True))
         if not {f"{channel}.k1" for channel in sensor.channels} <= set(sensor.coefficients):
-            column["g"] = np.full(len(steps), -1.0)  # else a part in a million of it is no k1
+            # With both k1, an error of g differs from k1 by a millionth of its size.
+            column["g"] = np.full(len(steps), -1.0)
         families: dict[str, list[str]] = {}
         for k, channel in enumerate(sensor.channels):
             for name, ramp in zip(drift_names(channel, steps), drift_ramps(steps), strict=True):
                 column[name] = -seen.by_reading[:, k] * ramp
                 families.setdefault(f"drift of {channel}", []).append(name)
         declared = bench.nuisances(steps, sensor)
-        told = [name for prior in priors for name in prior.names]
+        known = [name for prior in priors for name in prior.names]
         return [
             *candidates.candidates_from_columns(
                 observations.labels, larger, sensor.coefficients, declared, column, families
             ),
-            *candidates.prior_candidates(sensor, told, column),
+            *candidates.prior_candidates(sensor, known, column),
         ]
 
     return Problem(
@@ -193,15 +192,15 @@ def problem(
     )
 
 
-def with_gravity_sensitivity(asked: Problem, estimate: Estimate) -> Estimate:
-    """Return an estimate of `problem` with how it moves with gravity as stated.
+def with_gravity_sensitivity(problem: Problem, estimate: Estimate) -> Estimate:
+    """Return an estimate of `problem` with its derivative by the stated gravity.
 
-    All residuals g − ‖f̂‖ rise by as much: dc = P Jᵀ W 1 dg.
+    All residuals g − ‖f̂‖ increase by dg: dc = P Jᵀ W 1 dg.
     """
-    _, jacobian = asked.linearise(estimate.value)
-    assert not callable(asked.noise)
+    _, jacobian = problem.linearise(estimate.value)
+    assert not callable(problem.noise)
     one = np.ones((*estimate.value.shape[:-1], jacobian.shape[-2], 1))
-    pull = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(asked.noise, one)
+    pull = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(problem.noise, one)
     return replace(estimate, sensitivities={"g": (estimate.covariance @ pull)[..., 0]})
 
 
@@ -223,7 +222,7 @@ def covariance_along(up: Array, covariance: Array) -> Array:
 
 
 def gauges(sensor: Sensor) -> tuple[Gauge, ...]:
-    """Return the gauge that fixes the common mounting angle, which no g² sees."""
+    """Return the gauge that fixes the common mounting angle, which g² does not show."""
     if not set(MOUNTING_ANGLES) <= set(sensor.coefficients):
         return ()
     return (Gauge("no common mounting angle", MOUNTING_ANGLES, np.ones((1, 2)), np.zeros(1)),)
@@ -253,7 +252,13 @@ def require_determined(
     try:
         least_squares(problem(exact, sensor, bench, steps, centred_priors(priors)))
     except NotObserved as error:
-        raise NotObserved(f"{error}: {PRIOR_ADVICE}", error.directions) from None
+        raise with_prior_advice(error) from None
+
+
+def with_prior_advice(error: NotObserved) -> NotObserved:
+    """Return the refusal of g² with the priors that would help."""
+    advice = "give priors of kip (single tests) and k3 (a centrifuge), or use estimator joint"
+    return NotObserved(f"{error}; {advice}", error.directions, names=error.names)
 
 
 def centred_priors(priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
@@ -262,12 +267,12 @@ def centred_priors(priors: Sequence[Gaussian]) -> tuple[Gaussian, ...]:
 
 
 def require_enough_positions(sensor: Sensor, steps: Sequence[Index]) -> None:
-    """Refuse positions too few for what g² can show of two accelerometers, whatever priors say.
+    """Refuse positions too few for g² of two accelerometers, with any priors.
 
     Raises
     ------
     NotObserved
-        With the number of positions that suffices.
+        With a sufficient number of positions.
     """
     names = [("delta" if name in MOUNTING_ANGLES else name) for name in sensor.coefficients]
     wanted = [k for k, name in enumerate(TERMS) if name in names]
@@ -283,8 +288,9 @@ def require_enough_positions(sensor: Sensor, steps: Sequence[Index]) -> None:
         different = len(set(first_visit_rows(steps)))
         raise NotObserved(
             f"{different} different positions show {shown} of the {possible} combinations of "
-            "coefficients that g² can, with harmonics up to the fourth; take 8 or more evenly "
-            "spaced ones, best 12 (30° apart)"
+            "coefficients that g² can show; take 8 or more evenly spaced positions, best 12 "
+            "(30° apart)",
+            key="steps",
         )
 
 
@@ -295,7 +301,7 @@ def require_fixture_sensor(sensor: Sensor, *, allow_single: bool = False) -> Non
     ----------
     sensor : Sensor
     allow_single : bool
-        Whether one accelerometer will do, of any name.
+        Whether one accelerometer, of any name, is sufficient.
 
     Raises
     ------
@@ -306,17 +312,21 @@ def require_fixture_sensor(sensor: Sensor, *, allow_single: bool = False) -> Non
     x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
     one = allow_single and len(sensor.axes) == 1
     expected = {sensor.axes[0].name: (x, y)} if one else {"a": (x, y), "b": (y, back)}
-    found = {axis.name: (axis.i, axis.p) for axis in sensor.axes if axis.measures == "f"}
-    same = found.keys() == expected.keys() and len(sensor.axes) == len(expected)
-    if not same or not all(np.allclose(found[name], expected[name]) for name in expected):
+    actual = {axis.name: (axis.i, axis.p) for axis in sensor.axes if axis.measures == "f"}
+    same = actual.keys() == expected.keys() and len(sensor.axes) == len(expected)
+    if not same or not all(np.allclose(actual[name], expected[name]) for name in expected):
         others = ", or one accelerometer along x" if allow_single else ""
         raise InputError(
-            f"sensor {sensor.name}: the fixture holds two accelerometers, a along x with P along y "
-            f"and b along y with P against x{others}"
+            f"sensor {sensor.name} does not fit the fixture, which holds two accelerometers: a "
+            f"along x with P along y, and b along y with P against x{others}",
+            key="[sensor]",
+            names=sensor.channels,
         )
-    angled = any(name.endswith(".delta_o") for name in sensor.coefficients)
-    if sensor.form != "tilted" and angled:
+    angles = tuple(name for name in sensor.coefficients if name.endswith(".delta_o"))
+    if sensor.form != "tilted" and angles:
         raise InputError(
-            f"sensor {sensor.name}: the reference form has no cosine of a mounting angle, 1 µg at "
-            '300″; state form = "tilted"'
+            f"sensor {sensor.name}: the reference form omits the cosine of the mounting angles, "
+            '1 µg at 300″; set [sensor] form = "tilted"',
+            key="[sensor] form",
+            names=angles,
         )

@@ -1,11 +1,11 @@
 """The patent's way: K0 and k1 + K3 from the four points, the rest from g² elsewhere, with Bayes.
 
-The four points are held, and ‖f̂‖ = g at the other positions finds δ, K2, Kip and K3, with
-k1 = (k1 + K3) − K3. There K_A3 and K_B3 act alike: their difference, and with it that of the k1,
-needs a prior. Once δ is known the four points are worked out with it, and the rest again.
+The results of the four points are fixed, and ‖f̂‖ = g at the other positions determines δ, K2, Kip
+and K3, with k1 = (k1 + K3) − K3. There K_A3 and K_B3 have the same effect: their difference, and
+with it that of the k1, needs a prior. With δ the four points are computed again, then the rest.
 
-Source: CN101852817A, steps 4 to 6, equations 5 to 19, with the exact observation in the place of
-the linear one, which fails at a bias of 1 mg and a mounting angle of 300″.
+Source: CN101852817A, steps 4 to 6, equations 5 to 19, with the exact observation in place of the
+linear one, which fails at a bias of 1 mg and a mounting angle of 300″.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _FOUR_POINT_TERMS = ("k0", "k1")
 
 
 class _CoefficientMaps(NamedTuple):
-    """Coefficients as linear in what is held, (p, 4): k0 and gain of a and b; and in the rest."""
+    """Coefficients as linear in the fixed k0 and gain of a and b, (p, 4), and in the rest."""
 
     from_four_points: Array
     from_second_stage: Array
@@ -50,16 +50,17 @@ def two_stage_estimate(
     Raises
     ------
     InputError
-        Priors on what the four points tell, or a sensor without k0 and k1 of both.
+        Priors on coefficients of the four points, or a sensor without k0 and k1 of both.
     NotObserved
-        Cardinal positions that are missing, too few others, or a K3 that no prior tells.
+        Missing cardinal positions, too few others, or K3 without a prior.
     """
     maps = _coefficient_maps(sensor, bench.gravity.value)
-    beyond = sorted({name for prior in priors for name in prior.names} - set(maps.names))
-    if beyond:
+    if beyond := sorted({name for prior in priors for name in prior.names} - set(maps.names)):
         raise InputError(
-            f"estimator patent takes {', '.join(beyond)} from the four points, and no prior; use "
-            "joint"
+            f"estimator patent takes {', '.join(beyond)} from the four cardinal positions; remove "
+            "their priors, or use estimator joint",
+            key="priors",
+            names=tuple(beyond),
         )
     average = averaging_matrix(steps)
     others = [k for k in range(len(steps)) if not bool(average[:, k].any())]
@@ -79,16 +80,16 @@ def two_stage_estimate(
     try:
         structure = least_squares(ideal)
     except NotObserved as error:
-        raise NotObserved(f"{error}: {g_squared.PRIOR_ADVICE}", error.directions) from None
+        raise g_squared.with_prior_advice(error) from None
     seen_there = observations.rows(others)
     fixed = held(observations.mean)
     requested = _second_stage_problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))
-    found = least_squares(requested)
+    second = least_squares(requested)
     if set(g_squared.MOUNTING_ANGLES) <= set(maps.names):
-        # Once δ is known each gain takes its angle from where it was made, whatever the head.
-        delta = np.diff(found.select(g_squared.MOUNTING_ANGLES).value)[..., 0]
+        # With δ, the angle of each gain is that of its own positions, free of the head's error.
+        delta = np.diff(second.select(g_squared.MOUNTING_ANGLES).value)[..., 0]
         fixed = held(observations.mean, delta)
-        found = least_squares(
+        second = least_squares(
             _second_stage_problem(seen_there, sensor, bench, maps, up, fixed, tuple(priors))
         )
 
@@ -105,10 +106,10 @@ def two_stage_estimate(
     covariance, gain = _two_stage_covariance(
         maps, seen, others, to_held, structure.covariance, requested.noise, readings, priors
     )
-    value = fixed @ maps.from_four_points.T + found.value @ maps.from_second_stage.T
+    value = fixed @ maps.from_four_points.T + second.value @ maps.from_second_stage.T
     residual, whitened = _residuals_at_all_positions(observations, sensor, nominal, value, g)
     return replace(
-        found,
+        second,
         residual=residual,
         whitened=whitened,
         observations=observations.labels,
@@ -116,7 +117,7 @@ def two_stage_estimate(
         wanted=sensor.coefficients,
         value=value,
         covariance=np.broadcast_to(covariance, (*value.shape, value.shape[-1])),
-        # The residuals hold the errors of what is held besides their noise: no test of either.
+        # The residuals contain the errors of the fixed values besides noise: no test of either.
         chi2=np.zeros(value.shape[:-1]),
         dof=0,
         rank=structure.rank,
@@ -150,16 +151,15 @@ def _two_stage_covariance(
     readings: Array,
     priors: Sequence[Gaussian],
 ) -> tuple[Array, Array]:
-    """Return the covariance of all coefficients, and how they move with the readings, (p, 2r).
+    """Return the covariance of all coefficients, and their derivative by the readings, (p, 2r).
 
-    Both stages are linear in the readings.
-
-    The second one moves by dx = H⁻¹JᵀW dr where its residual does by dr = −∂‖f̂‖/∂y dy −
-    ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and W⁻¹ = `noise`; priors err by their own covariance.
+    Both stages are linear in the readings. The second changes by dx = H⁻¹JᵀW dr with its residual,
+    dr = −∂‖f̂‖/∂y dy − ∂‖f̂‖/∂c (held) dy, H⁻¹ = `inside` and W⁻¹ = `noise`; priors have errors of
+    their own covariance.
 
     Parameters
     ----------
-    maps : _Maps
+    maps : _CoefficientMaps
     seen : SquaredComparison
         Of the other positions, at the nominal sensor.
     others : list of int
@@ -180,16 +180,21 @@ def _two_stage_covariance(
     stated = maps.from_second_stage @ inside
     gain = maps.from_four_points @ to_held + stated @ np.swapaxes(weighted, -1, -2) @ moved
     size = len(maps.names)
-    told = sum((_prior_information(prior, maps.names) for prior in priors), np.zeros((size, size)))
-    own = stated @ told @ np.swapaxes(stated, -1, -2)
+    known = sum((_prior_information(prior, maps.names) for prior in priors), np.zeros((size, size)))
+    own = stated @ known @ np.swapaxes(stated, -1, -2)
     return gain @ readings @ np.swapaxes(gain, -1, -2) + own, gain
 
 
 def _coefficient_maps(sensor: Sensor, g: float) -> _CoefficientMaps:
     names = sensor.coefficients
     four = [f"{axis}.{term}" for term in _FOUR_POINT_TERMS for axis in "ab"]
-    if not set(four) <= set(names):
-        raise InputError(f"estimator patent finds {', '.join(four)}: choose them all")
+    if lacking := tuple(name for name in four if name not in names):
+        raise InputError(
+            f"estimator patent needs k0 and k1 of both accelerometers; add {', '.join(lacking)} to "
+            "the coefficients, or use estimator joint",
+            key="[method]",
+            names=lacking,
+        )
     rest = tuple(name for name in names if name not in four)
     held, free = np.zeros((len(names), 4)), np.zeros((len(names), len(rest)))
     for k, name in enumerate(four):
@@ -210,7 +215,7 @@ def _second_stage_problem(
     fixed: Array,
     priors: tuple[Gaussian, ...],
 ) -> Problem:
-    """Return the problem of g² at the other positions, of the coefficients that are not held."""
+    """Return the problem of g² at the other positions, of the coefficients that are not fixed."""
     g = bench.gravity.value
     base = fixed @ maps.from_four_points.T
     noise = g_squared.covariance_along(up, others.full_covariance) + bench.gravity.sd**2
@@ -237,12 +242,12 @@ def _second_stage_problem(
 
 
 def _require_enough(sensor: Sensor, steps: Sequence[Index], others: list[int]) -> None:
-    """Refuse positions too few for δ, K2 and Kip, whatever priors say.
+    """Refuse positions too few for δ, K2 and Kip, with any priors.
 
     Raises
     ------
     NotObserved
-        With the number of positions that suffices.
+        With a sufficient number of positions.
     """
     wanted = [
         k
@@ -259,8 +264,10 @@ def _require_enough(sensor: Sensor, steps: Sequence[Index], others: list[int]) -
     )
     if rank < len(wanted):
         raise NotObserved(
-            f"estimator patent: the positions beside the four cardinal ones tell {rank} of "
-            f"{len(wanted)} combinations of δ, K2 and Kip; take 12 positions of 30°, or joint"
+            f"estimator patent: the positions other than the four cardinal ones determine {rank} "
+            f"of {len(wanted)} combinations of δ, K2 and Kip; take 12 positions 30° apart, or use "
+            "estimator joint",
+            key="steps",
         )
 
 

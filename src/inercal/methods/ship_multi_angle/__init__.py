@@ -1,20 +1,20 @@
 """A triad on a plain rate table, tilted by known angles, as in tests of ship models.
 
-* `joint`: all states together, untilted and tilted, each axis against what it sensed; the angles of
-  each mounting, its radius, the speeds, the lean at each rest, the radius and gravity are nuisances
-  with their stated deviations.
+* `joint`: all states together, untilted and tilted, each axis against the force it sensed; the
+  angles of each mounting, its radius, the speeds, the lean at each rest, the radius and gravity are
+  nuisances with their stated deviations.
 * `planar`: the untilted states alone, linear (`inercal.methods.ship_planar`).
-* `planar_norm`: the untilted states as vectors and the tilted ones as norms, rows alike.
+* `planar_norm`: the untilted states as vectors and the tilted ones as norms, with equal weights.
 * `damped`: the source's Levenberg–Marquardt on the norms of the tilted states, from `planar`.
 * `global`: the source's optimisation of the same norms, by differential evolution.
 
-Norms see no rotation of the triad, and what damping or a search leaves there is no measurement:
-both say what they left free, by name, and what its uncertainty rests on. That both reach the same
-sum of squares validates neither.
+Norms do not observe a rotation of the triad, and the value that damping or a search leaves there is
+no measurement: both estimators name the free directions and the source of their uncertainty. Equal
+sums of squares of both validate neither.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
-10.13873/J.1000-9787(2014)10-0021-04; its equations are lost in the copy at hand and rebuilt from
-its text. `joint`, `planar_norm` and all covariances are ours.
+10.13873/J.1000-9787(2014)10-0021-04; its equations are illegible in our copy and rebuilt from its
+text. `joint`, `planar_norm` and all covariances are ours.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,9 @@ from inercal.benches.rate_table.bench import RateTable, mounting_names
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.methods import mean_problem, prediction_error
+from inercal.methods import prediction_error
 from inercal.methods._base import Method
+from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.observability import require_observed
 from inercal.methods.ship_consistency import joint_problem
 from inercal.methods.ship_multi_angle.norm_estimators import damped, global_
@@ -70,35 +71,35 @@ def joint(
     observations : Observations
         One row a state, (..., r, 3) m/s².
     sensor : Sensor
-        Of three accelerometers, with the coefficients that are wanted.
+        Of three accelerometers, with the coefficients to estimate.
     bench : RateTable
     steps : sequence of r Spin
         Of the rows, in known attitudes.
     priors : sequence of Gaussian
-        On coefficients, from elsewhere.
+        On coefficients, from other measurements.
 
     Raises
     ------
     InputError
         Steps that are not those of the rows.
     NotObserved
-        Coefficients that these states leave open.
+        Coefficients that these states do not determine.
     """
-    mean_problem.require_matching_rows(observations, sensor, steps)
+    require_matching_rows(observations, sensor, steps)
     requested = joint_problem(observations, sensor, bench, steps, priors)
     try:
         estimate = least_squares(requested)
         require_observed(estimate, sensor, missing=())
     except NotObserved:
         if not priors:
-            # Where the states are to blame, say what to add.
+            # Where the states are the cause, this refusal states the mounting to add.
             require_excitation(bench, steps)
         raise
     return replace(estimate, notes=(_state_note(estimate, steps), *estimate.notes))
 
 
 def _state_note(estimate: Estimate, steps: Sequence[Spin]) -> str:
-    """Say what the states determine, what priors did, and what the frame is."""
+    """Return the note on what the states determine, what priors decided, and the frame."""
     text = f"the states determine {estimate.rank} of {len(estimate.wanted)} coefficients"
     if left := [one.words for one in estimate.null_directions]:
         text += f"; warning: priors alone decided {'; '.join(left)}"

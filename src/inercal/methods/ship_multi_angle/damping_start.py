@@ -1,4 +1,4 @@
-"""Where damping begins, and whose uncertainty the result has along what norms leave free."""
+"""The start of the damped iteration, and the uncertainty of the result along free directions."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -23,7 +23,7 @@ from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel, to_affine
 
 
 class StartingPoint(NamedTuple):
-    """Where damping begins, and what its uncertainty comes from."""
+    """The start of the damped iteration, and the source of its uncertainty."""
 
     model: AffineModel
     uncertainty_source: str
@@ -39,7 +39,7 @@ def starting_point(
     priors: Sequence[Gaussian],
     groups: Sequence[int],
 ) -> StartingPoint:
-    """Return the start: nominal where the frame leaves nothing to it, untilted states, or priors.
+    """Return the start: nominal where the frame fixes all else, or by untilted states or priors.
 
     Raises
     ------
@@ -50,16 +50,20 @@ def starting_point(
     if sensor.frame == "symmetric":
         if priors:
             raise InputError(
-                f"damped takes no priors together with [sensor] frame {sensor.frame!r}: "
-                "norms and the "
-                "frame decide all"
+                'estimator damped takes no priors together with [sensor] frame = "symmetric": '
+                "norms and frame determine all coefficients; remove the priors or the frame",
+                key="priors",
             )
         if not _nominal_free_directions(sensor, bench, steps, groups).unobserved:
             return StartingPoint(AffineModel.of(IDENTITY_PARAMETERS), "")
     if not rest:
         return _start_from_priors(sensor, priors, bench, groups, steps)
     if priors:
-        raise InputError("damped takes priors in the place of untilted states; joint takes both")
+        raise InputError(
+            "estimator damped takes priors or untilted states, not both; remove the priors, or use "
+            "estimator joint",
+            key="priors",
+        )
     here = [steps[k] for k in rest]
     require_excitation(bench, here)
     model, gain = fit_level_states(
@@ -75,25 +79,25 @@ def require_convergence(
     steps: Sequence[Spin],
     groups: Sequence[int],
 ) -> None:
-    """Refuse a solution that does not settle because these tilts are blind to a direction.
+    """Refuse a solution that does not converge because these tilts do not show a direction.
 
-    Only accidents of the mountings show it then, and drag the solution far along it.
+    Then only accidental deviations of the mountings show it, and move the solution far along it.
 
     Raises
     ------
     NotObserved
         Naming the directions and what to add.
     """
-    if converged.ndim or converged:  # of many trials each says for itself
+    if converged.ndim or converged:  # each of many trials has its own flag
         return
     blind = tuple(
         one.words for one in _nominal_free_directions(sensor, bench, steps, groups).unobserved
     )
     if blind:
         raise NotObserved(
-            f"not observed: beside the rotations, norms of these {len(groups)} tilted states do "
-            f"not show {'; '.join(blind)}: damping does not settle; add tilts of a second kind, as "
-            "XY 135 + 45, or use joint",
+            f"not observed: norms of these {len(groups)} tilted states do not show rotations or "
+            f"{'; '.join(blind)}, so the damped iteration does not converge; add tilts of a second "
+            "kind, such as XY 135 + 45, or use estimator joint",
             blind,
         )
 
@@ -105,23 +109,24 @@ def _start_from_priors(
     groups: Sequence[int],
     steps: Sequence[Spin],
 ) -> StartingPoint:
-    """Return where priors put θ, and their covariance of it; refuse where they do not."""
+    """Return θ and its covariance by the priors; refuse coefficients without a prior."""
     names = sensor.coefficients
-    untold = [name for name in names if not any(name in prior.names for prior in priors)]
-    if untold:
+    without = tuple(name for name in names if not any(name in prior.names for prior in priors))
+    if without:
         left = _nominal_free_directions(sensor, bench, steps, groups)
         words = tuple(
             one.words for one in (*undetermined_rotations(sensor, left), *left.unobserved)
         )
         others = (
-            f"priors on all twelve coefficients ({', '.join(untold)} without)"
+            "priors on all twelve coefficients"
             if sensor.frame == "mount"
-            else "tilts of a second kind, as XY 135 + 45"
+            else "tilts of a second kind, such as XY 135 + 45"
         )
         raise NotObserved(
             f"not observed: norms leave free {'; '.join(words)}; add the untilted states XY, YX "
-            f"and ZY, or {others}, or use joint: damping would decide in silence",
+            f"and ZY, or {others}, or use estimator joint",
             words,
+            names=without,
         )
     rows = [prior.rows(names) for prior in priors]
     root = np.concatenate([b for b, _ in rows])
@@ -135,7 +140,7 @@ def _start_from_priors(
 def _nominal_free_directions(
     sensor: Sensor, bench: RateTable, steps: Sequence[Spin], groups: Sequence[int]
 ) -> FreeDirections:
-    """Return what the groups would leave free of an ideal sensor without noise."""
+    """Return the free directions of an ideal sensor without noise."""
     f = sensed_motion(bench, [steps[k] for k in groups], {}).f / G0
     return free_directions(
         sensor, AffineModel.of(IDENTITY_PARAMETERS), f, np.zeros((f.size, f.size))

@@ -1,16 +1,17 @@
-"""What norms leave free, by name, and what a result that norms alone made is worth there.
+"""The directions that norms leave free, by name, and the uncertainty of a result there.
 
-The right singular vectors of J whose singular value is nothing are what no group sees: three
-rotations of the triad always, and what the plan is blind to besides. Without a tilt of a second
-kind no pose presses on x and y together, and Exy + Eyx goes unseen. What only accidents of the
-mountings show, known no better than a tenth of its natural size, does not count as seen.
+The right singular vectors of J with a zero singular value are not observed by any group: always the
+three rotations of the triad, and further directions of the plan. Without a tilt of a second kind no
+pose excites x and y together, and Exy + Eyx is not observed. A direction that only accidental
+deviations of the mountings show, known no better than a tenth of its natural size, counts as not
+observed.
 
-The other directions Q are told by the groups, with the errors ε of M a + p − f by noise and bench;
-along the null directions N the result is as the start was::
+The groups determine the other directions Q, with the errors ε of M a + p − f by noise and bench;
+along the null directions N the result equals the start::
 
     θ̂ − θ = N Nᵀ (start − θ) − J⁺ (2 v·ε)
 
-to first order, J⁺ within Q. So the covariance of the start enters along N, whole: it comes from the
+to first order, J⁺ within Q. So the covariance of the start enters fully along N: it comes from the
 untilted states, from stated priors, or from the bounds of a search. None of it comes from damping.
 """
 
@@ -31,7 +32,7 @@ from inercal.sensors.affine import AFFINE_NAMES, AffineModel, to_coefficients
 
 
 class GroupInformation(NamedTuple):
-    """What r groups tell at a solution, of (...) trials."""
+    """The information of r groups at a solution, of (...) trials."""
 
     singular_values: Array  # (..., 12) singular values of J, descending
     null_projector: Array  # (..., 12, 12), N Nᵀ
@@ -39,7 +40,7 @@ class GroupInformation(NamedTuple):
 
 
 def group_information(model: AffineModel, a: Array) -> GroupInformation:
-    """Return what readings (..., r, 3) in g tell at a solution."""
+    """Return the information of readings (..., r, 3) in g at a solution."""
     j = norm_jacobian(model, a)
     u, s, vt = np.linalg.svd(j, full_matrices=False)
     there = s > RANK_TOLERANCE * s[..., :1]
@@ -58,13 +59,13 @@ class FreeDirections(NamedTuple):
     """Directions of the coefficients that norms leave free at one solution."""
 
     rotations: tuple[NullDirection, ...]
-    unobserved: tuple[NullDirection, ...]  # what the plan does not see besides
+    unobserved: tuple[NullDirection, ...]  # by the plan, in addition to the rotations
     rank: int  # of the others
-    weak: tuple[NullDirection, ...]  # what it sees, no better than a tenth of its natural size
+    weak: tuple[NullDirection, ...]  # observed, but no better than a tenth of their natural size
 
 
 def free_directions(sensor: Sensor, model: AffineModel, a: Array, spread: Array) -> FreeDirections:
-    """Return what one table's groups leave free.
+    """Return the directions that the groups of one table leave free.
 
     Parameters
     ----------
@@ -107,7 +108,7 @@ def free_directions(sensor: Sensor, model: AffineModel, a: Array, spread: Array)
 
 
 def undetermined_rotations(sensor: Sensor, left: FreeDirections) -> tuple[NullDirection, ...]:
-    """Return the rotations that are left to a start or to chance: none where a frame is stated."""
+    """Return the rotations that a start or chance decides: none where a frame is stated."""
     return left.rotations if sensor.frame == "mount" else ()
 
 

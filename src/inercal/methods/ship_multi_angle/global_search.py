@@ -1,10 +1,10 @@
 """The source's equations by a global search, in place of its commercial optimiser.
 
-SciPy's differential evolution (Storn and Price 1997) on the sum of squares of the norms' equations
-within bounds about nominal, then polished by the damped equations. The source tells its optimiser
-to bring the error under 5 %; what counts as error here is the largest over the groups of
-| |M a + p| / √(A² + 1) − 1 |. Coefficients that are nowhere near the truth meet it. One seed makes
-one result, unless time ends the search.
+SciPy's differential evolution (Storn and Price 1997) minimises the sum of squares of the norms'
+equations within bounds about nominal; the damped equations then polish the result. The source sets
+its optimiser a goal of 5 % error; here the error is the largest over the groups of
+| |M a + p| / √(A² + 1) − 1 |. Coefficients far from the truth meet this goal. Equal seeds give
+equal results, unless the time limit ends the search.
 """
 
 # SciPy has no stubs.
@@ -37,7 +37,7 @@ class Generation(NamedTuple):
 
 @dataclass(frozen=True)
 class Bounds:
-    """How far from nominal each kind of θ may be: scale and cross relative, bias in g."""
+    """Half widths of the search about nominal: scale and cross relative, bias in g."""
 
     scale: float = 0.1
     cross: float = 0.1
@@ -45,14 +45,14 @@ class Bounds:
 
     @property
     def half_width(self) -> Array:
-        """Half the width, of θ."""
+        """Half widths of θ, (12,)."""
         matrix = np.where(np.eye(3) > 0, self.scale, self.cross)
         return np.concatenate([matrix.ravel(), np.full(3, self.bias)])
 
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """What a search is told.
+    """Options of a search.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class SearchOptions:
         About nominal.
     seed : int
     seconds : float
-        After which the best member is taken as it is.
+        Time limit, after which the best member is the result.
     goal : float
-        Largest relative error of a norm that counts as reaching it.
+        Largest relative error of a norm at which the goal is met.
     """
 
     bounds: Bounds = Bounds()
@@ -72,7 +72,7 @@ class SearchOptions:
 
 
 class SearchHistory(NamedTuple):
-    """How a search went: the best member after each generation, before polishing."""
+    """Goal of a search, and the best member after each generation, before polishing."""
 
     goal: float
     generations: tuple[Generation, ...]
@@ -85,22 +85,22 @@ class SearchHistory(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SearchResult:
-    """What the search found.
+    """The result of a search.
 
     Parameters
     ----------
     model : AffineModel
         Polished.
     cost, worst : float
-        Of it.
+        Of the model: Σρ² in g⁴, and the largest relative error of a norm.
     history : tuple of Generation
         The best member after each generation, before polishing.
     goal : int or None
         The generation that first met the goal.
     seconds : float
-        That it took.
+        Duration of the search.
     completed : bool
-        Whether the population settled or the generations were done before the time was up.
+        Whether the search ended before its time limit.
     """
 
     model: AffineModel

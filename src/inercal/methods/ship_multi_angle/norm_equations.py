@@ -1,13 +1,26 @@
-"""Norms of a tilted triad: the source's equations, their slopes, and its damped solution.
+"""Norms of a tilted triad: the source's equations, its damped solution, and the symmetric frame.
 
 With v = M a + p, in g, each group has one equation and one row of slopes by θ::
 
     |v|² = A² + 1,   J = 2 (v_x aᵀ, v_y aᵀ, v_z aᵀ, vᵀ)
 
 (M, p) → (R M, R p) keeps every norm: the three rotations v·(e × v) = 0 are null directions of J at
-every point, whatever the data. The source finds the linear equations short of rank and damps them:
-(JᵀJ + μ) Δ = −Jᵀρ, ρ = |v|² − (A² + 1). Such a step has no part along a null direction: there the
-result is as the start was.
+every point, whatever the data. The source notes that the linear equations are short of rank and
+damps them: (JᵀJ + μ) Δ = −Jᵀρ, ρ = |v|² − (A² + 1). A damped step has no component along a null
+direction: there the result equals the start.
+
+The user may state a frame in place of this rotation. Of all (R M, R p) with a rotation or
+reflection R, a single one has a symmetric, positive definite H = M⁻¹, by the polar form::
+
+    H = S Q,   (M, p) → (Q M, Q p),   H → S
+
+That is the frame "symmetric", which favours no axis of the sensor. Its three conditions H_ij = H_ji
+are exact. A change Δ of θ changes the result by P Δ, Δ and the rotation that restores them::
+
+    P = I − R (C R)⁻¹ C
+
+with the rotations as columns of R and the slopes of H_ij − H_ji as rows of C. P R = 0: the start or
+chance that decided the rotation affects neither the result nor its uncertainty.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equations 6 to 9; Levenberg 1944 and Marquardt 1963 for μ, which it does not print: a tenth of it
@@ -20,16 +33,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.frames import skew
+from inercal.frames import decompose_symmetric, skew
 from inercal.sensors.affine import AffineModel
 
-RANK_TOLERANCE = 1e-9  # of the largest singular value: below, no equation sees a direction
-_INITIAL_DAMPING, _MAX_DAMPING = (
-    1e-3,
-    1e12,
-)  # μ of the largest eigenvalue: at the start, and where to give up
-_CONVERGED_STEP = 1e-10  # g, or of one: the next step of what is nearly linear is nothing
+RANK_TOLERANCE = 1e-9  # of the largest singular value: below, no equation determines a direction
+_INITIAL_DAMPING, _MAX_DAMPING = 1e-3, 1e12  # μ of the largest eigenvalue: first and last
+_CONVERGED_STEP = (
+    1e-10  # g, or relative: the problem is nearly linear, the next step is far smaller
+)
 _ROUNDING = 2.0**-46  # of the squares
+_PAIRS = ((1, 2), (2, 0), (0, 1))
 _MAX_STEPS = 200
 
 
@@ -46,15 +59,37 @@ def norm_jacobian(model: AffineModel, a: Array) -> Array:
 
 
 def rotation_directions(model: AffineModel) -> Array:
-    """Return the rotations of the triad about x, y and z as moves of θ, (..., 3, 12)."""
+    """Return the rotations of the triad about x, y and z as changes of θ, (..., 3, 12)."""
     turns = skew(np.eye(3))
     matrix = turns @ model.matrix[..., None, :, :]
     offset = (turns @ model.offset[..., None, :, None])[..., 0]
     return AffineModel(matrix, offset).theta
 
 
+def to_symmetric_frame(model: AffineModel) -> AffineModel:
+    """Return the models (...) of the same norms in the symmetric frame.
+
+    Raises
+    ------
+    InputError
+        A matrix that is singular.
+    """
+    mirror = np.sign(np.linalg.det(model.matrix))
+    plain = AffineModel(model.matrix * mirror[..., None, None], model.offset * mirror[..., None])
+    _, turn = decompose_symmetric(plain.inverse.matrix)
+    return AffineModel(turn @ plain.matrix, (turn @ plain.offset[..., None])[..., 0])
+
+
+def frame_projection(model: AffineModel) -> Array:
+    """Return P at models (...) in the symmetric frame, (..., 12, 12)."""
+    slope = model.slope
+    c = np.stack([slope[..., 3 * i + j, :] - slope[..., 3 * j + i, :] for i, j in _PAIRS], axis=-2)
+    r = np.swapaxes(rotation_directions(model), -1, -2)
+    return np.eye(12) - r @ np.asarray(np.linalg.solve(c @ r, c), dtype=float)
+
+
 class DampedSolution(NamedTuple):
-    """Where the damped equations end, of (...) trials."""
+    """The solution of the damped equations, of (...) trials."""
 
     model: AffineModel
     cost: Array  # (...), Σρ², g⁴
@@ -62,9 +97,7 @@ class DampedSolution(NamedTuple):
     steps: NDArray[np.intp]
 
 
-def damped_solution(
-    a: Array, square: Array, start: AffineModel, most: int = _MAX_STEPS
-) -> DampedSolution:
+def damped_solution(a: Array, square: Array, start: AffineModel) -> DampedSolution:
     """Return the least sum of squares of the equations, from a start.
 
     Parameters
@@ -75,8 +108,6 @@ def damped_solution(
         A² + 1, g².
     start : AffineModel
         Of (...) trials, or one for all.
-    most : int
-        Steps tried at most.
     """
     lead = a.shape[:-2]
     a = a.reshape(-1, *a.shape[-2:])
@@ -85,25 +116,25 @@ def damped_solution(
     mu = np.full(len(a), np.nan)
     converged, active = np.zeros(len(a), dtype=bool), np.ones(len(a), dtype=bool)
     steps = np.zeros(len(a), dtype=np.intp)
-    for _ in range(most):
+    for _ in range(_MAX_STEPS):
         now = np.flatnonzero(active)
         if not len(now):
             break
         model = AffineModel.of(theta[now])
         u, s, vt = np.linalg.svd(norm_jacobian(model, a[now]), full_matrices=False)
         mu[now] = np.where(np.isnan(mu[now]), _INITIAL_DAMPING * s[:, 0] ** 2, mu[now])
-        # A null direction has no step, not one that rounding makes.
+        # No step along a null direction, where rounding alone would decide it.
         seen = s > RANK_TOLERANCE * s[:, :1]
         share = np.where(seen, s / np.where(seen, s**2 + mu[now, None], 1.0), 0.0)
         pull = (np.swapaxes(u, -1, -2) @ norm_residuals(model, a[now], square)[..., None])[..., 0]
         move = -(np.swapaxes(vt, -1, -2) @ (share * pull)[..., None])[..., 0]
         tried = theta[now] + move
         then = (norm_residuals(AffineModel.of(tried), a[now], square) ** 2).sum(-1)
-        # A fall that is promised below the rounding of the sum cannot be seen in it.
+        # A predicted decrease below the rounding of the sum cannot be verified.
         promised = (np.where(seen, pull, 0.0) ** 2).sum(-1)
         slack = _ROUNDING * np.linalg.norm(square) * np.sqrt(cost[now])
         better = (then <= cost[now]) | (promised <= slack)
-        # Judged on the step that no damping shortens: a large μ makes any step small.
+        # Judged by the undamped step: a large μ makes any step small.
         whole = np.where(seen, pull / np.where(seen, s, 1.0), 0.0)
         left = np.linalg.norm(whole, axis=-1)
         done = left < _CONVERGED_STEP

@@ -1,22 +1,21 @@
 """The source's estimators of the tilted states: damped equations of their norms, or a search.
 
-Norms see no rotation of the triad, and what damping or a search leaves there is no measurement.
-Both say what they left free, by name, and state there the uncertainty of what decided it. Where the
-sensor's frame is stated it takes the rotation's place: nothing else decides it, and both agree.
+Norms do not observe a rotation of the triad, and the value that damping or a search leaves there is
+no measurement. Both estimators name the free directions and state there the uncertainty of what
+decided them. A stated frame of the sensor fixes the rotation: then both estimators agree.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable
-from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, NullDirection
+from inercal.methods.estimator_inputs import refuse_priors, require_single_recording
 from inercal.methods.ship_consistency import bench_sensitivities, consistency, row_covariance
-from inercal.methods.ship_multi_angle import norm_equations, symmetric_frame
+from inercal.methods.ship_multi_angle import norm_equations
 from inercal.methods.ship_multi_angle.damping_start import require_convergence, starting_point
 from inercal.methods.ship_multi_angle.free_norm_directions import (
     FreeDirections,
@@ -42,7 +41,7 @@ from inercal.sensors import Sensor
 from inercal.sensors.affine import AFFINE_NAMES, IDENTITY_PARAMETERS, AffineModel
 
 DEFAULT_SEARCH = SearchOptions()
-_FIRST_BIAS = 9  # of θ, before the biases
+_FIRST_BIAS = 9  # index in θ
 _BOUND_TOLERANCE = 1e-6  # of a bound: rounding
 
 
@@ -55,25 +54,25 @@ def damped(
 ) -> Estimate:
     """Return the twelve coefficients by the norms of the tilted states, damped as in the source.
 
-    Where norms leave a direction free the result is the start's, and so is its uncertainty: of
+    Where norms leave a direction free the result and its uncertainty are those of the start: of
     `planar` where there are untilted states, else of priors on all twelve coefficients. Where the
-    sensor's frame is stated and norms see all else, the start is nominal and decides nothing.
+    sensor's frame is stated and norms determine all else, the start is nominal and has no effect.
 
     Parameters
     ----------
     observations, sensor, bench, steps
         As of `joint`; the sensor's coefficients are the twelve of f = M a + p.
     priors : sequence of Gaussian
-        On all twelve coefficients, in the place of untilted states.
+        On all twelve coefficients, in place of untilted states.
 
     Raises
     ------
     InputError
-        Another sensor, steps that are not those of the rows, priors beside untilted states or a
-        stated frame.
+        Another sensor, steps that are not those of the rows, priors together with untilted states
+        or a stated frame.
     NotObserved
-        Fewer than twelve tilted states, nothing that tells what norms leave free, or no solution,
-        where the tilts are blind to more.
+        Fewer than twelve tilted states, neither untilted states nor priors for the directions that
+        norms leave free, or no convergence because the tilts leave further directions free.
     """
     groups = tilted_rows("damped", observations, sensor, steps)
     a, square = norm_observations(observations, bench, steps, groups)
@@ -81,20 +80,21 @@ def damped(
     done = norm_equations.damped_solution(a, square, start.model)
     require_convergence(done.converged, sensor, bench, steps, groups)
     done = _in_stated_frame(sensor, done)
-    told = group_information(done.model, a)
+    _, null, gain = group_information(done.model, a)
     spread = row_covariance(observations, bench, steps, done.model.matrix)
-    whole = np.zeros((*told.gain.shape[:-1], 3 * len(steps)))
-    whole[..., axis_columns(groups)] = told.gain
+    whole = np.zeros((*gain.shape[:-1], 3 * len(steps)))
+    whole[..., axis_columns(groups)] = gain
     rest: list[int] = []
     if start.gain is not None:
         rest = [k for k in range(len(steps)) if k not in groups]
-        whole[..., axis_columns(rest)] = told.null_projector @ start.gain
+        whole[..., axis_columns(rest)] = null @ start.gain
     covariance = whole @ spread @ np.swapaxes(whole, -1, -2)
     if start.prior_covariance is not None:
-        covariance = covariance + told.null_projector @ start.prior_covariance @ told.null_projector
+        covariance = covariance + null @ start.prior_covariance @ null
     decided = ("damping alone", start.uncertainty_source)
-    rows = _UsedRows(rest, groups, whole)
-    return _norm_estimate(observations, sensor, bench, steps, rows, done, covariance, decided)
+    return _norm_estimate(
+        observations, sensor, bench, steps, (rest, groups), whole, done, covariance, decided
+    )
 
 
 def global_(
@@ -109,71 +109,70 @@ def global_(
 ) -> Estimate:
     """Return the twelve coefficients by a global search of the norms of the tilted states.
 
-    Where norms leave a direction free any value within the bounds is as good: the uncertainty there
-    is that of an even distribution over them.
+    Where norms leave a direction free all values within the bounds are equivalent: the uncertainty
+    there is that of a uniform distribution over the bounds.
 
     Parameters
     ----------
     observations, sensor, bench, steps
         As of `damped`, of one table.
     priors : sequence of Gaussian
-        None are taken.
+        Must be empty.
     options : SearchOptions
-        Of the search: bounds about nominal, seed, seconds, goal.
+        Bounds about nominal, seed, seconds and goal.
     progress : callable, optional
-        Called after each generation: number, least sum of squares, worst relative error.
+        Called after each generation.
 
     Raises
     ------
     InputError
-        Priors, a trial axis, another sensor, steps that are not those of the rows.
+        Priors, many trials, another sensor, steps that are not those of the rows.
     NotObserved
         Fewer than twelve tilted states.
     """
-    if priors:
-        raise InputError("estimator global takes bounds, no priors; joint takes priors")
-    if observations.mean.ndim != 2:
-        raise InputError("estimator global works on one table at a time")
+    refuse_priors(priors, "global", "joint")
+    require_single_recording(observations, "estimator global")
     groups = tilted_rows("global", observations, sensor, steps)
     a, square = norm_observations(observations, bench, steps, groups)
     found = search(a, square, options, progress=progress)
     count = np.array(len(found.history))
     done = norm_equations.DampedSolution(found.model, np.array(found.cost), np.array(True), count)
     done = _in_stated_frame(sensor, done)
-    told = group_information(done.model, a)
+    _, null, gain = group_information(done.model, a)
     at = axis_columns(groups)
     spread = row_covariance(observations, bench, steps, done.model.matrix)[np.ix_(at, at)]
-    even = told.null_projector @ np.diag(options.bounds.half_width**2 / 3) @ told.null_projector
+    uniform = null @ np.diag(options.bounds.half_width**2 / 3) @ null
     whole = np.zeros((12, 3 * len(steps)))
-    whole[:, at] = told.gain
+    whole[:, at] = gain
     estimate = _norm_estimate(
         observations,
         sensor,
         bench,
         steps,
-        _UsedRows([], groups, whole),
+        ([], groups),
+        whole,
         done,
-        told.gain @ spread @ told.gain.T + even,
-        ("chance", "an even distribution over the bounds"),
+        gain @ spread @ gain.T + uniform,
+        ("chance", "a uniform distribution over the bounds"),
     )
     beyond = _bound_warnings(done.model, options)
     return replace(estimate, notes=(_search_note(found, options), *estimate.notes, *beyond))
 
 
 def _search_note(found: SearchResult, options: SearchOptions) -> str:
-    """Say how the search went."""
+    """Return the note on goal, generations and errors of the search."""
     met = "is not met" if found.goal is None else f"is met at generation {found.goal}"
-    ended = "" if found.completed else f"; it was ended after {found.seconds:.3g} s"
+    ended = "" if found.completed else f"; the time limit ended it after {found.seconds:.3g} s"
     goal, worst = (f"{100 * share:.3g} %" for share in (options.goal, found.worst))
     return (
-        f"the goal of {goal} {met}, and says nothing of the coefficients; after "
-        f"{len(found.history)} generations of seed {options.seed} and polishing the largest error "
-        f"of a norm is {worst}, the sum of squares {found.cost:.4g} g⁴{ended}"
+        f"the goal of {goal} {met}, which says nothing about the coefficients; after "
+        f"{len(found.history)} generations of seed {options.seed} and polishing, the largest error "
+        f"of a norm is {worst} and the sum of squares is {found.cost:.4g} g⁴{ended}"
     )
 
 
 def _bound_warnings(model: AffineModel, options: SearchOptions) -> tuple[str, ...]:
-    """Name what polishing, or the stated frame, took beyond the bounds of the search."""
+    """Return the warning on coefficients that polishing or the frame moved beyond the bounds."""
     off = model.theta - IDENTITY_PARAMETERS
     past = np.flatnonzero(np.abs(off) > options.bounds.half_width * (1 + _BOUND_TOLERANCE)).tolist()
     if not past:
@@ -186,8 +185,8 @@ def _bound_warnings(model: AffineModel, options: SearchOptions) -> tuple[str, ..
         for k in past
     )
     return (
-        f"warning: beyond the bounds of the search: {text}; bounds hold the search alone, not its "
-        "polishing: widen them or look for what is wrong",
+        f"warning: beyond the bounds of the search: {text}; the bounds limit the search, not the "
+        "polishing after it: widen them, or look for the cause",
     )
 
 
@@ -197,15 +196,7 @@ def _in_stated_frame(
     """Return the solution in the sensor's frame, where that is stated."""
     if sensor.frame == "mount":
         return done
-    return done._replace(model=symmetric_frame.to_symmetric_frame(done.model))
-
-
-class _UsedRows(NamedTuple):
-    """The rows that an estimator used, and its gain."""
-
-    level: Sequence[int]
-    groups: Sequence[int]
-    gain: Array  # (..., 12, 3 r), θ by the errors of M a + p − f of all rows
+    return done._replace(model=norm_equations.to_symmetric_frame(done.model))
 
 
 def _norm_estimate(
@@ -213,13 +204,18 @@ def _norm_estimate(
     sensor: Sensor,
     bench: RateTable,
     steps: Sequence[Spin],
-    used: _UsedRows,
+    used: tuple[Sequence[int], Sequence[int]],
+    gain: Array,
     done: norm_equations.DampedSolution,
     covariance: Array,
     decided: tuple[str, str],
 ) -> Estimate:
-    """Return the estimate of norms; `decided` is by what, and whose uncertainty it is then."""
-    level, groups, gain = used
+    """Return the estimate of norms.
+
+    Arguments as of `consistency`; `used` are the rows that the estimator used as vectors and as
+    norms, `decided` what decided the free directions and the source of their uncertainty.
+    """
+    level, groups = used
     a, square = norm_observations(observations, bench, steps, groups)
     at, r = axis_columns(groups), len(groups)
     spread = row_covariance(observations, bench, steps, done.model.matrix)[..., at, :][..., at]
@@ -231,7 +227,7 @@ def _norm_estimate(
     one = AffineModel(done.model.matrix[first], done.model.offset[first])
     left = free_directions(sensor, one, a[first], spread[first])
     if sensor.frame != "mount":
-        kept = symmetric_frame.frame_projection(done.model)
+        kept = norm_equations.frame_projection(done.model)
         covariance = kept @ covariance @ np.swapaxes(kept, -1, -2)
         gain = kept @ gain
     agreement = consistency(observations, sensor, bench, steps, done.model, gain, level, groups)
@@ -256,23 +252,23 @@ def _norm_estimate(
 def _free_direction_notes(
     left: FreeDirections, turns: tuple[NullDirection, ...], decided: tuple[str, str]
 ) -> tuple[str, ...]:
-    """Say what norms left free, what decided it, and what they tell badly."""
+    """Return the notes on free directions, on what decided them, and on weak directions."""
     named = [one.words for one in (*turns, *left.unobserved)]
-    what, whose = decided
-    seen_of = f"norms determine {left.rank} of 12 coefficients"
-    said: list[str] = []
+    what, source = decided
+    rank = f"norms determine {left.rank} of 12 coefficients"
+    notes: list[str] = []
     if not turns:
-        said.append(
-            f"{seen_of}, the stated frame three: that of symmetric misalignments; how it stands in "
-            "the housing is not found"
+        notes.append(
+            f"{rank}, the stated frame three (symmetric misalignments); the orientation of this "
+            "frame in the housing is not determined"
         )
     if named:
         directions = "direction" if len(named) == 1 else "directions"
-        said.append(
-            f"warning: {seen_of}; {what} decided {len(named)} {directions}, whose uncertainty is "
-            f"that of {whose}: {'; '.join(named)}"
+        notes.append(
+            f"warning: {rank}; {what} decided {len(named)} {directions}, whose uncertainty is "
+            f"that of {source}: {'; '.join(named)}"
         )
     if left.weak:
         words = "; ".join(one.words for one in left.weak)
-        said.append(f"warning: accidents of the mountings alone show {words}")
-    return tuple(said)
+        notes.append(f"warning: only accidental deviations of the mountings show {words}")
+    return tuple(notes)

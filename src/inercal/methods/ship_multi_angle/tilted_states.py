@@ -1,4 +1,4 @@
-"""Which rows are of tilted states, what their norms should be, and where their axes stand."""
+"""The rows of tilted states, their norms, and the columns of their axes."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
 from inercal.benches.rate_table.fixture import is_tilted
 from inercal.errors import NotObserved
-from inercal.methods.mean_problem import require_matching_rows
+from inercal.methods.estimator_inputs import refuse_temperature_terms, require_matching_rows
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -22,14 +22,16 @@ def tilted_rows(
     name: str, observations: Observations, sensor: Sensor, steps: Sequence[Spin]
 ) -> list[int]:
     """Return the rows of the tilted states, or refuse too few."""
+    refuse_temperature_terms(sensor, name, "joint")
     require_affine_triad(sensor)
     require_matching_rows(observations, sensor, steps)
     groups = [k for k, step in enumerate(steps) if is_tilted(step)]
     if len(groups) < MIN_TILTED_STATES:
         raise NotObserved(
             f"not observed: {len(groups)} tilted states make {len(groups)} norms for "
-            f"{MIN_TILTED_STATES} coefficients; estimator {name} needs {MIN_TILTED_STATES} or "
-            "more, joint takes what there is"
+            f"{MIN_TILTED_STATES} coefficients; add tilted states until there are "
+            f"{MIN_TILTED_STATES} for estimator {name}, or use estimator joint",
+            key="steps",
         )
     return groups
 
@@ -43,5 +45,5 @@ def norm_observations(
 
 
 def axis_columns(rows: Sequence[int]) -> NDArray[np.intp]:
-    """Return where three axes of each row stand."""
+    """Return the columns of the three axes of each row."""
     return (3 * np.asarray(rows, dtype=np.intp)[:, None] + np.arange(3)).ravel()

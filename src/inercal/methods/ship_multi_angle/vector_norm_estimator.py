@@ -1,9 +1,9 @@
-"""Untilted states as vectors and tilted ones as norms, all rows alike.
+"""Untilted states as vectors and tilted ones as norms, with equal weights.
 
     minimise Σ |M a + p − f|² over untilted states + Σ (|M a + p| − √(A² + 1))² over tilted ones
 
-The vectors tell the rotations that norms leave free, so that nothing has to be damped. The weights
-are those of equal errors in g, and no nuisance is estimated: `joint` does both better. Ours.
+The vectors determine the rotations that norms leave free, so that no damping is necessary. The
+weights assume equal errors in g, and no nuisance is estimated: `joint` does both better. Ours.
 """
 
 from collections.abc import Sequence
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.rate_table.bench import RateTable, sensed_motion
-from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.methods.estimator_inputs import refuse_priors
 from inercal.methods.ship_consistency import (
     bench_sensitivities,
     comparison_map,
@@ -39,18 +39,17 @@ def planar_norm(
 ) -> Estimate:
     """Return the twelve coefficients by untilted states' vectors and tilted ones' norms.
 
-    Arguments as of `damped`, without priors. The covariance holds what the bench's errors do to the
-    result.
+    Arguments as of `damped`, without priors. The covariance includes the effect of the bench's
+    errors.
 
     Raises
     ------
     InputError
         Priors, another sensor, steps that are not those of the rows.
     NotObserved
-        Fewer than twelve tilted states, or untilted ones that leave an axis unexcited.
+        Fewer than twelve tilted states, or untilted ones that do not excite an axis.
     """
-    if priors:
-        raise InputError("estimator planar_norm takes no priors; joint does")
+    refuse_priors(priors, "planar_norm", "joint")
     groups = tilted_rows("planar_norm", observations, sensor, steps)
     rest = [k for k in range(len(steps)) if k not in groups]
     here = [steps[k] for k in rest]
@@ -76,7 +75,10 @@ def planar_norm(
         ),
         agreement,
         bench_sensitivities(bench, steps, gain @ map_to),
-        notes=("no direction is null; the untilted mountings' nominal axes are the frame",),
+        notes=(
+            "all directions are determined; the frame is that of the untilted mountings' nominal "
+            "axes",
+        ),
         converged=converged,
     )
 
@@ -84,7 +86,7 @@ def planar_norm(
 def fit_vectors_and_norms(
     level: Array, f: Array, groups: Array, square: Array
 ) -> tuple[AffineModel, Array, NDArray[np.bool_]]:
-    """Return the model, how θ moves with an error of each row, (..., 12, 3 r + s), and converged.
+    """Return the model, the derivative of θ by each row, (..., 12, 3 r + s), and converged.
 
     Arguments as of `linearised_rows`.
     """
@@ -95,10 +97,7 @@ def fit_vectors_and_norms(
         return linearised_rows(model, level, f, groups, square)
 
     m = f.size + len(square)
-    found = least_squares(Problem(AFFINE_NAMES, IDENTITY_PARAMETERS, at, np.ones(m), np.ones(12)))
-    _, slope = at(found.value)
-    return (
-        AffineModel.of(found.value),
-        -np.asarray(np.linalg.pinv(slope), dtype=float),
-        found.converged,
-    )
+    fit = least_squares(Problem(AFFINE_NAMES, IDENTITY_PARAMETERS, at, np.ones(m), np.ones(12)))
+    _, slope = at(fit.value)
+    gain = -np.asarray(np.linalg.pinv(slope), dtype=float)
+    return AffineModel.of(fit.value), gain, fit.converged

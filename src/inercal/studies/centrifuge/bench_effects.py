@@ -42,7 +42,7 @@ OBSERVED_ARMS = ("x.arm_i", "x.arm_o", "y.arm_i", "z.arm_i", "z.arm_p")
 
 @dataclass(frozen=True, eq=False)
 class LeverArmErrors:
-    """Errors of S, b, D, (3, 3), with lever arms ignored, and what is found of them.
+    """Errors of S, b, D, (3, 3), with lever arms ignored, and with them estimated.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The paper's experiment repeated with noise: what each estimator makes of the same draws."""
+"""The paper's experiment repeated with noise: all estimators on the same draws."""
 
 from dataclasses import dataclass
 

@@ -37,7 +37,7 @@ def rank_and_condition(spins: tuple[Spin, ...]) -> tuple[int, float]:
 
 
 def least_observable_terms(spins: tuple[Spin, ...]) -> str:
-    """Return the three terms of (15) that the dwells tell apart worst, in words."""
+    """Return the three terms of (15) that the dwells separate worst, as text."""
     rows = closed_formulas.regression_matrix(outputs(TRUTH, spins))
     vector = np.abs(np.linalg.svd(rows / np.linalg.norm(rows, axis=0))[2][-1])
     terms = ["1", *(f"N_{axis}{power}" for power in ("", "²", "³", "⁴") for axis in AXES)]
@@ -100,7 +100,7 @@ def section(trials: CentrifugeTrials) -> StudySection:
                   [(name, [format_significant(x, 3) for x in value.ravel()])
                    for name, value in sets.items()]),
             StudyTable("What the plans determine of the 13 terms of (13)", "plan",
-                  ("dwells", "rank", "scaled\ncondition number", "worst told\napart"),
+                  ("dwells", "rank", "scaled\ncondition number", "worst\nseparated"),
                   [(name, [str(len(spins)), str(r),
                            *((format_significant(c, 3), least_observable_terms(spins))
                              if r == TERM_COUNT else ("singular", ""))])

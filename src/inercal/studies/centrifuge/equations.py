@@ -1,4 +1,4 @@
-"""The printed equations beside their mended forms, each tried on exact data.
+"""The printed equations and their corrected forms, each evaluated on exact data.
 
 Each finding takes one number that an equation should give: what it gives as printed, what is true,
 and, as the uncertainty, what the mended form leaves.
@@ -35,7 +35,7 @@ MISALIGNMENT_ANGLES = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"),
 
 @dataclass(frozen=True)
 class EquationCheck:
-    """One equation: what is asked of it, as printed, mended, and the truth."""
+    """One equation: its quantity, as printed, as corrected, and the truth."""
 
     equation: str
     quantity: str

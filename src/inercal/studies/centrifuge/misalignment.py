@@ -1,7 +1,7 @@
-"""Fig. 4: what ignored misalignments do, over its whole range.
+"""Fig. 4: the effect of ignored misalignments, over its full range.
 
 The norm sees axes that lean towards one another; it does not see the triad turned. The source's six
-angles all alike are a pure rotation, the one choice that does no harm.
+six equal angles are a pure rotation, the only choice without an effect.
 """
 
 from dataclasses import dataclass
@@ -39,14 +39,14 @@ ANGLES = np.array([2e-4, 4e-4, 6e-4, 8e-4, 10e-4])
 
 @dataclass(frozen=True, eq=False)
 class IgnoredMisalignment:
-    """Errors of S, b, D, (5, 3, 3), over the angles, by estimator and by what was found of Φ."""
+    """Errors of S, b, D, (5, 3, 3), over the angles, by estimator and estimated part of Φ."""
 
     non_orthogonality: dict[str, Array]
     turn: dict[str, Array]
 
 
 def symmetric_ml_errors(device: SimulatedTriad) -> Array:
-    """Return the errors of S, b, D, (3, 3), with the symmetric part of Φ estimated besides."""
+    """Return the errors of S, b, D, (3, 3), with the symmetric part of Φ estimated too."""
     spins, result = steps(), simulated_centrifuge.sensor("misalignment", symmetric=True)
     found = ml(
         simulated_centrifuge.observations(outputs(device, spins), result), result, BENCH, spins
@@ -81,7 +81,7 @@ def ignored_misalignment_errors() -> IgnoredMisalignment:
 
 
 def norm_change_shares(gamma: float) -> tuple[float, Array]:
-    """Return how the change of |f|² by a non-orthogonality is made up.
+    """Return the parts of the change of |f|² by a non-orthogonality.
 
     It is, to the first order, Σ −2γ·2 uᵢ uⱼ with u = (N − b)/S: products NᵢNⱼ, which (13) lacks,
     first powers of N, and a constant. The regression then folds the products into its powers.

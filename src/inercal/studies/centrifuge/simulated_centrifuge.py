@@ -26,8 +26,8 @@ from inercal.sensors import Readout, Sensor, triad
 from inercal.units import Measured
 
 G = 9.8  # m/s², the source's unit of g
-NOISE = 1e-5  # V, said to be in each reading
-LATITUDE = 39 * pi / 180  # rad, said and then ignored
+NOISE = 1e-5  # V, of each reading, as the source states
+LATITUDE = 39 * pi / 180  # rad, which the source states and then ignores
 NOMINAL_SCALE = 1.25  # V/g, from where ml starts
 BENCH = Centrifuge(Measured(G, 0.0), Measured(1.0, 0.0), latitude=Measured(0.0, 0.0))
 AXES = ("x", "y", "z")
@@ -105,7 +105,7 @@ def outputs(device: SimulatedTriad, spins: Sequence[Spin], sensed: Array | None 
 
     Notes
     -----
-    An axis at r feels −(ω²/g) h·(I − u uᵀ) r besides, u the spindle's direction in the body.
+    An axis at r also senses −(ω²/g) h·(I − u uᵀ) r, u the spindle's direction in the body.
     """
     sensed = dwell_force(spins) if sensed is None else sensed
     along = sensed @ device.axes.T
@@ -118,7 +118,7 @@ def outputs(device: SimulatedTriad, spins: Sequence[Spin], sensed: Array | None 
 
 
 def sensor(*also: str, symmetric: bool = False) -> Sensor:
-    """Return the sensor model with bias, scale factor, k2 and what else is asked for."""
+    """Return the sensor model with bias, scale factor, k2 and further coefficients."""
     result = triad("triad", "f", "", Readout(NOMINAL_SCALE / G, 0.0, "V"))
     result = result.with_coefficients("k0", "k1", "k2", *also)
     return replace(result, form="tilted", frame="symmetric" if symmetric else "mount")
@@ -204,7 +204,7 @@ def non_orthogonal_triad(gamma: float) -> SimulatedTriad:
 
 
 def rotated_triad(gamma: float) -> SimulatedTriad:
-    """Return the triad turned by γ about each axis: the source's Φ with all six angles alike."""
+    """Return the triad turned by γ about each axis: the source's Φ with six equal angles."""
     angle = gamma * np.sqrt(3)
     k = np.array([[0, -1, 1], [1, 0, -1], [-1, 1, 0]]) / np.sqrt(3)
     return replace(TRUTH, axes=np.eye(3) + sin(angle) * k + (1 - cos(angle)) * k @ k)

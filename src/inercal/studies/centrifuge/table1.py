@@ -1,4 +1,4 @@
-"""Table 1: the printed outputs against the design, and what screening finds without the truth."""
+"""Table 1: the printed outputs against the design, and the screening without the truth."""
 
 from dataclasses import dataclass
 from importlib.resources import files
@@ -39,7 +39,7 @@ def read_printed_table() -> Array:
 
 
 def repair_table(printed: Array) -> ScreenedTable:
-    """Screen the table, told nothing of the truth, and make each repair that is the only one."""
+    """Screen the table without the truth, and apply each repair that has no alternative."""
     result, spins = simulated_centrifuge.sensor(), steps()
     suspects = screen_rows(simulated_centrifuge.observations(printed, result), result, BENCH, spins)
     repaired = printed.copy()
@@ -51,7 +51,7 @@ def repair_table(printed: Array) -> ScreenedTable:
 
 
 def count_falsely_rejected_rows(found: ScreenedTable) -> int:
-    """Return how many sound rows a robust fit of fixed threshold holds for wrong.
+    """Return how many correct rows a robust fit of fixed threshold rejects.
 
     It begins where the nominal sensor is and stays where the wrong rows bend it; screening lets the
     threshold fall step by step instead.

@@ -61,7 +61,7 @@ def estimate_claim(entry: PrintedEstimate) -> Claim:
 
 
 def judge_estimate(entry: PrintedEstimate, trials: CentrifugeTrials) -> ClaimResult:
-    """Return an entry beside what `paper`, mended, reaches with the stated noise."""
+    """Return an entry with the scatter of `paper`, corrected, by the stated noise."""
     result, at = estimate_claim(entry), entry.index
     true, clean = TRUTH.values[at], trials.noise_free["paper"][at]
     noise, error = trials.std("paper")[at], trials.std_error("paper")[at]

@@ -34,7 +34,7 @@ def truncated_root(u: Array, bend: Array, order: int | None) -> Array:
 
 
 def truncation_error(order: int, f: Array, bend: Array) -> Array:
-    """Return what an order makes of force f, less f; g."""
+    """Return the error of force f by an order, g."""
     return truncated_root(f + bend * f**2, bend, order) - f
 
 
@@ -78,7 +78,7 @@ def _residual(x: Array, output: Array, norm: Array, order: int | None) -> tuple[
 
 
 def order_errors() -> dict[int | None, Array]:
-    """Return the errors of S, b, D, (3, 3), that each order makes on noise-free data."""
+    """Return the errors of S, b, D, (3, 3), by each order on noise-free data."""
     spins = steps()
     output = outputs(TRUTH, spins)
     norm = np.sqrt((np.array([s.rate for s in spins]) ** 2 / G) ** 2 + 1)

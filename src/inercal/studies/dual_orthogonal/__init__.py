@@ -1,8 +1,8 @@
 """The study of CN101852817A: two orthogonal accelerometers on a dividing head, by g² observation.
 
-The patent prints claims and no data, so that a simulated bench has to answer. Each module takes
-one question: what comes out, and the section of the page that shows it. Its words, and the claims
-that it judges, stand in the TOML file of the section's name.
+The patent prints claims and no data, so the study simulates a bench. Each module computes one
+question and its section of the page; the text and the claims of a section are in the TOML file of
+its name.
 """
 
 from inercal.studies.dual_orthogonal import (
@@ -16,7 +16,7 @@ from inercal.studies.dual_orthogonal import (
 from inercal.studies.section_texts import build_study
 from inercal.studies.study_content import MessageCallback, Study
 
-TRIAL_RATIO = 4  # one trial of each further question for so many of the table of methods
+TRIAL_RATIO = 4  # trials of the table of methods per trial of each further question
 
 
 def run(trials: int, seed: int, say: MessageCallback) -> Study:

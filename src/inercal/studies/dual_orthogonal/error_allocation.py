@@ -1,6 +1,6 @@
-"""The error allocation: what each item adds to the zero-order term, and the budget of 0.3 µg.
+"""The error allocation: the share of each item in the zero-order term, and the budget of 0.3 µg.
 
-One item errs at a time, the estimator being told of all of them as ever; then all together.
+One item has its error at a time, while the estimator assumes all of them; then all together.
 """
 
 from collections.abc import Mapping
@@ -38,10 +38,8 @@ K0_BUDGET = TEXT.claims["in_all"].expected  # µg
 BASE_TILT = 0.1  # ″, of the base at each position
 ALL_ITEMS = "together"
 _ALLOCATED_METHODS = ("patent", EVERY_FACE)
-_CHART_MINIMUM, _TABLE_MINIMUM = (
-    0.01,
-    0.001,
-)  # µg; less is left out of the chart, and 0 in the table
+# µg; less is not in the chart, and 0 in the table
+_CHART_MINIMUM, _TABLE_MINIMUM = 0.01, 0.001
 
 BASE_TILT_ITEM = "tilt of base"  # not among the items of the source
 _AUTOCOLLIMATOR_ITEM = "autocollimator"
@@ -55,7 +53,7 @@ class AllocationItem:
     ----------
     size : str
     error : mapping of str to float
-        What it sets of the bench, all else being perfect.
+        Fields of the bench that it sets; all others are perfect.
     random_coefficients : bool
         Whether the coefficients are drawn, and not 0.
     """
@@ -100,7 +98,7 @@ def item_errors(way: str, trials: int, seed: int) -> dict[str, dict[str, Array]]
     nominal = dict.fromkeys(SIZES, 0.0)
 
     def off(drawn: DividingHead, sizes: dict[str, float]) -> dict[str, Array]:
-        case = simulate(drawn, trials, seed, told=full, sizes=sizes)
+        case = simulate(drawn, trials, seed, stated=full, sizes=sizes)
         return estimate_errors(method(case), case)
 
     noise = off(_error_free_bench(full), nominal)

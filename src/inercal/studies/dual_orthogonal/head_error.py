@@ -1,4 +1,4 @@
-"""The head's error against the method: heads of several sizes meet the same draws."""
+"""The head's error by method: heads with errors of several sizes, with the same random draws."""
 
 from dataclasses import dataclass
 
@@ -24,11 +24,11 @@ class HeadComparison:
 
     k0: dict[str, list[Rms]]
     perfect_head_ratio: Rms
-    head_change: float  # µg, RMS of what the head of 10″ changes of the patent's K0
+    head_change: float  # µg, RMS change of the patent's K0 by the head of 10″
 
 
 def compare_heads(trials: int, seed: int) -> HeadComparison:
-    """Return what becomes of K0."""
+    """Return the errors of K0 by method and size of the head's error."""
 
     def error(name: str, head: float) -> Array:
         return method_errors(name, trials, seed, head=head)["K0"]

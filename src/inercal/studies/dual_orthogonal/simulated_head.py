@@ -48,9 +48,9 @@ SIZES = {  # of the accelerometers' coefficients, 1σ in their natural units
 LARGE_SIZES = SIZES | {"k0": 1e-3, "k1": 1e-3, "delta_o": 300 * ARCSEC}
 NATURAL_UNITS = {"k0": G0, "k1": 1.0, "delta_o": 1.0, "k2": 1 / G0, "k3": 1 / G0**2, "kip": 1 / G0}
 COLUMNS = ("K0", "k1", "δ", "K2", "K3", "Kip", "k1 + K3")
-"""What is asked of an estimate, in µg (ppm, µrad); δ is the angle between both axes."""
+"""The judged quantities of an estimate, in µg (ppm, µrad); δ is the angle between both axes."""
 JUDGED_COLUMNS = ("K0", "k1 + K3", "δ", "K2", "Kip")
-"""What the bench can tell without K3 from elsewhere."""
+"""The quantities that the bench determines without a K3 of other measurements."""
 
 
 def nominal_bench(head: float = HEAD_ERROR, collimated: CollimationMode = "pairs") -> DividingHead:
@@ -81,7 +81,7 @@ class DividingHeadCase:
     observations : Observations
         (trials, r, 2), m/s².
     bench : DividingHead
-        As the estimators are told.
+        As the estimators know it.
     steps : sequence of r Index
     truth : mapping of str to (trials, 2) array
         Coefficients of a and b by term, in natural units.
@@ -99,7 +99,7 @@ class DividingHeadCase:
         return self._prior(term, np.zeros(2), sd)
 
     def measured_prior(self, term: str, sd: float) -> Gaussian:
-        """Return what a test elsewhere, right to sd, tells of a coefficient."""
+        """Return the prior of a coefficient by another test, with standard deviation sd."""
         truth = self.truth[term]
         return self._prior(
             term,
@@ -130,7 +130,7 @@ def simulate(
     seed: int,
     steps: Sequence[Index] | None = None,
     *,
-    told: DividingHead | None = None,
+    stated: DividingHead | None = None,
     sizes: dict[str, float] = SIZES,
     noise: float = NOISE,
 ) -> DividingHeadCase:
@@ -143,12 +143,12 @@ def simulate(
     trials, seed : int
     steps : sequence of Index, optional
         By default twelve positions.
-    told : DividingHead, optional
-        As the estimators are told, where it differs.
+    stated : DividingHead, optional
+        The bench that the estimators know, where it differs.
     sizes : dict of str to float
         Of the coefficients.
     noise : float
-        Of each reading, g; where there is none, estimators are told of the usual.
+        Of each reading, g; without noise, estimators assume the usual noise.
     """
     steps = position_plan(12) if steps is None else steps
     r = len(steps)
@@ -171,7 +171,7 @@ def simulate(
         np.arange(r, dtype=float),
         SENSOR.channels,
     )
-    return DividingHeadCase(seen, told or drawn, steps, truth, seed)
+    return DividingHeadCase(seen, stated or drawn, steps, truth, seed)
 
 
 def estimate_errors(found: Estimate, case: DividingHeadCase) -> dict[str, Array]:

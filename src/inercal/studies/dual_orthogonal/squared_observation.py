@@ -1,4 +1,4 @@
-"""The g² observation: what it cannot tell apart, and what its linear form leaves out.
+"""The g² observation: what it does not separate, and what its linear form neglects.
 
 To first order z = ½(y_A² + y_B² − 1) = A(θ) c (`methods.dual_orthogonal.g_squared`), with harmonics
 up to the fourth. Products of coefficients are neglected there.

@@ -91,11 +91,11 @@ def step_effects(trials: int, seed: int) -> list[StepEffect]:
             # As many readings in all as BEST positions have, shared by more or fewer positions.
             shared = NOISE * sqrt(len(visited) / CLAIMED_BEST)
             total[way] = judged_errors(name, visited, trials, seed, shared)
-        told = matrix_rank(g_squared.design_matrix(2 * pi * np.arange(n) / n))
+        rank = matrix_rank(g_squared.design_matrix(2 * pi * np.arange(n) / n))
         dual = judged_errors(
             "dual, Bayes", position_plan(n), max(trials // _DUAL_TRIAL_RATIO, 20), seed
         )
-        found.append(StepEffect(n, told, dual, each, total))
+        found.append(StepEffect(n, rank, dual, each, total))
     return found
 
 

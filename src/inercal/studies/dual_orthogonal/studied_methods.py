@@ -1,4 +1,4 @@
-"""The methods compared: what each reads, how it estimates, and what it is told from elsewhere."""
+"""The compared methods: their readings, their estimators, and their priors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ class StudiedMethod:
     estimator : callable
         Of `methods.dual_orthogonal`.
     priors : callable
-        What is told besides the readings.
+        Priors in addition to the readings.
     """
 
     collimated: CollimationMode
@@ -55,7 +55,7 @@ def _no_priors(_: DividingHeadCase) -> Sequence[Gaussian]:
 
 
 def _production_priors(case: DividingHeadCase) -> Sequence[Gaussian]:
-    """Return what the make tells of Kip and K3: the size of either."""
+    """Return the priors of Kip and K3 by the typical values of such accelerometers."""
     return case.production_prior("kip", SIZES["kip"]), case.production_prior("k3", SIZES["k3"])
 
 
@@ -95,7 +95,7 @@ def method_errors(
     sizes: dict[str, float] = SIZES,
     noise: float = NOISE,
 ) -> dict[str, Array]:
-    """Return the errors that a method makes, by `COLUMNS`.
+    """Return the errors of a method, by `COLUMNS`.
 
     Parameters
     ----------

@@ -1,14 +1,12 @@
 """The study of Xiao, Liu and Liu 2014: a ship model's accelerometer on a home-made rate table.
 
-The paper prints conclusions and no data, and its formulas are lost in the copy at hand, so that a
-simulated table has to answer. Each module takes one question: what comes out, and the section of
-the page that shows it. Its words, and the claims that it judges, stand in the TOML file of the
-section's name.
+The paper prints conclusions and no data, and its formulas are illegible in our copy, so the study
+simulates a table. Each module computes one question and its section of the page; the text and the
+claims of a section are in the TOML file of its name.
 """
 
 from inercal.studies.section_texts import build_study
 from inercal.studies.ship_model import (
-    damping,
     equation_rank,
     estimators,
     optimiser,
@@ -27,7 +25,11 @@ def run(trials: int, seed: int, say: MessageCallback) -> Study:
     say(f"estimators on {devices} devices")
     found = estimators.compare_estimators(devices, seed)
     say("the planar calibration")
-    sections = [planar.section(found), equation_rank.section(), damping.section(found)]
+    sections = [
+        planar.section(found),
+        equation_rank.section(),
+        equation_rank.damping_section(found),
+    ]
     say(f"global searches of {searches} devices")
     searched = optimiser.compare_searches(found.case, searches, seed)
     sections.append(optimiser.section(searched))

@@ -1,4 +1,4 @@
-"""The rank of the multi-angle equations, and the names of what they leave free."""
+"""The rank of the multi-angle equations, the directions they leave free, and their damping."""
 
 from math import radians
 from typing import NamedTuple
@@ -16,10 +16,18 @@ from inercal.methods.ship_multi_angle.norm_equations import (
 from inercal.sensors.affine import IDENTITY_PARAMETERS, AffineModel
 from inercal.studies.claim import format_significant
 from inercal.studies.section_texts import read_section_text
-from inercal.studies.ship_model.simulated_rate_table import SENSOR, nominal_force
+from inercal.studies.ship_model.estimators import EstimatorComparison
+from inercal.studies.ship_model.simulated_rate_table import (
+    MILLI,
+    SENSOR,
+    median_estimate,
+    median_ratio,
+    nominal_force,
+)
 from inercal.studies.study_content import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "rank")
+DAMPING_TEXT = read_section_text("inercal.studies.ship_model", "damping")
 
 _ROTATION_ANGLE = radians(30)
 PLANS: dict[str, tuple[TiltConvention, TiltAxis]] = {
@@ -31,15 +39,15 @@ PLANS: dict[str, tuple[TiltConvention, TiltAxis]] = {
 
 
 class PlanInformation(NamedTuple):
-    """What a plan tells without any error: what is left free, and how null the rotations are."""
+    """The information of a plan without errors: free directions, and a check of the rotations."""
 
     left: FreeDirections
     gauge: float  # ‖J·rotation‖ / (‖J‖ ‖rotation‖), the largest
-    turned: float  # what a turn of 30° changes in the exact equations, g²
+    turned: float  # change of the exact equations by a turn of 30°, g²
 
 
 def plan_information(reading: TiltConvention, about: TiltAxis) -> PlanInformation:
-    """Return what sixteen groups of a plan tell of an ideal sensor."""
+    """Return the information of sixteen groups of a plan on an ideal sensor."""
     f = nominal_force(multi_angle_plan(reading, about))
     model = AffineModel.of(IDENTITY_PARAMETERS)
     j, turns = norm_jacobian(model, f), rotation_directions(model)
@@ -88,6 +96,25 @@ def section() -> StudySection:
         turned=_bound_text(turned),
         gauge=_bound_text(gauge),
     )  # fmt: skip
+
+
+def damping_section(found: EstimatorComparison) -> StudySection:
+    """Return the section of the damped least squares."""
+    norms, vectors = (
+        [median_estimate(of(name) / MILLI) for name in ("damped", "planar")]
+        for of in (found.norms, found.vector_errors)
+    )
+    worse = (found.vector_errors("damped") > found.vector_errors("planar")).mean()
+    findings = (
+        DAMPING_TEXT.judge("fits", *median_ratio(*norms),
+            f"{format_significant(norms[1].value)} mg before, {format_significant(norms[0].value)} "
+            "mg after: what is minimised falls"),
+        DAMPING_TEXT.judge("betters", *median_ratio(*vectors),
+            f"{format_significant(vectors[1].value)} mg before, "
+            f"{format_significant(vectors[0].value)} mg after; of {worse:.0%} of the devices it is "
+            "worse"),
+    )  # fmt: skip
+    return DAMPING_TEXT.section(findings)
 
 
 def _free_direction_names(left: FreeDirections) -> str:

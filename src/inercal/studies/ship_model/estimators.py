@@ -41,7 +41,7 @@ _DESCRIPTIONS = {
 
 @dataclass(frozen=True, eq=False)
 class EstimatorComparison:
-    """What each estimator makes of the same devices."""
+    """The estimates of all estimators on the same devices."""
 
     case: ShipModelCase
     seed: int

@@ -1,4 +1,4 @@
-"""The planar calibration: what its deviations show, and what makes it err at tilted poses."""
+"""The planar calibration: its deviations, and the causes of its errors at tilted poses."""
 
 import numpy as np
 
@@ -31,7 +31,7 @@ _SHOWN_ESTIMATORS = (UNCALIBRATED, "planar", "joint")
 
 
 def level_deviations(model: AffineModel, case: ShipModelCase) -> Array:
-    """Return the deviations at the untilted states from what the bench says, (..., 9, 3) g."""
+    """Return the deviations at the untilted states from the bench's force, (..., 9, 3) g."""
     return model.correct(case.readings[..., case.level_rows, :]) - case.nominal[case.level_rows]
 
 

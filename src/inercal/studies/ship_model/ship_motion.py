@@ -1,4 +1,4 @@
-"""A ship model in waves: what an accelerometer on it feels.
+"""A ship model in waves: the specific force on an accelerometer.
 
 Axes of the model: x forward, y to port, z up. It heaves by z, pitches by θ (bow down) and rolls by
 φ (to starboard)::
@@ -99,7 +99,7 @@ class ShipMotion:
 
 
 def simulate_ship_motion(waves: WaveConditions, t: Array, seed: int = 0) -> ShipMotion:
-    """Return the motion at t (n,) s and what the accelerometer feels."""
+    """Return the motion at t (n,) s and the specific force on the accelerometer."""
     seeds = (None,) * 3 if waves.regular else (3 * seed, 3 * seed + 1, 3 * seed + 2)
     swings = (waves.heave, waves.pitch, waves.roll)
     heave, pitch, roll = (motion_derivatives(s, t, k) for s, k in zip(swings, seeds, strict=True))

@@ -56,7 +56,7 @@ class ShipModelCase:
     device : AffineModel
         H and b of what a device reads, a = H f + b, of (trials,).
     bench : RateTable
-        As the estimators are told.
+        As the estimators know it.
     """
 
     observations: Observations
@@ -81,7 +81,7 @@ class ShipModelCase:
 
     @cached_property
     def nominal(self) -> Array:
-        """What the bench says was sensed, (r, 3) g."""
+        """The specific force by the bench, (r, 3) g."""
         return nominal_force(self.steps)
 
     @cached_property
@@ -116,7 +116,7 @@ def simulate(
     reading: TiltConvention = "azimuth",
     noise: float = NOISE,
 ) -> ShipModelCase:
-    """Return the readings of so many devices; estimators are told of the usual bench.
+    """Return the readings of a number of devices; estimators assume the usual bench.
 
     Parameters
     ----------
@@ -203,6 +203,6 @@ def median_estimate(values: Array) -> MedianEstimate:
 
 
 def median_ratio(one: MedianEstimate, other: MedianEstimate) -> tuple[float, float]:
-    """Return the ratio of two medians, and its error as if they had been drawn apart."""
+    """Return the ratio of two medians, and its error as of independent draws."""
     ratio = one.value / other.value
     return ratio, ratio * float(np.hypot(one.u / one.value, other.u / other.value))

@@ -1,9 +1,8 @@
 """The study of Liu, Cui, Zhang and Xu: an IMU on a turntable by two Kalman filters in half an hour.
 
 The paper prints bounds on the errors of one device, neither noise nor table, and its formulas are
-lost in the copy at hand: a simulated table has to answer. Each module takes one question: what
-comes out, and the section of the page that shows it. Its words, and the claims that it judges,
-stand in the TOML file of the section's name.
+illegible in our copy, so the study simulates a table. Each module computes one question and its
+section of the page; the text and the claims of a section are in the TOML file of its name.
 """
 
 from inercal.studies.section_texts import build_study

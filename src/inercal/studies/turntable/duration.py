@@ -1,4 +1,4 @@
-"""Half an hour instead of three: how long the paths take, and what each minute is worth."""
+"""Half an hour instead of three: the duration of the paths and the accuracy that they reach."""
 
 from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
 from inercal.benches.turntable.simulation import turntable_path_duration
@@ -16,7 +16,7 @@ _PATHS = {"paper": paper_path, "fast": fast_path, "discrete": discrete_path}
 
 
 def path_minutes() -> dict[str, float]:
-    """Return how long each path takes with all its moves, min."""
+    """Return the duration of each path with all its moves, min."""
     return {name: turntable_path_duration(TABLE, path()) / 60 for name, path in _PATHS.items()}
 
 
@@ -28,7 +28,7 @@ def rms_ratio(one: Rms, other: Rms) -> Rms:
 
 def section(found: TurntableTrials) -> StudySection:
     """Return the section of the time."""
-    lasting = path_minutes()
+    minutes = path_minutes()
     gyros = {
         name: score_filter(found.gyros[name], "g")
         for name in (OWN_PATH, FULL_STATES, DISCRETE_PROCEDURE)
@@ -37,31 +37,31 @@ def section(found: TurntableTrials) -> StudySection:
         name: score_filter(found.accelerometers[name], "a")
         for name in (EIGHTEEN_STATES, "full", DISCRETE_PROCEDURE)
     }
-    told = {
+    angles = {
         of: ", ".join(
             f"{format_significant(x.misalignment.value)}″ by {name}" for name, x in some.items()
         )
         for of, some in (("g", gyros), ("a", held))
     }
     findings = (
-        TEXT.judge("short", lasting["paper"], 0.0,
+        TEXT.judge("short", minutes["paper"], 0.0,
             "2 min of warm-up, ten positions of 90 s, three turns, 72 s of rest and all moves at "
             "30 °/s and 30 °/s²"),
-        TEXT.judge("long", lasting["discrete"], 0.0,
+        TEXT.judge("long", minutes["discrete"], 0.0,
             "six positions of 90 s and ±1080° at 30 °/s about the vertical in each, on the same "
             "table; by hand and without a plan it may well take three hours"),
         TEXT.judge("gyro_as_good",
             *rms_ratio(gyros[OWN_PATH].misalignment, gyros[DISCRETE_PROCEDURE].misalignment),
-            f"{told['g']}: 30 °/s tell scale and misalignment better than 10"),
+            f"{angles['g']}: at 30 °/s scale and misalignment are known better than at 10 °/s"),
         TEXT.judge("accelerometer_as_good",
             *rms_ratio(held[EIGHTEEN_STATES].misalignment, held[DISCRETE_PROCEDURE].misalignment),
-            told["a"]),
+            angles["a"]),
     )  # fmt: skip
-    return TEXT.section(findings, (_table(lasting, gyros, held),))
+    return TEXT.section(findings, (_table(minutes, gyros, held),))
 
 
 def _table(
-    lasting: dict[str, float], gyros: dict[str, FilterScore], held: dict[str, FilterScore]
+    minutes: dict[str, float], gyros: dict[str, FilterScore], held: dict[str, FilterScore]
 ) -> StudyTable:
     rows: list[tuple[str, list[str]]] = []
     for words, path, one, other in (
@@ -73,7 +73,7 @@ def _table(
         rows.append(
             (
                 words,
-                [format_significant(lasting[path]), *(format_significant(x.value) for x in both)],
+                [format_significant(minutes[path]), *(format_significant(x.value) for x in both)],
             )
         )
     heads = ("min", "bias,\n°/min", "scale,\nppm", "angles,\n″", "bias,\nµg", "scale,\nppm",

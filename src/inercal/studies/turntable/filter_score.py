@@ -40,7 +40,7 @@ def errors_of_kind(found: Sequence[FilterErrors], kind: CoefficientKind, of: str
 
 
 def coefficient_indices(kind: CoefficientKind) -> list[int]:
-    """Return where coefficients of a kind stand among twelve; both triads have one order."""
+    """Return the indices of the coefficients of a kind; both triads have the same order."""
     return [
         k for k, name in enumerate(_GYROS) if CoefficientName(name).term in COEFFICIENT_KINDS[kind]
     ]

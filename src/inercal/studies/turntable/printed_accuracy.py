@@ -1,4 +1,4 @@
-"""The printed accuracy: what 15 and 18 states reach, and what it would take for the gyros' bias."""
+"""The printed accuracy: that of 15 and 18 states, and the noise that the gyros' bias requires."""
 
 from math import sqrt
 
@@ -36,9 +36,9 @@ _CHARTED_FILTERS = {OWN_PATH: "15", "19 states, own path": "19", WHOLE_RECORDING
 
 
 def required_random_walk(seconds: float, bound: float = BIAS_BOUND) -> float:
-    """Return the angle random walk that tells a bias to a bound, °/min, within a rest, °/√h.
+    """Return the angle random walk that limits a bias to a bound, °/min, within a rest, °/√h.
 
-    A mean over T is off by N/√T: N [°/√h] / √T [h] is °/h, and 1 °/min is 60 °/h.
+    The error of a mean over T is N/√T: N [°/√h] / √T [h] is °/h, and 1 °/min is 60 °/h.
 
     >>> round(required_random_walk(72.0), 3)
     0.034

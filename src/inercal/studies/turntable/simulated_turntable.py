@@ -1,7 +1,7 @@
 """The simulated turntable with an IMU of grade T on it, one device after the other.
 
 The bench makes motion and readback (`simulate_turntable_motion`), the sensor's model the readings,
-with white noise and a Gauss–Markov drift of the biases. Filters are told the sizes of the table's
+with white noise and a Gauss–Markov drift of the biases. Filters know the sizes of the table's
 errors, and of the delay no more than that it is within 5 ms.
 """
 # SciPy has no stubs.
@@ -105,7 +105,7 @@ class TurntableCase:
         return max(int(np.flatnonzero(self.labels == label)[0]) - 1, 0)
 
     def with_g_sensitivity(self, seed: int) -> "TurntableCase":
-        """Return the same device with gyros that feel acceleration, 10 °/h/g each of nine."""
+        """Return the same device with g-sensitive gyros, nine coefficients of 10 °/h/g."""
         mat = G_SENSITIVITY * np.random.default_rng([seed, 2]).standard_normal((3, 3))
         reading = self.track.reading.copy()
         reading[:, 3:] += self.motion.f @ mat.T

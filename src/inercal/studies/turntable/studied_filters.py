@@ -38,7 +38,7 @@ class ErrorTrace(NamedTuple):
 
 
 class FilterErrors(NamedTuple):
-    """What one filter made of one device: errors (12,), their stated covariance, the way."""
+    """The result of one filter on one device: errors (12,), their stated covariance, the course."""
 
     error: Array
     covariance: Array
@@ -62,7 +62,7 @@ def build_gyro_filter(case: TurntableCase, way: str, sensor: Sensor = SENSOR) ->
 
 
 def gyro_run(way: str, start: str = "", sensor: Sensor = SENSOR) -> FilterRun:
-    """Return a run of the gyros' filter from a step on, or over the whole recording."""
+    """Return a run of the gyros' filter from a step to the end, or over the full recording."""
 
     def run(case: TurntableCase) -> FilterErrors:
         return run_gyro_filter(
@@ -73,7 +73,7 @@ def gyro_run(way: str, start: str = "", sensor: Sensor = SENSOR) -> FilterRun:
 
 
 def run_gyro_filter(filter_: GyroFilter, case: TurntableCase, first: int = 0) -> FilterErrors:
-    """Return what a filter makes of the samples from one on."""
+    """Return the result of a filter from a given sample to the end."""
     piece = case.track.slice(first, case.track.time.size)
     state, course = filter_.step(filter_.start(piece), piece)
     names, known = filter_.triad.sensor.coefficients, SENSOR.select_axes("w").coefficients

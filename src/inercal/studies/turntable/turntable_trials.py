@@ -1,4 +1,4 @@
-"""All devices through all filters: what each made of them, by the name of the run."""
+"""The results of all filters on all devices, by the name of the run."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -45,7 +45,7 @@ _G_SENSITIVE_IMU = tactical_imu("g")
 
 @dataclass(eq=False)
 class TurntableTrials:
-    """What the filters made of the same devices; of the two kinds by the name of the run."""
+    """The results of the filters on the same devices, of both kinds, by the name of the run."""
 
     gyros: dict[str, list[FilterErrors]] = field(default_factory=dict[str, list[FilterErrors]])
     accelerometers: dict[str, list[FilterErrors]] = field(
@@ -56,13 +56,13 @@ class TurntableTrials:
     )  # with attitudes at the ends of turns
 
     def add(self, kind: str, name: str, found: FilterErrors) -> None:
-        """Append what one run found."""
-        kept = self.gyros if kind == "g" else self.accelerometers
-        kept.setdefault(name, []).append(found)
+        """Append the errors of one run."""
+        runs = self.gyros if kind == "g" else self.accelerometers
+        runs.setdefault(name, []).append(found)
 
 
 def run_filters(devices: int, seed: int, say: MessageCallback) -> TurntableTrials:
-    """Return so many devices through all filters."""
+    """Return the results of all filters on a number of devices."""
     result = TurntableTrials()
     parts: Sequence[Callable[[int, TurntableTrials], None]] = (
         _run_paper_path,

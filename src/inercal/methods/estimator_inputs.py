@@ -1,0 +1,103 @@
+"""What an estimator refuses to use, in the same words for every estimator."""
+
+from collections.abc import Sequence
+from itertools import zip_longest
+from typing import Any
+
+from inercal.errors import InputError
+from inercal.estimate import Gaussian
+from inercal.methods.temperature import temperature_coefficients
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+
+def require_matching_rows(observations: Observations, sensor: Sensor, steps: Sequence[Any]) -> None:
+    """Refuse steps or channels that are not those of the rows.
+
+    Raises
+    ------
+    InputError
+        Naming the channels, the first row and step that differ, or the label of two steps.
+    """
+    if observations.channels != sensor.channels:
+        raise InputError(
+            f"the readings are of {', '.join(observations.channels)}, the sensor has "
+            f"{', '.join(sensor.channels)}; give the readings of the sensor's axes, in their order",
+            key="observations",
+            names=observations.channels,
+        )
+    labels = tuple(step.label for step in steps)
+    if again := tuple(sorted({label for label in labels if labels.count(label) > 1})):
+        raise InputError(
+            f"two steps have the label {again[0]!r}; give each step a different label",
+            key="steps",
+            names=again,
+        )
+    if labels != observations.labels:
+        pairs = zip_longest(observations.labels, labels)
+        row, step = next(pair for pair in pairs if pair[0] != pair[1])
+        raise InputError(
+            f"row {row} has step {step}; give the step of each row, in the order of the rows",
+            key="steps",
+            names=tuple(label for label in (row, step) if label is not None),
+        )
+
+
+def require_single_recording(observations: Observations, what: str) -> None:
+    """Refuse observations of many trials for `what`, "estimator fourier".
+
+    Raises
+    ------
+    InputError
+    """
+    if observations.mean.ndim != 2:
+        raise InputError(
+            f"{what} takes one recording at a time, not "
+            f"{observations.mean.shape[0]} trials; pass one trial",
+            key="observations",
+        )
+
+
+def refuse_priors(priors: Sequence[Gaussian], estimator: str, instead: str) -> None:
+    """Refuse priors for an estimator that cannot use them.
+
+    Parameters
+    ----------
+    priors : sequence of Gaussian
+    estimator, instead : str
+        Names of the estimator, and of an estimator that uses priors.
+
+    Raises
+    ------
+    InputError
+        Naming the coefficients.
+    """
+    if names := tuple(name for prior in priors for name in prior.names):
+        raise InputError(
+            f"estimator {estimator} takes no priors; remove the priors, or use estimator {instead}",
+            key="priors",
+            names=names,
+        )
+
+
+def refuse_temperature_terms(sensor: Sensor, estimator: str, instead: str) -> None:
+    """Refuse coefficients of temperature for an estimator that cannot estimate them.
+
+    Parameters
+    ----------
+    sensor : Sensor
+    estimator, instead : str
+        Names of the estimator, and of an estimator that estimates them.
+
+    Raises
+    ------
+    InputError
+        Naming the coefficients.
+    """
+    if names := tuple(temperature_coefficients(sensor)):
+        raise InputError(
+            f"estimator {estimator} estimates no coefficients of temperature, {', '.join(names)}; "
+            f"use estimator {instead}, or leave them out",
+            key="[method]",
+            names=names,
+        )
