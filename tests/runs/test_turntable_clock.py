@@ -200,7 +200,7 @@ def test_several_rows_and_a_repeated_one_are_counted(seed: int):
     odd = Track(one.time[:size], one.reading[rows], one.angles[rows], one.hold[:size])
     found = dropped_sample_findings(odd, SENSOR, BENCH)
     assert [finding.severity for finding in found] == ["warning"] * 2
-    assert [(f.start, f.stop) for f in found] == [(first - 1, first + 1), (second - 4, second - 2)]
+    assert [(f.start, f.stop) for f in found] == [(first - 1, first + 1), (second - 3, second - 1)]
     counts = [round(drop.samples) for drop in find_dropped_samples(odd, SENSOR, BENCH)]
     assert counts == [3, -1]
 

@@ -133,7 +133,7 @@ class Run:
         try:
             return self.plan()
         except InputError as error:
-            raise error.located(f"{self.path}: [method]", file=self.path) from None
+            raise InputError(f"{self.path}: [method] {error}") from None
 
     @property
     def table_steps(self) -> list[TableStep]:
