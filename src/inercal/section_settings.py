@@ -16,14 +16,14 @@ from inercal.units import Measured, parse_quantity
 
 
 class Limit(NamedTuple):
-    """The largest possible value of a deviation, SI, and its meaning: "a bench can lean, 1°"."""
+    """The largest possible value of a deviation, SI, and its meaning: "a bench can tilt, 1°"."""
 
     value: float
     meaning: str
 
 
 # The estimators neglect the square of a tilt.
-SMALL_ANGLE = Limit(0.0175, "a bench can lean, 1°")
+SMALL_ANGLE = Limit(0.0175, "a bench can tilt, 1°")
 # Keys that enter no result: names, and the truth of a simulation.
 DESCRIPTION: dict[str, JsonValue] = {"role": "description"}
 # Keys that shape only the plan or its simulation: limits of a table's motion, and the position of

@@ -43,7 +43,7 @@ class DividingHeadSection(BenchSection):
             words = 'autocollimation is "none"'
             found |= {"autocollimator": words, "certificate": words}
         elif self.autocollimation == "every":
-            words = 'with autocollimation = "every" the head\'s own angle is not used'
+            words = 'with autocollimation = "every" the head\'s angle is not used'
             found |= {"harmonics": words, "division": words}
         return found
 

@@ -287,7 +287,7 @@ def _autocollimator_notes(bench: DividingHead, data: DividingHeadData) -> list[s
         )
     if bench.collimated == "pairs" or data.autocollimator is None:
         found.append(
-            "Where the head is trimmed, its own scale reads a little off the angle: do not change "
+            "Where the head is trimmed, its scale reads a little off the angle: do not change "
             "the angle in the table."
         )
     if bench.polygon:

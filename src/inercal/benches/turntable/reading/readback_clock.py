@@ -147,8 +147,8 @@ def align_readback(
     refined = _refine_alignment(table, gyros, near)
     if refined is None:
         words = (
-            "readback and gyros do not turn alike at any clock offset within ±1 s; check that both "
-            "are of one run, and their columns and units, that of time included"
+            "the rates of readback and gyros differ at every clock offset within ±1 s; check that "
+            "both are of one run, and their columns and units, that of time included"
         )
         if not _motions_coincide(table, gyros, near):
             raise InputError(words)

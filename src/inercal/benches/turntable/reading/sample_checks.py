@@ -160,7 +160,7 @@ def repeated_readback_finding(track: Track) -> Finding | None:
     rate = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))
     text = (
         f"the readback has {rate:.3g} Hz, the readings {1 / step:.4g} Hz: rows repeat its values "
-        "while the table turns, so that its delay varies; record it with its own times, [data] "
+        "while the table turns, so that its delay varies; record it with its times in [data] "
         "table_file, or a new value for each row"
     )
     return Finding("warning", "readback", text)

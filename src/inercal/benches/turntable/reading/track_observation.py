@@ -209,7 +209,7 @@ def _require_small_latency(run: Source[TurntableData], bench: Turntable) -> None
             "[bench] latency",
             f"its standard uncertainty, {1e3 * bench.latency.sd:.3g} ms, exceeds "
             f"{1e3 * _WIDEST:.3g} ms, the limit of the linear model; measure the latency better, "
-            "or give the readback its own times in [data] table_file",
+            "or state the readback's file with its times in [data] table_file",
             run.path,
         )
 
