@@ -6,9 +6,9 @@ series to second order in the height h (the free-air gradient and its change)::
     γ(φ) = γe (1 + k sin²φ) / sqrt(1 − e² sin²φ)                                  (4-1)
     γ(φ, h) = γ(φ) (1 − 2/a (1 + f + m − 2 f sin²φ) h + 3/a² h²)                  (4-3)
 
-It is the magnitude that a gravimeter would find on a smooth Earth, the centrifugal part included.
+It is the magnitude that a gravimeter would read on a smooth Earth, the centrifugal part included.
 The series is within 5e-7 m/s² of the ellipsoid's exact field up to 5 km, and 1.5e-6 up to 20 km:
-nothing beside the local anomaly.
+negligible against the local anomaly.
 
 Source: NIMA TR8350.2, Department of Defense World Geodetic System 1984, 3rd edition, amendment 1
 (2000), equations 4-1 and 4-3, and the constants of its chapter 3.
@@ -44,7 +44,8 @@ def normal_gravity(latitude_rad: float, height_m: float) -> Measured:
     latitude_rad : float
         Geodetic.
     height_m : float
-        Above the ellipsoid. Height above sea level does: they differ by 100 m (30 mGal) at most.
+        Above the ellipsoid. Height above sea level serves as well: the two differ by at most
+        100 m (30 mGal).
 
     Returns
     -------
@@ -62,7 +63,9 @@ def normal_gravity(latitude_rad: float, height_m: float) -> Measured:
     Measured(value=9.7803253359, sd=0.0004)
     """
     if not _LOWEST <= height_m <= _HIGHEST:
-        raise InputError(f"height {height_m:g} m is outside −1 km … 20 km above the ellipsoid")
+        raise InputError(
+            f"height {height_m:g} m is outside −1 km … 20 km above the ellipsoid", key="height"
+        )
     s2 = sin(_checked_latitude(latitude_rad)) ** 2
     on_ellipsoid = _EQUATOR * (1 + _K * s2) / sqrt(1 - _E2 * s2)
     h = height_m / _A
@@ -89,5 +92,5 @@ def earth_rate_up_north(latitude_rad: float) -> tuple[float, float]:
 def _checked_latitude(latitude: float) -> float:
     # A pole given as 90 degrees may come out of a conversion one rounding too large.
     if not abs(latitude) <= pi / 2 * (1 + 1e-12):
-        raise InputError(f"latitude {degrees(latitude):g}° is outside −90° … 90°")
+        raise InputError(f"latitude {degrees(latitude):g}° is outside −90° … 90°", key="latitude")
     return latitude

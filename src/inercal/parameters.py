@@ -1,7 +1,7 @@
 """Imperfections of a bench, declared as data.
 
-One declaration serves three uses: a simulation draws from it, an estimation carries it as a
-nuisance with its standard deviation as the prior, and the Type B budget lists it.
+One declaration has three uses: a simulation draws from it, an estimator has it as a nuisance
+parameter with its standard deviation as the prior, and the Type B budget lists it.
 """
 
 from dataclasses import dataclass
@@ -24,16 +24,17 @@ class Parameter:
     sd : float
         Standard deviation; 0 is exactly known.
     scope : "run", "position", "turn", "dwell", "pass", "mounting" or "speed"
-        What shares one value; another position (turn, dwell, …) draws another, independent one.
+        The extent over which the value is constant; values of different positions (turns, dwells,
+        …) are independent.
     value : float
         Expected value.
     meaning : str
         One line for a report.
     assumed : str
-        The key of a run file that states the value without "±": `sd` is then of its last digit.
-        Empty where `sd` is stated.
+        The key of a run file that states the value without "±": `sd` is then that of its last
+        digit. Empty where `sd` is stated.
     attitude : bool
-        Whether it turns the sensor and does nothing else: no norm of readings depends on it.
+        Whether it only turns the sensor: no norm of readings depends on it.
     """
 
     name: str
@@ -47,7 +48,7 @@ class Parameter:
 
     @classmethod
     def from_measured(
-        cls, name: str, unit: str, found: Measured, meaning: str, key: str = ""
+        cls, name: str, unit: str, constant: Measured, meaning: str, key: str = ""
     ) -> "Parameter":
         """Return a measured constant as a parameter of the run.
 
@@ -55,13 +56,13 @@ class Parameter:
         ----------
         name, unit, meaning : str
             As of a parameter.
-        found : Measured
+        constant : Measured
             SI.
         key : str
             The key of a run file that states it; empty is `name`.
         """
-        assumed = found.key_if_assumed(key or name)
-        return cls(name, unit, found.sd, "run", found.value, meaning, assumed)
+        assumed = constant.key_if_assumed(key or name)
+        return cls(name, unit, constant.sd, "run", constant.value, meaning, assumed)
 
 
 def local_gravity(gravity: Measured) -> Parameter:

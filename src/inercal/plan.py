@@ -1,18 +1,18 @@
 """A plan: the steps that a bench carries out, simulated or real.
 
-A step's label names the section of the recording that it leaves.
+The label of a step names its section of the recording.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import acos, cos, degrees, isfinite, pi, sin, sqrt
+from math import acos, cos, degrees, inf, isfinite, pi, sin, sqrt
 from typing import Literal, Protocol
 
 from inercal.errors import InputError
 
 Vector = tuple[float, float, float]
 _MOST_AXES = 3  # of a turntable
-_NOTICED = 0.15  # of a direction: a smaller part is not worth a word
+_NOTICED = 0.15  # of a unit vector: `describe_direction` omits a smaller component
 AXES: dict[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -49,10 +49,10 @@ class Turn:
 
 @dataclass(frozen=True)
 class Attitude:
-    """An attitude on the arm of a centrifuge: body directions of what is outwards, and of up.
+    """An attitude on the arm of a centrifuge: the outward and the upward direction in the body.
 
     `out` (unit vector) points from the spindle to the sensor, `up` (unit vector, at right angles)
-    along the spindle. Attitudes of different names were mounted apart; "" has none.
+    along the spindle. Attitudes of different names are different mountings; "" is unnamed.
     """
 
     out: Vector
@@ -62,7 +62,7 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Spin:
-    """Turn the arm of a centrifuge at a steady `rate`, rad/s, the sensor in some attitude.
+    """Turn the arm of a centrifuge at a steady `rate`, rad/s, the sensor in one attitude.
 
     Parameters
     ----------
@@ -70,12 +70,12 @@ class Spin:
     rate : float
         rad/s against the ground, positive in the sense of the bench.
     seconds : float
-        Length of the dwell; 0 is whole turns, however many.
+        Length of the dwell; 0 is an unknown number of whole turns.
     attitude : Attitude or None
-        None is unknown: norms need none.
+        None is unknown: the norm of readings does not depend on it.
     azimuth : float or None
-        Where the arm pointed, rad: of a row that stands for one place in the turn, as on a platform
-        that turns against the arm. None is the mean over the dwell.
+        Azimuth of the arm, rad, where the row is of one azimuth, as on a platform that turns
+        against the arm. None is the mean over the dwell.
     """
 
     label: str
@@ -111,7 +111,7 @@ class Index:
     level : float
         Tilt of the base about the spindle by a level on it, rad, in the sense of `angle`.
     reading : float
-        What the autocollimator read beyond the angle's nominal one, rad, in the sense of `angle`.
+        Reading of the autocollimator minus that of the nominal angle, rad, in the sense of `angle`.
     seconds : float
         Length of the hold.
 
@@ -129,9 +129,9 @@ class Index:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
-        for what in ("angle", "level", "reading"):
-            if not isfinite(getattr(self, what)):
-                raise InputError(f"position {self.label}: its {what} is {getattr(self, what)}")
+        for name in ("angle", "level", "reading"):
+            if not isfinite(value := getattr(self, name)):
+                raise _step_error(self, name, f"its {name} is {value}; it must be finite")
 
     def describe(self) -> str:
         """Return what to do: "head at 30°, forward"."""
@@ -146,14 +146,14 @@ class Position:
     ----------
     label : str
     angles : tuple of 1 to 3 float
-        rad, the outermost axis first; the nearest of all equal angles is where an axis goes.
+        rad, the outermost axis first; an axis goes to the nearest of the equivalent angles.
     seconds : float
-        Length of the stay.
+        Length of the hold.
 
     Raises
     ------
     InputError
-        Other than one to three angles, an angle that is not finite, a stay that is not > 0.
+        Other than one to three angles, an angle that is not finite, a hold that is not > 0.
     """
 
     label: str
@@ -161,9 +161,11 @@ class Position:
     seconds: float
 
     def __post_init__(self) -> None:
-        _refuse_angles(self.label, self.angles)
-        if not (isfinite(self.seconds) and self.seconds > 0):
-            raise InputError(f"position {self.label}: {self.seconds} s; give it > 0")
+        _refuse_angles(self, self.angles)
+        if not 0 < self.seconds < inf:
+            raise _step_error(
+                self, "seconds", f"its duration is {self.seconds:.6g} s; it must be > 0"
+            )
 
     def describe(self) -> str:
         """Return what to do: "axes at 90°, 45°, 0°"."""
@@ -172,7 +174,7 @@ class Position:
 
 @dataclass(frozen=True)
 class Rotation:
-    """Turn one axis of a turntable from where it stands, from rest to rest.
+    """Turn one axis of a turntable from its present angle, from rest to rest.
 
     Parameters
     ----------
@@ -180,16 +182,16 @@ class Rotation:
     axis : 0, 1 or 2
         0 is the outermost.
     angle : float
-        rad, right-handed about the axis; as many turns as are asked for.
+        rad, right-handed about the axis; it may be several turns.
     rate : float
         rad/s in the steady part, > 0; a turn too short to reach it stays below.
     angles : tuple of float or None
-        rad, where all axes are brought first; None is where they stand.
+        rad, to which all axes are brought first; None is their present angles.
 
     Raises
     ------
     InputError
-        No such axis, an angle that is zero, a rate that is not > 0, or what is not finite.
+        No such axis, an angle that is zero, a rate that is not > 0, or a value that is not finite.
     """
 
     label: str
@@ -200,17 +202,19 @@ class Rotation:
 
     def __post_init__(self) -> None:
         if self.angles is not None:
-            _refuse_angles(self.label, self.angles)
+            _refuse_angles(self, self.angles)
         if self.axis not in range(most := _MOST_AXES if self.angles is None else len(self.angles)):
-            raise InputError(f"rotation {self.label}: axis {self.axis}; it is 0 to {most - 1}")
+            raise _step_error(self, "axis", f"its axis is {self.axis}; it must be 0 to {most - 1}")
         if not isfinite(self.angle) or self.angle == 0:
-            raise InputError(f"rotation {self.label}: its angle is {self.angle}; give it not 0")
-        if not (isfinite(self.rate) and self.rate > 0):
-            raise InputError(f"rotation {self.label}: its rate is {self.rate} rad/s; give it > 0")
+            raise _step_error(
+                self, "angle", f"its angle is {self.angle}; it must be finite and not 0"
+            )
+        if not 0 < self.rate < inf:
+            raise _step_error(self, "rate", f"its rate is {self.rate} rad/s; it must be > 0")
 
     @property
     def seconds(self) -> float:
-        """How long the angle takes at the rate; to speed up and to slow down come on top."""
+        """Duration of the angle at the rate, without the time to speed up and to slow down."""
         return abs(self.angle) / self.rate
 
     def describe(self) -> str:
@@ -225,7 +229,7 @@ TableStep = Position | Rotation
 
 
 class Step(Protocol):
-    """One step of a plan; a kind of bench from outside may have steps of its own."""
+    """One step of a plan; a kind of bench in another package may have its own steps."""
 
     @property
     def label(self) -> str:
@@ -234,11 +238,11 @@ class Step(Protocol):
 
     @property
     def seconds(self) -> float:
-        """How long it lasts; 0 where nothing depends on it."""
+        """Duration; 0 where nothing depends on it."""
         ...
 
     def describe(self) -> str:
-        """Return what is done."""
+        """Return what to do, in words."""
         ...
 
 
@@ -247,11 +251,18 @@ def table_steps(steps: Iterable[Step]) -> list[TableStep]:
     return [step for step in steps if isinstance(step, Position | Rotation)]
 
 
-def _refuse_angles(label: str, angles: tuple[float, ...]) -> None:
+def _refuse_angles(step: Step, angles: tuple[float, ...]) -> None:
     if not 1 <= len(angles) <= _MOST_AXES:
-        raise InputError(f"{label}: {len(angles)} angles; a turntable has one to three axes")
-    if not all(isfinite(angle) for angle in angles):
-        raise InputError(f"{label}: angles {angles} are not all finite")
+        text = f"it has {len(angles)} angles; a turntable has one to three axes"
+        raise _step_error(step, "angles", text)
+    if not all(map(isfinite, angles)):
+        raise _step_error(step, "angles", f"its angles are {angles}; each must be finite")
+
+
+def _step_error(step: Step, key: str, text: str) -> InputError:
+    """Return the refusal of a field of a step: "position p1: seconds is 0; it must be > 0"."""
+    kind = "rotation" if isinstance(step, Rotation) else "position"
+    return InputError(f"{kind} {step.label}: {text}", key=key, names=(step.label,))
 
 
 def _format_degrees(angles: tuple[float, ...]) -> str:
@@ -259,14 +270,14 @@ def _format_degrees(angles: tuple[float, ...]) -> str:
 
 
 def describe_direction(vector: Vector) -> str:
-    """Return a body direction in words: the nearest axis, and what else rises when that is up.
+    """Return a body direction in words: the nearest axis, and the axes that rise when it is up.
 
     >>> describe_direction((0.0, 0.0, -1.0))
     '−z'
     >>> describe_direction((0.7071, 0.0, 0.7071))
     '+z tilted 45° (+x rises)'
     """
-    # Of equal parts the last axis is the main one: z up is how most things lie.
+    # Of equal components the last axis is the main axis: most housings lie with z up.
     names = [
         (("+" if part > 0 else "−") + name, abs(part))
         for part, name in zip(vector[::-1], reversed(AXES), strict=True)

@@ -1,10 +1,11 @@
-"""What sections of a run file are made of, and quantities given as text made SI.
+"""The base of the sections of a run file, and the conversion of their quantities to SI.
 
-A section is a model whose values with units are text: "60 µg/√Hz". An example stands beside a key
-where its default is none, or says nothing: complaints show it.
+A section is a model whose values with units are text: "60 µg/√Hz". A key has an example where its
+default is none or says nothing: error messages show it.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
@@ -15,24 +16,24 @@ from inercal.units import Measured, parse_quantity
 
 
 class Limit(NamedTuple):
-    """The largest possible value of a deviation, SI, and what it is: "a bench can lean, 1°"."""
+    """The largest possible value of a deviation, SI, and its meaning: "a bench can tilt, 1°"."""
 
     value: float
     meaning: str
 
 
-# Tilts act to first order of their square.
-SMALL_ANGLE = Limit(0.0175, "a bench can lean, 1°")
-# What enters no result: names, and the truth of a simulation.
+# The estimators neglect the square of a tilt.
+SMALL_ANGLE = Limit(0.0175, "a bench can tilt, 1°")
+# Keys that enter no result: names, and the truth of a simulation.
 DESCRIPTION: dict[str, JsonValue] = {"role": "description"}
-# What shapes the plan or its simulation alone: limits of a table's motion, and where the IMU is on
-# it: accelerometers count at rest.
+# Keys that shape only the plan or its simulation: limits of a table's motion, and the position of
+# the IMU on it, because accelerometers are used only at rest.
 PLANNING: dict[str, JsonValue] = {"role": "plan"}
 
 
 @dataclass(frozen=True)
 class BenchUsage:
-    """What a run makes of its bench, as far as keys of the bench depend on it.
+    """How a run uses its bench, as far as keys of the bench depend on it.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ class BenchUsage:
     turns : bool
         Whether its plan has turns of a known angle.
     attitudes : bool
-        Whether it knows the attitudes, and does not find them itself.
+        Whether the method knows the attitudes; otherwise it estimates them.
     gyros : bool
         Whether there are gyros.
     means : bool
@@ -78,40 +79,48 @@ class BenchSection(Section):
         if self.gravity is None and self.latitude is None:
             raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
         if self.height is not None and self.latitude is None:
-            raise ValueError("height goes with latitude: gravity is computed from both, or checked")
+            raise ValueError(
+                "height also needs latitude: gravity is computed from both; add latitude or remove "
+                "height"
+            )
         return self
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result of such a use, each with the reason."""
+        """Return the keys that change no result in this use, each with the reason."""
         return {}
 
 
+def key_error(
+    key: str, text: str, file: Path | None = None, names: tuple[str, ...] = ()
+) -> InputError:
+    """Return the refusal of a key of a run file, "run.toml: [bench] radius: …", with its data."""
+    where = key if file is None else f"{file}: {key}"
+    return InputError(f"{where}: {text}", file=file, key=key, names=names)
+
+
 def si_value(text: str, like: str, key: str) -> float:
-    """Return a quantity given as text, SI; a complaint names `key`.
+    """Return a quantity given as text, SI; an error names `key`.
 
     Raises
     ------
     InputError
-        What `parse_quantity` refuses, or an uncertainty, which would count for nothing.
+        What `parse_quantity` refuses, or an uncertainty, which no result would depend on.
     """
-    try:
-        found = parse_quantity(text, like)
-    except InputError as error:
-        raise InputError(f"{key}: {error}") from None
-    if found.sd:
-        raise InputError(f"{key}: {text!r}: no uncertainty of it enters the result; leave ± out")
-    return found.value
+    quantity = measured_constant(text, like, key, last_digit=False)
+    if quantity.sd:
+        raise key_error(key, f"no result depends on the uncertainty in {text!r}; remove it")
+    return quantity.value
 
 
 def measured_constant(text: str, like: str, key: str, *, last_digit: bool = True) -> Measured:
-    """Return a measured constant given as text, SI; a complaint names `key`.
+    """Return a measured constant given as text, SI; an error names `key`.
 
     Without "±" it has the uncertainty of its last digit, if `last_digit`.
     """
     try:
         return parse_quantity(text, like, last_digit=last_digit)
     except InputError as error:
-        raise InputError(f"{key}: {error}") from None
+        raise error.located(key, key=key) from None
 
 
 def section_constant(section: BenchSection, name: str, like: str) -> Measured:
@@ -123,7 +132,7 @@ def section_length(section: BenchSection, name: str) -> Measured:
     """Return a measured length that must be positive, m."""
     length = section_constant(section, name, "m")
     if length.value <= 0:
-        raise InputError(f"[bench] {name}: {getattr(section, name)!r} must be positive")
+        raise key_error(f"[bench] {name}", f"{getattr(section, name)!r} must be positive")
     return length
 
 
@@ -131,12 +140,12 @@ def section_deviation(
     section: BenchSection, name: str, like: str, limit: Limit | None = None
 ) -> float:
     """Return a standard deviation that the section states, SI."""
-    text = getattr(section, name)
-    value = si_value(text, like, f"[bench] {name}")
+    key, text = f"[bench] {name}", getattr(section, name)
+    value = si_value(text, like, key)
     if value < 0:
-        raise InputError(f"[bench] {name}: {text!r} must not be negative")
+        raise key_error(key, f"{text!r} must not be negative")
     if limit is not None and value > limit.value:
-        raise InputError(f"[bench] {name}: {text!r} is more than {limit.meaning}")
+        raise key_error(key, f"{text!r} is more than {limit.meaning}; check the value and its unit")
     return value
 
 
@@ -145,7 +154,7 @@ def section_harmonics(section: BenchSection, name: str) -> tuple[float, ...]:
     key, texts = f"[bench] {name}", getattr(section, name)
     values = tuple(si_value(text, "°", key) for text in texts)
     if not all(0 <= sd <= SMALL_ANGLE.value for sd in values):
-        raise InputError(f"{key}: {', '.join(texts)}: give each from 0 to 1°")
+        raise key_error(key, f"{', '.join(texts)}: give each from 0 to 1°")
     return values
 
 
@@ -159,7 +168,8 @@ def section_gravity(section: BenchSection) -> Measured:
         )
     gravity = measured_constant(section.gravity, "m/s²", "[bench] gravity")
     if not 9.5 < gravity.value < 10.0:
-        raise InputError(
-            f"[bench] gravity: {section.gravity!r} is not gravity on earth, 9.76 to 9.84 m/s²"
+        raise key_error(
+            "[bench] gravity",
+            f"{section.gravity!r} is not gravity on earth, which is 9.76 to 9.84 m/s²",
         )
     return gravity

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.refusals import refused
 
 from inercal.benches.dividing_head.bench import (
     DividingHead,
@@ -15,7 +16,6 @@ from inercal.benches.dividing_head.bench import (
     sensed_motion,
 )
 from inercal.benches.dividing_head.passes import drift_ramps, missing_cardinal_angles, pass_numbers
-from inercal.errors import InputError
 from inercal.units import Measured
 
 BENCH = DividingHead(Measured(9.8, 1e-5), (1e-5, 1e-5), 1e-5, 5e-7, base=1e-5, pier=1e-7, lean=1e-4)
@@ -125,7 +125,7 @@ def test_how_angles_of_collimated_positions_were_rounded_does_not_count(collimat
 def test_a_face_is_looked_for_where_the_autocollimator_is_read_alone():
     four = replace(BENCH, polygon=(0.0,) * 4)
     assert sensed_motion(four, position_plan(12), {}).f.shape == (12, 3)
-    with pytest.raises(InputError, match="30° is on no face of a polygon of 4"):
+    with refused(key="polygon", names=("f02",)):
         sensed_motion(replace(four, collimated="every"), position_plan(12), {})
 
 
@@ -189,24 +189,24 @@ def test_drifts_go_on_from_pass_to_pass_about_the_mean():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "key"),
     [
-        ({"gravity": Measured(0.0, 0.0)}, "gravity is 0.0"),
-        ({"gravity": Measured(9.8, -1.0)}, "deviation of gravity"),
-        ({"division": -1.0}, "deviation of division"),
-        ({"harmonics": (0.0, float("nan"))}, "deviation of harmonic 2"),
-        ({"drift": float("inf")}, "deviation of drift"),
-        ({"polygon": (0.0, float("nan"))}, "face is not finite"),
+        ({"gravity": Measured(0.0, 0.0)}, "gravity"),
+        ({"gravity": Measured(9.8, -1.0)}, "gravity"),
+        ({"division": -1.0}, "division"),
+        ({"harmonics": (0.0, float("nan"))}, "harmonic 2"),
+        ({"drift": float("inf")}, "drift"),
+        ({"polygon": (0.0, float("nan"))}, "polygon"),
     ],
 )
-def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
-    with pytest.raises(InputError, match=words):
+def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], key: str):
+    with refused(key=key):
         replace(BENCH, **change)
 
 
 def test_a_polygon_of_other_faces_is_refused():
     bench = replace(BENCH, collimated="every", polygon=(0.0,) * 8)
-    with pytest.raises(InputError, match=r"f02: 30° is on no face of a polygon of 8"):
+    with refused(key="polygon", names=("f02",)):
         sensed_motion(bench, position_plan(12), {})
 
 
@@ -215,11 +215,11 @@ def test_words_and_refusals():
     assert forward.describe() == "head at 0°, forward"
     assert last.describe() == "head at 0°, reverse"
     assert position_plan(12)[1].angle == pytest.approx(pi / 6)
-    with pytest.raises(InputError, match="0 positions"):
+    with refused(key="n"):
         position_plan(0)
-    with pytest.raises(InputError, match="3 accelerometers"):
+    with refused(key="axes"):
         mounted_sensor(axes=("a", "b", "c"))
-    with pytest.raises(InputError, match="its reading is nan"):
+    with refused(key="reading", names=(forward.label,)):
         replace(forward, reading=float("nan"))
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.accuracy import rate_table as made
+from tests.refusals import refused
 
 from inercal.benches.rate_table.bench import (
     RateTable,
@@ -23,7 +24,6 @@ from inercal.benches.rate_table.fixture import (
     multi_angle_plan,
     planar_plan,
 )
-from inercal.errors import InputError
 from inercal.plan import Spin
 from inercal.units import Measured
 
@@ -82,9 +82,9 @@ def test_all_states_are_those_of_the_generator(reading: Any):
 
 
 def test_dihedral_angles_that_no_pose_has_are_refused():
-    with pytest.raises(InputError, match="no pose"):
+    with refused(key="second"):
         mounting_attitude("XY", radians(20), radians(30), reading="dihedral")
-    with pytest.raises(InputError, match="there are XY, YX, ZY"):
+    with refused(key="plane"):
         mounting_attitude("XZ")  # pyright: ignore[reportArgumentType]
 
 
@@ -189,20 +189,20 @@ def test_over_whole_turns_a_lean_leaves_its_second_order():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("key", "value"),
     [
-        ({"radius": Measured(0.0, 0.0)}, "radius is 0 m; give it > 0"),
-        ({"gravity": Measured(-1.0, 0.0)}, "gravity is -1"),
-        ({"pose": -1.0}, "deviation of pose"),
-        ({"lean": -1e-3}, "deviation of lean"),
-        ({"speed": float("nan")}, "deviation of speed"),
+        ("radius", Measured(0.0, 0.0)),
+        ("gravity", Measured(-1.0, 0.0)),
+        ("pose", -1.0),
+        ("lean", -1e-3),
+        ("speed", float("nan")),
     ],
 )
-def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
-    with pytest.raises(InputError, match=words):
-        replace(BENCH, **change)
+def test_a_bench_that_cannot_be_is_refused(key: str, value: float | Measured):
+    with refused(key=key):
+        replace(BENCH, **{key: value})  # pyright: ignore[reportArgumentType]
 
 
 def test_a_step_of_unknown_attitude_is_refused():
-    with pytest.raises(InputError, match="attitude"):
+    with refused(key="attitude", names=("a",)):
         sensed_motion(BENCH, [Spin("a", 1.0)], {})

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.accuracy import turntable as made
+from tests.refusals import refused
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import (
@@ -18,7 +19,6 @@ from inercal.benches.turntable.attitude import (
 )
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.earth import EARTH_RATE
-from inercal.errors import InputError
 from inercal.frames import log_so3
 from inercal.units import Measured
 
@@ -172,29 +172,29 @@ def test_parameters_are_named_and_shared_by_the_run():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "key"),
     [
-        ({"axes": "zz"}, "axes are 'zz'"),
-        ({"axes": ""}, "axes are ''"),
-        ({"axes": "zxw"}, "axes are 'zxw'"),
-        ({"gravity": Measured(0.0, 0.0)}, "gravity is 0"),
+        ({"axes": "zz"}, "axes"),
+        ({"axes": ""}, "axes"),
+        ({"axes": "zxw"}, "axes"),
+        ({"gravity": Measured(0.0, 0.0)}, "gravity"),
         ({"latitude": 2.0}, "latitude"),
-        ({"lean": -1.0}, "deviation of lean_x is -1"),
-        ({"harmonics": (1e-5, float("nan"))}, "deviation of sin2"),
-        ({"white": -1e-6}, "readback's noise"),
-        ({"clock": float("inf")}, "deviation of clock"),
-        ({"latency": Measured(float("nan"), 0.0)}, "latency is nan"),
-        ({"limits": (AxisMotionLimits(1.0, 1.0),) * 2}, "2 limits; give one for all or 3"),
-        ({"lever": (Measured(0.1, 0.0),)}, "lever has 1 parts"),
+        ({"lean": -1.0}, "lean_x"),
+        ({"harmonics": (1e-5, float("nan"))}, "sin2[outer]"),
+        ({"white": -1e-6}, "white"),
+        ({"clock": float("inf")}, "clock"),
+        ({"latency": Measured(float("nan"), 0.0)}, "latency"),
+        ({"limits": (AxisMotionLimits(1.0, 1.0),) * 2}, "limits"),
+        ({"lever": (Measured(0.1, 0.0),)}, "lever"),
     ],
 )
-def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], words: str):
-    with pytest.raises(InputError, match=words):
+def test_a_bench_that_cannot_be_is_refused(change: dict[str, Any], key: str):
+    with refused(key=key):
         replace(BENCH, **change)
 
 
 def test_angles_of_other_axes_are_refused():
-    with pytest.raises(InputError, match="not of its 3 axes"):
+    with refused(key="angles"):
         reference_attitude(BENCH, np.zeros((5, 2)))
-    with pytest.raises(InputError, match="not of its 1 axes"):
+    with refused(key="angles"):
         linear_misalignment(replace(BENCH, axes="z"), np.zeros((5, 2)))

@@ -7,6 +7,7 @@ from math import degrees, pi, radians
 import numpy as np
 import pytest
 from tests.accuracy import turntable as made
+from tests.refusals import refused
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.attitude import true_attitude
@@ -16,7 +17,6 @@ from inercal.benches.turntable.simulation import (
     simulate_turntable_motion,
     turntable_path_duration,
 )
-from inercal.errors import InputError
 from inercal.plan import Position, Rotation, TableStep
 from inercal.units import Measured
 
@@ -159,22 +159,22 @@ def test_the_nearest_of_equal_angles_is_where_an_axis_goes():
 
 
 @pytest.mark.parametrize(
-    ("step", "words"),
+    ("step", "key"),
     [
-        (Position("p", (0.0, 1.0), 1.0), "p: 2 angles; the turntable's axes are 3"),
-        (Rotation("r", 0, 1.0, 1.0), "57.2958 °/s is beyond the limit of the outer axis, 30 °/s"),
-        (Rotation("r", 0, 1.0, 0.1, (0.0, 0.0)), "r: 2 angles"),
+        (Position("p", (0.0, 1.0), 1.0), "angles"),
+        (Rotation("r", 0, 1.0, 1.0), "rate"),
+        (Rotation("r", 0, 1.0, 0.1, (0.0, 0.0)), "angles"),
     ],
 )
-def test_a_step_of_another_table_is_refused(step: TableStep, words: str):
-    with pytest.raises(InputError, match=words):
+def test_a_step_of_another_table_is_refused(step: TableStep, key: str):
+    with refused(key=key, names=(step.label,)):
         path_profile(EXACT, [step])
 
 
 def test_an_axis_that_the_table_lacks_is_refused():
-    with pytest.raises(InputError, match="axis 1; the turntable has 0 to 0"):
+    with refused(key="axis", names=("r",)):
         path_profile(replace(EXACT, axes="z"), [Rotation("r", 1, 1.0, 0.1)])
-    with pytest.raises(InputError, match="without steps"):
+    with refused(key="steps"):
         path_profile(EXACT, [])
 
 
@@ -187,16 +187,16 @@ def test_steps_in_words():
 
 @pytest.mark.parametrize("wrong", [float("nan"), float("inf")])
 def test_steps_that_are_not_finite_are_refused(wrong: float):
-    with pytest.raises(InputError, match="not all finite"):
+    with refused(key="angles", names=("p",)):
         Position("p", (0.0, wrong), 1.0)
-    with pytest.raises(InputError, match="angle is"):
+    with refused(key="angle", names=("r",)):
         Rotation("r", 0, wrong, 1.0)
     for rate in (wrong, 0.0, -1.0):
-        with pytest.raises(InputError, match="rate is"):
+        with refused(key="rate", names=("r",)):
             Rotation("r", 0, 1.0, rate)
-        with pytest.raises(InputError, match="give it > 0"):
+        with refused(key="seconds", names=("p",)):
             Position("p", (0.0,), rate)
-    with pytest.raises(InputError, match="it is 0 to 2"):
+    with refused(key="axis", names=("r",)):
         Rotation("r", 3, 1.0, 1.0)
-    with pytest.raises(InputError, match="4 angles"):
+    with refused(key="angles", names=("p",)):
         Position("p", (0.0,) * 4, 1.0)

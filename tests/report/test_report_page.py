@@ -11,7 +11,7 @@ import pytest
 from tests.report.page_tags import parsed
 
 from inercal.benches import Hand
-from inercal.benches.hand.report import directions
+from inercal.benches.hand.kind import directions
 from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, apply_data_columns, calibrate, simulate

@@ -60,7 +60,7 @@ def test_values_and_axes_are_as_stated():
         ({"latitude": None, "gravity": "9.8 m/s²"}, "latitude is missing: gyros"),
         ({"axes": "zz"}, "axes are 'zz'"),
         ({"latitude": "91 °"}, "latitude 91° is outside"),
-        ({"lean": "2 °"}, "lean: '2 °' is more than a bench can lean"),
+        ({"lean": "2 °"}, "lean: '2 °' is more than a bench can tilt"),
         ({"harmonics": ("2 °",)}, "harmonics: 2 °: give each from 0 to 1°"),
         ({"clock": "-1 ppm"}, "clock: '-1 ppm' must not be negative"),
         ({"rate": ("30 °/s", "30 °/s")}, "2 limits; give one for all or 3"),

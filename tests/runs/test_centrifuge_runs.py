@@ -163,19 +163,16 @@ def test_a_prior_of_another_sensor_or_of_the_same_data_is_refused(tmp_path: Path
     found = simulated(tmp_path).calibration
     path = tmp_path / "static.calibration.json"
     run = changed(tmp_path, "arm_run", PRIOR)
-    for calibration, words in (
-        (found, "is a calibration on a centrifuge"),
-        (
-            replace(found, method="six_position", sensor=replace(found.sensor, name="B")),
-            "is of 'B'",
-        ),
-    ):
+    other = replace(found.sensor, name="B")
+    for calibration in (found, replace(found, method="six_position", sensor=other)):
         save(calibration, path)
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError):
             read(run)
     path.unlink()
-    with pytest.raises(InputError, match="static"):
+    with pytest.raises(InputError):
         read(run)
+    save(replace(found, method="six_position"), path)
+    assert read(run).priors
 
 
 def test_drift_that_the_sensor_states_is_in_the_uncertainty(tmp_path: Path):
@@ -213,51 +210,52 @@ def simulate_aligned_sensor(folder: Path, *changes: tuple[str, str]) -> Outcome:
 def test_one_rate_in_half_a_circle_is_refused_and_all_round_accepted(tmp_path: Path):
     one = ('rates = ["60 rpm", "120 rpm", "180 rpm"]', 'rates = ["60 rpm"]')
     half = ('attitudes = "full-circle"', 'attitudes = "half-circle"')
-    with pytest.raises(NotObserved, match=r"ay\.k0"):
+    with pytest.raises(NotObserved) as refusal:
         simulate_aligned_sensor(tmp_path, one, half)
+    assert "ay.k0" in str(refusal.value)
     assert simulate_aligned_sensor(tmp_path, one).estimate.consistent
 
 
 def test_an_estimate_without_uncertainty_is_refused(tmp_path: Path):
     paper = ('name = "centrifuge_norm"', 'name = "centrifuge_norm"\nestimator = "paper"')
-    with pytest.raises(InputError, match=r"estimator paper: the noise|states no uncertainty"):
+    with pytest.raises(InputError):
         simulated(tmp_path, paper)
 
 
 def test_a_saturated_dwell_is_omitted_and_reported(tmp_path: Path):
     outcome = simulated(tmp_path, ('full_scale = "60 g"', 'full_scale = "33 g"'))
-    assert any(f.what == "dwell" and "is left out" in f.message for f in outcome.findings)
+    assert any(f.what == "dwell" for f in outcome.findings)
     assert len(outcome.steps) < 60
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ([('arm_rate = "rpm"\n', "")], ["[data] arm_rate is missing"]),
-        ([('arm_rate = "rpm"', 'arm_rate = "speed"')], ["no column 'speed'", "rpm"]),
-        ([('attitude = ["psi", "theta"]\n', "")], ["[data] attitude is missing", "indexing"]),
+        ([('arm_rate = "rpm"\n', "")], ["[data] arm_rate"]),
+        ([('arm_rate = "rpm"', 'arm_rate = "speed"')], ["'speed'", "rpm"]),
+        ([('attitude = ["psi", "theta"]\n', "")], ["[data] attitude", "indexing"]),
         ([('accelerometer = "1 µV"', 'accelerometer = "1 µA"')], ["[data.sd] accelerometer"]),
-        ([('radius = "1.5 m ± 20 µm"', 'radius = "-1.5 m"')], ["[bench] radius", "positive"]),
-        ([('radius = "1.5 m ± 20 µm"\n', "")], ["[bench] radius is missing, such as"]),
-        ([('sense = "clockwise"', 'sense = "left"')], ["[bench] sense: 'left'", "or clockwise"]),
-        ([('sense = "clockwise"', 'turn = "1 °"')], ["unknown key bench.turn", "dwell_rate"]),
-        ([('kind = "centrifuge"', 'kind = "hand"')], ["unknown key bench.radius"]),
+        ([('radius = "1.5 m ± 20 µm"', 'radius = "-1.5 m"')], ["[bench] radius", "'-1.5 m'"]),
+        ([('radius = "1.5 m ± 20 µm"\n', "")], ["[bench] radius"]),
+        ([('sense = "clockwise"', 'sense = "left"')], ["[bench] sense", "'left'", "clockwise"]),
+        ([('sense = "clockwise"', 'turn = "1 °"')], ["bench.turn", "dwell_rate"]),
+        ([('kind = "centrifuge"', 'kind = "hand"')], ["bench.radius"]),
         ([('name = "centrifuge_norm"', 'name = "six_position"')], ["[bench] kind", "'hand'"]),
-        ([("indexing", 'platform = "counter-rotating"\n#'), NORMS[1]], ["takes a recording"]),
+        ([("indexing", 'platform = "counter-rotating"\n#'), NORMS[1]], ["[bench] platform"]),
         ([('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "V"')], ["arm_rate_unit"]),
         ([("[method]\n", '[method]\nalso = ["misalignment"]\n'), *NORMS],
-         ["no rotation of the triad about x", "nonorthogonality"]),
+         ["nonorthogonality"]),
         ([('tilt = "2 ″"', 'tilt = "80 °"')], ["[bench] tilt", "1°"]),
         ([('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "0 rpm"')],
-         ["arm_rate_unit", "positive"]),
+         ["arm_rate_unit"]),
         ([('arm_rate = "rpm"', 'arm_rate = "rpm"\nseconds = "rpm"')], ["[data] seconds"]),
         ([("[method]\n", '[method]\nalso = ["ax.delta_o"]\n'), *NORMS,
-          ('name = "SN 0417"', 'frame = "symmetric"')], ["all misalignments of the triad"]),
+          ('name = "SN 0417"', 'frame = "symmetric"')], ["misalignment"]),
         ([("[method]\n", '[method]\nalso = ["nonorthogonality"]\n'), *NORMS,
-          ('name = "SN 0417"', 'frame = "symmetric"')], ["all misalignments of the triad"]),
+          ('name = "SN 0417"', 'frame = "symmetric"')], ["misalignment"]),
         ([('name = "SN 0417"', 'frame = "symmetric"'), *NORMS],
-         ["all misalignments of the triad"]),
-        ([("[method]\n", '[method]\nestimator = "paper"\nalso = ["k3"]\n')], ["k0, k1 and k2"]),
+         ["misalignment"]),
+        ([("[method]\n", '[method]\nestimator = "paper"\nalso = ["k3"]\n')], ["paper", "k2"]),
     ],
 )  # fmt: skip
 def test_a_user_error_gives_one_line(
@@ -271,21 +269,23 @@ def test_a_user_error_gives_one_line(
 
 
 @pytest.mark.parametrize(
-    ("row", "words"),
+    ("row", "column"),
     [
-        ("99,10,20,0,0.1,0.1,0.1", ["'rpm' is 0", "line"]),
-        ("99,10,20,nan,0.1,0.1,0.1", ["line"]),
-        ("99,10,20,40,nan,0.1,0.1", ["'ax' is empty or not finite", "line"]),
-        ("1,10,20,40,0.1,0.1", ["line"]),
+        ("99,10,20,0,0.1,0.1,0.1", "'rpm'"),
+        ("99,10,20,nan,0.1,0.1,0.1", "rpm"),
+        ("99,10,20,40,nan,0.1,0.1", "'ax'"),
+        ("1,10,20,40,0.1,0.1", "line"),
     ],
 )
-def test_a_bad_row_is_named(tmp_path: Path, row: str, words: list[str]):
+def test_a_bad_row_is_named(tmp_path: Path, row: str, column: str):
     path = changed(tmp_path, "lab")
     data = tmp_path / "lab.csv"
     data.write_text(data.read_text(encoding="utf-8") + row + "\n", encoding="utf-8")
     with pytest.raises(InputError) as error:
         calibrate(path)
-    assert all(word in str(error.value) for word in words), str(error.value)
+    line = len(data.read_text(encoding="utf-8").splitlines())
+    assert f"line {line}" in str(error.value)
+    assert column in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -318,10 +318,10 @@ def test_attitudes_of_a_recording_are_its_positions(tmp_path: Path):
 
 
 def test_a_budget_is_of_a_plan_and_of_a_locked_platform(tmp_path: Path):
-    with pytest.raises(InputError, match="of a plan, not of a table"):
+    with pytest.raises(InputError):
         experiment_from_run(read(EXAMPLES / "lab.toml"))
     still = changed(tmp_path, "arm_run", (DWELL, f'{DWELL}\nplatform = "counter-rotating"'))
-    with pytest.raises(InputError, match="counter-rotating"):
+    with pytest.raises(InputError):
         experiment_from_run(read(still))
     assert len(experiment_from_run(read(EXAMPLES / "arm_run.toml")).steps) == 60
 
@@ -330,8 +330,9 @@ def test_keys_of_a_centrifuge_are_refused_elsewhere(tmp_path: Path):
     path = tmp_path / "run.toml"
     text = (ROOT / "examples" / "six_position" / "run.toml").read_text(encoding="utf-8")
     path.write_text(text.replace("[data]\n", '[data]\narm_rate = "rpm"\n'), encoding="utf-8")
-    with pytest.raises(InputError, match="arm_rate goes with"):
+    with pytest.raises(InputError) as refusal:
         read(path)
+    assert "arm_rate" in str(refusal.value)
 
 
 def test_the_report_of_an_arm_run_shows_bench_norms_and_dwells(tmp_path: Path):

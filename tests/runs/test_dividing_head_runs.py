@@ -4,12 +4,14 @@ import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from tests.accuracy.dividing_head import ARCSEC, SIZES, Bench, draw, readings
+from tests.refusals import refused
 
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.calibration import Calibration
@@ -156,8 +158,9 @@ def test_patent_single_and_dual_run_too(tmp_path: Path):
         assert abs(off["a.k0"]) < 4 * sd
         assert sd == pytest.approx((0.35e-6 if name == "patent" else 5e-6) * G0, rel=0.35)
     dual = ('name = "dual_orthogonal"', 'name = "dual_orthogonal"\nestimator = "dual"')
-    with pytest.raises(NotObserved, match=r"k1 against K3: a\.k1 − a\.k3 − b\.k1 \+ b"):
+    with pytest.raises(NotObserved) as refusal:
         calibrate(run_file(tmp_path, dual, more=PRIORS[: PRIORS.index('"a.k3"')]))
+    assert "a.k1 − a.k3 − b.k1 + b.k3" in str(refusal.value)
 
 
 @pytest.mark.parametrize("estimator", ["joint", "patent"])
@@ -274,61 +277,62 @@ def test_k3_comes_from_a_centrifuge_with_its_covariance(tmp_path: Path):
     told = read(run_file(tmp_path, more=more)).priors[-1]
     assert told.names == ("a.k3", "b.k3")
     assert told.covariance[0, 1] / told.covariance[0, 0] == pytest.approx(0.8)
-    for old, new, words in (
-        ("az.k3", "aw.k3", r"no 'aw.k3'; arm.calibration.json knows ax.k0"),
-        ('"b.k3"', '"c.k3"', r"no 'c.k3'; the method finds a.k0"),
-        ("az.k3", "az.k0", "not of one kind"),
-        ("az.k3", "ax.k3", "gives the values of two"),
+    for old, new, name in (
+        ("az.k3", "aw.k3", "aw.k3"),
+        ('"b.k3"', '"c.k3"', "c.k3"),
+        ("az.k3", "az.k0", "az.k0"),
+        ("az.k3", "ax.k3", "ax.k3"),
     ):
-        with pytest.raises(InputError, match=words):
+        with pytest.raises(InputError) as refusal:
             read(run_file(tmp_path, more=more.replace(old, new)))
-    with pytest.raises(InputError, match=r"another nominal scale or offset of a: 3 .*, not 2 V/g"):
+        assert name in str(refusal.value)
+    with pytest.raises(InputError) as refusal:
         read(run_file(tmp_path, ('scale = "3 V/g"', 'scale = "2 V/g"'), more=more))
+    assert "2 V/g" in str(refusal.value)
 
 
 # What is wrong is said in one line
 
 
-def refused(path: Path, words: str, kind: type[InercalError] = InputError) -> None:
-    with pytest.raises(kind, match=words) as refusal:
-        calibrate(path)
-    assert "\n" not in str(refusal.value)
+def refused_run(
+    run: Path, mention: str = "", kind: type[InercalError] = InputError, **data: Any
+) -> None:
+    """Expect an error of one line with this data that mentions a key, a column or a value."""
+    with refused(kind, **data) as refusal:
+        calibrate(run)
+    assert str(refusal.value).isprintable()
+    assert mention in str(refusal.value)
 
 
 def test_a_and_b_swapped_are_found_by_their_phase(tmp_path: Path):
     Table().write(tmp_path)
-    refused(
-        run_file(tmp_path, ('["A", "B"]', '["B", "A"]')),
-        r'B and A are swapped: B reads most at 0° and A at 90°, .*; write \["A", "B"\]',
-    )
+    run = run_file(tmp_path, ('["A", "B"]', '["B", "A"]'))
+    refused_run(run, '["A", "B"]', file=run, key="[data] accelerometer", names=("A", "B"))
 
 
 def test_a_head_that_counts_the_other_way_is_found(tmp_path: Path):
     table = Table()
     table.columns["angle"] = -table.columns["angle"]
-    refused(table.write(tmp_path), "largest reading of A is at 270°, that of A at 90°: the head")
+    refused_run(table.write(tmp_path), "270°", key="[data] accelerometer", names=("A",))
 
 
 def test_a_wrong_unit_is_found(tmp_path: Path):
     Table().write(tmp_path)
-    refused(
-        run_file(tmp_path, ('scale = "3 V/g"', 'scale = "3 V/(m/s²)"')),
-        r"A swings by 0\.102 g .* not by 1 g",
-    )
+    run = run_file(tmp_path, ('scale = "3 V/g"', 'scale = "3 V/(m/s²)"'))
+    refused_run(run, "0.102 g", key="[data] accelerometer", names=("A",))
 
 
 def test_counts_without_a_scale_are_refused(tmp_path: Path):
     Table().write(tmp_path)
-    refused(
-        run_file(tmp_path, ('unit = "V"\nscale = "3 V/g"', 'unit = "LSB"')),
-        r"\[sensor.accelerometer\]: LSB without a scale",
-    )
+    run = run_file(tmp_path, ('unit = "V"\nscale = "3 V/g"', 'unit = "LSB"'))
+    refused_run(run, "[sensor.accelerometer]")
 
 
 def test_a_pair_without_its_other_position_is_refused(tmp_path: Path):
     table = Table()
     without = [k for k in range(24) if k not in (6, 17)]  # 180° of both ways
-    refused(table.write(tmp_path, without), r"pass 1 has no 180°: add it to table\.csv")
+    run = table.write(tmp_path, without)
+    refused_run(run, "180°", key="[bench] autocollimation", names=("pass 1",))
     rows = [k for k in range(24) if k != 6]
     outcome = calibrate(table.write(tmp_path, rows))
     assert any(line.endswith("pass 1 has no 180°") for line in outcome.verdict)
@@ -343,35 +347,39 @@ def test_seven_positions_and_fewer_are_refused(tmp_path: Path, n: int):
             *autocollimation_changes("none"),
             ('name = "dual_orthogonal"', f'name = "dual_orthogonal"\nestimator = "{estimator}"'),
         )
-        words = f"{n} different positions show {n} of the 8 .*take 8 or more"
-        refused(run_file(tmp_path, *changes), words, NotObserved)
+        refused_run(run_file(tmp_path, *changes), str(n), NotObserved)
 
 
 def test_patent_refuses_eight_positions(tmp_path: Path):
     Table(n=8).write(tmp_path)
     patent = ('name = "dual_orthogonal"', 'name = "dual_orthogonal"\nestimator = "patent"')
-    refused(run_file(tmp_path, patent), "3 of 5", NotObserved)
+    refused_run(run_file(tmp_path, patent), "3 of 5", NotObserved)
     assert calibrate(run_file(tmp_path)).estimate.converged
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "data"),
     [
-        (
-            "face,deviation\n" + "".join(f"{k},0.1\n" for k in range(1, 9)),
-            "no face of a polygon of 8",
-        ),
-        ("face,deviation\n1,0.1\n3,0.2\n4,0.1\n", r"polygon\.csv, line 3: give each face"),
-        ("face,deviation\n1,0.1\n2,0.2\n", "2 faces: give each face"),
-        ("face,deviation\n1,0.1\n2,\n3,0.1\n", r"polygon\.csv, line 3"),
-        ("number,deviation\n1,0.1\n2,0.2\n3,0.1\n", "no column 'face', but number, deviation"),
+        ("face,deviation\n1,0.1\n3,0.2\n4,0.1\n", {"line": 3}),
+        ("face,deviation\n1,0.1\n2,0.2\n", {"line": None, "names": ()}),
+        ("face,deviation\n1,0.1\n2,\n3,0.1\n", {"line": 3}),
+        ("number,deviation\n1,0.1\n2,0.2\n3,0.1\n", {"names": ("face",)}),
     ],
 )
-def test_a_certificate_that_does_not_fit_is_refused(tmp_path: Path, text: str, words: str):
+def test_a_certificate_that_cannot_be_is_refused(tmp_path: Path, text: str, data: dict[str, Any]):
     Table(collimated="every").write(tmp_path)
     (tmp_path / "polygon.csv").write_text(text, encoding="utf-8")
     polygon = ('base = "5 ″"', 'base = "5 ″"\npolygon = "polygon.csv"')
-    refused(run_file(tmp_path, *autocollimation_changes("every"), polygon), words)
+    run = run_file(tmp_path, *autocollimation_changes("every"), polygon)
+    refused_run(run, file="polygon.csv", key="[bench] polygon", **data)
+
+
+def test_a_position_on_no_face_of_the_polygon_is_refused(tmp_path: Path):
+    Table(collimated="every").write(tmp_path)
+    faces = "face,deviation\n" + "".join(f"{k},0.1\n" for k in range(1, 9))
+    (tmp_path / "polygon.csv").write_text(faces, encoding="utf-8")
+    polygon = ('base = "5 ″"', 'base = "5 ″"\npolygon = "polygon.csv"')
+    refused_run(run_file(tmp_path, *autocollimation_changes("every"), polygon), "30°")
 
 
 def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Path):
@@ -381,68 +389,71 @@ def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Pa
     table.columns["read"] = read
     table.write(tmp_path)
     column = ('angle = "angle"', 'angle = "angle"\nautocollimator = "read"')
-    refused(
-        run_file(tmp_path, column, *autocollimation_changes("every")),
-        "line 6: column 'read' holds no number; give what",
-    )
+    run = run_file(tmp_path, column, *autocollimation_changes("every"))
+    refused_run(run, file="table.csv", line=6, names=("read",))
     assert calibrate(run_file(tmp_path, column)).estimate.converged  # 120° is in no pair
     read[6] = np.nan
     table.columns["read"] = read
     table.write(tmp_path)
-    refused(run_file(tmp_path, column), "line 8: column 'read' holds no number")
+    refused_run(run_file(tmp_path, column), file="table.csv", line=8, names=("read",))
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "mention"),
     [
-        ('["A", "B"]', '["A", "B", "C"]', r"the one or two accelerometers .* there are 3"),
-        ('angle = "angle"\n', "", r"\[data\] angle is missing: name the column of the head's"),
-        ('angle = "angle"', 'angle = "angle"\narm_rate = "r"', "arm_rate goes with .*centrifuge"),
+        ('["A", "B"]', '["A", "B", "C"]', "[data] accelerometer"),
+        ('angle = "angle"\n', "", "[data] angle"),
+        ('angle = "angle"', 'angle = "angle"\narm_rate = "r"', "arm_rate"),
         ('angle = "angle"', 'angle = "angle"\nangle_unit = "V"', "angle_unit"),
-        ('angle = "angle"', 'angle = "angle"\nseconds = "s"', "is at rest during a reading"),
-        ('division = "1.643 ″"', 'division = "-1 ″"', "division: '-1 ″' must not be negative"),
-        ('base = "5 ″"', 'base = "5 °"', "more than a bench can lean"),
-        ('"1.643 ″"]', '"-1.6 ″"]', "give each from 0 to 1°"),
-        ('certificate = "0 ″"', 'certificate = "5 °"', "more than a bench can lean"),
-        ('drift = "0 µg"', 'drift = "5 g"', "more than a bias can drift"),
-        ('"pairs"', '"some"', "autocollimation: 'some'; it is pairs, every or none"),
-        ('"pairs"', '"none"\npolygon = "p.csv"', "reads no face"),
-        ('name = "pair"', 'name = "pair"\nform = "reference"', "state form = \"tilted\""),
-        ('name = "dual_orthogonal"', 'name = "six_position"', "takes 'hand', not 'dividing_head'"),
-        ('[bench]', '[sensor.gyro]\nunit = "°/s"\n\n[bench]', "is at rest during a reading"),
-        ('kind = "dividing_head"', 'kind = "dividing_head"\nradius = "1 m"', "unknown key bench"),
-        ("sd.accelerometer", "# sd.accelerometer", r"\[data.sd\] accelerometer is missing"),
+        ('angle = "angle"', 'angle = "angle"\nseconds = "s"', "[data] seconds"),
+        ('division = "1.643 ″"', 'division = "-1 ″"', "[bench] division: '-1 ″'"),
+        ('base = "5 ″"', 'base = "5 °"', "[bench] base: '5 °'"),
+        ('"1.643 ″"]', '"-1.6 ″"]', "[bench] harmonics"),
+        ('certificate = "0 ″"', 'certificate = "5 °"', "[bench] certificate: '5 °'"),
+        ('drift = "0 µg"', 'drift = "5 g"', "[bench] drift: '5 g'"),
+        ('"pairs"', '"some"', "'some'"),
+        ('"pairs"', '"none"\npolygon = "p.csv"', "[bench] polygon"),
+        ('name = "pair"', 'name = "pair"\nform = "reference"', "form = \"tilted\""),
+        ('name = "dual_orthogonal"', 'name = "six_position"', "'dividing_head'"),
+        ('[bench]', '[sensor.gyro]\nunit = "°/s"\n\n[bench]', "[sensor.gyro]"),
+        ('kind = "dividing_head"', 'kind = "dividing_head"\nradius = "1 m"', "radius"),
+        ("sd.accelerometer", "# sd.accelerometer", "[data.sd] accelerometer"),
     ],
 )  # fmt: skip
-def test_run_files_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, words: str):
+def test_run_files_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, mention: str):
     Table().write(tmp_path)
-    refused(run_file(tmp_path, (old, new)), words)
+    refused_run(run_file(tmp_path, (old, new)), mention)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "mention", "data"),
     [
-        (lambda t: {"read": t["angle"] * 0 + 90.0}, "autocollimator: it reads 90′ at .*10′"),
-        (lambda t: {"angle": np.radians(t["angle"])}, 'up to 5.76 °: are they in rad'),
-        (lambda t: {"A": np.full(24, np.nan), "B": np.full(24, np.nan)}, "A, B are empty: fill"),
-        (lambda t: {"A": np.full(24, np.nan)}, "column 'A'"),
+        (lambda t: {"read": t["angle"] * 0 + 90.0}, "90′", {"key": "[data] autocollimator"}),
+        (lambda t: {"angle": np.radians(t["angle"])}, '"rad"', {"key": "[data] angle_unit"}),
+        (lambda t: {"A": np.full(24, np.nan), "B": np.full(24, np.nan)}, "",
+         {"file": "table.csv", "names": ("A", "B")}),
+        (lambda t: {"A": np.full(24, np.nan)}, "column 'A'", {}),
     ],
 )  # fmt: skip
 def test_tables_that_cannot_be_are_refused(
-    tmp_path: Path, change: Callable[[dict[str, Array]], dict[str, Array]], words: str
+    tmp_path: Path,
+    change: Callable[[dict[str, Array]], dict[str, Array]],
+    mention: str,
+    data: dict[str, Any],
 ):
     table = Table()
     table.columns["read"] = np.zeros(24)
     table.columns |= change(table.columns)
     table.write(tmp_path)
     column = 'angle = "angle"\nautocollimator = "read"'
-    refused(run_file(tmp_path, ('angle = "angle"', column + '\nautocollimator_unit = "′"')), words)
+    run = run_file(tmp_path, ('angle = "angle"', column + '\nautocollimator_unit = "′"'))
+    refused_run(run, mention, **data)
 
 
 def test_one_column_for_two_quantities_is_refused(tmp_path: Path):
     Table().write(tmp_path)
     twice = ('angle = "angle"', 'angle = "angle"\nlevel = "angle"')
-    refused(run_file(tmp_path, twice), "names column 'angle' for two things")
+    refused_run(run_file(tmp_path, twice), "'angle'")
 
 
 def test_a_coefficient_has_one_prior_source(tmp_path: Path):
@@ -455,7 +466,7 @@ def test_a_coefficient_has_one_prior_source(tmp_path: Path):
     )
     save(made, tmp_path / "one.json")
     more = PRIORS + '[method.prior_from."one.json"]\n"b.k3" = "b.k3"\n'
-    refused(run_file(tmp_path, more=more), r"b\.k3: given by several of prior")
+    refused_run(run_file(tmp_path, more=more), "b.k3")
 
 
 def test_k1_of_the_other_form_is_no_prior(tmp_path: Path):
@@ -466,12 +477,9 @@ def test_k1_of_the_other_form_is_no_prior(tmp_path: Path):
     p = len(other.coefficients)
     made = Calibration(other, np.zeros(p), 1e-14 * np.eye(p), "m", "e", {}, {}, (), "mount")
     save(made, tmp_path / "one.json")
-    for ours, theirs, words in (
-        ("a.k1", "ax.k1", "ax.k1 is of the reference form"),
-        ("a.delta_o", "ax.delta_o", "of the fixture, not of the accelerometer"),
-    ):
+    for ours, theirs in (("a.k1", "ax.k1"), ("a.delta_o", "ax.delta_o")):
         more = PRIORS + f'[method.prior_from."one.json"]\n"{ours}" = "{theirs}"\n'
-        refused(run_file(tmp_path, more=more), words)
+        refused_run(run_file(tmp_path, more=more), theirs)
 
 
 def test_angles_in_rounded_radians_are_the_same_positions(tmp_path: Path):
@@ -529,7 +537,7 @@ def test_a_position_brought_back_by_the_autocollimator_may_differ_as_stated(tmp_
 def test_an_angle_that_is_no_number_is_refused(tmp_path: Path):
     table = Table()
     table.columns["angle"][3] = np.nan
-    refused(table.write(tmp_path), "line 5: column 'angle' holds no number; give the head's angle")
+    refused_run(table.write(tmp_path), file="table.csv", line=5, names=("angle",))
 
 
 # Recordings
@@ -619,7 +627,7 @@ def test_the_tumble_of_the_laboratory_gives_its_accelerometer(tmp_path: Path):
             error = calibration.value(f"a.{term}") - value * SCALE[term]
             assert abs(error) < 3 * calibration.uncertainty(f"a.{term}")
     (folder / "tilted.toml").write_text(formulas, encoding="utf-8")
-    refused(folder / "tilted.toml", 'state form = "reference", or take least_squares')
+    refused_run(folder / "tilted.toml", "least_squares")
 
 
 def test_a_face_at_every_position_gains_what_the_page_says(tmp_path: Path):
@@ -656,7 +664,7 @@ def test_a_section_in_which_the_head_moves_is_refused(tmp_path: Path):
     write_recording(
         apply_data_columns(run, replace(recording, labels=labels)), run.file(run.data.file)
     )
-    refused(path, r"section f01 \(line \d+\): the head's angle changes")
+    refused_run(path, names=("f01",))
 
 
 def test_corrected_recordings_hold_the_force_along_the_accelerometers(tmp_path: Path):

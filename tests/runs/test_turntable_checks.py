@@ -7,6 +7,7 @@ from math import degrees, radians
 import numpy as np
 import pytest
 from tests.accuracy import turntable as tt
+from tests.refusals import refused
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.exchange_fits import SignedPermutation, signed_permutations
@@ -135,14 +136,14 @@ def test_a_different_imu_mounting_is_identified_by_both_triads():
 def test_degrees_and_radians_exchanged_are_detected_by_gravity(path: str):
     track = draw_first_device(path)
     said = check_message(replace(track, angles=np.degrees(track.angles)))
-    assert "[data] table: it is in °, taken as rad" in said
+    assert "[data] table: it is in °, read as rad" in said
     said = check_message(replace(track, angles=np.radians(track.angles)))
-    assert "[data] table: it is in rad, taken as °" in said
+    assert "[data] table: it is in rad, read as °" in said
     gyros = np.repeat([1.0, degrees(1)], 3)
     said = check_message(replace(track, reading=track.reading * gyros))
-    assert "[data] gyro: it is in °/s, taken as rad/s" in said
+    assert "[data] gyro: it is in °/s, read as rad/s" in said
     said = check_message(replace(track, reading=track.reading / gyros))
-    assert "[data] gyro: it is in rad/s, taken as °/s" in said
+    assert "[data] gyro: it is in rad/s, read as °/s" in said
 
 
 @pytest.mark.parametrize("path", FITTED)
@@ -182,8 +183,10 @@ def test_accelerometers_in_g_are_named():
 def test_a_table_that_never_moved_and_a_frozen_readback_differ():
     track = draw_first_device("paper")
     frozen = replace(track, angles=np.zeros_like(track.angles))
-    assert "the readback does not change while the gyros measure" in check_message(frozen)
-    assert "never moved" in check_message(track.slice(0, int(100 * HZ)))
+    with refused(key="[data] table"):
+        check_track("run.toml", frozen, SENSOR, BENCH)
+    with refused(key=None):
+        check_track("run.toml", track.slice(0, int(100 * HZ)), SENSOR, BENCH)
 
 
 def test_too_few_attitudes_and_turns_are_warned_of():
@@ -194,7 +197,7 @@ def test_too_few_attitudes_and_turns_are_warned_of():
         ("warning", "attitudes"),
         ("warning", "turns"),
     ]
-    assert "3 different directions" in found[0].message
+    assert number_after("have ", found[0].message) == 3
 
 
 def test_gaps_are_counted_and_long_ones_named():
@@ -205,7 +208,8 @@ def test_gaps_are_counted_and_long_ones_named():
     some = Track(track.time[kept], track.reading[kept], track.angles[kept], track.hold[kept])
     note, warning = check_track("run.toml", some, SENSOR, BENCH)
     assert note.severity == "note"
-    assert note.message.startswith(f"3 gaps: {3 + int(0.7 * HZ)} samples lost")
+    assert note.message.startswith("3 gaps")
+    assert number_after("gaps: ", note.message) == 3 + int(0.7 * HZ)
     assert warning.severity == "warning"
     assert f"after {19_999 / HZ:.6g} s" in warning.message
 
@@ -214,7 +218,7 @@ def test_messages_name_the_users_columns():
     track = draw_first_device("paper")
     columns = ColumnNames(("A1", "A2", "A3"), ("G1", "G2", "G3"), ("Z", "X", "Y"))
     turned = SignedPermutation((0, 1, 2), (1, 1, -1))
-    with pytest.raises(InputError, match=r'table = \["Z", "X", "-Y"\]'):
+    with refused(names=('[data] table = ["Z", "X", "-Y"]',)):
         check_track(
             "run", replace(track, angles=turned.reorder(track.angles)), SENSOR, BENCH, columns
         )

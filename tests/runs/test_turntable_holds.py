@@ -1,12 +1,12 @@
 """[data] hold: holds that the recording itself numbers, on a turntable."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.reading import observe
@@ -119,28 +119,26 @@ def test_turns_of_the_readback_are_taken_as_counted(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda n: n + 0.5, "[data] hold: -0.5 in sample 0: numbers of holds are whole"),
-        (lambda n: n * 0 - 1, "[data] hold: no sample of 'holds' is in a hold"),
-    ],
+    "change", [lambda n: n + 0.5, lambda n: n * 0 - 1], ids=["not whole", "none"]
 )
 def test_invalid_hold_numbers_are_refused(
-    tmp_path: Path, change: Callable[[np.ndarray], np.ndarray], words: str
+    tmp_path: Path, change: Callable[[np.ndarray], np.ndarray]
 ):
-    with pytest.raises(InputError, match=re.escape(words)):
-        calibrate(simulate_recording(copy_run(tmp_path), change_hold_column(change)))
+    run = simulate_recording(copy_run(tmp_path), change_hold_column(change))
+    with refused(file=run.path, key="[data] hold"):
+        calibrate(run)
 
 
 def test_a_readback_of_its_own_file_has_no_column_of_holds(tmp_path: Path):
-    with pytest.raises(InputError, match="with table_file leave it out"):
+    with pytest.raises(InputError):
         copy_run(tmp_path, ('label = "step"', 'table_file = "t.csv"\ntable_time = "t"'))
 
 
 def test_a_column_is_not_named_for_holds_and_something_else(tmp_path: Path):
     simulate_recording(copy_run(tmp_path))
-    with pytest.raises(InputError, match="names column 'ax' for two things"):
+    with pytest.raises(InputError) as refusal:
         calibrate(copy_run(tmp_path, ('"holds"', '"ax"')))
+    assert "'ax'" in str(refusal.value)
 
 
 def test_the_key_is_of_a_turntable_alone(tmp_path: Path):
@@ -148,5 +146,7 @@ def test_the_key_is_of_a_turntable_alone(tmp_path: Path):
     path = next(iter(sorted(text)))
     made = path.read_text(encoding="utf-8").replace("[data]\n", '[data]\nhold = "hold"\n')
     (tmp_path / "run.toml").write_text(made, encoding="utf-8")
-    with pytest.raises(InputError, match=r'\[data\] hold goes with \[bench\] kind = "turntable"'):
+    with pytest.raises(InputError) as refusal:
         read(tmp_path / "run.toml")
+    assert "hold" in str(refusal.value)
+    assert '"turntable"' in str(refusal.value)

@@ -5,9 +5,11 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 from inercal.benches import Turntable
 from inercal.budget.experiment_from_runfile import experiment_from_run
@@ -155,18 +157,19 @@ def test_a_calibration_corrects_its_own_recording(folder: Path, nominal_outcome:
     assert corrected.channels == ("fx", "fy", "fz", "wx", "wy", "wz")
 
 
-def refused(run: Run, words: str, kind: type[InercalError] = InputError) -> None:
-    with pytest.raises(kind, match=words) as refusal:
+def refused_run(
+    run: Run, mention: str = "", kind: type[InercalError] = InputError, **data: Any
+) -> None:
+    """Expect an error of one line with this data that mentions a key, a column or a value."""
+    with refused(kind, **data) as refusal:
         calibrate(run)
-    assert "\n" not in str(refusal.value)
+    assert str(refusal.value).isprintable()
+    assert mention in str(refusal.value)
 
 
 def test_a_first_rest_that_is_too_short_is_refused(tmp_path: Path):
     short = path_with_labels("warm-up", "y up", "x+").replace("0,0,0,30", "0,0,0,12")
-    refused(
-        simulate_recording(copy_run(tmp_path, path=short)),
-        "begins with a rest of 11.* s; .* 20 s of rest",
-    )
+    refused_run(simulate_recording(copy_run(tmp_path, path=short)), "20 s")
 
 
 @pytest.mark.parametrize("seconds", [20.0, 19.8, 19.05])
@@ -179,11 +182,8 @@ def test_a_first_rest_of_20_s_less_its_settling_is_accepted(folder: Path, second
 
 
 def test_unobserved_directions_of_a_path_are_named(tmp_path: Path):
-    refused(
-        simulate_recording(copy_run(tmp_path, path=path_with_labels("warm-up", "y up", "z down"))),
-        "not observed: .* of 12 coefficients of the gyros",
-        NotObserved,
-    )
+    path = path_with_labels("warm-up", "y up", "z down")
+    refused_run(simulate_recording(copy_run(tmp_path, path=path)), "gyros", NotObserved)
 
 
 def insert_nan(name: str) -> Callable[[Recording], Recording]:
@@ -197,13 +197,13 @@ def insert_nan(name: str) -> Callable[[Recording], Recording]:
 
 def test_data_that_cannot_be_used_are_refused_in_one_line(tmp_path: Path):
     run = simulate_recording(copy_run(tmp_path), change=insert_nan("middle"))
-    refused(run, "1 row without a finite number, the first middle at")
+    refused_run(run, "middle")
     path = run.file(run.data.file)
     path.write_bytes(b"")
-    refused(run, "mimu.npz")
+    refused_run(run, "mimu.npz")
     simulate_recording(run)
     path.write_bytes(path.read_bytes()[:40_000])
-    refused(run, "mimu.npz")
+    refused_run(run, "mimu.npz")
 
 
 def turn_without_rest(made: Recording) -> Recording:
@@ -211,39 +211,39 @@ def turn_without_rest(made: Recording) -> Recording:
 
 
 def test_a_table_that_never_rests_is_refused(tmp_path: Path):
-    refused(
-        simulate_recording(copy_run(tmp_path), change=turn_without_rest),
-        r"by its readback the table rests nowhere for a second: look at \[data\] table",
-    )
+    run = simulate_recording(copy_run(tmp_path), change=turn_without_rest)
+    refused_run(run, key="[data] table", names=("outer", "middle", "inner"))
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "mention"),
     [
-        ('"middle", "inner"]', '"middle"]', r"\[data\] table: name the column of each axis"),
-        ('"middle", "inner"]', '"middle", "tilt"]', "no column 'tilt'|'tilt'"),
-        ('"middle", "inner"]', '"middle", "gx"]', "names column 'gx' for two things"),
-        ("[method]", 'table_unit = "g"\n\n[method]', r"\[data\] table_unit"),
-        ("[method]", 'kind = "means"\n\n[method]', r"white: means hold no samples"),
-        ("[method]", 'marks = "labels"\n\n[method]', r"\[data\] marks: holds of a turntable"),
-        ("[method]", 'angle = "outer"\n\n[method]', r"\[data\] angle goes with"),
-        ('"path.csv"', '"none.csv"', "path 'none.csv': no such file; or paper, fast, discrete"),
-        ('"path.csv"', '"path.csv"\nseconds = "9 s"', "path.csv says how long positions last"),
-        ('white = "0.1 °/√h"\n', "", r"\[sensor.gyro\] white: a filter needs the noise"),
-        ('"turntable_kalman"\npath', '"ferraris"\npath', "method ferraris takes 'hand'"),
+        ('"middle", "inner"]', '"middle"]', "[data] table"),
+        ('"middle", "inner"]', '"middle", "tilt"]', "'tilt'"),
+        ('"middle", "inner"]', '"middle", "gx"]', "'gx'"),
+        ("[method]", 'table_unit = "g"\n\n[method]', "[data] table_unit"),
+        ("[method]", 'kind = "means"\n\n[method]', "white"),
+        ("[method]", 'marks = "labels"\n\n[method]', "[data] marks"),
+        ("[method]", 'angle = "outer"\n\n[method]', "[data] angle"),
+        ('"path.csv"', '"none.csv"', "[method] path: 'none.csv'"),
+        ('"path.csv"', '"path.csv"\nseconds = "9 s"', "[method] seconds"),
+        ('white = "0.1 °/√h"\n', "", "[sensor.gyro] white"),
+        ('"turntable_kalman"\npath', '"ferraris"\npath', "ferraris"),
     ],
 )
-def test_run_files_that_cannot_be_are_refused(folder: Path, old: str, new: str, words: str):
-    with pytest.raises(InputError, match=words) as refusal:
+def test_run_files_that_cannot_be_are_refused(folder: Path, old: str, new: str, mention: str):
+    with pytest.raises(InputError) as refusal:
         calibrate(copy_run(folder, (old, new)))
-    assert "\n" not in str(refusal.value)
+    assert str(refusal.value).isprintable()
+    assert mention in str(refusal.value)
 
 
 def test_a_path_in_a_run_by_hand_is_refused(tmp_path: Path):
     text = (ROOT / "examples" / "six_position" / "run.toml").read_text(encoding="utf-8")
     (tmp_path / "run.toml").write_text(text + '\npath = "fast"\n', encoding="utf-8")
-    with pytest.raises(InputError, match=r"path: the plan of six_position has none; it has"):
+    with pytest.raises(InputError) as refusal:
         read(tmp_path / "run.toml")
+    assert "six_position" in str(refusal.value)
 
 
 def test_a_plan_predicts_the_stated_uncertainties(tmp_path: Path, nominal_outcome: Outcome):
@@ -290,7 +290,7 @@ def test_the_verbs_go_from_plan_to_calibration(tmp_path: Path, capsys: pytest.Ca
     assert {one["name"] for one in planned["expected"]} == set(run.sensor.coefficients)
     printed = said("plan", "turntable-kalman", "--run", str(run.path))
     assert re.search(r"15 steps, 3.93 min in all", printed)
-    with pytest.raises(InputError, match="--out: a path is printed"):
+    with pytest.raises(InputError):
         said("plan", "turntable-kalman", "--run", str(run.path), "--out", "sheet.csv")
     said("simulate", str(run.path))
     result = json.loads(said("calibrate", str(run.path), "--out", str(tmp_path), "--json"))
@@ -299,5 +299,6 @@ def test_the_verbs_go_from_plan_to_calibration(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_a_refused_turntable_budget_names_the_alternative(tmp_path: Path):
-    with pytest.raises(InputError, match="inercal plan turntable-kalman says what a path gives"):
+    with pytest.raises(InputError) as refusal:
         experiment_from_run(copy_run(tmp_path))
+    assert "inercal plan turntable-kalman" in str(refusal.value)

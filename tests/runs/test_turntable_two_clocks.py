@@ -5,12 +5,14 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 from tests.accuracy import turntable as tt
 from tests.methods.turntable_cases import truth as drawn_truth
+from tests.refusals import refused
 from tests.runfile.run_file_texts import changed
 
 from inercal.cli.app import app, main
@@ -89,7 +91,6 @@ def test_clock_offset_and_drift_are_estimated_and_reported(tmp_path: Path):
     offset_sd, drift_sd = float(words[6]), float(words[words.index("gains") + 3])
     assert abs(offset - OFFSET * (1 + DRIFT) * 1e3) < 3 * offset_sd < 0.15  # ms
     assert abs(drift - DRIFT * 1e6) < 3 * drift_sd < 1.5  # ppm
-    assert "ms ahead of the sensor's at the first sample and gains" in note
     conditions = outcome.calibration.conditions
     assert conditions["table's clock ahead (k = 1)"] in note
     assert conditions["table's clock gains (k = 1)"] in note
@@ -198,21 +199,22 @@ def test_clocks_far_apart_need_their_offset_stated(tmp_path: Path):
         return {**files, "table.npz": replace(table, time=table.time + 43_200e3)}
 
     unit = ('table_time = "time"', 'table_time = "time"\ntable_time_unit = "ms"')
-    refused(
-        simulate_files_of_run(copy_run(tmp_path, *NPZ, unit), 0, at_noon),
-        "from 43199.8 s to 43436.8 s, the readings from 0.3 s to .* s of the table's clock; cut",
-    )
+    run = simulate_files_of_run(copy_run(tmp_path, *NPZ, unit), 0, at_noon)
+    refused_run(run, "43199.8 s to 43436.8 s", names=("[bench] latency",))
     stated = ('latency = "0.3 s ± 0"', 'latency = "43200 s"')
     assert any(
         "43200.3" in line for line in calibrate(copy_run(tmp_path, *NPZ, unit, stated)).verdict
     )
 
 
-def refused(run: Run, words: str) -> None:
-    with pytest.raises(InputError, match=words) as refusal:
+def refused_run(run: Run, mention: str = "", **data: Any) -> None:
+    """Expect a refusal of the readback's file, with this data, that mentions a value."""
+    with refused(**data) as refusal:
         calibrate(run)
-    assert "\n" not in str(refusal.value)
+    assert str(refusal.value).isprintable()
     assert str(refusal.value).startswith(f"{run.path}: [data] table_file: ")
+    assert refusal.value.key == "[data] table_file"
+    assert mention in str(refusal.value)
 
 
 def change_table_file(change: Callable[[Recording], Recording]) -> Callable[[Files], Files]:
@@ -234,61 +236,62 @@ def remove_rows(first: float, last: float) -> Callable[[Recording], Recording]:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "mention", "names"),
     [
-        (set_value("time", 700, 1.0), "table.npz: time goes back by .* at sample 700"),
-        (set_value("time", 700, np.nan), "without a finite number, the first time at sample 700"),
-        (
-            set_value("inner", 700, np.inf),
-            "without a finite number, the first inner at sample 700",
-        ),
-        (remove_rows(150.0, 151.0), "no reading for 1.02 s after .* while the table turns"),
-        (
-            remove_rows(150.0, 1e9),
-            "readback runs from -0.2 s to 149.99 s, .* cut the readings, or state by",
-        ),
-        (
-            lambda table: replace(table, time=table.time - 120),
-            "readback runs from .* or state by how",
-        ),
+        (set_value("time", 700, 1.0), "sample 700", None),
+        (set_value("time", 700, np.nan), "sample 700", None),
+        (set_value("inner", 700, np.inf), "inner at sample 700", None),
+        (remove_rows(150.0, 151.0), "1.02 s", ()),
+        (remove_rows(150.0, 1e9), "-0.2 s to 149.99 s", ("[bench] latency",)),
+        (lambda table: replace(table, time=table.time - 120), "", ("[bench] latency",)),
         (
             lambda table: replace(table, time=table.time[0] + 2 * (table.time - table.time[0])),
-            "at no offset",
+            "±1 s",
+            (),
         ),
-        (lambda table: replace(table, data=table.data[::-1]), "at no offset within ±1 s do"),
-        (lambda table: table.take(slice(None, None, 10)), "10 readings a second; 20 are needed"),
-        (lambda table: table.take(slice(10)), "10 samples; 20 are needed at least"),
+        (lambda table: replace(table, data=table.data[::-1]), "±1 s", ()),
+        (lambda table: table.take(slice(None, None, 10)), "10 readings", ()),
+        (lambda table: table.take(slice(10)), "10 samples", ("the readback's time",)),
     ],
     ids=["back", "nan", "inf", "gap", "short", "late", "half", "reversed", "slow", "few"],
 )
-def test_a_readback_that_does_not_go_with_the_readings_is_refused(
-    tmp_path: Path, lossless_files: Files, change: Callable[[Recording], Recording], words: str
+def test_a_readback_of_another_motion_or_time_is_refused(
+    tmp_path: Path,
+    lossless_files: Files,
+    change: Callable[[Recording], Recording],
+    mention: str,
+    names: tuple[str, ...] | None,
 ):
-    refused(write_files(copy_run(tmp_path, *NPZ), change_table_file(change)(lossless_files)), words)
+    run = write_files(copy_run(tmp_path, *NPZ), change_table_file(change)(lossless_files))
+    data = {} if names is None else {"file": "table.npz", "names": names}
+    refused_run(run, mention, **data)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "data"),
     [
-        (lambda table: replace(table, data=0 * table.data), "the readback does not change while"),
-        (lambda table: replace(table, data=np.radians(table.data)), "table: it is in rad, taken"),
+        (lambda table: replace(table, data=0 * table.data), {"key": "[data] table"}),
+        (lambda table: replace(table, data=np.radians(table.data)), {"key": "[data] table"}),
         (
             lambda table: replace(table, data=table.data[:, [1, 0, 2]]),
-            r"they fit with \[data\] table = .\"middle\", \"outer\", \"inner\"",
+            {"names": ('[data] table = ["middle", "outer", "inner"]',)},
         ),
         (
             lambda table: replace(table, data=-table.data),
-            "they fit with .data. table = ..-outer., .-m",
+            {"names": ('[data] table = ["-outer", "-middle", "-inner"]',)},
         ),
     ],
     ids=["still", "rad", "exchanged", "reversed"],
 )
 def test_columns_and_units_of_the_readback_are_named_as_in_one_file(
-    tmp_path: Path, lossless_files: Files, change: Callable[[Recording], Recording], words: str
+    tmp_path: Path,
+    lossless_files: Files,
+    change: Callable[[Recording], Recording],
+    data: dict[str, Any],
 ):
-    with pytest.raises(InputError, match=words) as refusal:
-        calibrate(write_files(copy_run(tmp_path, *NPZ), change_table_file(change)(lossless_files)))
-    assert "\n" not in str(refusal.value)
+    run = write_files(copy_run(tmp_path, *NPZ), change_table_file(change)(lossless_files))
+    with refused(**data):
+        calibrate(run)
 
 
 def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
@@ -296,61 +299,49 @@ def test_a_file_of_the_readback_that_cannot_be_read_is_refused(tmp_path: Path):
     table = run.file("table.csv")
     whole = table.read_bytes()
     table.write_bytes(whole[: len(whole) // 2 - 20])
-    refused(
-        run, r"table.csv line \d+: . columns? where the header has 4; the file may be truncated"
-    )
+    refused_run(run, "table.csv line ")
     table.write_bytes(b"")
-    refused(run, "table.csv")
+    refused_run(run, "table.csv")
     table.unlink()
-    refused(run, "table.csv cannot be read: No such file")
+    refused_run(run, "table.csv")
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("old", "new", "mention"),
     [
-        ((('"middle", "inner"]', '"middle"]'),), "table: name the column of each axis"),
-        ((('"middle", "inner"]', '"middle", "tilt"]'),), "table.csv has no column 'tilt'"),
-        ((('"middle", "inner"]', '"middle", "time"]'),), "names column 'time' for two things"),
-        ((('table_file = "table.csv"\n', ""),), "table_time is a column of table_file, which"),
-        ((('table_time = "time"\n', ""),), "table_file goes with table_time, its column of time"),
-        ((('table_time = "time"', 'table_time = "clock"'),), "table.csv has no column 'clock'"),
-        (
-            (('table_time = "time"', 'table_time = "time"\ntable_time_unit = "sample"'),),
-            r"\[data\] table_time_unit: ",
-        ),
-        ((("_modulus = 256", "_modulus = 2"),), "counter_modulus: 2; it must be 3 or more"),
-        (
-            (("_modulus = 256", "_modulus = 200"),),
-            "counter: sample 200 has 200; it counts in whole",
-        ),
-        (
-            (("_modulus = 256", "_modulus = 65536"),),
-            r"after 255 it begins again at 0 \(sample 256\), so that its modulus is 256, not 65536",
-        ),
-        ((('time_unit = "sample"\n', ""),), "counter_modulus goes with a counter: name its column"),
-        ((('rate = "100 Hz"\n', ""),), r"\[data\] rate is missing"),
+        ('"middle", "inner"]', '"middle"]', "[data] table"),
+        ('"middle", "inner"]', '"middle", "tilt"]', "'tilt'"),
+        ('"middle", "inner"]', '"middle", "time"]', "'time'"),
+        ('table_file = "table.csv"\n', "", "table_file"),
+        ('table_time = "time"\n', "", "table_time"),
+        ('table_time = "time"', 'table_time = "clock"', "'clock'"),
+        ('table_time = "time"', 'table_time = "time"\ntable_time_unit = "sample"', "_time_unit"),
+        ("_modulus = 256", "_modulus = 2", "counter_modulus"),
+        ("_modulus = 256", "_modulus = 200", "sample 200"),
+        ("_modulus = 256", "_modulus = 65536", "65536"),
+        ('time_unit = "sample"\n', "", "counter_modulus"),
+        ('rate = "100 Hz"\n', "", "[data] rate"),
     ],
 )
 def test_run_files_that_cannot_be_are_refused(
-    text_recording_folder: Path, changes: tuple[Change, ...], words: str
+    text_recording_folder: Path, old: str, new: str, mention: str
 ):
-    with pytest.raises(InputError, match=words) as refusal:
-        calibrate(copy_run(text_recording_folder, *changes))
-    assert "\n" not in str(refusal.value)
+    with pytest.raises(InputError) as refusal:
+        calibrate(copy_run(text_recording_folder, (old, new)))
+    assert str(refusal.value).isprintable()
+    assert mention in str(refusal.value)
 
 
-@pytest.mark.parametrize(
-    ("order", "words"),
-    [([0, 1, 2, 2, 3], "2 at sample 3 comes twice"), ([0, 1, 3, 2, 4], "packets out of order")],
-)
+@pytest.mark.parametrize("order", [[0, 1, 2, 2, 3], [0, 1, 3, 2, 4]], ids=["twice", "out of order"])
 def test_packets_twice_or_out_of_order_are_refused(
-    tmp_path: Path, lossless_files: Files, order: list[int], words: str
+    tmp_path: Path, lossless_files: Files, order: list[int]
 ):
     imu = lossless_files["imu.npz"]
     shuffled = {**lossless_files, "imu.npz": imu.take(np.r_[order, 5 : imu.time.size])}
     run = write_files(copy_run(tmp_path, *NPZ), shuffled)
-    with pytest.raises(InputError, match=f"imu.npz: counter: .*{words}"):
+    with pytest.raises(InputError) as refusal:
         calibrate(run)
+    assert "imu.npz: counter" in str(refusal.value)
 
 
 def test_the_verbs_go_from_two_files_to_a_calibration(
@@ -370,12 +361,12 @@ def test_the_verbs_go_from_two_files_to_a_calibration(
     assert head == "packet,ax,ay,az,gx,gy,gz,step"
     assert "ahead of the sensor's" in said("calibrate", str(run.path), "--out", str(tmp_path))
     (tmp_path / "mimu_packets.csv").unlink()
-    with pytest.raises(InputError, match=r"table\.csv exists: name another"):
+    with pytest.raises(InputError):
         said("simulate", str(run.path))
     assert not (tmp_path / "mimu_packets.csv").exists()
     (tmp_path / "table.csv").unlink()
     (tmp_path / "table.csv").mkdir()
-    with pytest.raises(InputError, match=r"table\.csv is a folder"):
+    with pytest.raises(InputError):
         said("simulate", str(run.path), "--force")
     assert not (tmp_path / "mimu_packets.csv").exists()
     monkeypatch.setattr("sys.argv", ["inercal", "calibrate", str(run.path)])

@@ -4,10 +4,12 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from tests.runs.test_turntable_runs import Change, copy_run, path_with_labels, refused
+from tests.refusals import refused
+from tests.runs.test_turntable_runs import Change, copy_run, path_with_labels, refused_run
 
 from inercal.errors import InputError
 from inercal.io.write import write_recording
@@ -59,25 +61,23 @@ def test_gyros_may_stand_in_a_file_of_their_own(tmp_path: Path, example_recordin
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "place"),
     [
         (
             'azimuth = "0 ° ± 0.1 °"',
             'azimuth = "90 ° ± 0.1 °"',
-            "azimuth −?[0-9]° .* stated are 90° and 38°",
+            r"azimuth −?[0-9]° .* 90° and 38°",
         ),
-        (
-            'latitude = "38 °"',
-            'latitude = "-38 °"',
-            "azimuth .* latitude 3[0-9]°, and stated are 0° and −38°",
-        ),
+        ('latitude = "38 °"', 'latitude = "-38 °"', r"azimuth .* latitude 3[0-9]°.* 0° and −38°"),
     ],
 )
 def test_the_earth_rate_detects_a_wrong_azimuth_or_hemisphere(
-    tmp_path: Path, example_recording: Recording, old: str, new: str, words: str
+    tmp_path: Path, example_recording: Recording, old: str, new: str, place: str
 ):
     run = write_changed_example(tmp_path, example_recording, (old, new))
-    refused(run, f"see the earth turn by .* it would be so at {words}; look at .bench. azimuth and")
+    with refused(names=("[bench] azimuth", "[bench] latitude")) as refusal:
+        calibrate(run)
+    assert re.search(place, str(refusal.value))
 
 
 def test_an_outer_readback_that_is_zero_elsewhere_is_an_azimuth(
@@ -86,10 +86,8 @@ def test_an_outer_readback_that_is_zero_elsewhere_is_an_azimuth(
     def turned(one: Recording) -> Recording:
         return replace(one, readback={**one.readback, "outer": one.readback["outer"] + 90.0})
 
-    refused(
-        write_changed_example(tmp_path, example_recording, change=turned),
-        "the zero of the outer axis' readback",
-    )
+    run = write_changed_example(tmp_path, example_recording, change=turned)
+    refused_run(run, names=("[bench] azimuth", "[bench] latitude"))
 
 
 def test_gravity_that_disagrees_with_the_latitude_is_reported(
@@ -101,14 +99,14 @@ def test_gravity_that_disagrees_with_the_latitude_is_reported(
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "key"),
     [
-        ('"0 ° ± 0.1 °"', '"0 ° ± 10 °"', r"azimuth: '0 ° ± 10 °': its deviation is more than 5°"),
-        ('noise = "0.5 ″"', 'lever = ["80 m", "0 m", "0 m"]', "lever: 80 m, .* no more than 1 m"),
+        ('"0 ° ± 0.1 °"', '"0 ° ± 10 °"', "[bench] azimuth"),
+        ('noise = "0.5 ″"', 'lever = ["80 m", "0 m", "0 m"]', "[bench] lever"),
     ],
 )
-def test_bounds_of_the_bench(tmp_path: Path, old: str, new: str, words: str):
-    with pytest.raises(InputError, match=words):
+def test_bounds_of_the_bench(tmp_path: Path, old: str, new: str, key: str):
+    with refused(file="mimu.toml", key=key):
         copy_run(tmp_path, (old, new))
 
 
@@ -168,11 +166,11 @@ def test_advice_on_columns_can_be_followed_to_the_letter(
     run = write_changed_example(
         tmp_path, example_recording, change=lambda one: reverse_column(one, *names)
     )
-    with pytest.raises(InputError, match="they fit with") as caught:
+    with pytest.raises(InputError) as caught:
         calibrate(run)
-    advice = re.search(rf"\[data\] {key} = (\[[^]]*\])", str(caught.value))
-    assert advice is not None
-    corrected = copy_run(tmp_path, (f"{key} = {stated}", f"{key} = {advice[1]}"))
+    (advice,) = caught.value.names
+    assert advice.startswith(f"[data] {key} = ")
+    corrected = copy_run(tmp_path, (f"{key} = {stated}", advice.removeprefix("[data] ")))
     found = calibrate(replace(corrected, path=run.path)).calibration.values
     np.testing.assert_allclose(found, nominal_outcome.calibration.values, rtol=1e-6, atol=1e-9)
 
@@ -186,7 +184,7 @@ def test_a_simulation_writes_reversed_columns_as_the_run_file_reads_them(tmp_pat
 
 def test_a_wrong_order_of_axes_is_identified(tmp_path: Path, example_recording: Recording):
     run = write_changed_example(tmp_path, example_recording, ("[bench]", '[bench]\naxes = "zyx"'))
-    refused(run, r'they fit with \[bench\] axes = "zxy"')
+    refused_run(run, names=('[bench] axes = "zxy"',))
 
 
 def at_row(name: str, value: float) -> Callable[[Recording], Recording]:
@@ -235,21 +233,15 @@ def time_in_milliseconds(one: Recording) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "mention", "data"),
     [
-        (at_row("outer", 9999.0), r"sample 5000 \(50 s\): outer reads back 9999° between .* row"),
-        (zero_channel, r"the gyros turn, first at \d+ s: inner never moves$"),
-        (freeze_channel, r"the gyros turn, first at 13\d s: outer stands from \d+ s on"),
-        (clip_channel, r"gx holds 25 .* while the table turns: it is at the end of its range"),
-        (cut_gap, r"no sample for 5\.\d+ s after 9\.99 s, in the first rest"),
-        (
-            halve_time,
-            r"time or rate: by them it lasts 11[78]\.?\d* s, with 0\.005 s from sample to sample",
-        ),
-        (
-            time_in_milliseconds,
-            r"taken in s makes 0\.1 samples per second, .* time_unit = \"ms\" \(100 Hz\)",
-        ),
+        (at_row("outer", 9999.0), "sample 5000 (50 s)", {"names": ("outer",)}),
+        (zero_channel, "", {"names": ("inner",)}),
+        (freeze_channel, " 13", {"names": ("outer",)}),
+        (clip_channel, "gx holds 25", {"names": ("gx",)}),
+        (cut_gap, "9.99 s", {}),
+        (halve_time, "0.005 s", {"key": "[data] gyro"}),
+        (time_in_milliseconds, '"ms"', {}),
     ],
     ids=["spike", "dead", "stuck", "clipped", "torn", "faster", "in ms"],
 )
@@ -257,16 +249,19 @@ def test_faulty_samples_are_identified_by_their_kind(
     tmp_path: Path,
     example_recording: Recording,
     change: Callable[[Recording], Recording],
-    words: str,
+    mention: str,
+    data: dict[str, Any],
 ):
-    refused(write_changed_example(tmp_path, example_recording, change=change), words)
+    run = write_changed_example(tmp_path, example_recording, change=change)
+    refused_run(run, mention, **data)
 
 
 def test_an_outlying_reading_is_reported(tmp_path: Path, example_recording: Recording):
     outcome = calibrate(
         write_changed_example(tmp_path, example_recording, change=at_row("ax", 8.0))
     )
-    assert find_warning(outcome, "ax reads 8 g in sample 5000 (50 s)").endswith("take the row out")
+    (found,) = [f for f in outcome.findings if f.what == "outlier"]
+    assert (found.channel, found.start, found.stop) == ("ax", 5000, 5001)
 
 
 def test_a_repeating_readback_is_reported_once(tmp_path: Path, example_recording: Recording):
@@ -274,7 +269,8 @@ def test_a_repeating_readback_is_reported_once(tmp_path: Path, example_recording
         return with_readback(one, lambda _, a: np.repeat(a[::10], 10)[: a.size])
 
     outcome = calibrate(write_changed_example(tmp_path, example_recording, change=held))
-    assert "one of 10 Hz beside readings of 100 Hz" in find_warning(outcome, "repeats its values")
+    (found,) = [f for f in outcome.findings if f.what == "readback"]
+    assert re.findall(r"([\d.]+) Hz", found.message) == ["10", "100"]
     assert not any(f.what == "slip" for f in outcome.findings)
 
 
@@ -305,7 +301,7 @@ def test_a_declared_latency_is_removed_before_the_readback_is_checked(
 
 def test_a_latency_that_may_be_anything_is_refused(tmp_path: Path, example_recording: Recording):
     run = write_changed_example(tmp_path, example_recording, ('"0 ms ± 5 ms"', '"0 ms ± 100 ms"'))
-    refused(run, r"latency: its deviation, 100 ms, is more than 50 ms")
+    refused_run(run, "100 ms", file=run.path, key="[bench] latency")
 
 
 def truncate_recording(one: Recording) -> Recording:
@@ -328,17 +324,17 @@ def test_a_recording_that_was_cut_lacks_steps_of_its_path(
         calibrate(
             write_changed_example(tmp_path, example_recording, *changes, change=truncate_recording)
         ),
-        "missing",
+        "lacks steps",
     )
-    assert re.search(r"of the path, (x\+, )?x-, y\+, y-, z\+, z-(, rest| and 1 more)", said)
+    assert re.search(r"(x\+, )?x-, y\+, y-, z\+, z-(, rest| and 1 more)", said)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("y up", "z down", "z down: axes at .* by its plan axes at 0°, 180°, 0°"),
-        ("y up", "", "1 step without a label: hold"),
-        ("y up", "yup", "1 step of no step of the path: yup"),
+        ("y up", "z down", "z down: .* axes at 0°, 180°, 0°"),
+        ("y up", "", "1 step .*: hold"),
+        ("y up", "yup", "1 step .*: yup"),
     ],
 )
 def test_labels_missing_from_the_plan_are_reported(
@@ -363,41 +359,41 @@ def test_accelerometers_a_fifth_too_large_are_asked_about(
     def larger(one: Recording) -> Recording:
         return replace(one, data=one.data * np.repeat([1.2, 1.0], 3))
 
-    said = find_warning(
-        calibrate(write_changed_example(tmp_path, example_recording, change=larger)),
-        "specific force at rest is 1.2",
-    )
-    assert said.endswith("is the nominal scale right?")
+    outcome = calibrate(write_changed_example(tmp_path, example_recording, change=larger))
+    (found,) = [f for f in outcome.findings if f.what == "units"]
+    assert " 1.2 " in found.message
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "mention"),
     [
-        ('"60 µg/√Hz"', '"-60 µg/√Hz"', r"accelerometer\] white: '-60 µg/√Hz' must not be neg"),
-        ('"10 g"', '"-10 g"', r"\[sensor.accelerometer\] full_scale: '-10 g' must be positive"),
-        ("latency =", "latncy =", r"unknown key bench.latncy; did you mean latency\?; possible"),
-        ("[method]", '[method]\nalso = ["bia"]', r"did you mean bias or bias_dT\?"),
+        ('"60 µg/√Hz"', '"-60 µg/√Hz"', "[sensor.accelerometer] white: '-60 µg/√Hz'"),
+        ('"10 g"', '"-10 g"', "[sensor.accelerometer] full_scale: '-10 g'"),
+        ("latency =", "latncy =", "latency"),
+        ("[method]", '[method]\nalso = ["bia"]', "bias_dT"),
     ],
 )
 def test_typing_errors_are_reported_in_terms_of_the_run_file(
-    tmp_path: Path, old: str, new: str, words: str
+    tmp_path: Path, old: str, new: str, mention: str
 ):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(InputError) as refusal:
         copy_run(tmp_path, (old, new))
+    assert mention in str(refusal.value)
 
 
 @pytest.mark.parametrize(
-    ("row", "words"),
+    ("row", "mention"),
     [
-        ("a,rotation,,,,,outer,360,-30", "rotation a: its rate is -30 °/s; give it > 0: the angle"),
-        ("a,rotation,,,,,outer,0,30", "rotation a: its angle is 0; give one"),
-        ("a,position,0,0,0,1e9,,,", r"position a: 1e\+09 s; more than a day"),
-        ("a,position,0,0,0,-1,,,", "position a: -1 s; give it > 0"),
+        ("a,rotation,,,,,outer,360,-30", "rate is -30 °/s"),
+        ("a,rotation,,,,,outer,0,30", "angle is 0"),
+        ("a,position,0,0,0,1e9,,,", "seconds is 1e+09"),
+        ("a,position,0,0,0,-1,,,", "seconds is -1"),
     ],
 )
-def test_rows_of_a_path_are_judged_in_their_own_units(tmp_path: Path, row: str, words: str):
-    with pytest.raises(InputError, match=words):
+def test_rows_of_a_path_are_judged_in_their_own_units(tmp_path: Path, row: str, mention: str):
+    with pytest.raises(InputError) as refusal:
         _ = copy_run(tmp_path, path=path_with_labels() + row + "\n").steps
+    assert mention in str(refusal.value)
 
 
 def test_the_source_estimator_states_the_information_of_its_last_rest(

@@ -1,4 +1,4 @@
-"""Directions of what an arm or a table that turns makes accelerometers feel."""
+"""Directions of the arm of a centrifuge, or of a rate table, in the body of the sensor."""
 
 from collections.abc import Sequence
 
@@ -20,5 +20,9 @@ def outward_and_up_directions(steps: Sequence[Spin]) -> tuple[Array, Array]:
     known = [step.attitude for step in steps if step.attitude is not None]
     if len(known) < len(steps):
         lacking = next(step.label for step in steps if step.attitude is None)
-        raise InputError(f"{lacking}: its attitude on the arm is not known")
+        raise InputError(
+            f"{lacking}: the attitude of this step is unknown; state it",
+            key="attitude",
+            names=(lacking,),
+        )
     return np.array([a.out for a in known]), np.array([a.up for a in known])

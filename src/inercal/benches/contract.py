@@ -1,17 +1,19 @@
-"""What every bench offers: its imperfections as data, and the mean motion that it makes.
+"""The contract of every bench: its imperfections as data, and the mean motion of its steps.
 
-A bench is a frozen dataclass of what is stated of it, in SI. Methods, budgets, plans and reports
-know no more of it than stands here.
+A bench is a frozen dataclass of the stated values, in SI. Methods, budgets, plans and reports use
+nothing of a bench but these types.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, field
+from math import inf
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.sensors import Sensor
@@ -19,7 +21,7 @@ from inercal.units import Measured
 
 
 class Bench(Protocol):
-    """A bench as stated: a dataclass, so that `dataclasses.replace` states it otherwise."""
+    """A bench as stated: a dataclass, so that `dataclasses.replace` changes a stated value."""
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
@@ -36,15 +38,16 @@ class Bench(Protocol):
     def nuisances(self, steps: Sequence[Any], sensor: Sensor) -> Mapping[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "pose_x[XY30]".
 
-        Those of scope "dwell" are noise to an estimation; those of `Parameter.attitude` act on no
-        norm of readings.
+        An estimator counts those of scope "dwell" as noise; those of `Parameter.attitude` act on
+        no norm of readings.
 
         Parameters
         ----------
         steps : sequence of Step
-            Of the kinds that the bench carries out.
+            Of the types that the bench carries out.
         sensor : Sensor
-            Its axes say what is observed: without gyros what acts on rates alone is left out.
+            Its axes are what is observed: without gyros, parameters that act only on rates are
+            omitted.
         """
         ...
 
@@ -78,7 +81,7 @@ class MeanMotion:
 
 @runtime_checkable
 class MeanBench(Bench, Protocol):
-    """A bench whose steps are each one mean reading: a hand, an arm, a head, a table at a rate."""
+    """A bench of which each step gives one mean reading: a hand, an arm, a head, a rate table."""
 
     def mean_motion(self, steps: Sequence[Any], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion of each of r steps.
@@ -99,7 +102,7 @@ class MeanBench(Bench, Protocol):
     def reading_offsets(
         self, steps: Sequence[Any], sensor: Sensor, q: Mapping[str, Array]
     ) -> Array:
-        """Return what errors add to the readings themselves, (..., r, m) SI, or a zero, ().
+        """Return what errors of the bench add to the readings, (..., r, m) SI, or a zero, ().
 
         Parameters
         ----------
@@ -111,8 +114,34 @@ class MeanBench(Bench, Protocol):
         ...
 
 
+def require_possible_values(
+    bench: str, positive: Mapping[str, float], deviations: Mapping[str, float]
+) -> None:
+    """Refuse values of a bench that no bench can have.
+
+    Parameters
+    ----------
+    bench : str
+        What the message begins with, "rate table".
+    positive, deviations : mapping of str to float
+        Values that must be > 0, and standard deviations, which must be >= 0, by name.
+
+    Raises
+    ------
+    InputError
+        Its `key` is the name of the first value that is not possible.
+    """
+    for name, value in positive.items():
+        if not 0 < value < inf:
+            raise InputError(f"{bench}: {name} is {value:g}; it must be greater than 0", key=name)
+    for name, sd in deviations.items():
+        if not 0 <= sd < inf:
+            text = f"the standard deviation of {name} is {sd:g}; it must be 0 or greater"
+            raise InputError(f"{bench}: {text}", key=name)
+
+
 def concatenate_motions(parts: Sequence[Motion]) -> Motion:
-    """Return f and ω of motions, (trials, n, 3) each, that follow one another."""
+    """Return f and ω of consecutive motions, (trials, n, 3) each, as one motion."""
     f, w = ([getattr(part, name) for part in parts] for name in ("f", "w"))
     return Motion(np.concatenate(f, axis=-2), np.concatenate(w, axis=-2))
 
@@ -132,7 +161,7 @@ class SimulatedMotion:
     bench_errors : mapping of str to (trials,) array
         The bench's errors, SI, by full name.
     readback : mapping of str to (n,) or (trials, n) array
-        What the bench reads back, SI.
+        Readback of the bench, SI.
     """
 
     time: Array
@@ -150,9 +179,9 @@ class SensorSimulation:
     ----------
     simulated_motion : SimulatedMotion
     sensor : Sensor
-        With the noise that is still to be drawn.
+        With the noise that the caller has still to draw.
     drift : (..., n, m) array or None
-        Of its biases, SI, drawn by the bench's part of the simulation.
+        Of its biases, SI, where the simulation of the bench draws it.
     """
 
     simulated_motion: SimulatedMotion
@@ -163,7 +192,7 @@ class SensorSimulation:
 def stack_derivatives(
     rows: Sequence[Mapping[str, Array]], shape: tuple[int, ...]
 ) -> dict[str, Array]:
-    """Return derivatives of all r steps, (..., r, 3), from those of each, by full name.
+    """Return the derivatives of r steps as arrays (..., r, 3), by full name.
 
     Parameters
     ----------

@@ -18,26 +18,28 @@ KINDS: Registry[Kind[Any, Any]] = Registry(
 
 
 def kind_for_class(bench: type[Any]) -> Kind[Any, Any]:
-    """Return the kind that has this class of bench.
+    """Return the kind whose benches are of this class.
 
     Raises
     ------
     InputError
-        None has it.
+        No kind has this class.
     """
     for kind in KINDS.values():
         if issubclass(bench, kind.bench):
             return kind
-    raise InputError(f"{bench.__name__} is not a kind of bench; there are {', '.join(KINDS)}")
+    raise InputError(
+        f"class {bench.__name__} belongs to no kind of bench; the kinds are {', '.join(KINDS)}"
+    )
 
 
 def kind_name_for_class(bench: type[Any]) -> str:
-    """Return the name of the kind that has this class of bench; the class's own if none has."""
+    """Return the name of the kind of this class of bench, or the class's name if it has none."""
     return next((name for name, kind in KINDS.items() if kind.bench is bench), bench.__name__)
 
 
 def kind_for_bench(bench: Bench) -> Kind[Any, Any]:
-    """Return the kind of a bench that was made without a run file.
+    """Return the kind of a bench.
 
     Raises
     ------

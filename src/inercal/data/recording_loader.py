@@ -149,7 +149,7 @@ def readbacks(run: Source[DataSection]) -> tuple[ReadbackColumn, ...]:
     try:
         return run.data.readback(run.bench)
     except InputError as error:
-        raise InputError(f"{run.path}: {error}") from None
+        raise error.located(run.path) from None
 
 
 def readback_fields(run: Source[DataSection]) -> tuple[tuple[str, str, str], ...]:

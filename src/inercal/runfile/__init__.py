@@ -194,12 +194,12 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     except ValidationError as error:
         raise InputError(f"{path}: {describe_error(error, content, model)}") from None
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise error.located(path) from None
     try:
         run = _build_run(path, sha256(raw).hexdigest(), schema, KINDS[chosen])
         return replace(run, reader_options=options) if options else run
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise error.located(path) from None
 
 
 def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> Run:

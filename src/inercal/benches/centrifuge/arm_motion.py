@@ -1,26 +1,26 @@
-"""What a sensor feels on a centrifuge's arm that turns steadily about the vertical.
+"""The motion that a sensor senses on a centrifuge's arm that turns steadily about the vertical.
 
-A sensor on the arm feels the arm's centripetal acceleration and gravity, at right angles but for a
+A sensor on the arm senses the arm's centripetal acceleration and gravity, at right angles but for a
 tilt τ of gravity against the arm. With `out` and `up` in the body, from the spindle outwards and
 along it::
 
     a = R (1 + s a₀) (ω (1 + ρ) + Ω sin φ)²,   a₀ = R ω² nominal
-    f = −(a + g τ) out + g √(1 − τ²) up         locked to the arm: and turns with it, ω along up
-    n² = a² + 2 a g τ + g²                      whatever the attitude
+    f = −(a + g τ) out + g √(1 − τ²) up         locked to the arm; it turns with the arm, ω along up
+    n² = a² + 2 a g τ + g²                      in any attitude
 
 with R the static radius, s the arm's stretch, ω the rate against the ground as stated, counted
 counter-clockwise seen from above, ρ its relative error, Ω sin φ the earth's rate along the spindle.
 
 The spindle leans by λ₁ where the arm's azimuth α is 0 and by λ₂ where it is 90°: this adds
 λ₁ cos α + λ₂ sin α to τ. The earth's level rate e adds 2 e ω R to gravity once a turn (Coriolis),
-the same as a tilt of 2 (e₁ cos α + e₂ sin α)/ω. Over whole turns neither is sensed. On a platform
-that turns against the arm the sensor keeps its attitude to the ground and feels the arm go round:
-one row of observations is then one azimuth, and both count.
+the same as a tilt of 2 (e₁ cos α + e₂ sin α)/ω. Over whole turns the mean of both is zero. On a
+platform that turns against the arm the sensor keeps its attitude to the ground while the direction
+of the arm rotates: one row of observations is then of one azimuth, and both act.
 
-The body is turned from its nominal attitude by mounting angles m of the whole run and, within
-them, by the indexing errors e of each attitude: v_body = exp(m) exp(e) v_nominal. No norm feels it.
+The body is turned from its nominal attitude by mounting angles m of the run and, within them, by
+the indexing errors e of each attitude: v_body = exp(m) exp(e) v_nominal. No norm depends on them.
 
-Rate and tilt may differ from dwell to dwell besides, by `dwell_rate` and `dwell_tilt`.
+Rate and tilt also vary from dwell to dwell, by `dwell_rate` and `dwell_tilt`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,9 +51,9 @@ class SpecificForceNorm:
     norm : (..., r) array
         n, m/s².
     derivatives : mapping of str to (..., r) array
-        ∂n by each of the bench's parameters that a norm depends on, dwell to dwell included.
+        ∂n by each of the bench's parameters on which a norm depends, those of dwells included.
     dwell : (..., r) array
-        Standard deviation of n by what differs from dwell to dwell, m/s².
+        Standard deviation of n due to the parameters of dwells, m/s².
     """
 
     norm: Array
@@ -140,15 +140,15 @@ def _parameter_by_label(q: Mapping[str, Array], name: str, labels: Sequence[str]
 def specific_force_norm(
     bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]
 ) -> SpecificForceNorm:
-    """Return the norm that each dwell makes.
+    """Return the norm of specific force in each dwell.
 
     Parameters
     ----------
     bench : Centrifuge
     steps : sequence of r Spin
     q : mapping of str to (...) array
-        The bench's parameters by full name, SI; `nuisances` lists them. Those of attitudes play no
-        part, and those of lean and dwells are zero where they are missing.
+        The bench's parameters by full name, SI; `nuisances` lists them. Those of attitudes do not
+        act; those of lean and dwells are zero where they are missing.
     """
     arm, g = _arm_motion(bench, steps, q), q["g"][..., None]
     n = np.sqrt(arm.a**2 + 2 * arm.a * g * arm.tilt + g**2)
@@ -163,7 +163,7 @@ def specific_force_norm(
 def sensed_motion(bench: "Centrifuge", steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
     """Return the mean motion of each dwell in its attitude, with derivatives.
 
-    "dwell_rate" and "dwell_tilt" are of each row's own.
+    The derivatives by "dwell_rate" and "dwell_tilt" are those by the value of each row.
 
     Parameters
     ----------

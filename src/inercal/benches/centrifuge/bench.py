@@ -1,6 +1,6 @@
-"""A precision centrifuge as a bench (terms of IEEE Std 836): what is known of it, as data.
+"""A precision centrifuge as a bench (terms of IEEE Std 836): its stated values, as data.
 
-What its arm makes a sensor feel stands in `inercal.benches.centrifuge.arm_motion`.
+`inercal.benches.centrifuge.arm_motion` computes the motion that a sensor senses on its arm.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ class Centrifuge:
     radius : Measured
         From the spindle's axis to the sensor's centre, the arm at rest, m.
     latitude : Measured or None
-        rad; None is unknown, and the earth's rate along the spindle then a nuisance altogether.
+        rad; None is unknown: the earth's rate along the spindle is then a nuisance.
     stretch : Measured
         Relative growth of the radius per centripetal acceleration, 1/(m/s²).
     rate : float
@@ -78,15 +78,15 @@ class Centrifuge:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        # Of a vector of known length and unknown direction each component has 1/√3 of it.
+        # Each component of a vector of known length and unknown direction is 1/√3 of it, rms.
         earth = Parameter(
             "earth_up", "rad/s", EARTH_RATE / sqrt(3), "run", 0.0, "earth rate along the spindle"
         )
         level = EARTH_RATE / sqrt(3)
         if (place := self.latitude) is not None:
             earth = Parameter.from_measured("latitude", "rad", place, "latitude")
-            level = EARTH_RATE * cos(place.value) / sqrt(2)  # where north is, is not known
-        # Over whole turns of an arm that the sensor is locked to it is not sensed.
+            level = EARTH_RATE * cos(place.value) / sqrt(2)  # the azimuth is unknown
+        # Over whole turns of an arm to which the sensor is locked its effect is zero.
         level *= self.platform != "locked"
         indexing = self.indexing or 0.0
         return (
@@ -119,31 +119,27 @@ class Centrifuge:
     def acting_parameters(
         self, steps: Sequence[Spin], *, vectors: bool = True, dwells: bool = False
     ) -> dict[str, Parameter]:
-        """Return those that an estimation carries.
+        """Return those that an estimator has as nuisances.
 
         Parameters
         ----------
         steps : sequence of Spin
         vectors : bool
-            Whether specific force itself is observed; its norm knows of no attitude.
+            Whether specific force itself is observed; its norm depends on no attitude.
         dwells : bool
-            Whether what differs from dwell to dwell is named; an estimation counts it as noise.
+            Whether parameters of each dwell are included; an estimator counts them as noise.
         """
-        found: dict[str, Parameter] = {}
-        for parameter in self.parameters:
-            if parameter.scope == "dwell":
-                if dwells:
-                    found |= {f"{parameter.name}[{step.label}]": parameter for step in steps}
-            elif parameter.attitude and not vectors:
-                continue
-            elif parameter.scope == "position":
-                found |= {
-                    f"{parameter.name}[{name}]": parameter
-                    for name in attitude_names(steps).values()
-                }
-            else:
-                found[parameter.name] = parameter
-        return found
+        labels = {
+            "run": [""],
+            "position": [f"[{name}]" for name in attitude_names(steps).values()],
+            "dwell": [f"[{step.label}]" for step in steps] if dwells else [],
+        }
+        return {
+            f"{parameter.name}{label}": parameter
+            for parameter in self.parameters
+            if vectors or not parameter.attitude
+            for label in labels[parameter.scope]
+        }
 
     def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion of each dwell; see `inercal.benches.contract.MeanBench`.
@@ -167,9 +163,9 @@ class Centrifuge:
 
 
 def _split_by_dwell(by: Mapping[str, Array], labels: Sequence[str]) -> dict[str, Array]:
-    """Return derivatives (..., r, 3) with those by what differs from dwell to dwell named apart."""
-    found = {name: rows for name, rows in by.items() if not name.startswith("dwell")}
+    """Return derivatives (..., r, 3), those by parameters of a dwell with the dwell's name."""
+    result = {name: rows for name, rows in by.items() if not name.startswith("dwell")}
     own = np.eye(len(labels))
-    for name in set(by) - set(found):
-        found |= {f"{name}[{label}]": by[name] * own[k][:, None] for k, label in enumerate(labels)}
-    return found
+    for name in set(by) - set(result):
+        result |= {f"{name}[{label}]": by[name] * own[k][:, None] for k, label in enumerate(labels)}
+    return result

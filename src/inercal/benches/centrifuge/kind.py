@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from math import degrees
 
+import numpy as np
+
+from inercal.benches.centrifuge.arm_motion import sensed_motion
 from inercal.benches.centrifuge.bench import Centrifuge
-from inercal.benches.centrifuge.report import directions
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
 from inercal.benches.centrifuge.simulation import arm_plan_duration, simulate_arm_motion
 from inercal.benches.kind_definition import (
@@ -13,7 +15,12 @@ from inercal.benches.kind_definition import (
     import_when_called,
     simulate_without_sensor,
 )
-from inercal.benches.report_data import describe_spin
+from inercal.benches.report_data import (
+    MeasuredDirection,
+    ReportInput,
+    describe_spin,
+    measured_direction,
+)
 from inercal.plan import Spin
 from inercal.sensors import G0
 from inercal.units import Measured
@@ -24,7 +31,20 @@ _NONE = Measured(0.0, 0.0)
 def _refuses_budget(bench: Centrifuge, steps: Sequence[Spin]) -> str:
     if bench.platform == "locked":
         return ""
-    return "a budget of a counter-rotating platform is not there: simulate its runs instead"
+    return "no budget is computed for a counter-rotating platform; simulate its runs instead"
+
+
+def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
+    """Return the measured direction of the specific force in each dwell."""
+    spins = [step for step in shown.steps if isinstance(step, Spin)]
+    known = all(step.attitude is not None for step in spins)
+    stated = {name: np.array(q.value) for name, q in shown.expected.items()}
+    nominal = sensed_motion(shown.bench, spins, stated) if known else None
+    sensed = shown.sensed_motion(None if nominal is None else nominal.w)
+    return tuple(
+        measured_direction(step, sensed.f[k], None if nominal is None else nominal.f[k])
+        for k, step in enumerate(spins)
+    )
 
 
 KIND = Kind(

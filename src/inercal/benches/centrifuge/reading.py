@@ -23,10 +23,11 @@ from inercal.io.rest_norm import norm_finding
 from inercal.keys import CoefficientName
 from inercal.plan import Spin, arm_attitude
 from inercal.recording import Finding
+from inercal.section_settings import key_error
 from inercal.segments import average_dwells, find_dwells
 from inercal.units import format_quantity
 
-_HARMONICS = 2  # of a reading quadratic in the sensed motion; a cubic one has a third
+_HARMONICS = 2  # of a reading quadratic in the sensed motion; a cubic reading has a third
 
 
 def observe(run: Source[CentrifugeData]) -> EstimatorInput:
@@ -40,75 +41,83 @@ def observe(run: Source[CentrifugeData]) -> EstimatorInput:
     bench: Centrifuge = run.bench
     arms = any(".arm_" in name for name in run.sensor.coefficients)
     if arms and bench.platform != "locked":
-        raise InputError(
-            f"{run.path}: [method] also: no lever arm acts on a counter-rotating platform; leave "
-            "arm out"
+        raise key_error(
+            "[method] also",
+            "no lever arm acts on a counter-rotating platform; remove arm",
+            run.path,
         )
     if run.data.seconds is not None:
-        raise InputError(
-            f"{run.path}: [data] seconds: dwells on the arm last whole turns; remove the key"
+        raise key_error(
+            "[data] seconds", "dwells on the arm last whole turns; remove the key", run.path
         )
     known = bench.indexing is not None or arms
     if known and run.data.attitude is None:
-        raise InputError(
-            f"{run.path}: [data] attitude is missing: lever arms and [bench] indexing need the "
-            "columns of ψ and θ"
+        raise key_error(
+            "[data] attitude",
+            "is missing: lever arms and [bench] indexing need the columns of ψ and θ",
+            run.path,
         )
     if bench.indexing is not None and bench.platform != "locked":
-        raise InputError(
-            f"{run.path}: [bench] indexing: on a counter-rotating platform norms alone are used; "
-            "leave it out"
+        raise key_error(
+            "[bench] indexing",
+            "on a counter-rotating platform only norms are used; remove the key",
+            run.path,
         )
     result = _table(run, bench) if run.data.kind == "means" else _recording(run, bench)
-    odd = _norm_finding(run, bench, result)
-    return replace(result, findings=result.findings + require_not_refused(run.data.file, odd))
+    refusal = _norm_finding(run, bench, result)
+    return replace(result, findings=result.findings + require_not_refused(run.data.file, refusal))
 
 
 def _norm_finding(
-    run: Source[CentrifugeData], bench: Centrifuge, made: EstimatorInput
+    run: Source[CentrifugeData], bench: Centrifuge, inputs: EstimatorInput
 ) -> Finding | None:
-    """Return what is odd with the readings' norms against those of radius, rate and gravity."""
-    rates = np.array([step.rate for step in made.steps if isinstance(step, Spin)])
+    """Return the refusal of readings whose norms disagree with radius, rate and gravity."""
+    rates = np.array([step.rate for step in inputs.steps if isinstance(step, Spin)])
     if not rates.size or bench.platform != "locked":
-        return None  # what turns with a counter-rotating platform leaves no mean
+        return None  # on a counter-rotating platform the centripetal acceleration has no mean
     expected = np.hypot(bench.gravity.value, rates**2 * bench.radius.value)
     norms = np.linalg.norm(
-        made.observations.mean[:, : len(run.sensor.select_axes("f").axes)], axis=-1
+        inputs.observations.mean[:, : len(run.sensor.select_axes("f").axes)], axis=-1
     )
     k = int(np.argsort(norms / expected)[rates.size // 2])
-    norm, there = float(norms[k]), float(expected[k])
     text = (
-        f"{made.observations.labels[k]}: the readings' norm is {norm:.4g} m/s² where gravity, "
-        f"[bench] radius and the rate make {there:.4g} m/s²"
+        f"{inputs.observations.labels[k]}: the norm of the readings is {norms[k]:.4g} m/s², but "
+        f"gravity, [bench] radius and the rate give {expected[k]:.4g} m/s²"
     )
-    finding = norm_finding(norm, there, text)
-    # Less than twice off, the method itself judges radius and scale.
+    finding = norm_finding(float(norms[k]), float(expected[k]), text)
+    # The method itself judges radius and scale where the ratio is less than two.
     return finding if finding is not None and finding.severity == "refused" else None
 
 
 def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     if bench.platform != "locked":
-        raise InputError(
-            f"{run.path}: [bench] platform {bench.platform} takes a recording: the means of its "
-            "dwells say nothing of the arm's acceleration"
+        raise key_error(
+            "[bench] platform",
+            f"{bench.platform!r} needs a recording: over a dwell the mean of the arm's "
+            "acceleration is zero",
+            run.path,
         )
     named, units = readback_columns(run), readback_units(run)
     wanted = reader_columns(run)
     path = run.file(run.data.file)
     table = read_columns(path, wanted, list(named.values()))
-    said = {name: table.numbers(column) * units[name] for name, column in named.items()}
-    for name, values in said.items():
+    readback = {name: table.numbers(column) * units[name] for name, column in named.items()}
+    for name, values in readback.items():
         bad = np.flatnonzero(~np.isfinite(values) | ((values == 0) & (name == "arm_rate")))
         if bad.size:
+            line = table.first_line + int(bad[0])
             raise InputError(
-                f"{path} line {table.first_line + bad[0]}: column {named[name]!r} is "
-                f"{table.numbers(named[name])[bad[0]]:g}; give the arm's rate or angle, or take "
-                "the row out"
+                f"{path} line {line}: column {named[name]!r} is "
+                f"{table.numbers(named[name])[bad[0]]:g}; give the arm's rate or angle, or remove "
+                "the row",
+                file=path,
+                line=line,
+                names=(named[name],),
             )
-    rates = said["arm_rate"]
+    rates = readback["arm_rate"]
     size, unit = units["arm_rate"], run.data.arm_rate_unit
     if unit[:1].isdigit():
-        size, unit = pi / 30, "rpm"  # the size of one step is not a name of a unit
+        size, unit = pi / 30, "rpm"  # a size such as "0.5 rev/s" names no unit
     if wanted.label is None:
         names = [f"row {k}" for k in range(1, len(rates) + 1)]
     else:
@@ -121,11 +130,8 @@ def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
         path, table, labels, wanted, run.sensor, stated_deviations(run), durations
     )
     attitudes = [None] * len(labels)
-    if "psi" in said:
-        attitudes = [
-            arm_attitude(psi, theta)
-            for psi, theta in zip(said["psi"].tolist(), said["theta"].tolist(), strict=True)
-        ]
+    if "psi" in readback:
+        attitudes = list(map(arm_attitude, readback["psi"].tolist(), readback["theta"].tolist()))
     steps = tuple(
         Spin(label, rate, 0.0, attitude)
         for label, rate, attitude in zip(labels, rates.tolist(), attitudes, strict=True)
@@ -145,8 +151,10 @@ def _recording(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput
         shorts = {CoefficientName(name).term for name in run.sensor.coefficients}
         if "koq" in shorts:
             raise InputError(
-                f"{run.path}: koq bends the reading at zero: its harmonics have no end; calibrate "
-                "it on a platform locked to the arm"
+                f"{run.path}: koq has infinitely many harmonics on a counter-rotating platform; "
+                "calibrate it on a platform locked to the arm",
+                file=run.path,
+                names=("koq",),
             )
         harmonics = _HARMONICS + ("k3" in shorts)
     observations, steps = average_dwells(recording, run.sensor, dwells, harmonics, bench.sense)

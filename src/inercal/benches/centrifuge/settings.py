@@ -31,16 +31,16 @@ class CentrifugeSection(BenchSection):
     )
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result of such a use, each with the reason."""
+        """Return the keys that change no result in this use, each with the reason."""
         found: dict[str, str] = {}
         if self.platform == "locked":
             found["lean"] = (
-                "over whole turns of a locked platform a lean of the spindle is not felt"
+                "on a locked platform the effect of the spindle's lean is zero over whole turns"
             )
         if self.indexing is None:
-            found["mounting"] = "norms depend on no mounting; it goes with indexing"
+            found["mounting"] = "without indexing only norms are used, which no mounting changes"
         if self.latitude is None and self.platform == "locked" and self.indexing is None:
-            found["sense"] = "the sense counts for the earth's rate; it goes with latitude"
+            found["sense"] = "without latitude the sense of the earth's rate is not used"
         return found
 
 
@@ -70,7 +70,7 @@ def build(section: CentrifugeSection, folder: Path) -> Centrifuge:
     latitude = None
     if section.latitude is not None:
         latitude = section_constant(section, "latitude", "°")
-        earth_rate_up_north(latitude.value)  # refuses what is not a latitude
+        earth_rate_up_north(latitude.value)  # refuses an impossible latitude
     return build_bench(
         Centrifuge,
         section,

@@ -1,11 +1,12 @@
 """Arm runs in simulation: spin up, dwell, spin on, spin down, attitude by attitude.
 
-The arm starts at rest in each attitude and goes through its rates in their order, speeding up and
-slowing down evenly. Samples carry the name of the attitude; the bench reads back the rate it was
-told, which is the true one but for its error, as an encoder's clock has it.
+The arm starts at rest in each attitude and goes through its rates in their order, with constant
+acceleration. Samples have the name of the attitude as their label; the bench reads back the
+commanded rate, which differs from the true rate by its error, as by that of an encoder's clock.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import atan2, cos, sin
 
 import numpy as np
@@ -32,9 +33,9 @@ def simulate_arm_motion(
     rng: np.random.Generator,
     trials: int = 1,
 ) -> SimulatedMotion:
-    """Return the motion of each trial, and what the bench reads back.
+    """Return the motion of each trial, and the readback.
 
-    It reads back "arm_rate", rad/s, and the angles of the two-axis head, "psi" and "theta", rad,
+    The readback is "arm_rate", rad/s, and the angles of the two-axis head, "psi" and "theta", rad,
     (n,) each.
 
     Parameters
@@ -58,7 +59,7 @@ def simulate_arm_motion(
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     named = attitude_names(steps)
     parts: list[Motion] = []
-    said: list[Array] = []
+    readbacks: list[Array] = []
     labels: list[str] = []
     azimuth = 0.0
     for attitude, first in named.items():
@@ -70,10 +71,10 @@ def simulate_arm_motion(
         parts.append(_sensed_motion(bench, own, drawn, rate, which, swept, 1 / rate_hz))
         azimuth = float(swept[-1])
         head = _attitude_angles(own[0])
-        said.append(np.stack([rate, *(np.full(rate.size, angle) for angle in head)]))
+        readbacks.append(np.stack([rate, *(np.full(rate.size, angle) for angle in head)]))
         labels += [name] * rate.size
     time = np.arange(len(labels)) / rate_hz
-    rate, psi, theta = np.concatenate(said, axis=1)
+    rate, psi, theta = np.concatenate(readbacks, axis=1)
     readback = {"arm_rate": rate, "psi": psi, "theta": theta}
     return SimulatedMotion(time, concatenate_motions(parts), np.array(labels), drawn, readback)
 
@@ -118,17 +119,19 @@ def _sensed_motion(
 ) -> Motion:
     """Return f and ω, (trials, n, 3), of one attitude's run."""
     nominal = np.array([step.rate for step in steps])[which]
-    # What a dwell feels is known; on the way there the centripetal part follows the rate's square.
-    whole = Spin(steps[0].label, 0.0, 0.0, steps[0].attitude)
-    still = sensed_motion(bench, [whole], drawn)
-    dwell = sensed_motion(bench, [_steady_spin(step) for step in steps], drawn)
+    # The motion in a dwell is known; during a ramp the centripetal part follows the square of the
+    # rate. Without a duration a dwell has whole turns.
+    still = sensed_motion(bench, [replace(steps[0], rate=0.0, seconds=0.0)], drawn)
+    dwell = sensed_motion(bench, [replace(step, seconds=0.0) for step in steps], drawn)
     share = (rate / nominal) ** 2
     f = still.f + (dwell.f - still.f)[..., which, :] * share[:, None]
     w = dwell.w[..., which, :] * (rate / nominal)[:, None]
     out, up = (rows[0] for rows in outward_and_up_directions(steps[:1]))
-    # Mounting and indexing turn every vector of the body alike.
+    # Mounting and indexing turn every vector of the body by the same rotation. The indexing of an
+    # attitude is named by the first step that has it.
+    attitude = attitude_names(steps)[steps[0].attitude]
     body = exp_so3(np.stack([drawn[f"mount_{a}"] for a in "xyz"], axis=-1)) @ exp_so3(
-        np.stack([drawn[f"index_{a}[{_indexing_name(drawn, steps)}]"] for a in "xyz"], axis=-1)
+        np.stack([drawn[f"index_{a}[{attitude}]"] for a in "xyz"], axis=-1)
     )
     along = np.cross(up, out)
     cosine, sine = np.cos(azimuth), np.sin(azimuth)
@@ -145,15 +148,6 @@ def _sensed_motion(
     f = f + swing + tangential[:, None] * (body @ along)[:, None]
     if bench.platform == "locked":
         return Motion(f, w)
-    # The body stays, and the arm goes round: every vector turns back about `up` by the azimuth.
+    # The body keeps its attitude while the arm turns: vectors rotate about `up`.
     back = exp_so3((body @ up)[:, None] * azimuth[:, None])
     return Motion((back @ f[..., None])[..., 0], np.zeros_like(f))
-
-
-def _steady_spin(step: Spin) -> Spin:
-    return Spin(step.label, step.rate, 0.0, step.attitude)
-
-
-def _indexing_name(drawn: dict[str, Array], steps: Sequence[Spin]) -> str:
-    """Return the name by which the indexing of this attitude was drawn."""
-    return next(step.label for step in steps if f"index_x[{step.label}]" in drawn)

@@ -1,27 +1,26 @@
 """A dividing head with its spindle level: accelerometers turned through the plumb line.
 
-At the position θ of the head the sensor stands at ψ, and feels in its own frame, with x and y in
-the plane of rotation and z along the spindle::
+At the head's angle θ the sensor is at the angle ψ and senses, in its own frame with x and y in the
+plane of rotation and z along the spindle::
 
     f = g (cos λ sin ψ, cos λ cos ψ, sin λ)
     ψ = θ + Δ(θ) + base + pier + level
 
-so that x is level at 0°, up at 90°, and y a quarter turn on. λ is the spindle's lean out of the
-level; `base` the angle of the head's zero against the plumb line, common to the run; `creep` and
-`pier` the tilt of the base about it, steady over a pass and white, beyond what a level on the base
-tells.
+so that x is level at 0° and up at 90°, and y is a quarter turn ahead. λ is the spindle's lean out
+of the level; `base` the angle of the head's zero against the plumb line, common to the run. `creep`
+(steady over a pass) and `pier` (white) are tilts of the base that a level on it does not measure.
 
-The head errs by Δ: harmonics of θ and a white part of each graduation. An autocollimator before a
-polygon mirror on the spindle takes the head's place where it is used:
+Δ is the error of the head: harmonics of θ and a white part of each graduation. An autocollimator
+that faces a polygon mirror on the spindle replaces the head's scale:
 
-    "pairs"  180° is trimmed to what 0° read, 270° to what 90° read, in each pass: the angle of the
-             second is that of the first and a difference of √2 times the autocollimator's deviation
-    "every"  a polygon face at every position: each angle has the autocollimator's own error
+    "pairs"  in each pass 180° is trimmed to the reading at 0° and 270° to that at 90°: the two
+             angles of a pair differ by an error of √2 times the autocollimator's deviation
+    "every"  a polygon face at every position: each angle has the error of the autocollimator
     "none"   the head alone
 
-Where it was read, and not brought to its mark, its readings count. Faces of the polygon deviate
-from even angles by what its certificate states, within `certificate`. The autocollimator stands on
-the base, and does not see it tilt.
+A reading of the autocollimator that was not brought to its mark corrects the angle. Faces of the
+polygon deviate from even angles by what its certificate states, within `certificate`. The
+autocollimator is mounted on the base and does not measure its tilt.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +31,7 @@ from typing import Literal
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.contract import MeanMotion
+from inercal.benches.contract import MeanMotion, require_possible_values
 from inercal.benches.dividing_head.head_angles import angle_weights, sensor_angles
 from inercal.benches.dividing_head.passes import drift_ramps, pass_names
 from inercal.benches.key_declarations import (
@@ -56,7 +55,7 @@ _LARGEST_DRIFT = Limit(0.1, "a bias can drift, 10 mg")  # m/s²
 
 
 def position_plan(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -> tuple[Index, ...]:
-    """Return n evenly spaced positions from 0, and on wish the same again backwards.
+    """Return n evenly spaced positions from 0, and with `reverse` the same again backwards.
 
     Raises
     ------
@@ -64,7 +63,7 @@ def position_plan(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -
         No positions.
     """
     if n < 1:
-        raise InputError(f"{n} positions on the head; at least one is needed")
+        raise InputError(f"a plan of {n} positions; at least one is needed", key="n")
     angles = [2 * pi * k / n for k in range(n)]
     forward = tuple(
         Index(f"f{k:02d}", angle, seconds=seconds) for k, angle in enumerate(angles, start=1)
@@ -85,8 +84,8 @@ def mounted_sensor(
 ) -> Sensor:
     """Return one or two accelerometers as the fixture holds them: the first along x, then y.
 
-    All have P in the plane of rotation, a quarter turn on, and O along the spindle: each feels a
-    mounting angle as δ_O and its in-plane cross term as K_ip.
+    All have P in the plane of rotation, a quarter turn ahead, and O along the spindle: a mounting
+    angle acts as δ_O and the in-plane cross term as K_ip.
 
     Raises
     ------
@@ -95,7 +94,7 @@ def mounted_sensor(
     """
     x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
     if not 1 <= len(axes) <= len(held := ((x, y), (y, back))):
-        raise InputError(f"{len(axes)} accelerometers; the fixture holds one or two")
+        raise InputError(f"{len(axes)} accelerometers; the fixture holds one or two", key="axes")
     result = (Axis(a, "f", i, p, readout, noise) for a, (i, p) in zip(axes, held, strict=False))
     return Sensor(name, tuple(result), form="tilted")
 
@@ -112,7 +111,7 @@ class DividingHead:
         Of harmonics 1, 2, … of the head's error: standard deviation of the amplitudes of sine and
         of cosine, rad each.
     division : float
-        Standard deviation of each graduation besides, rad; it errs alike at each visit.
+        Standard deviation of each further error of a graduation, rad, the same at each visit.
     autocollimator : float
         Standard deviation of one reading, rad.
     collimated : "pairs", "every" or "none"
@@ -155,16 +154,14 @@ class DividingHead:
     )
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.gravity.value) and self.gravity.value > 0):
-            raise InputError(f"dividing head: gravity is {self.gravity.value} m/s²; give it > 0")
         deviations = {"gravity": self.gravity.sd}
         deviations |= {f"harmonic {h}": sd for h, sd in enumerate(self.harmonics, start=1)}
         deviations |= {name: getattr(self, name) for name in declarations(DividingHead)}
-        for what, sd in deviations.items():
-            if not (isfinite(sd) and sd >= 0):
-                raise InputError(f"dividing head: deviation of {what} is {sd}; give it 0 or more")
-        if not all(isfinite(deviation) for deviation in self.polygon):
-            raise InputError("dividing head: a deviation of a polygon's face is not finite")
+        require_possible_values("dividing head", {"gravity": self.gravity.value}, deviations)
+        if not all(map(isfinite, self.polygon)):
+            raise InputError(
+                "dividing head: the deviation of a face of the polygon is not finite", key="polygon"
+            )
 
     @property
     def rms(self) -> float:
@@ -174,10 +171,10 @@ class DividingHead:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        g, one = self.gravity, self.autocollimator
+        g = self.gravity
         # A lean λ lowers the sensed motion by g λ²/2, of which the mean square is 3/4 (g sd²)².
         shortened = sqrt(0.75) * g.value * self.lean**2
-        pair = sqrt(2) * one
+        pair = sqrt(2) * self.autocollimator
         waves = [
             Parameter(f"{wave}{h}", "rad", sd, "run", 0.0, f"head, {words} of harmonic {h}")
             for h, sd in enumerate(self.harmonics, start=1)
@@ -188,7 +185,9 @@ class DividingHead:
             *waves,
             *declared_parameters(self, "base", "lean", "division"),
             Parameter("trim", "rad", pair, "position", 0.0, "angle of a pair, trimmed"),
-            Parameter("face", "rad", one, "position", 0.0, "autocollimator on a face"),
+            Parameter(
+                "face", "rad", self.autocollimator, "position", 0.0, "autocollimator on a face"
+            ),
             *declared_parameters(self, "certificate", "pier", "creep", "drift"),
         )
 
@@ -203,33 +202,31 @@ class DividingHead:
         self, steps: Sequence[Index], channels: Sequence[str] = ()
     ) -> dict[str, Parameter]:
         """Return the same, with the drift of these channels alone."""
-        named = {name for row in angle_weights(self, steps) for name in row}
-        found: dict[str, Parameter] = {}
+        acting = {name for row in angle_weights(self, steps) for name in row} | {"g", "lean"}
+        labels = {"position": [step.label for step in steps], "pass": pass_names(steps)}
+        result: dict[str, Parameter] = {}
         for parameter in self.parameters:
             name = parameter.name
             if name == "drift":
-                found |= {one: parameter for c in channels for one in drift_names(c, steps)}
+                names = [full for c in channels for full in drift_names(c, steps)]
             elif parameter.scope == "run":
-                if name in named or name in ("g", "lean"):
-                    found[name] = parameter
+                names = [name] if name in acting else []
             else:
-                labels = [step.label for step in steps]
-                if parameter.scope == "pass":
-                    labels = pass_names(steps)
-                full = (f"{name}[{label}]" for label in labels)
-                found |= {one: parameter for one in full if one in named}
-        return found
+                full_names = [f"{name}[{label}]" for label in labels[parameter.scope]]
+                names = [full for full in full_names if full in acting]
+            result |= dict.fromkeys(names, parameter)
+        return result
 
     def simulated_parameters(
         self, steps: Sequence[Index], channels: Sequence[str] = ()
     ) -> dict[str, Parameter]:
         """Return `angle_weights` with the deviations that a simulation draws.
 
-        `sensed_motion` holds the lean exactly. The share of gravity that stands for its second
-        order, which a linear estimator lacks, would count it twice.
+        `sensed_motion` is exact in the lean. The part of gravity's deviation that represents the
+        second order of the lean, for linear estimators, would count it twice.
         """
-        found = self.acting_parameters(steps, channels)
-        return found | {"g": replace(found["g"], sd=self.gravity.sd)}
+        result = self.acting_parameters(steps, channels)
+        return result | {"g": replace(result["g"], sd=self.gravity.sd)}
 
     def mean_motion(self, steps: Sequence[Index], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion at each position; see `inercal.benches.contract.MeanBench`."""
@@ -238,7 +235,7 @@ class DividingHead:
     def reading_offsets(
         self, steps: Sequence[Index], sensor: Sensor, q: Mapping[str, Array]
     ) -> Array:
-        """Return by how much the biases have drifted, (..., r, m) m/s²."""
+        """Return the drift of the biases, (..., r, m) m/s²."""
         return bias_drift(steps, sensor.channels, q)
 
 
@@ -248,7 +245,7 @@ def drift_names(channel: str, steps: Sequence[Index]) -> list[str]:
 
 
 def bias_drift(steps: Sequence[Index], channels: Sequence[str], q: Mapping[str, Array]) -> Array:
-    """Return by how much the biases of m accelerometers have drifted, (..., r, m) m/s².
+    """Return the drift of the biases of m accelerometers, (..., r, m) m/s².
 
     Parameters
     ----------
@@ -291,7 +288,7 @@ def sensed_motion(
         np.asarray(q.get(name, at))[..., None]
         for name, at in (("g", bench.gravity.value), ("lean", 0.0))
     )
-    # The sign of the sensed motion must not hang on how sin π is rounded.
+    # The sign of the sensed motion must not depend on the rounding of sin π.
     sine, cosine = (np.where(np.abs(x) < _ROUNDED, 0.0, x) for x in (np.sin(psi), np.cos(psi)))
     zero = np.zeros_like(psi)
     level = np.stack([sine, cosine, zero], axis=-1)

@@ -1,4 +1,4 @@
-"""What readings on a dividing head show to be wrong: phase, size, a row that stands alone."""
+"""Checks of readings on a dividing head: phase, size, and rows that differ from their repeats."""
 
 from collections.abc import Sequence
 from math import pi
@@ -10,24 +10,24 @@ from inercal.benches.dividing_head.covariance import bench_covariance
 from inercal.benches.dividing_head.passes import first_visit_rows, pass_numbers
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.data import Source
-from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.plan import Index
 from inercal.recording import Finding, Observations
+from inercal.section_settings import key_error
 from inercal.sensors import G0, Sensor
 
-_PHASE = 10.0  # °; no fixture is further off
+_PHASE = 10.0  # °, the largest error of a fixture
 _SWING = (0.5, 2.0)  # times g
-_FEWEST = 3  # positions that tell a phase
-_LARGEST = 3e-3  # rad, 10′: what levels and autocollimators read
+_FEWEST = 3  # positions that determine a phase
+_LARGEST = 3e-3  # rad, 10′: the range of levels and autocollimators
 _ALONE = 8.0  # times the usual difference between passes
 _STATED = 4.0  # standard deviations of a difference, by noise and bench
-_REPEATED = 4  # positions that tell the usual difference
+_REPEATED = 4  # repeated positions that determine the usual difference
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
 
 
 def require_small_readings(run: Source[DividingHeadData], steps: Sequence[Index]) -> None:
-    """Refuse readings of level or autocollimator that none can have: their unit is wrong.
+    """Refuse readings beyond the range of a level or an autocollimator: their unit is wrong.
 
     Raises
     ------
@@ -37,16 +37,19 @@ def require_small_readings(run: Source[DividingHeadData], steps: Sequence[Index]
         values = [getattr(step, name) for step in steps]
         worst = max(range(len(values)), key=lambda k: abs(values[k]))
         if abs(values[worst]) > _LARGEST:
-            raise InputError(
-                f"{run.path}: [data] {key}: it reads {values[worst] * 180 / pi * 60:.3g}′ at "
-                f"{steps[worst].label}, more than such an instrument can (10′); look at {key}_unit"
+            raise key_error(
+                f"[data] {key}",
+                f"the reading at {steps[worst].label} is {values[worst] * 180 / pi * 60:.3g}′, "
+                f"beyond the range of the instrument (10′); check {key}_unit",
+                run.path,
+                (steps[worst].label,),
             )
 
 
 def require_phases(
     run: Source[DividingHeadData], observations: Observations, steps: Sequence[Index]
 ) -> None:
-    """Refuse accelerometers that do not swing by 1 g with the phase at which they are mounted.
+    """Refuse accelerometers whose readings do not have 1 g amplitude and the mounting's phase.
 
     Raises
     ------
@@ -57,8 +60,8 @@ def require_phases(
     if np.linalg.matrix_rank(basis, tol=1e-3) < _FEWEST:
         return
     _, sine, cosine = np.linalg.lstsq(basis, observations.mean, rcond=None)[0]
-    most = (np.arctan2(sine, cosine) * 180 / pi % 360).tolist()  # where each reads most
-    where = f"{run.path}: [data] accelerometer"
+    most = (np.arctan2(sine, cosine) * 180 / pi % 360).tolist()  # angle of the largest reading, °
+    key = "[data] accelerometer"
     given = [str(column) for column in run.data.accelerometer]
     off = [_angle_difference(a, wanted) for a, wanted in zip(most, (90.0, 0.0), strict=False)]
     if max(off) > _PHASE:
@@ -68,27 +71,37 @@ def require_phases(
             and _angle_difference(first, 0.0) < _PHASE
             and _angle_difference(second[0], 90.0) < _PHASE
         ):
-            raise InputError(
-                f"{where}: {given[0]} and {given[1]} are swapped: {given[0]} reads most at "
-                f"{first:.0f}° and {given[1]} at {second[0]:.0f}°, where A reads most at 90° and B "
-                f'at 0°; write ["{given[1]}", "{given[0]}"]'
+            raise key_error(
+                key,
+                f"columns {given[0]} and {given[1]} are exchanged: {given[0]} reads most at "
+                f"{first:.0f}° and {given[1]} at {second[0]:.0f}°, but A must read most at 90° and "
+                f'B at 0°; write ["{given[1]}", "{given[0]}"]',
+                run.path,
+                (given[0], given[1]),
             )
         k = int(np.argmax(off))
-        raise InputError(
-            f"{where}: the largest reading of {given[k]} is at {most[k]:.0f}°, that of {'AB'[k]} "
-            f"at {(90, 0)[k]}°: the head counts the other way, or {given[k]} is mounted otherwise"
+        raise key_error(
+            key,
+            f"{given[k]} reads most at {most[k]:.0f}°, but {'AB'[k]} must read most at "
+            f"{(90, 0)[k]}°; reverse the sign of the head's angle, or mount {given[k]} along "
+            f"{'AB'[k]}",
+            run.path,
+            (given[k],),
         )
     swing = np.hypot(sine, cosine) / G0
     if not ((swing > _SWING[0]) & (swing < _SWING[1])).all():
         k = int(np.argmax(np.abs(np.log(swing))))
-        raise InputError(
-            f"{where}: {given[k]} swings by {swing[k]:.3g} g in the field of gravity, not by 1 g; "
-            "look at the unit and the scale in [sensor.accelerometer]"
+        raise key_error(
+            key,
+            f"the amplitude of {given[k]} in the field of gravity is {swing[k]:.3g} g, not 1 g; "
+            "check the unit and the scale in [sensor.accelerometer]",
+            run.path,
+            (given[k],),
         )
 
 
 def _angle_difference(one: float, other: float) -> float:
-    """Return how far apart two angles are, °."""
+    """Return the difference of two angles, °, from 0 to 180."""
     return abs((one - other + 180) % 360 - 180)
 
 
@@ -97,15 +110,15 @@ def repeat_visit_warnings(
 ) -> tuple[Finding, ...]:
     """Return a warning for each position whose visits differ far more than those of others.
 
-    At one position the accelerometers read alike in each pass, but for drift, once what level and
-    autocollimator told is taken out: a slip of the pen stands alone. It is also beyond what the
-    bench states of single readings: an autocollimator that brings the head back is read anew in
-    each pass, so that these positions differ more than others.
+    Corrected for level and autocollimator, the readings at one position differ between passes only
+    by drift; a writing error is an outlier. It must also exceed the bench's stated deviations of
+    single readings: where the autocollimator brings the head back, it is read again in each pass,
+    so that these positions differ more than others.
 
     Parameters
     ----------
     observations : Observations
-        One recording's.
+        Of one recording.
     sensor : Sensor
     bench : DividingHead
     steps : sequence of Index
@@ -115,8 +128,8 @@ def repeat_visit_warnings(
         Motion(sensed_motion(bench, steps, {}).f), np.zeros(len(sensor.coefficients))
     )
     left = observations.mean - nominal
-    where, which = first_visit_rows(steps), pass_numbers(steps)
-    couples = [(j, k) for k, j in enumerate(where) if j != k and which[j] != which[k]]
+    first, which = first_visit_rows(steps), pass_numbers(steps)
+    couples = [(j, k) for k, j in enumerate(first) if j != k and which[j] != which[k]]
     if len(couples) < _REPEATED:
         return ()
     r, m = observations.mean.shape
@@ -142,8 +155,8 @@ def repeat_visit_warnings(
                         "warning",
                         "passes",
                         f"{steps[j].label} and {steps[k].label} are one position, but {channel} "
-                        f"differs by {_format_in_g(size)} where others differ by "
-                        f"{_format_in_g(limit)}: look at these two rows",
+                        f"differs by {_format_in_g(size)}, at other positions by "
+                        f"{_format_in_g(limit)}; check these two rows",
                         channel,
                     )
                 )

@@ -1,4 +1,4 @@
-"""What the angles of a dividing head and gravity do to readings, as a covariance."""
+"""Covariance of the readings due to the angles of a dividing head and gravity."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ def bench_covariance(
     *,
     gravity: bool = True,
 ) -> Array:
-    """Return the covariance that the bench's angles, and its gravity, give to all readings.
+    """Return the covariance of all readings due to the bench's angles and gravity.
 
     (m r, m r) in (m/s²)², row after row as `Observations.full_covariance`.
 
@@ -31,7 +31,7 @@ def bench_covariance(
     c : (p,) array, optional
         Coefficients of the sensor; None is the nominal one.
     gravity : bool
-        Whether gravity's uncertainty counts.
+        Whether the uncertainty of gravity is included.
     """
     declared = bench.acting_parameters(steps)
     columns = [
@@ -46,12 +46,10 @@ def bench_covariance(
 def reading_sensitivities(
     sensor: Sensor, bench: DividingHead, steps: Sequence[Index], c: Array | None = None
 ) -> dict[str, Array]:
-    """Return ∂(readings)/∂(parameter) of what is not exact, (m r,).
+    """Return ∂(readings)/∂(parameter) for every parameter that is not exact, (m r,).
 
-    Arguments as of `bench_covariance`.
-
-    An estimator that moves by `gain` with the readings, and finds what is there of a bench as it is
-    stated, moves by −gain times this with what is stated.
+    Arguments as of `bench_covariance`. The derivative of an estimate by a stated value of the bench
+    is minus its derivative by the readings times this.
     """
     result = sensed_motion(bench, steps, {})
     c = np.zeros(len(sensor.coefficients)) if c is None else c

@@ -1,4 +1,4 @@
-"""At which angles a dividing head makes a sensor stand, and what these depend on."""
+"""The angles of a sensor on a dividing head, and their dependence on the bench's parameters."""
 
 from collections.abc import Mapping, Sequence
 from math import cos, degrees, pi, sin
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
 
 
 class SensorAngles(NamedTuple):
-    """At which angles ψ the sensor stands, by the bench's parameters q: nominal + Σ weight q."""
+    """The sensor's angles ψ, by the bench's parameters q: nominal + Σ weight q."""
 
     nominal: Array  # (r,), rad
     weights: Mapping[str, Array]  # (r,) each, by full name
 
 
 def sensor_angles(bench: "DividingHead", steps: Sequence[Index]) -> SensorAngles:
-    """Return the angles of r steps, with what level, autocollimator and certificate tell.
+    """Return the angles of r steps, corrected by level, autocollimator and certificate.
 
-    The level tells tilts from its mean on, and so does the autocollimator where it is read at every
-    position: their zeros are not the plumb line's.
+    The level measures tilts relative to its mean, and so does the autocollimator where it is read
+    at every position: their zeros are not that of the plumb line.
 
     Raises
     ------
@@ -50,11 +50,11 @@ def sensor_angles(bench: "DividingHead", steps: Sequence[Index]) -> SensorAngles
 
 
 def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[str, float]]:
-    """Return how the angle of each step depends on the parameters, by full name."""
+    """Return the derivatives of the angle of each step by the parameters, by full name."""
     if not steps:
         return []
     named, creeping, trimmed = pass_names(steps), drift_ramps(steps), _trim_references(bench, steps)
-    # At one position graduation and face err alike: they go by the name of its first visit.
+    # All visits of a position have one error of graduation and face, named by the first visit.
     place = [steps[k].label for k in first_visit_rows(steps)]
     rows: list[dict[str, float]] = []
     for k, step in enumerate(steps):
@@ -79,12 +79,12 @@ def angle_weights(bench: "DividingHead", steps: Sequence[Index]) -> list[dict[st
 
 
 def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
-    """Return the angles by head, autocollimator and certificate, (r,) rad."""
+    """Return the angles by head, autocollimator and certificate, without the level, (r,) rad."""
     head = np.array([step.angle for step in steps])
     if bench.collimated == "none":
         return head
     if bench.collimated == "every":
-        # The head's own reading plays no part: how it was rounded does not count.
+        # The head's own reading is not used: its rounding must have no effect.
         grid = None if bench.polygon else evenly_spaced_angles(steps)
         face, deviation = np.array([_face_angle(bench, step) for step in steps]).T
         reading = np.array([step.reading for step in steps])
@@ -98,12 +98,12 @@ def _stated_angles(bench: "DividingHead", steps: Sequence[Index]) -> Array:
 
 
 def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
-    """Return the even angle of the face that is read at a step, and its deviation, rad.
+    """Return the even angle of the face at a step, and its deviation, rad.
 
     Raises
     ------
     InputError
-        The step is on no face.
+        The polygon has no face at the angle of the step.
     """
     n = len(bench.polygon)
     if n == 0:
@@ -111,14 +111,16 @@ def _face_angle(bench: "DividingHead", step: Index) -> tuple[float, float]:
     face = round(step.angle * n / (2 * pi))
     if not matches_any_angle(step.angle, [2 * pi * face / n]):
         raise InputError(
-            f"position {step.label}: {degrees(step.angle):.6g}° is on no face of a polygon of {n}, "
-            f"which are {360 / n:.4g}° apart; give the certificate of the polygon that was used"
+            f"position {step.label}: {degrees(step.angle):.6g}° is on no face of a polygon of {n} "
+            f"faces, {360 / n:.4g}° apart; give the certificate of the polygon that was used",
+            key="polygon",
+            names=(step.label,),
         )
     return 2 * pi * face / n, bench.polygon[face % n]
 
 
 def _trim_references(bench: "DividingHead", steps: Sequence[Index]) -> list[int | None]:
-    """Return for each step the row whose reading the head was trimmed to, if any.
+    """Return for each step the row to whose reading the head was trimmed, if any.
 
     180° is trimmed to 0° and 270° to 90°: of the same pass, or else of the last one before.
     """

@@ -6,8 +6,8 @@ from inercal.benches.dividing_head.settings import DividingHeadData, DividingHea
 from inercal.benches.dividing_head.sheet import sheet
 from inercal.benches.dividing_head.simulation import simulate_head_motion
 from inercal.benches.kind_definition import Kind, Output, Vocabulary, import_when_called
-from inercal.errors import InputError
 from inercal.plan import Index
+from inercal.section_settings import key_error
 from inercal.sensors import Sensor
 
 
@@ -16,12 +16,16 @@ def _sensor(
 ) -> Sensor:
     """Return the one or two accelerometers on the head."""
     if len(columns) not in (1, 2):
-        raise InputError(
-            "[data] accelerometer: name the columns of the one or two accelerometers on the head, "
-            f'such as ["a", "b"]; there are {len(columns)}: {", ".join(map(str, columns))}'
+        raise key_error(
+            "[data] accelerometer",
+            f"{len(columns)} columns; name those of the one or two accelerometers on the head, "
+            'such as ["a", "b"]',
+            names=tuple(map(str, columns)),
         )
     if gyro is not None:
-        raise InputError("[sensor.gyro]: a dividing head is at rest during a reading; leave it out")
+        raise key_error(
+            "[sensor.gyro]", "a dividing head is at rest during a reading; remove the section"
+        )
     return mounted_sensor(name, "ab"[: len(columns)], *accelerometer)
 
 

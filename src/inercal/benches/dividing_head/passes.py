@@ -8,7 +8,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.plan import Index
 
-ANGLE_TOLERANCE = 1e-4  # rad; closer angles are one position, whose angle was read or typed anew
+ANGLE_TOLERANCE = 1e-4  # rad; closer angles are readings of one position
 CARDINAL_ANGLES = (0.0, pi / 2, pi, 1.5 * pi)
 
 
@@ -18,39 +18,36 @@ def distance_from_whole_turns(angle: float) -> float:
 
 
 def matches_any_angle(angle: float, others: Iterable[float]) -> bool:
-    """Return whether an angle, rad, is that of one of other positions, whole turns apart or not."""
+    """Return whether an angle, rad, equals one of other angles up to whole turns."""
     return any(distance_from_whole_turns(angle - other) < ANGLE_TOLERANCE for other in others)
 
 
 def first_visit_rows(steps: Sequence[Index]) -> list[int]:
-    """Return for each step the row at which its position was first visited."""
-    found: list[int] = []
+    """Return for each step the row of the first visit of its position."""
     first: list[int] = []
     for k, step in enumerate(steps):
-        place = next((j for j in first if matches_any_angle(step.angle, [steps[j].angle])), k)
-        if place == k:
-            first.append(k)
-        found.append(place)
-    return found
+        same = (j for j in dict.fromkeys(first) if matches_any_angle(step.angle, [steps[j].angle]))
+        first.append(next(same, k))
+    return first
 
 
 def pass_numbers(steps: Sequence[Index]) -> list[int]:
     """Return which pass each step belongs to, from 0.
 
-    A pass ends where positions come a second time one after another. A single one, as that which
-    closes the turn or one that was taken again, belongs to the pass it comes in.
+    A pass ends where two consecutive positions return. A single position that returns, because it
+    closes the turn or was repeated, belongs to the current pass.
     """
-    where = first_visit_rows(steps)
-    found: list[int] = []
+    first = first_visit_rows(steps)
+    numbers: list[int] = []
     current: set[int] = set()
     number = 0
-    for k, place in enumerate(where):
-        if place in current and k + 1 < len(where) and where[k + 1] in current:
+    for k, place in enumerate(first):
+        if place in current and k + 1 < len(first) and first[k + 1] in current:
             number += 1
             current.clear()
-        found.append(number)
+        numbers.append(number)
         current.add(place)
-    return found
+    return numbers
 
 
 def pass_names(steps: Sequence[Index]) -> list[str]:
@@ -61,19 +58,19 @@ def pass_names(steps: Sequence[Index]) -> list[str]:
 def missing_cardinal_angles(steps: Sequence[Index]) -> dict[str, list[float]]:
     """Return the cardinal angles, rad, that passes lack, by the name of the pass."""
     which = pass_numbers(steps)
-    found: dict[str, list[float]] = {}
+    result: dict[str, list[float]] = {}
     for k, name in enumerate(pass_names(steps)):
-        own = [step.angle for step, one in zip(steps, which, strict=True) if one == k]
+        own = [step.angle for step, number in zip(steps, which, strict=True) if number == k]
         missing = [angle for angle in CARDINAL_ANGLES if not matches_any_angle(angle, own)]
         if missing:
-            found[name] = missing
-    return found
+            result[name] = missing
+    return result
 
 
 def evenly_spaced_angles(steps: Sequence[Index]) -> Array | None:
-    """Return the even angles, (r,) rad, at which the steps stand, or None where they are uneven.
+    """Return the evenly spaced angles, (r,) rad, of the steps, or None where they are uneven.
 
-    Angles that were read or typed stand there but for `ANGLE_TOLERANCE`.
+    The stated angles may differ from them by `ANGLE_TOLERANCE`.
     """
     n = len(set(first_visit_rows(steps)))
     if n == 0:
@@ -87,10 +84,10 @@ def evenly_spaced_angles(steps: Sequence[Index]) -> Array | None:
 
 
 def drift_ramps(steps: Sequence[Index]) -> Array:
-    """Return what a drift of one a pass has made at each step, (passes, r), about the run's mean.
+    """Return the effect of unit drift per pass at each step, (passes, r), about the run's mean.
 
-    Positions follow one another evenly, a pass being as many as the longest has; the drift of one
-    pass goes on from that of the one before.
+    Positions are evenly spaced in time, and each pass has the duration of the longest; the drift of
+    a pass continues from the end of the previous pass.
     """
     which = np.array(pass_numbers(steps), dtype=np.int64)
     row = np.arange(len(steps))

@@ -41,6 +41,7 @@ from inercal.io.column_table import Table
 from inercal.io.mean_tables import observations_from_table, read_columns
 from inercal.plan import Index
 from inercal.recording import Finding, Mark, Recording
+from inercal.section_settings import key_error
 from inercal.segments import check_marks, find_rests
 from inercal.segments import observe as averaged
 from inercal.units import format_quantity
@@ -56,8 +57,10 @@ def observe(run: Source[DividingHeadData]) -> EstimatorInput:
     """
     bench: DividingHead = run.bench
     if run.data.seconds is not None:
-        raise InputError(
-            f"{run.path}: [data] seconds: a dividing head is at rest during a reading; leave it out"
+        raise key_error(
+            "[data] seconds",
+            "a dividing head is at rest during a reading; remove the key",
+            run.path,
         )
     require_distinct_columns(run)
     result = _table(run, bench) if run.data.kind == "means" else _recording(run)
@@ -69,8 +72,8 @@ def observe(run: Source[DividingHeadData]) -> EstimatorInput:
     return replace(result, findings=findings, conditions=_conditions(run, bench, steps))
 
 
-_FEW = 4  # positions may well lie within 6.28°
-_TURNS = 60.0  # rad; no run turns so often
+_FEW = 4  # positions that may be within 6.28°
+_TURNS = 60.0  # rad; no run turns this far
 
 
 def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput:
@@ -79,22 +82,25 @@ def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput
     path = run.file(run.data.file)
     table = read_columns(path, wanted, list(named.values()))
     _require_filled(run, table)
-    said = {name: table.numbers(column) * units[name] for name, column in named.items()}
-    for name, values in said.items():
+    readback = {name: table.numbers(column) * units[name] for name, column in named.items()}
+    for name, values in readback.items():
         bad = ~np.isfinite(values)
         if name == "autocollimator":
-            # Where it is not used it need not have been read.
-            bad &= _collimated_positions(bench, said["angle"])
+            # A reading that is not used may be missing.
+            bad &= _collimated_positions(bench, readback["angle"])
         if bad.any():
+            line = table.first_line + int(np.argmax(bad))
             raise InputError(
-                f"{path} line {table.first_line + int(np.argmax(bad))}: column {named[name]!r} "
-                f"holds no number; {_WANTED[name]}"
+                f"{path} line {line}: column {named[name]!r} has no number; {_WANTED[name]}",
+                file=path,
+                line=line,
+                names=(named[name],),
             )
-    _require_unit(run, said["angle"] / units["angle"])
+    _require_unit(run, readback["angle"] / units["angle"])
     names = None
     if wanted.label is not None:
         names = [position_name(value) for value in table.columns[wanted.label].tolist()]
-    steps = _steps(names, {name: np.nan_to_num(values) for name, values in said.items()})
+    steps = _steps(names, {name: np.nan_to_num(values) for name, values in readback.items()})
     labels = tuple(step.label for step in steps)
     durations = np.ones(len(labels))  # nothing depends on them
     observations = observations_from_table(
@@ -104,9 +110,9 @@ def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput
 
 
 _WANTED = {
-    "angle": "give the head's angle or take the row out",
-    "level": "give what the level read or take the row out",
-    "autocollimator": "give what it read there, as [bench] autocollimation says",
+    "angle": "give the head's angle or remove the row",
+    "level": "give the level's reading or remove the row",
+    "autocollimator": "give its reading, which [bench] autocollimation needs here",
 }
 
 
@@ -114,47 +120,50 @@ def _require_filled(run: Source[DividingHeadData], table: Table) -> None:
     names = [str(column) for column in run.data.accelerometer]
     read = [table.columns[name] for name in names]
     if all(column.dtype.kind == "f" and not np.isfinite(column).any() for column in read):
+        path = run.file(run.data.file)
         raise InputError(
-            f"{run.file(run.data.file)}: columns {', '.join(names)} are empty: fill the sheet in"
+            f"{path}: columns {', '.join(names)} are empty; fill in the sheet",
+            file=path,
+            names=tuple(names),
         )
 
 
 def _require_unit(run: Source[DividingHeadData], angle: Array) -> None:
-    """Refuse angles that are in the other unit than stated: a turn is 6.28 rad or 360°."""
+    """Refuse angles in another unit than the stated one: a turn is 6.28 rad or 360°."""
     reach, given = float(np.abs(angle).max(initial=0.0)), run.data.angle_unit
     little = given in ("°", "deg") and angle.size > _FEW and reach < 2 * pi
     if little or (given == "rad" and reach > _TURNS):
         other = "rad" if little else "°"
-        raise InputError(
-            f"{run.path}: [data] angle_unit: angles of up to {reach:.4g} {given}: are they in "
-            f'{other}? Then state angle_unit = "{other}"'
+        raise key_error(
+            "[data] angle_unit",
+            f"the angles go up to {reach:.4g} {given}; if they are in {other}, state angle_unit = "
+            f'"{other}"',
+            run.path,
         )
 
 
 def _recording(run: Source[DividingHeadData]) -> EstimatorInput:
     recording, units = load_recording(run), readback_units(run)
-    said = {name: values * units[name] for name, values in recording.readback.items()}
+    readback = {name: values * units[name] for name, values in recording.readback.items()}
     found = run.data.marks == "found"
     marks = find_rests(recording, run.sensor).marks if found else stated_marks(run, recording)
     check_marks(marks, recording, [mark.label for mark in marks])
-    angle = np.array([_mean_angle(recording, mark, said["angle"]) for mark in marks])
-    moving = check_rests(run, recording, marks)
-    means = {name: _section_means(values, marks) for name, values in said.items()} | {
-        "angle": angle
+    means = {
+        name: np.array([values[mark.start : mark.stop].mean() for mark in marks])
+        for name, values in readback.items()
     }
-    steps = _steps(None if found else [mark.label for mark in marks], means)
+    angles = [_mean_angle(recording, mark, readback["angle"]) for mark in marks]
+    moving = check_rests(run, recording, marks)
+    names = None if found else [mark.label for mark in marks]
+    steps = _steps(names, means | {"angle": np.array(angles)})
     marks = tuple(replace(m, label=step.label) for m, step in zip(marks, steps, strict=True))
     observations = averaged(recording, run.sensor, marks, steps, found=True)
     findings = recording.findings + moving
     return EstimatorInput(recording, marks, observations, steps, steps, findings)
 
 
-def _section_means(values: Array, marks: Sequence[Mark]) -> Array:
-    return np.array([values[mark.start : mark.stop].mean() for mark in marks])
-
-
 def _mean_angle(recording: Recording, mark: Mark, angle: Array) -> float:
-    """Return the mean angle of a section, rad; an encoder may flicker, and read 359.999° for 0°.
+    """Return the mean angle of a section, rad, where an encoder may alternate 0° and 359.999°.
 
     Raises
     ------
@@ -170,38 +179,36 @@ def _mean_angle(recording: Recording, mark: Mark, angle: Array) -> float:
     ):
         raise InputError(
             f"{recording.source}: section {mark.label} ({recording.where(mark.start)}): the "
-            "head's angle changes; mark only the time at one position"
+            "head's angle changes; mark only the time at one position",
+            names=(mark.label,),
         )
     return float(own[0] + away.mean())
 
 
-def _steps(names: Sequence[str] | None, said: Mapping[str, Array]) -> tuple[Index, ...]:
+def _steps(names: Sequence[str] | None, readback: Mapping[str, Array]) -> tuple[Index, ...]:
     """Return the steps of rows at these angles, levels and readings; None names them by angle."""
-    angle = said["angle"]
+    angle = readback["angle"]
     sense = _approach_senses(angle)
     if names is None:
-        once = [
-            f"{degrees:.6g}° {'forward' if s > 0 else 'reverse'}"
-            for degrees, s in zip((angle * 180 / pi).round(3).tolist(), sense, strict=True)
-        ]
-        names = number_repeated_names(once)
-    nothing = np.zeros(angle.size)
-    level, reading = said.get("level", nothing), said.get("autocollimator", nothing)
-    return tuple(
-        Index(name, a, s, one, other)
-        for name, a, s, one, other in zip(
-            names, angle.tolist(), sense, level.tolist(), reading.tolist(), strict=True
+        degrees = (angle * 180 / pi).round(3).tolist()
+        names = number_repeated_names(
+            [
+                f"{a:.6g}° {'forward' if s > 0 else 'reverse'}"
+                for a, s in zip(degrees, sense, strict=True)
+            ]
         )
-    )
+    zero = np.zeros(angle.size)
+    level, reading = (readback.get(name, zero).tolist() for name in ("level", "autocollimator"))
+    return tuple(map(Index, names, angle.tolist(), sense, level, reading))
 
 
 def _approach_senses(angle: Array) -> list[Literal[1, -1]]:
-    """Return in which sense each position was come to; the first as the next."""
+    """Return the sense of approach to each position; the first has that of the second."""
     moves = pi - (pi - np.diff(angle)) % (2 * pi)
     found: list[Literal[1, -1]] = []
     sense: Literal[1, -1] = 1
     for move in reversed(moves.tolist()):
-        # A position that is read again where the head turns round opens the way back.
+        # A position that is repeated where the sense changes begins the way back.
         sense = sense if abs(move) < ANGLE_TOLERANCE else (1 if move > 0 else -1)
         found.append(sense)
     found.append(sense)
@@ -209,7 +216,7 @@ def _approach_senses(angle: Array) -> list[Literal[1, -1]]:
 
 
 def _collimated_positions(bench: DividingHead, angle: Array) -> NDArray[np.bool_]:
-    """Return at which angles the autocollimator is used."""
+    """Return whether the autocollimator is used at each angle."""
     if bench.collimated == "every":
         return np.ones(angle.size, dtype=np.bool_)
     cardinal = [matches_any_angle(a, CARDINAL_ANGLES) for a in angle.tolist()]
@@ -219,30 +226,27 @@ def _collimated_positions(bench: DividingHead, angle: Array) -> NDArray[np.bool_
 def _missing_trim_positions(
     run: Source[DividingHeadData], bench: DividingHead, steps: Sequence[Index]
 ) -> tuple[Finding, ...]:
-    """Return what passes lack of the positions by which the head is trimmed.
+    """Return warnings of passes that lack a position at which the head is trimmed.
 
     Raises
     ------
     InputError
-        No pass has one of them.
+        No pass has the position.
     """
     if bench.collimated != "pairs":
         return ()
     found: list[Finding] = []
     for name, missing in missing_cardinal_angles(steps).items():
-        words = ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
-        away = [
-            angle
-            for angle in missing
-            if not matches_any_angle(angle, [step.angle for step in steps])
-        ]
-        text = (
-            "autocollimation is by pairs, 180° as 0° and 270° as 90° in each pass; "
-            f"{name} has no {words}"
-        )
-        if away:
+        text = "autocollimation is by pairs, 180° as 0° and 270° as 90° in each pass; "
+        text += f"{name} has no " + ", ".join(f"{angle * 180 / pi:.0f}°" for angle in missing)
+        angles = [step.angle for step in steps]
+        if not all(matches_any_angle(angle, angles) for angle in missing):
             raise InputError(
-                f'{run.path}: [bench] {text}: add it to {run.data.file}, or state "none" or "every"'
+                f"{run.path}: [bench] {text}: add it to {run.data.file}, or state another "
+                "autocollimation",
+                file=run.path,
+                key="[bench] autocollimation",
+                names=(name,),
             )
         found.append(Finding("warning", "pairs", text))
     return tuple(found)
@@ -266,5 +270,5 @@ def _conditions(
         faces = len(bench.polygon)
         found["polygon"] = f"{faces} faces as certified" if faces else "taken as even"
     if run.data.level is not None:
-        found["tilt of the base"] = "by the level's readings"
+        found["tilt of the base"] = "measured by the level"
     return found

@@ -1,4 +1,4 @@
-"""What a dividing head shows of a calibration: the angles found, and each row in words."""
+"""Report of a dividing head: the estimated angles, and each row in words."""
 
 from math import degrees, pi
 
@@ -12,19 +12,19 @@ from inercal.plan import Index, Step
 from inercal.sensors import G0
 
 _ARCSEC = pi / 648_000
-_APART = 3.0  # ° between passes as they are drawn
+_APART = 3.0  # ° between passes in the figure
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return none: a single accelerometer may stand on the head."""
+    """Return none: there may be only one accelerometer on the head."""
     return ()
 
 
 def angle_corrections(shown: ReportInput) -> tuple[Array, Array]:
-    """Return the found angles beyond the stated ones and their deviations, (r,) each, rad.
+    """Return the estimated minus the stated angles and their standard deviations, (r,) each, rad.
 
-    About their mean, which cannot be told from the mounting angles. Empty where the estimator
-    finds no angles.
+    About their mean, which is not distinguishable from the mounting angles. Empty where the
+    estimator does not estimate angles.
     """
     steps, estimate = _steps(shown), shown.estimate
     weights = {
@@ -40,7 +40,7 @@ def angle_corrections(shown: ReportInput) -> tuple[Array, Array]:
 
 
 def plots(shown: ReportInput) -> tuple[Plot, ...]:
-    """Return the found angles against the head's, pass by pass."""
+    """Return the estimated corrections of the head's angles, pass by pass."""
     error, sd = angle_corrections(shown)
     steps = _steps(shown)
     which = np.array(pass_numbers(steps))
@@ -57,17 +57,17 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
         if error.size
     )
     text = (
-        "By how much the head stood beyond its angles, as found with everything else, with ±2 "
-        "uncertainties: about their mean, which cannot be told from how the accelerometers are "
-        "mounted."
+        "Estimated angles of the head minus the stated ones, about their mean, which is not "
+        "distinguishable from the mounting of the accelerometers. Bars are ±2 standard "
+        "uncertainties; passes that differ beyond them have an error that is not modelled."
     )
     panel = Panel("", "angle of the head, °", series, tuple(range(0, 361, 30)))
     return (
         Plot(
             "head",
             "Angles of the head beyond those stated, with ±2 uncertainties",
-            text if error.size else "The estimator finds no angles of the head.",
-            "beyond it, ″",
+            text if error.size else "The estimator does not estimate the angles of the head.",
+            "estimated − stated, ″",
             (panel,) if error.size else (),
         ),
     )
@@ -78,7 +78,7 @@ def _steps(shown: ReportInput) -> list[Index]:
 
 
 def describe_position(step: Step, outcome: ReportInput, number: int) -> str:
-    """Return what a position was and what was read there: "head at 30°, forward; a 0.5 g"."""
+    """Return a position and its readings in words: "head at 30°, forward; a 0.5 g"."""
     assert isinstance(step, Index)
     text = step.describe()
     if step.level:

@@ -11,7 +11,13 @@ from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.data.data_section import ReadbackColumn, RestsSection, unit_size
 from inercal.errors import InputError
 from inercal.io.read import read_table
-from inercal.section_settings import BenchSection, BenchUsage, section_harmonics, si_value
+from inercal.section_settings import (
+    BenchSection,
+    BenchUsage,
+    key_error,
+    section_harmonics,
+    si_value,
+)
 
 _FEWEST_FACES = 3  # of a polygon
 
@@ -24,12 +30,12 @@ class DividingHeadSection(BenchSection):
     harmonics: tuple[str, ...] = ("1 ″", "1 ″")
     autocollimation: Literal["pairs", "every", "none"] = "none"
     polygon: str | None = Field(
-        None, description="certificate: one row a face", examples=["polygon.csv"]
+        None, description="certificate: one row per face", examples=["polygon.csv"]
     )
     polygon_unit: str = Field("″", examples=["µrad"])
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result of such a use, each with the reason."""
+        """Return the keys that change no result in this use, each with the reason."""
         found: dict[str, str] = {}
         if self.polygon is None:
             found["polygon_unit"] = "there is no polygon"
@@ -37,7 +43,7 @@ class DividingHeadSection(BenchSection):
             words = 'autocollimation is "none"'
             found |= {"autocollimator": words, "certificate": words}
         elif self.autocollimation == "every":
-            words = 'with autocollimation = "every" the head\'s own angle is nowhere used'
+            words = 'with autocollimation = "every" the head\'s angle is not used'
             found |= {"harmonics": words, "division": words}
         return found
 
@@ -49,7 +55,7 @@ class DividingHeadData(RestsSection):
     angle: str | int = Field(description="column of the head's angle", examples=["angle"])
     angle_unit: str = "°"
     autocollimator: str | int | None = Field(
-        None, description="column of what it read beyond the angle"
+        None, description="column of its reading beyond that of the angle"
     )
     autocollimator_unit: str = "″"
     level: str | int | None = Field(None, description="column of a level on the head's base")
@@ -57,15 +63,15 @@ class DividingHeadData(RestsSection):
 
     def readback(self, bench: DividingHead) -> tuple[ReadbackColumn, ...]:
         """Return the columns of the head's angle, the autocollimator and the level."""
-        found: list[ReadbackColumn] = []
-        for name in ("angle", "autocollimator", "level"):
-            column = getattr(self, name)
-            if column is not None:
-                key = f"{name}_unit"
-                found.append(
-                    ReadbackColumn(name, str(column), unit_size(getattr(self, key), "°", key))
-                )
-        return tuple(found)
+        return tuple(
+            ReadbackColumn(
+                name,
+                str(getattr(self, name)),
+                unit_size(getattr(self, f"{name}_unit"), "°", f"{name}_unit"),
+            )
+            for name in ("angle", "autocollimator", "level")
+            if getattr(self, name) is not None
+        )
 
 
 def build(section: DividingHeadSection, folder: Path) -> DividingHead:
@@ -73,9 +79,9 @@ def build(section: DividingHeadSection, folder: Path) -> DividingHead:
     polygon: tuple[float, ...] = ()
     if section.polygon is not None:
         if section.autocollimation == "none":
-            raise InputError(
-                '[bench] polygon: autocollimation is "none", which reads no face; state "pairs" '
-                'or "every"'
+            raise key_error(
+                "[bench] polygon",
+                'autocollimation is "none", which reads no face; state "pairs" or "every"',
             )
         polygon = _read_polygon(folder / section.polygon, section.polygon_unit)
     return build_bench(
@@ -95,23 +101,31 @@ def _read_polygon(path: Path, unit: str) -> tuple[float, ...]:
     InputError
         A table without columns `face` and `deviation`, or whose faces are not 1 to n in order.
     """
+    key = "[bench] polygon"
     try:
         table = read_table(path)
     except InputError as error:
-        raise InputError(f"[bench] polygon: {error}") from None
+        raise error.located(key, file=path, key=key) from None
     for name in ("face", "deviation"):
         if name not in table.columns:
             raise InputError(
-                f"[bench] polygon: {path.name} has no column {name!r}, but "
-                f"{', '.join(table.columns)}; it takes face and deviation"
+                f"{key}: {path.name} has no column {name!r}; its columns are "
+                f"{', '.join(table.columns)}, but face and deviation are needed",
+                file=path,
+                key=key,
+                names=(name,),
             )
     face, deviation = table.numbers("face"), table.numbers("deviation")
     bad = np.flatnonzero((face != np.arange(1, len(face) + 1)) | ~np.isfinite(deviation))
     if bad.size or len(face) < _FEWEST_FACES:
-        where = f"line {table.first_line + bad[0]}" if bad.size else f"{len(face)} faces"
+        line = table.first_line + int(bad[0]) if bad.size else None
+        where = f"{len(face)} faces" if line is None else f"line {line}"
         raise InputError(
-            f"[bench] polygon: {path.name}, {where}: give each face of the polygon one line, 1, 2, "
-            "3, … in the order in which they are read, with its deviation"
+            f"{key}: {path.name}, {where}: give each face of the polygon one line with its "
+            "deviation, 1, 2, 3, … in the order in which they are read",
+            file=path,
+            line=line,
+            key=key,
         )
     size = si_value(f"1 {unit}", "°", "[bench] polygon_unit")
     return tuple((size * deviation).tolist())

@@ -1,8 +1,27 @@
-"""The worksheet of a run on a dividing head: its positions."""
+"""The worksheet of a run on a dividing head: its positions, and what the operator does at each.
 
-from math import degrees
+Where the autocollimator is read in pairs, the head is trimmed until it reads at 180° the reading of
+0°, and at 270° that of 90°. The operator matches the readings unchanged: the certificate of the
+faces is applied afterwards, in `inercal.benches.dividing_head.head_angles.sensor_angles`, so that
+nobody applies it at the head, or twice.
 
-from inercal.benches.dividing_head.operator_instructions import operator_notes, operator_rows
+The way back comes to 180° before 0°. The mark there is the reading of 0° in the first pass: the
+error of the head is the same at each visit. Where readings are written down, the head itself sets
+0° and 90° in each pass: a trimming error then shows within a pair, not between passes. Where they
+are not, all positions of a pair are trimmed to one mark.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import degrees, pi
+
+from inercal.benches.dividing_head.bench import DividingHead
+from inercal.benches.dividing_head.passes import (
+    CARDINAL_ANGLES,
+    matches_any_angle,
+    missing_cardinal_angles,
+    pass_numbers,
+)
 from inercal.benches.dividing_head.settings import DividingHeadData
 from inercal.benches.operator_sheet import EntryField, Heading, Sheet, SheetRow
 from inercal.data import Source
@@ -11,6 +30,8 @@ from inercal.errors import InputError
 from inercal.plan import Index
 from inercal.sensors import Sensor
 
+_DEGREE, _MINUTE = 360_000, 6_000  # in 0.01″
+
 
 def sheet(run: Source[DividingHeadData]) -> Sheet:
     """Return the positions of a run, pass by pass.
@@ -18,7 +39,7 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     Raises
     ------
     InputError
-        A plan that its autocollimation cannot have.
+        A plan that does not suit the autocollimation.
     """
     data, bench = run.data, run.bench
     steps = [step for step in run.steps if isinstance(step, Index)]
@@ -27,7 +48,7 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
     try:
         planned = operator_rows(bench, steps, recorded=data.autocollimator is not None)
     except InputError as error:
-        raise InputError(f"{run.path}: {error}") from None
+        raise error.located(run.path) from None
     idle = frozenset({len(data.accelerometer)}) if collimated else frozenset[int]()
     first = {row.in_pass: row.sense for row in reversed(planned)}
     result: list[SheetRow] = []
@@ -83,7 +104,7 @@ def sheet(run: Source[DividingHeadData]) -> Sheet:
 def _entry_fields(
     data: DividingHeadData, sensor: Sensor, *, collimated: bool
 ) -> tuple[EntryField, ...]:
-    """Return what is filled in by hand."""
+    """Return the fields that the operator fills in."""
     found = [
         EntryField(str(name), axis.readout.unit)
         for name, axis in zip(data.accelerometer, sensor.axes, strict=True)
@@ -93,3 +114,185 @@ def _entry_fields(
     if data.level is not None:
         found.append(EntryField("level", data.level_unit))
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class OperatorRow:
+    """A position and the work of the operator there.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    step : Index
+    in_pass : int
+        From 1.
+    autocollimator : str
+        What the operator does with it, in words; empty is nothing.
+    """
+
+    number: int
+    step: Index
+    in_pass: int
+    autocollimator: str
+
+    @property
+    def sense(self) -> str:
+        """Of the pass."""
+        return "forward" if self.step.sense > 0 else "reverse"
+
+    @property
+    def angle(self) -> str:
+        """Of the head, as it is set."""
+        return format_sexagesimal(self.step.angle)
+
+
+def operator_rows(
+    bench: DividingHead, steps: Sequence[Index], recorded: bool
+) -> tuple[OperatorRow, ...]:
+    """Return the work at each position.
+
+    Parameters
+    ----------
+    bench : DividingHead
+    steps : sequence of Index
+        In order; the first pass is forward.
+    recorded : bool
+        Whether the autocollimator's readings have a column: the head then need not be trimmed.
+
+    Raises
+    ------
+    InputError
+        A pass that lacks a position of a pair.
+    """
+    paired = bench.collimated == "pairs"
+    if paired:
+        _require_pairs(steps)
+    which = dict(zip((step.label for step in steps), pass_numbers(steps), strict=True))
+
+    def act(step: Index) -> str:
+        mark = _trim_reference(bench, step, steps)
+        if mark is None:
+            return ""
+        if mark is step or (recorded and not (paired and _is_trimmed_position(step))):
+            return "read and write down"
+        elsewhere = which[mark.label] != which[step.label]
+        where = format_sexagesimal(mark.angle) + f" in pass {which[mark.label] + 1}" * elsewhere
+        return f"trim the head until it reads as at {where}" + ", and write down" * recorded
+
+    return tuple(
+        OperatorRow(k, step, which[step.label] + 1, act(step))
+        for k, step in enumerate(steps, start=1)
+    )
+
+
+def format_sexagesimal(angle: float) -> str:
+    """Return an angle, rad, in whole degrees, and in minutes and seconds where it is not whole.
+
+    >>> from math import pi
+    >>> [format_sexagesimal(pi / x) for x in (2, 8, 7)]
+    ['90°', '22° 30′', '25° 42′ 51.43″']
+    """
+    whole, rest = divmod(round(degrees(angle) * _DEGREE), _DEGREE)
+    minutes, rest = divmod(rest, _MINUTE)
+    text = f"{whole}°"
+    if minutes or rest:
+        text += f" {minutes}′"
+    return text + (f" {rest / 100:g}″" if rest else "")
+
+
+def _trim_reference(bench: DividingHead, step: Index, steps: Sequence[Index]) -> Index | None:
+    """Return the position to whose reading a step is trimmed; None where none is read."""
+    if bench.collimated == "every":
+        return steps[0]
+    square = matches_any_angle(step.angle, CARDINAL_ANGLES)
+    if bench.collimated == "none" or not square:
+        return None
+    return next(one for one in steps if matches_any_angle(one.angle, (step.angle, step.angle + pi)))
+
+
+def _is_trimmed_position(step: Index) -> bool:
+    """Return whether a step is the trimmed position of a pair: 180° or 270°."""
+    return matches_any_angle(step.angle, CARDINAL_ANGLES[2:])
+
+
+def _require_pairs(steps: Sequence[Index]) -> None:
+    for name, angles in missing_cardinal_angles(steps).items():
+        missing = ", ".join(map(format_sexagesimal, angles))
+        raise InputError(
+            f"{name} has no {missing}, but the autocollimator is read in pairs, 180° as 0° and "
+            "270° as 90°; plan 12 positions or another multiple of 4",
+            key="[bench] autocollimation",
+            names=(name,),
+        )
+
+
+def operator_notes(
+    bench: DividingHead, steps: Sequence[Index], data: DividingHeadData
+) -> tuple[str, ...]:
+    """Return the instructions for all positions.
+
+    Parameters
+    ----------
+    bench : DividingHead
+    steps : sequence of Index
+    data : DividingHeadData
+        With the columns that are filled in.
+    """
+    turning = any(step.sense < 0 for step in steps)
+    found = [
+        _mounting_note(data.accelerometer),
+        "Follow the rows from the first to the last, "
+        + ("forward and back, " if turning else "")
+        + "without a longer pause: the calibration assumes steady drift.",
+        "Turn to each position in the sense of its pass. After an overshoot, turn well back and "
+        "approach again." + " Where the sense changes, turn past the position and back." * turning,
+        f"Wait until the readings are steady, then average them{_averaging_time(steps)}.",
+        "During the readings do not touch the pier or walk near it.",
+    ]
+    found += _autocollimator_notes(bench, data)
+    if data.level is not None:
+        found.append(
+            f"Read the level at each position, in {data.level_unit}: positive where the base "
+            "leans in the sense of an increasing angle of the head."
+        )
+    found.append(
+        "Remove the row of a failed position from the file."
+        + " Repeat a failed position at 0°, 90°, 180° or 270°." * (bench.collimated == "pairs")
+    )
+    return tuple(found)
+
+
+def _mounting_note(accelerometers: Sequence[str | int]) -> str:
+    first, *second = accelerometers
+    both = "".join(f" and {name} at 0°" for name in second)
+    return f"Before the first row check that {first} reads most at 90°{both}."
+
+
+def _averaging_time(steps: Sequence[Index]) -> str:
+    seconds = {step.seconds for step in steps}
+    return f" for {seconds.pop():g} s" if len(seconds) == 1 and 0.0 not in seconds else ""
+
+
+def _autocollimator_notes(bench: DividingHead, data: DividingHeadData) -> list[str]:
+    if bench.collimated == "none":
+        return []
+    found: list[str] = []
+    if data.autocollimator is not None:
+        if bench.collimated == "every":
+            found.append("At the first row set the autocollimator near zero, and only there.")
+        found.append(
+            f"Write down the autocollimator's reading, in {data.autocollimator_unit}: positive "
+            "where the head is beyond its angle, in the sense of an increasing angle."
+        )
+    if bench.collimated == "pairs" or data.autocollimator is None:
+        found.append(
+            "Where the head is trimmed, its scale reads a little off the angle: do not change "
+            "the angle in the table."
+        )
+    if bench.polygon:
+        found.append(
+            "Do not correct the readings by the polygon's certificate: the calibration applies the "
+            "deviations of its faces."
+        )
+    return found

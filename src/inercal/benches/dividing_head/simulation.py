@@ -1,4 +1,4 @@
-"""A dividing head in simulation: position after position, with the way between."""
+"""A dividing head in simulation: position after position, with the moves between them."""
 
 from collections.abc import Sequence
 from math import pi
@@ -24,7 +24,7 @@ def simulate_head_motion(
     sensor: Sensor,
     carried: bool,
 ) -> SensorSimulation:
-    """Return the motion of each trial, what the bench reads back, and how biases drifted.
+    """Return the motion of each trial, the readback and the drift of the biases.
 
     Parameters
     ----------
@@ -39,13 +39,13 @@ def simulate_head_motion(
     sensor : Sensor
         Of m accelerometers.
     carried : bool
-        Nothing carries the sensor from position to position but the head.
+        Not used: the head moves the sensor from position to position.
     """
     declared = bench.simulated_parameters(steps, sensor.channels)
     drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
     f = np.broadcast_to(sensed_motion(bench, steps, drawn).f, (trials, len(steps), 3))
     drift = bias_drift(steps, sensor.channels, drawn)
-    # A sample belongs to a position (share 0) or lies by its share on the way to the next.
+    # A sample is at a position (share 0) or has made its share of the move to the next.
     move = round(MOVE_SECONDS * rate_hz)
     which: list[Array] = []
     for k, step in enumerate(steps):

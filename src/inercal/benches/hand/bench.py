@@ -1,13 +1,13 @@
-"""Bare hands and a table: the sensor's housing set down on its faces and turned on them.
+"""Bare hands and a table: the sensor's housing rests on its faces and is turned on them.
 
 Up is turned from its nominal body direction by two small tangents t₁, t₂ along d₁, d₂ ⟂ up::
 
     hold    f = g u,   u = (up + t₁ d₁ + t₂ d₂) / norm
             ω = Ω sin φ u + e₁ d₁ + e₂ d₂                      (earth rate; azimuth unknown)
     turn    mean ω = (α + δα) n / (T (1 + τ)) + Ω sin φ f̄ / g,   n tilted as u is
-            (the earth's level component turns in the body and is left out: at most
+            (the earth's level component rotates in the body and is neglected: at most
             Ω cos φ T / |α| of misalignment, 14″ for a full turn of 8 s)
-            mean f = f̄, whatever the accelerometers say it was
+            mean f = f̄, as the accelerometers measured it
 
 Every symbol but the nominal ones is a `Parameter`: drawn in a simulation, estimated as a nuisance
 in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the recording's clock.
@@ -42,14 +42,14 @@ class Hand:
     gravity : Measured
         Local gravity, m/s².
     latitude : Measured, float or None
-        rad, a plain number being exact; None is unknown, and earth's rate then a nuisance
-        altogether.
+        rad, a plain number being exact; None is unknown: both components of the earth's rate are
+        then nuisances.
     tilt : float
-        How far a face's normal lies from the vertical, each of two directions, rad.
+        Tilt of a face's normal from the vertical, about each of two directions, rad.
     turn_angle : float
         Error of the angle of a turn, rad.
     turn_tilt : float
-        How far the axis of a turn lies from the body axis, each of two directions, rad.
+        Tilt of the axis of a turn from the body axis, about each of two directions, rad.
     timebase : float
         Relative error of the recording's clock.
     """
@@ -85,17 +85,17 @@ class Hand:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        # Of a vector of known length and unknown direction each component has 1/√3 of it.
+        # Each component of a vector of known length and unknown direction is 1/√3 of it, rms.
         up, level = 0.0, EARTH_RATE / sqrt(3)
-        of_up, without = EARTH_RATE / sqrt(3), ""
+        up_sd, assumed = EARTH_RATE / sqrt(3), ""
         if (place := self.place) is not None:
             up, north = earth_rate_up_north(place.value)
             level = abs(north) / sqrt(2)  # the azimuth is unknown
-            of_up, without = abs(north) * place.sd, place.key_if_assumed("latitude")
+            up_sd, assumed = abs(north) * place.sd, place.key_if_assumed("latitude")
         return (
             local_gravity(self.gravity),
             *declared_parameters(self, "tilt"),
-            Parameter("earth_up", "rad/s", of_up, "run", up, "earth rate, vertical", without),
+            Parameter("earth_up", "rad/s", up_sd, "run", up, "earth rate, vertical", assumed),
             Parameter("earth1", "rad/s", level, "position", 0.0, "earth rate, level"),
             Parameter("earth2", "rad/s", level, "position", 0.0, "earth rate, level"),
             *declared_parameters(self, "turn_angle", "turn_tilt", "timebase"),
@@ -108,7 +108,7 @@ class Hand:
         ----------
         steps : sequence of HandStep
         sensor : Sensor
-            Without gyros the earth's rate and the clock play no part.
+            Without gyros, the earth's rate and the clock do not act.
         """
         return self.acting_parameters(
             steps, rates=any(axis.measures == "w" for axis in sensor.axes)
@@ -137,15 +137,15 @@ class Hand:
         """Return the mean motion of each step; see `inercal.benches.contract.MeanBench`.
 
         The mean specific force of a turn is `force_x[label]` … in q; where it is missing it is
-        gravity along the axis, which stands up.
+        gravity along the axis, which points up.
         """
         stated = {
             name: np.array(p.value) for name, p in self.acting_parameters(steps, rates=True).items()
         }
         rows = [_step_motion(step, stated | dict(q)) for step in steps]
-        whole = np.broadcast_arrays(*(row.f for row in rows), *(row.w for row in rows))
-        f, w = whole[: len(rows)], whole[len(rows) :]
-        shape = whole[0].shape
+        vectors = np.broadcast_arrays(*(row.f for row in rows), *(row.w for row in rows))
+        f, w = vectors[: len(rows)], vectors[len(rows) :]
+        shape = vectors[0].shape
         return MeanMotion(
             Motion(np.stack(f, axis=-2), np.stack(w, axis=-2)),
             stack_derivatives([row.df for row in rows], shape),
@@ -177,7 +177,7 @@ def tilted_direction(up: tuple[float, float, float], t: Array) -> tuple[Array, A
 
 
 def sensed_motion(step: HandStep, duration: float, q: Mapping[str, Array]) -> MeanMotion:
-    """Return what the sensor feels in the mean during a step: arrays (..., 3), without rows.
+    """Return the mean motion that the sensor senses during a step: arrays (..., 3), without rows.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def sensed_motion(step: HandStep, duration: float, q: Mapping[str, Array]) -> Me
 
 
 def _step_motion(step: HandStep, q: Mapping[str, Array]) -> MeanMotion:
-    """Return the force in a step, m/s²; a turn without a force of its own has gravity along it."""
+    """Return the motion in a step; a turn of unknown force has gravity along its axis."""
     names = [f"force_{a}[{step.label}]" for a in "xyz"]
     if isinstance(step, Hold) or names[0] in q:
         return sensed_motion(step, step.seconds, q)

@@ -1,21 +1,67 @@
-"""Bare hands, as a kind of bench."""
+"""Bare hands, as a kind of bench: its section of the run file, its directions, and `KIND`."""
 
 from math import degrees
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
 
 from inercal.benches.hand.bench import Hand
-from inercal.benches.hand.report import directions
-from inercal.benches.hand.settings import HandSection, build
 from inercal.benches.hand.simulation import simulate_hand_motion
+from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import (
     Effect,
     Kind,
     import_when_called,
     simulate_without_sensor,
 )
+from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.data import RestsSection
 from inercal.plan import Hold, Turn
+from inercal.section_settings import BenchSection, BenchUsage, section_constant
 
 _READING = "inercal.benches.hand.reading"
+
+
+@add_bench_keys(Hand)
+class HandSection(BenchSection):
+    """[bench]: bare hands. Gravity is given, or computed from latitude and height."""
+
+    kind: Literal["hand"] = "hand"
+
+    def unused_keys(self, use: BenchUsage) -> dict[str, str]:
+        """Return the keys that change no result in this use, each with the reason."""
+        found: dict[str, str] = {}
+        if not use.attitudes:
+            found["tilt"] = f"{use.method} estimates the attitudes"
+        if not use.turns:
+            words = f"{use.method} has no turns of a known angle"
+            found |= {"turn_angle": words, "turn_tilt": words}
+            if not use.gyros or use.attitudes:
+                found["timebase"] = f"without turns, {use.method} does not depend on time"
+        return found
+
+
+def build(section: HandSection, folder: Path) -> Hand:
+    """Return the bench in SI; files that it names lie in `folder`."""
+    known = section.latitude is not None
+    return build_bench(
+        Hand, section, latitude=section_constant(section, "latitude", "°") if known else None
+    )
+
+
+def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
+    """Return the measured direction of up in each hold and of the axis of each turn."""
+    sensed = shown.sensed_motion()
+    result: list[MeasuredDirection] = []
+    for k, step in enumerate(shown.steps):
+        if isinstance(step, Hold):
+            result.append(measured_direction(step, sensed.f[k], np.array(step.up)))
+        elif isinstance(step, Turn):
+            axis = sensed.w[k] * np.sign(step.angle)
+            result.append(measured_direction(step, axis, np.array(step.axis)))
+    return tuple(result)
+
 
 KIND = Kind(
     "hand",
@@ -26,7 +72,7 @@ KIND = Kind(
     (Hold, Turn),
     import_when_called(_READING, "observe"),
     simulate_without_sensor(simulate_hand_motion, in_hand=True),
-    # At the equator the earth does not turn about the vertical.
+    # At the equator the vertical component of the earth's rate is zero.
     effects=(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),

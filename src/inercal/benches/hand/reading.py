@@ -24,6 +24,7 @@ from inercal.io.mean_tables import read_means
 from inercal.io.rest_norm import audit_rest_norm, rest_mean_finding
 from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Finding, Mark, Observations, Recording
+from inercal.section_settings import key_error
 from inercal.segments import (
     RestDetection,
     bias_jump_test,
@@ -47,9 +48,8 @@ from inercal.sensors import Sensor
 from inercal.units import format_quantity
 
 _BY_READINGS = (
-    "the positions were found by which axis reads gravity: swapped columns, reversed axes, or an "
-    "axis named for another, cannot be noticed; hold one known axis up and compare, or state the "
-    "marks"
+    "the positions were identified by the axis that reads gravity: exchanged columns and reversed "
+    "axes cannot be detected; hold one known axis up and compare, or state the marks"
 )
 
 
@@ -90,12 +90,12 @@ def observe(run: Source[RestsSection]) -> EstimatorInput:
 
 
 def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
-    """Return the recording with what its norms at rest say.
+    """Return the recording with the findings of its norms at rest.
 
     Raises
     ------
     InputError
-        They say that it cannot be used.
+        A finding refuses the recording.
     """
     return require_accepted(audit_rest_norm(recording, sensor, bench.gravity.value))
 
@@ -106,7 +106,7 @@ def nominal_plan(run: Source[RestsSection]) -> tuple[HandStep, ...]:
 
 
 def _allows_repeat_visits(run: Source[RestsSection]) -> bool:
-    """Return whether positions may be visited again: at another temperature."""
+    """Return whether positions may be visited again, at another temperature."""
     return run.data.temperature is not None and not run.method.unknown_attitudes
 
 
@@ -120,20 +120,24 @@ def _steps_by_visit(run: Source[RestsSection], count: int) -> dict[str, HandStep
 
 
 def _plan_with_visits(run: Source[RestsSection], done: Sequence[HandStep]) -> tuple[HandStep, ...]:
-    """Return the plan, and after each step the further visits of it that were made."""
+    """Return the plan, with the further visits of each step after it."""
     wanted = {step.label for step in (*nominal_plan(run), *done)}
     return tuple(s for name, s in _steps_by_visit(run, len(done)).items() if name in wanted)
 
 
 def _read_means(run: Source[RestsSection]) -> Observations:
     if run.method.unknown_attitudes and run.sensor.select_axes("w").axes:
-        raise InputError(
-            f"{run.path}: [data] kind means holds no rotations: leave [sensor.gyro] out, or "
-            "give the recording"
+        raise key_error(
+            "[data] kind",
+            "a table of means has no rotations, which the gyros need; remove [sensor.gyro], or "
+            "give the recording",
+            run.path,
         )
     seconds = run.data.seconds
     if seconds is None and any(isinstance(step, Turn) for step in run.steps):
-        raise InputError(f"{run.path}: [data] seconds is missing: the column of turns' durations")
+        raise key_error(
+            "[data] seconds", "is missing: name the column of the turns' durations", run.path
+        )
     return read_means(
         run.file(run.data.file),
         reader_columns(run),
@@ -147,7 +151,7 @@ def _read_means(run: Source[RestsSection]) -> Observations:
 def _planned_sections(
     run: Source[RestsSection], recording: Recording
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
-    """Return the sections of the plan's steps: marks, means, what was noticed."""
+    """Return the sections of the plan's steps: marks, means and findings."""
     steps = nominal_plan(run)
     labels, missing = [step.label for step in steps], tuple[Finding, ...]()
     if run.data.marks == "found":
@@ -156,8 +160,9 @@ def _planned_sections(
         if not marks:
             raise InputError(
                 f"{recording.source}: no rest agrees with a position of the plan, "
-                f"{', '.join(labels)}: "
-                f"{found.words}"
+                f"{', '.join(labels)}: {found.words}",
+                file=run.file(run.data.file),
+                names=tuple(labels),
             )
     else:
         marks = stated_marks(run, recording, again=_allows_repeat_visits(run))
@@ -173,7 +178,7 @@ def _planned_sections(
     if run.data.marks == "found":
         observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
     if run.data.gyro and not run.sensor.select_axes("w").axes:
-        note = f"the gyros were not looked at: method {run.method.name} finds nothing of them"
+        note = f"method {run.method.name} does not use the gyros"
         observations = replace(observations, notes=(*observations.notes, note))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
@@ -184,14 +189,18 @@ def _planned_steps(run: Source[RestsSection], observations: Observations) -> tup
     unknown = [label for label in observations.labels if label not in by_label]
     if unknown:
         planned = ", ".join(step.label for step in nominal_plan(run))
-        raise InputError(f"{run.data.file}: no step {unknown[0]!r} in the plan; it has {planned}")
+        raise InputError(
+            f"{run.data.file}: the plan has no step {unknown[0]!r}; its steps are {planned}",
+            file=run.file(run.data.file),
+            names=(unknown[0],),
+        )
     return tuple(by_label[label] for label in observations.labels)
 
 
 def _free_rests(
     run: Source[RestsSection], recording: Recording, rests: RestDetection | None
 ) -> tuple[tuple[Mark, ...], Observations, tuple[Finding, ...]]:
-    """Return rests in any attitude and the ways between them: marks, means, what was noticed."""
+    """Return rests in any attitude and the moves between them: marks, means and findings."""
     findings = recording.findings
     if rests is not None:
         marks, findings = rests.marks, (*findings, rests.finding)
@@ -229,7 +238,7 @@ def _conditions(run: Source[RestsSection], bench: Hand) -> dict[str, str]:
 
 
 def refused_recording_rests(run: Source[RestsSection], recording: Recording) -> RestDetection:
-    """Return the rests that were found in a recording that was refused."""
+    """Return the rests in a refused recording."""
     if run.data.marks != "found" or run.method.unknown_attitudes:
         return rests_without_plan(run, recording)
     found = search_sections(recording, run.sensor, nominal_plan(run))

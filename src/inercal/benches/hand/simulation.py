@@ -1,7 +1,7 @@
-"""Carry a plan out in simulation: the true motion, sample by sample, with the bench's errors drawn.
+"""A plan by hand in simulation: the true motion, sample by sample, with the bench's errors drawn.
 
-Between steps the sensor is moved smoothly (minimum jerk) from one attitude to the next. The
-samples of a hold or a turn carry its label, those of a move none.
+Between steps the sensor moves smoothly (minimum jerk) from one attitude to the next. The samples
+of a hold or a turn have its label, those of a move none.
 """
 
 from collections.abc import Sequence
@@ -41,8 +41,8 @@ def simulate_hand_motion(
     trials : int
         Length of the leading axis of what is drawn and of the motion.
     carried : bool
-        Whether the sensor stays in the hand between holds: its azimuth is then carried along, and
-        with it the earth's level rate, where else each position has an azimuth of its own.
+        Whether the sensor stays in the hand between holds: its azimuth, and with it the earth's
+        level rate, then follows its motion; otherwise each position has an independent azimuth.
     """
     drawn = {
         name: parameter.value + parameter.sd * rng.standard_normal(trials)
@@ -107,7 +107,7 @@ def _constant_rate(step: HandStep, q: dict[str, Array]) -> Array:
 
 
 def _shortest_rotation(start: Array, end: Array) -> tuple[Array, Array]:
-    """Return axis, (trials, 3), and angle, (trials,), of the shortest way from up to up."""
+    """Return axis, (trials, 3), and angle, (trials,), of the shortest rotation of up to up."""
     axis = np.cross(start, end)
     size = np.linalg.norm(axis, axis=-1, keepdims=True)
     aside = np.cross(start, np.eye(3)[np.argmin(np.abs(start[0]))])

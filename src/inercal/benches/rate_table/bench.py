@@ -1,23 +1,23 @@
 """A plain rate table as a bench: it turns about the vertical, the sensor in a fixture on it.
 
-At the radius R from the axis the sensor feels the centripetal acceleration toward the centre and
-gravity's reaction. With `out` and `up` of its mounting in the body::
+At the radius R from the axis the sensor senses the centripetal acceleration toward the centre and
+the reaction to gravity. With `out` and `up` of its mounting in the body::
 
     f = exp(φ) (−a out + g up),   a = (R + s) (ω (1 + ρ + σ))²              turning
     f = exp(φ) g (√(1 − λ₁² − λ₂²) up − λ₁ out + λ₂ along)                  at rest
 
-φ are the three angles by which the mounting is off, s what its radius is off besides, ρ the
-relative error of all rates of the run, σ that of one set speed, alike in all dwells at it.
+φ are the three error angles of the mounting, s the error of its radius, ρ the relative error of all
+rates of the run, σ that of one set speed, the same in all dwells at this speed.
 
-λ is what the table's axis leans from the vertical, as the table has it where it stands: λ₁ toward
-the centre, λ₂ along = up × (−out). It stands at another azimuth at each rest, so that each rest has
+λ is the lean of the table's axis from the vertical, in the frame of the table: λ₁ toward the
+centre, λ₂ along = up × (−out). The table rests at another azimuth each time, so that each rest has
 its own λ; of a lean whose two components are normal, those of rests at random azimuths are
-uncorrelated. While it turns λ goes round once a turn, and over whole turns leaves the second order,
-f = g (1 − λ²/2) up: 1.5 µg at 0.1°. It is left out; so is λ times the part of a turn by which
-a wrong rate makes turns not whole.
+uncorrelated. While the table turns, λ rotates once a turn; over whole turns the second order
+remains, f = g (1 − λ²/2) up: 1.5 µg at 0.1°. It is neglected; so is λ times the fraction of a turn
+that a wrong rate adds to whole turns.
 
-A sensor that rests on a table of steady rate feels no Coriolis acceleration of the table. That of
-the earth, 2 Ω ω R, is left out as in the source: 34 µg at 86 r/min and 0.25 m.
+A sensor at rest on a table of steady rate senses no Coriolis acceleration of the table. That of
+the earth, 2 Ω ω R, is neglected as in the source: 34 µg at 86 r/min and 0.25 m.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 section 1 (the table), 10.13873/J.1000-9787(2014)10-0021-04.
@@ -25,21 +25,20 @@ section 1 (the table), 10.13873/J.1000-9787(2014)10-0021-04.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite, pi
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.arm_directions import outward_and_up_directions
-from inercal.benches.contract import MeanMotion
+from inercal.benches.contract import MeanMotion, require_possible_values
 from inercal.benches.key_declarations import (
     declarations,
     declared_parameters,
     deviation,
     small_angle,
 )
-from inercal.errors import InputError
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity
@@ -63,13 +62,13 @@ class RateTable:
     radius : Measured
         From the table's axis to the sensor's centre, m.
     seat : float
-        Standard deviation of each mounting's radius besides, m.
+        Standard deviation of the radius of each mounting, beyond `radius`, m.
     pose : float
         Standard deviation of each of three angles of each mounting, rad.
     rate : float
         Relative standard deviation of the rate, common to the run.
     speed : float
-        Relative standard deviation of each set speed, alike in all dwells at that speed.
+        Relative standard deviation of each set speed, the same in all dwells at that speed.
     lean : float
         Standard deviation of each of two components of the lean, in each rest, rad.
 
@@ -96,15 +95,11 @@ class RateTable:
     )
 
     def __post_init__(self) -> None:
-        g, r = self.gravity, self.radius
-        for what, size, unit in (("gravity", g.value, "m/s²"), ("radius", r.value, "m")):
-            if not (isfinite(size) and size > 0):
-                raise InputError(f"rate table: {what} is {size:g} {unit}; give it > 0")
-        deviations = {"gravity": g.sd, "radius": r.sd}
+        measured = {"gravity": self.gravity, "radius": self.radius}
+        deviations = {name: quantity.sd for name, quantity in measured.items()}
         deviations |= {name: getattr(self, name) for name in declarations(RateTable)}
-        for what, sd in deviations.items():
-            if not (isfinite(sd) and sd >= 0):
-                raise InputError(f"rate table: deviation of {what} is {sd}; give it 0 or more")
+        values = {name: quantity.value for name, quantity in measured.items()}
+        require_possible_values("rate table", values, deviations)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -120,7 +115,7 @@ class RateTable:
         return self.acting_parameters(steps)
 
     def acting_parameters(self, steps: Sequence[Spin]) -> dict[str, Parameter]:
-        """Return the same: what acts does not depend on the sensor."""
+        """Return the same: the acting parameters do not depend on the sensor."""
         return {full: parameter for full, parameter, _ in _acting_rows(self, steps)}
 
     def mean_motion(self, steps: Sequence[Spin], q: Mapping[str, Array]) -> MeanMotion:
@@ -163,7 +158,7 @@ def _acting_rows(
 def speed_names(steps: Sequence[Spin]) -> list[str]:
     """Return the name of each step's set speed, "86 rpm".
 
-    Rates within a part in 200 are one set speed, as one is read back anew in each dwell.
+    Rates within 1/200 of each other are one set speed: each dwell has its own readback of it.
     """
     first: dict[float, str] = {}
     for step in steps:
@@ -246,7 +241,7 @@ def sensed_motion(bench: RateTable, steps: Sequence[Spin], q: Mapping[str, Array
 
 
 def force_sensitivities(bench: RateTable, steps: Sequence[Spin]) -> Array:
-    """Return what one standard deviation of each uncertain parameter adds to f, (k, r, 3) m/s²."""
+    """Return the change of f by one standard deviation of each parameter, (k, r, 3) m/s²."""
     result = sensed_motion(bench, steps, {})
     rows = [
         q.sd * result.df[name] for name, q in bench.acting_parameters(steps).items() if q.sd > 0

@@ -1,4 +1,4 @@
-"""Checks of a rate table's states against what the readings say: the rates' unit, the axes."""
+"""Checks of a rate table's states against the readings: the unit of the rates, the axes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -14,23 +14,24 @@ from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.plan import Spin
 from inercal.recording import Observations, Recording
+from inercal.section_settings import key_error
 from inercal.segments.dwells import ARM_RATE
 from inercal.sensors import G0
 from inercal.sensors.affine import AffineModel
 from inercal.units import si_factor
 
-_OFF = 0.2  # of a norm, once a rough model of the triad is taken out of the readings
-_USABLE = (0.5, 2.0)  # times nominal: scale factors of a triad that a run file states rightly
+_OFF = 0.2  # of a norm, after correction by a rough model of the triad
+_USABLE = (0.5, 2.0)  # times nominal: scale factors of a triad that a run file states correctly
 _DETERMINED = 0.05  # of the largest singular value: below, rows do not determine a triad
-_ALIKE = 1e-3  # g: residuals below weigh alike
+_ALIKE = 1e-3  # g: smaller residuals have equal weight
 _REWEIGHTED = 20
 _UNITS = ("rad/s", "rpm", "rev/s", "°/s")
-_FEWEST = 4  # states that tell which axis is which
-_FAST = 0.9  # of the fastest rate: samples that tell the unit
+_FEWEST = 4  # states that identify the axes
+_FAST = 0.9  # of the fastest rate: samples that show the unit
 
 
 def require_unit(run: Source[RateTableData], recording: Recording, bench: RateTable) -> None:
-    """Refuse a recording whose samples at the fastest rate tell another unit than stated.
+    """Refuse a recording whose samples at the fastest rate show another unit than the stated one.
 
     Parameters
     ----------
@@ -60,39 +61,42 @@ def require_unit(run: Source[RateTableData], recording: Recording, bench: RateTa
 
 
 def _refuse_unit(run: Source[RateTableData], off: Callable[[float], float]) -> None:
-    """Refuse rates in another unit; `off` is how far norms are off at rates times as large."""
+    """Refuse rates in another unit; `off` is the error of norms at rates times a factor."""
     given = readback_units(run)["arm_rate"]
     for unit in _UNITS:
         if off(si_factor(unit, "rad/s") / given) < _OFF / 2:
-            raise InputError(
-                f"{run.path}: [data] arm_rate_unit: by the norms of the readings the rates are in "
-                f'{unit}, not in {run.data.arm_rate_unit}; state arm_rate_unit = "{unit}"'
+            raise key_error(
+                "[data] arm_rate_unit",
+                f"by the norms of the readings the rates are in {unit}, not in "
+                f'{run.data.arm_rate_unit}; state arm_rate_unit = "{unit}"',
+                run.path,
+                (unit,),
             )
 
 
 def _nominal_force(bench: RateTable, steps: Sequence[Spin], times: float = 1.0) -> Array:
-    """Return the sensed motion nominally, (r, 3) m/s², at rates `times` as large."""
+    """Return the nominal specific force, (r, 3) m/s², at rates times a factor."""
     return sensed_motion(bench, [replace(step, rate=step.rate * times) for step in steps], {}).f
 
 
-def _fit_triad(read: Array, made: Array) -> AffineModel | None:
+def _fit_triad(read: Array, nominal: Array) -> AffineModel | None:
     """Return a rough model of the triad, M a + p = f, in m/s²: by least absolute deviations.
 
-    A sensor as delivered may have a bias of 0.3 g and a scale factor 20 % off. It is judged by what
-    is left once that is taken out, so that what remains to be noticed is a mistake. One wrong row
-    bends least absolute deviations little.
+    A sensor as delivered may have a bias of 0.3 g and a scale factor 20 % off. The checks are of
+    the residuals of this model, so that they detect only mistakes. One wrong row has little effect
+    on least absolute deviations.
 
     Parameters
     ----------
-    read, made : (r, 3) arrays
+    read, nominal : (r, 3) arrays
         Readings, and the nominal specific force, m/s².
 
     Returns
     -------
-    Affine or None
-        None where the rows do not determine it, or it is that of no usable sensor.
+    AffineModel or None
+        None where the rows do not determine it, or no usable sensor has this model.
     """
-    columns = np.concatenate([made, np.full((len(made), 1), G0)], axis=-1)
+    columns = np.concatenate([nominal, np.full((len(nominal), 1), G0)], axis=-1)
     size = np.linalg.svd(columns, compute_uv=False)
     if len(columns) < columns.shape[1] or size[-1] < _DETERMINED * size[0]:
         return None
@@ -101,8 +105,8 @@ def _fit_triad(read: Array, made: Array) -> AffineModel | None:
     for _ in range(_REWEIGHTED):
         root = np.sqrt(weight)[:, None]
         solved = np.linalg.lstsq(root * columns, root * read, rcond=None)[0]
-        left = np.linalg.norm(read - columns @ solved, axis=-1)
-        weight = 1 / np.maximum(left, _ALIKE * G0)
+        residual = np.linalg.norm(read - columns @ solved, axis=-1)
+        weight = 1 / np.maximum(residual, _ALIKE * G0)
     scale = np.linalg.svd(solved[:3], compute_uv=False)
     if scale[-1] < _USABLE[0] or scale[0] > _USABLE[1]:
         return None
@@ -112,9 +116,9 @@ def _fit_triad(read: Array, made: Array) -> AffineModel | None:
 def require_rates(
     run: Source[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
 ) -> None:
-    """Refuse rates in another unit than stated: the norms of the readings tell.
+    """Refuse rates in another unit than the stated one, by the norms of the readings.
 
-    Norms are those of the readings once a rough model of the triad has corrected them.
+    A rough model of the triad corrects the readings first.
     """
     turning = np.array([step.rate != 0 for step in steps])
     if not turning.any():
@@ -136,22 +140,24 @@ def require_rates(
     read, result = norms(1.0)
     worst = int(np.argmax(np.abs(read / result - 1) * turning))
     raise InputError(
-        f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s² but "
-        f"radius and rate give {result[worst]:.4g}; check arm_rate_unit, [bench] radius and the "
-        "scale in [sensor.accelerometer]"
+        f"{run.path}: {steps[worst].label}: the readings' norm is {read[worst]:.4g} m/s², but "
+        f"radius and rate give {result[worst]:.4g} m/s²; check arm_rate_unit, [bench] radius and "
+        "the scale in [sensor.accelerometer]",
+        file=run.path,
+        names=(steps[worst].label,),
     )
 
 
 def require_axes(
     run: Source[RateTableData], observations: Observations, bench: RateTable, steps: Sequence[Spin]
 ) -> None:
-    """Refuse columns that are exchanged or reversed: they fit far better otherwise."""
+    """Refuse exchanged or reversed columns, which fit far better in another order or sign."""
     if len(steps) < _FEWEST:
         return
     result, read = _nominal_force(bench, steps), observations.mean
     model = _fit_triad(read, result)
     if model is not None:
-        # Its bias is not a sign of a wrong axis: what remains is how its axes stand.
+        # Bias does not show a wrong axis: the rest is the directions of the axes.
         read = read - model.inverse.offset
     fits = {
         (order, signs): float(np.sum((read[:, order] * np.array(signs) - result) ** 2))
@@ -162,8 +168,11 @@ def require_axes(
     if fits[best] < straight / 10 and best != ((0, 1, 2), (1, 1, 1)):
         given = run.data.accelerometer
         order = ", ".join(f"{'−' * (s < 0)}{given[k]}" for k, s in zip(*best, strict=True))
-        raise InputError(
-            f"{run.path}: [data] accelerometer: the readings fit the mountings as x, y, z = "
-            f"{order}, not as {', '.join(map(str, given))}: look at the columns' order and at how "
-            "the sensor was mounted"
+        raise key_error(
+            "[data] accelerometer",
+            f"the readings fit the mountings as x, y, z = {order}, not as "
+            f"{', '.join(map(str, given))}; check the order of the columns and the mounting of the "
+            "sensor",
+            run.path,
+            tuple(order.split(", ")),
         )

@@ -1,19 +1,19 @@
-"""How a triad is mounted on a rate table, as data, and the plans of the ship-model source.
+"""Mountings of a triad on a rate table, as data, and the plans of the ship-model source.
 
-A plane names the axis that points at the centre, then the one that lies level beside it: in "XY"
-and "YX" Z is up, in "ZY" X is. With e_r the axis toward the centre, e_n the one up and
-e_t = e_n × e_r, a tilt α about the tangential direction makes::
+A plane names the axis that points at the centre, then the other level axis: Z is up in "XY" and
+"YX", X is up in "ZY". With e_r the axis toward the centre, e_n the upward axis and e_t = e_n × e_r,
+a tilt α about the tangential direction gives::
 
     centre = cos α e_r − sin α e_n,   up = sin α e_r + cos α e_n
 
-so that e_r feels A cos α + sin α and e_n −A sin α + cos α, in g. A tilt about the radial direction
-leaves the centre along e_r, and up = cos α e_n + sin α e_t.
+so that e_r senses A cos α + sin α and e_n −A sin α + cos α, in g. With a tilt about the radial
+direction the centre remains along e_r, and up = cos α e_n + sin α e_t.
 
-The source has one pose of two tilts, "XY at 135° to the plane of rotation and ZY at 45°", and does
-not say how. Three readings of a second tilt β:
+The source has one pose of two tilts, "XY at 135° to the plane of rotation and ZY at 45°", without a
+definition. Three interpretations of a second tilt β:
 
 * dihedral: both are angles between planes, up·e_n = cos α and up·e_r = cos β; at 135° and 45° this
-  is the pose of 135° alone, again;
+  is the pose of 135° alone;
 * azimuth: turned by β about e_n on the fixture, cos β e_r + sin β e_t in the place of e_r, then
   tilted by α;
 * successive: tilted by α, then by β about the radial direction: up = cos β up_α + sin β e_t.
@@ -38,7 +38,7 @@ TiltAxis = Literal["tangential", "radial"]
 PLANES: dict[Plane, tuple[str, str]] = {"XY": ("x", "z"), "YX": ("y", "z"), "ZY": ("z", "x")}
 RPM = pi / 30  # rad/s
 FAST_SPEED_RPM, SLOW_SPEED_RPM = 86.0, 46.0  # r/min
-_DIGITS = ".9g"  # of a tilt in °: two that differ are two mountings, and have two names
+_DIGITS = ".9g"  # of a tilt in °: different tilts are different mountings with different names
 
 
 def mounting_attitude(
@@ -59,9 +59,9 @@ def mounting_attitude(
     second : float, optional
         A second tilt, rad; the first one is then about the tangential direction.
     reading : "azimuth", "dihedral" or "successive"
-        What the second tilt is.
+        Interpretation of the second tilt.
     about : "tangential" or "radial"
-        What the only tilt is about.
+        Axis of a single tilt.
 
     Raises
     ------
@@ -69,7 +69,9 @@ def mounting_attitude(
         Another plane, or two dihedral angles that no pose has.
     """
     if plane not in PLANES:
-        raise InputError(f"mounting {plane!r}; there are {', '.join(PLANES)}")
+        raise InputError(
+            f"mounting {plane!r} is unknown; the planes are {', '.join(PLANES)}", key="plane"
+        )
     radial, normal = (np.array(AXES[axis]) for axis in PLANES[plane])
     level = np.cross(normal, radial)
     c, s = _cos_sin(tilt)
@@ -84,7 +86,10 @@ def mounting_attitude(
         elif reading == "dihedral":
             rest = 1 - c**2 - c2**2
             if rest < -1e-12 or c**2 + c2**2 < 1e-12:
-                raise InputError(f"mounting {name}: no pose has these two dihedral angles")
+                raise InputError(
+                    f"mounting {name}: no pose has these two dihedral angles; change one of them",
+                    key="second",
+                )
             up = c2 * radial + c * normal + np.sqrt(max(rest, 0.0)) * level
             centre = np.cross(level, up) / np.hypot(c, c2)
     elif about == "radial" and tilt:
@@ -118,17 +123,17 @@ def multi_angle_plan(
     """Return sixteen groups of tilted mountings.
 
     By default the ten poses that the source names (30°, 60°, 135° in three planes, and the one of
-    two tilts) at 86 r/min, and those of 30° and 135° at 46 r/min besides: a choice of ours.
+    two tilts) at 86 r/min, and, by our choice, those of 30° and 135° at 46 r/min too.
 
     Parameters
     ----------
     reading : "azimuth", "dihedral" or "successive"
-        What the second tilt of the pose of two tilts is.
+        Interpretation of the second tilt of the pose of two tilts.
     about : "tangential" or "radial"
-        What the other tilts are about.
+        Axis of the other tilts.
     one_speed : bool
-        Whether all sixteen are at 86 r/min, as in the source. It names ten poses for its sixteen;
-        45° and 120° in three planes stand for those it does not tell.
+        Whether all sixteen are at 86 r/min, as in the source. The source names ten of its sixteen
+        poses; 45° and 120° in three planes replace the others.
     seconds : float
         Length of each dwell, s.
     """
@@ -143,9 +148,9 @@ def multi_angle_plan(
 
 
 def group_by_mounting(steps: Sequence[Spin]) -> list[tuple[Spin, ...]]:
-    """Return the steps as they are carried out: mounting by mounting, in each by speed.
+    """Return the steps in the order of a run: mounting by mounting, in each by speed.
 
-    Mountings follow in the order in which they first come.
+    Mountings are in the order of their first steps.
     """
     own: dict[Attitude | None, list[Spin]] = {}
     for step in steps:
@@ -154,7 +159,7 @@ def group_by_mounting(steps: Sequence[Spin]) -> list[tuple[Spin, ...]]:
 
 
 def is_tilted(step: Spin) -> bool:
-    """Return whether a step's mounting is tilted: the centre or up is along no axis of the body."""
+    """Return whether a mounting is tilted: no body axis points at the centre, or none up."""
     if step.attitude is None:
         return False
     parts = np.abs([step.attitude.out, step.attitude.up])
@@ -166,7 +171,7 @@ def _dwell(attitude: Attitude, w: float, seconds: float) -> Spin:
 
 
 def _cos_sin(angle: float) -> tuple[float, float]:
-    """Return both, zero where they are rounding."""
+    """Return cosine and sine, without the rounding error of a zero."""
     c, s = (float(x) for x in (np.cos(angle), np.sin(angle)))
     return (0.0 if abs(c) < 1e-15 else c), (0.0 if abs(s) < 1e-15 else s)
 

@@ -7,17 +7,15 @@ from inercal.benches.kind_definition import (
     simulate_without_sensor,
 )
 from inercal.benches.rate_table.bench import RateTable
-from inercal.benches.rate_table.report import plots
+from inercal.benches.rate_table.report import output_tables, plots
 from inercal.benches.rate_table.settings import RateTableData, RateTableSection, build
 from inercal.benches.rate_table.sheet import sheet
 from inercal.benches.rate_table.simulation import simulate_table_motion, table_plan_duration
-from inercal.benches.rate_table.state_table import output_tables
 from inercal.benches.report_data import describe_spin
 from inercal.plan import Spin
 
 _UNJUDGED = (
-    "what the bench makes, of a tilted state the norm, minus what the model says of one "
-    "mean reading"
+    "the nominal motion, of a tilted state its norm, minus that by the model from one mean reading"
 )
 
 

@@ -28,6 +28,7 @@ from inercal.io.column_table import Table
 from inercal.io.mean_tables import number_column, observations_from_table, read_columns
 from inercal.plan import Attitude, Spin
 from inercal.recording import Finding, Recording, join_observations
+from inercal.section_settings import key_error
 from inercal.segments import (
     average_dwells,
     find_dwells,
@@ -53,7 +54,7 @@ def observe(run: Source[RateTableData]) -> EstimatorInput:
     """
     bench: RateTable = run.bench
     if run.data.seconds is not None:
-        raise InputError(f"{run.path}: [data] seconds: states are means; leave it out")
+        raise key_error("[data] seconds", "states are means; remove the key", run.path)
     result = _table(run) if run.data.kind == "means" else reduce_recording(run, load_recording(run))
     steps = [step for step in result.steps if isinstance(step, Spin)]
     require_rates(run, result.observations, bench, steps)
@@ -71,7 +72,7 @@ def _table(run: Source[RateTableData]) -> EstimatorInput:
     rates = rates * units["arm_rate"]
     poses = [
         _parse_mounting(
-            position_name(text), f"{path} line {table.first_line + k}: column {where!r}"
+            position_name(text), f"{path} line {table.first_line + k}: column {where!r}", where
         )
         for k, text in enumerate(table.columns[where].tolist())
     ]
@@ -93,30 +94,30 @@ def _table(run: Source[RateTableData]) -> EstimatorInput:
 
 
 def _duplicate_row_findings(path: Path, table: Table, used: Sequence[str]) -> tuple[Finding, ...]:
-    """Warn of rows that are another one's copy: each would count as a state of its own."""
+    """Warn of identical rows: each counts as an independent state."""
     first: dict[tuple[object, ...], int] = {}
     found: list[Finding] = []
     for k, row in enumerate(zip(*(table.columns[name].tolist() for name in used), strict=True)):
         if (same := first.setdefault(row, k)) != k:
             lines = f"lines {table.first_line + same} and {table.first_line + k}"
-            text = f"{lines} of {path.name} are the same to the last digit: is one a copy?"
+            text = f"{lines} of {path.name} are identical; remove one if it is a copy"
             found.append(Finding("warning", "repeated", text))
     return tuple(found)
 
 
 def reduce_recording(run: Source[RateTableData], recording: Recording) -> EstimatorInput:
-    """Reduce a recording: rests as they are, what turns over whole turns once it is steady.
+    """Reduce a recording: means of rests, and of steady turning over whole turns.
 
     Parameters
     ----------
     run : Run
     recording : Recording
-        As it is read: with labels, which name mountings, and "arm_rate" in the unit of its column.
+        With labels, which name mountings, and "arm_rate" in the unit of its column.
 
     Raises
     ------
     InputError
-        No dwell, too few turns, or a label that is not a mounting.
+        No dwell, too few turns, or a label that is no mounting.
     """
     size = readback_units(run)["arm_rate"]
     recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
@@ -132,27 +133,28 @@ def reduce_recording(run: Source[RateTableData], recording: Recording) -> Estima
     assert recording.labels is not None
     steps: list[Spin] = []
     for step, mark in zip((*spun, *held), marks, strict=True):
-        text, where = str(recording.labels[mark.start]), recording.where(mark.start)
-        pose = _parse_mounting(
-            text, f"{recording.source} {where}: column {str(run.data.mounting)!r}"
-        )
-        steps.append(replace(step, attitude=pose))
+        text, column = str(recording.labels[mark.start]), str(run.data.mounting)
+        where = f"{recording.source} {recording.where(mark.start)}: column {column!r}"
+        steps.append(replace(step, attitude=_parse_mounting(text, where, column)))
     flawed += also
     findings = recording.findings + flawed + omitted_state_findings(recording, marks, flawed)
     return EstimatorInput(recording, marks, observations, tuple(steps), tuple(steps), findings)
 
 
-def _parse_mounting(text: str, where: str) -> Attitude:
+def _parse_mounting(text: str, where: str, column: str) -> Attitude:
     found = _NAME.fullmatch(text.strip())
     if found is None:
         raise InputError(
-            f"{where} is {text!r}; a mounting is {', '.join(PLANES)}, with a tilt in ° where it is "
-            'tilted, "XY 30", and a second one where there are two, "XY 135 + 45"'
+            f"{where} is {text!r}; a mounting is {', '.join(PLANES)}, alone or with its tilt in "
+            '°, "XY 30", or with two tilts, "XY 135 + 45"',
+            names=(column,),
         )
     plane, first, second = found.groups()
     far = [tilt for tilt in (first, second) if tilt is not None and abs(float(tilt)) > _MOST_TILT]
     if far:
-        raise InputError(f"{where} is {text!r}: a tilt of {far[0]}° is more than a whole turn")
+        raise InputError(
+            f"{where} is {text!r}: the tilt of {far[0]}° is more than a whole turn", names=(column,)
+        )
     return mounting_attitude(
         cast("Plane", plane),
         radians(float(first or 0)),

@@ -1,12 +1,23 @@
-"""Errors of each axis on a rate table by speed: of the raw and of the corrected readings."""
+"""Report of a rate table: errors of each axis by speed, and the table of states of a recording.
 
+The table of states has r/min and three axes, one row per state in the order of time. With kind =
+"means" and its name in [data] file the same run file calibrates from it; rows are weighted by their
+own deviations. The table does not have correlations of the noise between axes, nor drift between
+rows.
+"""
+
+from collections.abc import Sequence
 from math import pi
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.rate_table.bench import sensed_motion
-from inercal.benches.report_data import Panel, Plot, ReportInput, Series
+from inercal.benches.rate_table.settings import RateTableData
+from inercal.benches.report_data import Columns, Panel, Plot, ReportInput, Series
+from inercal.data import Source
+from inercal.data.recording_loader import readback_columns, readback_units, unsigned_column
+from inercal.io.mean_tables import SD_SUFFIX
 from inercal.plan import Spin
 from inercal.sensors import G0
 
@@ -14,9 +25,9 @@ _MG = 1e-3 * G0
 
 
 def deviations(shown: ReportInput) -> tuple[Array, Array, Array]:
-    """Return the rates, (r,) r/min, and what readings are off as they came and corrected, (r, 3).
+    """Return the rates, (r,) r/min, and the errors of raw and corrected readings, (r, 3) m/s².
 
-    In m/s², against the sensed motion nominally: the errors of mountings are in both.
+    Errors against the nominal motion: both include the errors of the mountings.
     """
     spins = [step for step in shown.steps if isinstance(step, Spin)]
     result = sensed_motion(shown.bench, spins, {}).f
@@ -43,9 +54,47 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
         Plot(
             "speeds",
             "Deviations of each axis by speed, as read and corrected",
-            "What each axis reads beyond what its state makes it feel nominally, as read and "
-            "corrected. What is left at all speeds of a mounting is how it stood.",
-            "beyond the sensed motion, mg",
+            "Readings of each axis minus the nominal motion of the state, before and after "
+            "correction. An error that is equal at all speeds of a mounting is that of its angles.",
+            "reading − nominal, mg",
             panels,
         ),
     )
+
+
+def output_tables(run: Source[RateTableData], outcome: ReportInput) -> dict[str, Columns]:
+    """Return the table of the states of a recording, "states"; none of means.
+
+    Mounting, rate and axes have the names and the units of the run's [data]; then follow the
+    standard deviations of the means, whole turns and seconds.
+    """
+    recording, seen = outcome.recording, outcome.observations
+    if recording is None:
+        return {}
+    assert recording.labels is not None
+    order: list[int] = np.argsort([mark.start for mark in outcome.marks], kind="stable").tolist()
+    rates = [step.rate for step in outcome.steps if isinstance(step, Spin)]
+    sensor = outcome.calibration.sensor
+    mean = sensor.to_output(seen.mean)
+    scale = np.array([abs(axis.readout.scale) for axis in sensor.axes])
+    sd = np.sqrt(np.diagonal(seen.covariance, axis1=-2, axis2=-1)) * scale
+    data, size = run.data, readback_units(run)["arm_rate"]
+    turns = [round(abs(w) * t / (2 * pi)) for w, t in zip(rates, seen.duration, strict=True)]
+    mounting = [str(recording.labels[mark.start]).strip() for mark in outcome.marks]
+    axes = [unsigned_column(column) for column in data.accelerometer]
+    columns: dict[str, Sequence[str] | Sequence[float] | Sequence[int]] = {
+        str(data.mounting): [mounting[k] for k in order],
+        readback_columns(run)["arm_rate"]: _round_values([rates[k] / size for k in order]),
+    }
+    for suffix, values in (("", mean), (SD_SUFFIX, sd)):
+        columns |= {
+            a + suffix: _round_values(values[order, k].tolist()) for k, a in enumerate(axes)
+        }
+    columns["turns"] = [turns[k] for k in order]
+    columns["seconds"] = _round_values(seen.duration[order].tolist())
+    return {"states": columns}
+
+
+def _round_values(values: Sequence[float]) -> list[float]:
+    """Return numbers of twelve digits, which avoids "45.99999999999999"."""
+    return [float(f"{value:.12g}") for value in values]

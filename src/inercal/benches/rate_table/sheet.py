@@ -59,16 +59,16 @@ def _operator_notes(steps: Sequence[Spin], names: Sequence[str]) -> tuple[str, .
         for plane, (centre, up) in PLANES.items()
         if any(name.startswith(plane) for name in names)
     )
-    found = [f"Mountings: {level}."]
+    notes = [f"Mountings: {level}."]
     if any(is_tilted(step) for step in steps):
-        found.append(
-            "XY 30 is XY turned by 30° about the tangential direction, the axis that was toward "
-            "the centre rising: mind which axis comes up."
+        notes.append(
+            "XY 30 is XY turned by 30° about the tangential direction, so that the axis toward the "
+            "centre rises: check which axis is up."
         )
     return (
-        *found,
-        "Leave a mounting for all its speeds; its angles and its radius are then the same.",
+        *notes,
+        "Keep a mounting for all its speeds: its angles and its radius must not change.",
         "At each speed wait until the rate is steady, then take the mean over whole turns.",
-        "Readings are said for a sensor without errors: look for exchanged or reversed axes.",
-        "A state that went wrong is taken out: its row goes from the file.",
+        "The printed readings are those of a sensor without errors: compare the axes and signs.",
+        "Remove the row of a failed state from the file.",
     )

@@ -1,16 +1,16 @@
-"""A rate table in simulation: mounting after mounting, as its recording would have them.
+"""A rate table in simulation: mounting after mounting, as in a recording.
 
-In each mounting the table rests where somebody left it, then goes through the mounting's speeds
-from the slowest to the fastest, and stops. With the names of `inercal.benches.rate_table`, α the
+In each mounting the table rests at a random azimuth, then turns at the mounting's speeds from the
+slowest to the fastest, and stops. With the symbols of `inercal.benches.rate_table.bench`, α the
 azimuth since the rest, ω' the acceleration of the table and along = up × (−out)::
 
     f = exp(φ) ((R + s) (−ω² out − ω' along) + g (√(1 − λ²) up − λ₁(α) out + λ₂(α) along))
 
 The lean has one direction in the room, so that (λ₁, λ₂) turns back by α: a sine once a turn.
-Between two speeds the rate goes as 3s² − 2s³, its acceleration largest half way.
+Between two speeds the rate follows 3s² − 2s³, with the largest acceleration half way.
 
-Samples carry the name of the mounting. The time in which the sensor is mounted anew is left out of
-the recording. The table reads back the rate it was told; what that is off by is drawn.
+Samples have the name of the mounting as their label. The recording omits the time of remounting.
+The table reads back the commanded rate; the error of the true rate is drawn.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ from inercal.motion import Motion
 from inercal.plan import Spin
 
 SPIN_UP = 2.0  # rad/s², at most
-_SETTLING = 2.0  # s at a speed, or at rest, beside the dwell that is counted
+_SETTLING = 2.0  # s at a speed, or at rest, in addition to the dwell of the plan
 _IDLE = 1.0  # s at rest before and after: too short for a state
 
 
@@ -39,15 +39,15 @@ def simulate_table_motion(
     rng: np.random.Generator,
     trials: int = 1,
 ) -> SimulatedMotion:
-    """Return the motion of each trial, and what the table reads back: "arm_rate", (n,) rad/s.
+    """Return the motion of each trial, and the readback "arm_rate", (n,) rad/s.
 
     Parameters
     ----------
     bench : RateTable
-        Its parameters are drawn from normal distributions of their stated deviations; the lean once
-        a trial, and with it the azimuth of each rest, so that the leans of rests are as declared.
+        Its parameters are drawn from normal distributions of their stated deviations; one lean per
+        trial and the azimuth of each rest, so that the leans of rests are as declared.
     steps : sequence of Spin
-        In known attitudes; mountings follow in the order in which they first come.
+        In known attitudes; mountings are in the order of their first steps.
     rate_hz : float
         Samples per second.
     rng : Generator
@@ -66,7 +66,7 @@ def simulate_table_motion(
     set_to = dict(zip((step.rate for step in steps), speed_names(steps), strict=True))
     off = {rate: drawn.get(f"speed[{speed}]", np.zeros(trials)) for rate, speed in set_to.items()}
     parts: list[Motion] = []
-    told: list[Array] = []
+    commanded: list[Array] = []
     labels: list[str] = []
     for own in group_by_mounting(steps):
         lean = _rotate_horizontal(tilts, rng.uniform(0, 2 * pi, trials))
@@ -76,15 +76,15 @@ def simulate_table_motion(
         profile = _profile(own, off, rate_hz)
         name = named[own[0].attitude]
         parts.append(_sensed_motion(bench, own[0], name, drawn, profile, lean, rate_hz))
-        told.append(profile[0])
+        commanded.append(profile[0])
         labels += [name] * profile[0].size
     time = np.arange(len(labels)) / rate_hz
-    readback = {"arm_rate": np.concatenate(told)}
+    readback = {"arm_rate": np.concatenate(commanded)}
     return SimulatedMotion(time, concatenate_motions(parts), np.array(labels), drawn, readback)
 
 
 def table_plan_duration(bench: RateTable, steps: Sequence[Spin]) -> float:
-    """Return how long these steps last, from the first mounting's rest to the last one's."""
+    """Return the duration of these steps, from the first mounting's rest to that of the last."""
     return sum(
         _IDLE * 2 + sum(step.seconds + _SETTLING for step in own) + sum(_ramp_durations(own))
         for own in group_by_mounting(steps)
@@ -100,10 +100,10 @@ def _ramp_durations(steps: Sequence[Spin]) -> list[float]:
 def _profile(
     steps: Sequence[Spin], off: Mapping[float, Array], rate_hz: float
 ) -> tuple[Array, Array, Array]:
-    """Return of one mounting the rate told and its derivative, (n,), and the true rate over it.
+    """Return commanded rate, its derivative, (n,), and true over commanded rate of one mounting.
 
-    The last one, (trials, n), goes over from speed to speed as the rate does. `off` is what each
-    rate is off by, relative, (trials,).
+    The ratio, (trials, n), changes between speeds as the rate does. `off` is the relative error of
+    each rate, (trials,).
     """
     rest = round(_IDLE * rate_hz)
     still = np.zeros(rest)
@@ -124,10 +124,10 @@ def _profile(
             level = np.full(hold, rates[k + 1])
             pieces.append((level, np.zeros(hold), _repeat_factor(factors[k + 1], hold)))
     pieces.append((still, still, _repeat_factor(factors[-1], rest)))
-    told, slope, factor = (
+    commanded, slope, factor = (
         np.concatenate([piece[k] for piece in pieces], axis=-1) for k in range(3)
     )
-    return told, slope, factor
+    return commanded, slope, factor
 
 
 def _repeat_factor(factor: Array, n: int) -> Array:
@@ -143,11 +143,11 @@ def _sensed_motion(
     lean: Array,
     rate_hz: float,
 ) -> Motion:
-    """Return f and ω, (trials, n, 3), of one mounting that stands with a lean, (trials, 2)."""
-    told, slope, factor = profile
+    """Return f and ω, (trials, n, 3), of one mounting with a lean, (trials, 2)."""
+    commanded, slope, factor = profile
     nothing: Array = np.zeros(len(lean))
     common = drawn.get("rate", nothing)[:, None]
-    rate = told * (factor + common)
+    rate = commanded * (factor + common)
     azimuth = np.cumsum(rate, axis=-1) / rate_hz
     radius = drawn.get("radius", nothing + bench.radius.value)[:, None]
     radius = radius + drawn.get(f"seat[{name}]", nothing)[:, None]
@@ -165,7 +165,7 @@ def _sensed_motion(
 
 
 def _rotate_horizontal(vector: Array, azimuth: Array) -> Array:
-    """Return a vector of the room, (..., 2), as a table that has turned by an azimuth has it."""
+    """Return a vector of the room, (..., 2), in the frame of a table turned by an azimuth."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     x, y = vector[..., 0], vector[..., 1]
     return np.stack([x * c + y * s, y * c - x * s], axis=-1)

@@ -5,7 +5,7 @@ from typing import Any, TypeGuard
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.settings import TurntableData
 from inercal.data import Source
-from inercal.errors import InputError
+from inercal.section_settings import key_error
 
 
 def require_turntable(run: Source[Any]) -> Turntable:
@@ -17,12 +17,12 @@ def require_turntable(run: Source[Any]) -> Turntable:
         It is another.
     """
     if not isinstance(run.bench, Turntable):
-        raise InputError(f'{run.path}: [bench] kind must be "turntable" here')
+        raise key_error("[bench] kind", 'must be "turntable" here', run.path)
     return run.bench
 
 
 def is_turntable(bench: object) -> TypeGuard[Turntable]:
-    """Return whether a bench is a turntable, for what is drawn of its axes."""
+    """Return whether a bench is a turntable, whose axes can be drawn."""
     return isinstance(bench, Turntable)
 
 

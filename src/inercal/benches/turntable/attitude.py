@@ -1,21 +1,21 @@
-"""Attitude and motion of what stands on a turntable, exactly and to first order.
+"""Attitude and motion of a body on a turntable, exactly and to first order.
 
-C and what the readback says are as in `inercal.benches.turntable`. With u_i the axes' directions in
-the body, θ̇ their rates, Ω the earth's rate, r the lever arm and everything in the body::
+C and the readback are defined in `inercal.benches.turntable.bench`. With u_i the axes' directions
+in the body, θ̇ their rates, Ω the earth's rate, r the lever arm and all vectors in the body::
 
     ω = Cᵀ Ω + v,   v = Σ θ̇_i u_i,   u̇_i = u_i × Σ_{j>i} θ̇_j u_j
     ω̇ = (Cᵀ Ω) × v + Σ θ̈_i u_i + θ̇_i u̇_i
     f = g Cᵀ e_up + ω̇ × r + ω × (ω × r)
 
 so that f has the Euler, the centripetal and the earth's Coriolis acceleration. Gravity at r is
-taken as that where the axes cross; its gradient, 3 µm/s² a metre, is left out.
+taken as that at the intersection of the axes; its gradient, 3 µm/s² per metre, is neglected.
 
-What the readback does not tell turns the attitude by a rotation vector in the level frame::
+Errors of the table turn the attitude by a rotation vector in the level frame::
 
     C ≈ exp(Σ_j B_j β_j) C_ref,   C_ref from the readback, no lean, right angles
 
-where B is the unit vector that a lean, an azimuth or a right angle turns about, and, of harmonics,
-the axis' direction times −sin(hθ), −cos(hθ): readback too large means less was turned.
+where B is the unit vector about which a lean, an azimuth or a right angle turns, and, of harmonics,
+the axis' direction times −sin(hθ), −cos(hθ): where the readback is too large, the axis turned less.
 """
 
 from collections.abc import Mapping
@@ -36,12 +36,12 @@ from inercal.parameters import Parameter
 
 @dataclass(frozen=True, eq=False)
 class Misalignment:
-    """What turns the attitude away from what the readback says.
+    """The misalignment of the attitude against that of the readback.
 
     Parameters
     ----------
     parameters : tuple of q Parameter
-        Leans, azimuth, right angles, harmonics; of the azimuth β is what it is off its value.
+        Leans, azimuth, right angles, harmonics; β of the azimuth is its error.
     by : (..., n, 3, q) array
         Rotation vector in the level frame by each, rad/rad.
     """
@@ -51,7 +51,7 @@ class Misalignment:
 
 
 def reference_attitude(bench: Turntable, angles: Array) -> Array:
-    """Return the attitude, body to level, that the readback says.
+    """Return the attitude, body to level, by the readback.
 
     Parameters
     ----------
@@ -92,18 +92,17 @@ def true_attitude(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Ar
 
 
 def ideal_readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
-    """Return what the axes read at true angles (..., n, k), rad, but for noise and delay."""
+    """Return the readback at true angles (..., n, k), rad, without noise and delay."""
     angles = _checked_angles(bench, angles)
     zero = np.zeros(())
     columns: list[Array] = []
     for i, name in enumerate(bench.names):
-        said = theta = angles[..., i]
+        reading = theta = angles[..., i]
         for h in range(1, len(bench.harmonics) + 1):
-            sine, cosine = (np.asarray(q.get(f"{w}{h}[{name}]", zero)) for w in ("sin", "cos"))
-            said = (
-                said + sine[..., None] * np.sin(h * theta) + cosine[..., None] * np.cos(h * theta)
-            )
-        columns.append(said)
+            for wave, function in (("sin", np.sin), ("cos", np.cos)):
+                amplitude = np.asarray(q.get(f"{wave}{h}[{name}]", zero))
+                reading = reading + amplitude[..., None] * function(h * theta)
+        columns.append(reading)
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
@@ -185,7 +184,7 @@ def _attitude_and_axes(
     """Return the attitude, and each axis' direction in the body, (..., n, 3)."""
     angles = _checked_angles(bench, angles)
     letters = ["xyz".index(a) for a in bench.axes]
-    within: Array = np.eye(3)  # the rotation of all that follows an axis
+    within: Array = np.eye(3)  # the rotation of the axes inside the i-th
     axes: list[Array] = []
     for i in reversed(range(len(letters))):
         if i + 1 < len(letters):
@@ -203,7 +202,7 @@ def _base_attitude(bench: Turntable, q: Mapping[str, Array]) -> Array:
 
 @lru_cache(maxsize=16)
 def _declared_base(bench: Turntable) -> Array:
-    """Return T of the bench as declared; it is read only."""
+    """Return T of the bench as declared, a read-only array."""
     result = _tilted_base(bench, {})
     result.setflags(write=False)
     return result
@@ -217,7 +216,7 @@ def _tilted_base(bench: Turntable, q: Mapping[str, Array]) -> Array:
 
 
 def _orthogonal_axes(bench: Turntable) -> list[int]:
-    """Return the axis that is neither of each two neighbours: they miss a right angle about it."""
+    """Return, of each two neighbouring axes, the third axis: their right angle errs about it."""
     return [3 - "xyz".index(a) - "xyz".index(b) for a, b in pairwise(bench.axes)]
 
 
@@ -246,7 +245,10 @@ def _checked_angles(bench: Turntable, angles: Array) -> Array:
     angles = np.asarray(angles, dtype=float)
     k = len(bench.axes)
     if angles.shape[-1:] != (k,):
-        raise InputError(f"turntable: angles {angles.shape} are not of its {k} axes, (..., {k})")
+        raise InputError(
+            f"turntable: angles has the shape {angles.shape}; its {k} axes need (..., {k})",
+            key="angles",
+        )
     return angles
 
 

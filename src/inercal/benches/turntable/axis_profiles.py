@@ -1,13 +1,13 @@
 """Moves of a turntable's axes, from rest to rest, as pieces of constant jerk.
 
-An axis speeds up to a rate, keeps it and slows down alike. Without a limit of jerk its rate is a
-trapezoid; with one its acceleration is, and its rate an S-curve::
+An axis speeds up to a rate, keeps it and slows down symmetrically. Without a limit of jerk its rate
+is a trapezoid; with a limit its acceleration is a trapezoid and its rate an S-curve::
 
     t_a = v/a,             way 2 · v t_a/2                         trapezoid
     t_j = min(a/j, √(v/j)),  t_a = v/(j t_j) − t_j,  way v (2 t_j + t_a)   S-curve
 
-are the times of acceleration and of its ramps, and the way to speed up to v and slow down. What is
-left of the angle is turned at v; an angle too small for that is turned at the largest v that fits.
+are the times of acceleration and of its ramps, and the angle (way) to speed up to v and slow down.
+The rest of the angle is turned at v; a smaller angle is turned at the largest v that fits.
 
 Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer
 2008, 3.2 (trapezoidal velocity) and 3.4 (double S velocity).
@@ -25,7 +25,7 @@ from inercal.errors import InputError
 
 @dataclass(frozen=True)
 class AxisMotionLimits:
-    """What an axis can do.
+    """Limits of the motion of an axis.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class AxisMotionLimits:
     acceleration : float
         rad/s².
     jerk : float or None
-        rad/s³; None is no limit: the rate is a trapezoid.
+        rad/s³; None is no limit: the rate is then a trapezoid.
 
     Raises
     ------
@@ -50,12 +50,15 @@ class AxisMotionLimits:
         for what, unit in (("rate", "rad/s"), ("acceleration", "rad/s²"), ("jerk", "rad/s³")):
             size = getattr(self, what)
             if size is not None and not (isfinite(size) and size > 0):
-                raise InputError(f"turntable: limit of {what} is {size} {unit}; give it > 0")
+                raise InputError(
+                    f"turntable: limit of {what} is {size} {unit}; it must be greater than 0",
+                    key=what,
+                )
 
 
 @dataclass(frozen=True, eq=False)
 class AxisProfile:
-    """Where one axis is at any time: pieces of constant jerk, at rest before and after.
+    """Angle of one axis against time: pieces of constant jerk, at rest before and after.
 
     Parameters
     ----------
@@ -81,19 +84,19 @@ class AxisProfile:
 
 
 def stationary_profile(angle: float) -> AxisProfile:
-    """Return the course of an axis that stays at an angle, rad."""
+    """Return the profile of an axis that stays at an angle, rad."""
     return AxisProfile(np.zeros(1), np.array([[angle, 0.0, 0.0, 0.0]]))
 
 
 def move_profile(angle: float, limits: AxisMotionLimits) -> tuple[float, AxisProfile]:
-    """Return how long a move from rest to rest takes, s, and its course from 0.
+    """Return the duration of a move from rest to rest, s, and its profile from 0.
 
     Parameters
     ----------
     angle : float
         rad, signed.
     limits : AxisMotionLimits
-        None is exceeded; the move is the fastest of its kind within them.
+        The move is the fastest of its form within these limits.
     """
     size = abs(angle)
     if size == 0:
@@ -106,7 +109,7 @@ def move_profile(angle: float, limits: AxisMotionLimits) -> tuple[float, AxisPro
         up = [(steady, limits.acceleration, 0.0)]
         down = [(steady, -limits.acceleration, 0.0)]
     else:
-        # The rate that the two ramps make between them is at most v, by rounding too.
+        # Rounding must not make the steady part negative.
         steady = max(v / (limits.jerk * ramp) - ramp, 0.0)
         way = v * (2 * ramp + steady)
         top, j = limits.jerk * ramp, limits.jerk
@@ -118,14 +121,14 @@ def move_profile(angle: float, limits: AxisMotionLimits) -> tuple[float, AxisPro
 
 
 def _ramp_time(v: float, limits: AxisMotionLimits) -> float:
-    """Return how long acceleration rises on the way to the rate v, s."""
+    """Return the duration of a ramp of the acceleration on the way to the rate v, s."""
     if limits.jerk is None:
         return 0.0
     return min(limits.acceleration / limits.jerk, sqrt(v / limits.jerk))
 
 
 def _largest_rate(size: float, limits: AxisMotionLimits) -> float:
-    """Return the largest rate that an angle leaves room for, rad/s."""
+    """Return the largest rate that an axis can reach within an angle, rad/s."""
     a, j = limits.acceleration, limits.jerk
     if j is None:
         return min(limits.rate, sqrt(size * a))
@@ -139,7 +142,7 @@ def _largest_rate(size: float, limits: AxisMotionLimits) -> float:
 def _join_pieces(
     pieces: Sequence[tuple[float, float, float]], angle: float
 ) -> tuple[float, AxisProfile]:
-    """Return the course of pieces of a duration, an acceleration at start and a jerk."""
+    """Return duration and profile of pieces (duration, acceleration at start, jerk)."""
     start, way, rate = 0.0, 0.0, 0.0
     rows: list[tuple[float, float, float, float, float]] = []
     for duration, acceleration, jerk in pieces:
@@ -147,24 +150,24 @@ def _join_pieces(
         way += duration * (rate + duration * (acceleration / 2 + duration * jerk / 6))
         rate += duration * (acceleration + duration * jerk / 2)
         start += duration
-    rows.append((start, abs(angle), 0.0, 0.0, 0.0))  # exactly, whatever rounding has left
+    rows.append((start, abs(angle), 0.0, 0.0, 0.0))  # exactly, without accumulated rounding
     result = np.array(rows)
     return start, AxisProfile(result[:, 0], np.copysign(1.0, angle) * result[:, 1:])
 
 
 def join_profiles(moves: Sequence[tuple[float, float, AxisProfile]], angle: float) -> AxisProfile:
-    """Return the course of an axis through its moves.
+    """Return the profile of an axis through its moves.
 
     Parameters
     ----------
     moves : sequence of (start, angle, AxisProfile)
-        When each starts, s, from where, rad, and its course; in order, none before the last ended.
+        Start, s, initial angle, rad, and profile of each; in order, without overlap.
     angle : float
-        Where the axis stands at first, rad.
+        Initial angle of the axis, rad.
     """
     first = stationary_profile(angle)
     starts, states = [first.start], [first.state]
-    for start, origin, course in moves:
-        starts.append(course.start + start)
-        states.append(course.state + np.array([origin, 0.0, 0.0, 0.0]))
+    for start, origin, profile in moves:
+        starts.append(profile.start + start)
+        states.append(profile.state + np.array([origin, 0.0, 0.0, 0.0]))
     return AxisProfile(np.concatenate(starts), np.concatenate(states))

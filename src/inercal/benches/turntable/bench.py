@@ -1,19 +1,19 @@
-"""A turntable of one to three axes as a bench: what is imperfect of it, as data.
+"""A turntable of one to three axes as a bench: its imperfections, as data.
 
-The frame is level: east, north, up. At zero angles the body's z axis stands up and its y axis
-points at the azimuth α, clockwise from north. Axes a₁ (outermost) to a_k are body axes at zero
-angles, and the attitude, body to level, at their angles θ is::
+The frame is level: east, north, up. At zero angles the body's z axis points up and its y axis
+to the azimuth α, clockwise from north. Axes a₁ (outermost) to a_k are body axes at zero angles,
+and the attitude, body to level, at their angles θ is::
 
     C = T R_a₁(θ₁) N₁ R_a₂(θ₂) N₂ R_a₃(θ₃),   T = R_x(λ_x) R_y(λ_y) R_z(−α)
 
-λ are the base's leans and N_i is a rotation by σ_i about the axis that is neither a_i nor a_i+1: by
-that much the two miss a right angle. What the table says of an axis is::
+λ are the base's leans and N_i is a rotation by σ_i, the deviation of the angle between a_i and
+a_i+1 from a right angle, about the axis that is neither of them. The readback of an axis is::
 
     readback(t) = θ(t′) + Σ_h s_h sin(hθ(t′)) + c_h cos(hθ(t′)) + white noise,   t′ = t (1 − χ) − τ
 
 with t the IMU's time, τ the latency and χ the relative rate of the readback's clock.
 
-The body's frame is that of the innermost axis: how the IMU is mounted in it is the sensor's own.
+The body's frame is that of the innermost axis; the mounting of the IMU in it belongs to the sensor.
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, radians
 
+from inercal.benches.contract import require_possible_values
 from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.earth import earth_rate_up_north
@@ -48,8 +49,8 @@ class Turntable:
     azimuth : Measured
         Where the body's y axis points at zero angles, rad, clockwise from north.
     axes : str
-        One to three different letters of x, y, z: body axes that the outermost to the innermost
-        axis turn about, at zero angles.
+        One to three different letters of x, y, z: the body axes, at zero angles, about which the
+        outermost to the innermost axis turn.
     lean : float
         Standard deviation of each of the base's two leans, about east and about north, rad.
     square : float
@@ -60,7 +61,7 @@ class Turntable:
     white : float
         Standard deviation of the readback's noise, of each reading, rad.
     latency : Measured
-        The readback says where the table was that long ago, s.
+        Delay of the readback: it gives the angles of this time ago, s.
     clock : float
         Standard deviation of the rate of the readback's clock against the IMU's, relative.
     lever : tuple of three Measured
@@ -71,8 +72,9 @@ class Turntable:
     Raises
     ------
     InputError
-        Axes that are none or come twice, a gravity that is not > 0, no latitude, limits of another
-        number of axes, a value that is not finite, a deviation that is negative.
+        Axes that are not letters of xyz or come twice, a gravity that is not > 0, an impossible
+        latitude, limits of another number of axes, a value that is not finite, a deviation that is
+        negative.
     """
 
     gravity: Measured
@@ -94,24 +96,27 @@ class Turntable:
         k = len(self.axes)
         if k not in _NAMES or len(set(self.axes)) < k or not set(self.axes) <= set("xyz"):
             raise InputError(
-                f"turntable: axes are {self.axes!r}; name one to three different ones of x, y, z, "
-                "the outermost first"
+                f"turntable: axes are {self.axes!r}; name one to three different letters of xyz, "
+                "the outermost axis first",
+                key="axes",
             )
-        if not (isfinite(self.gravity.value) and self.gravity.value > 0):
-            raise InputError(f"turntable: gravity is {self.gravity.value} m/s²; give it > 0")
-        earth_rate_up_north(self.latitude)  # refuses what is not a latitude
+        earth_rate_up_north(self.latitude)  # refuses an impossible latitude
         if len(self.limits) not in (1, k):
-            raise InputError(f"turntable: {len(self.limits)} limits; give one for all or {k}")
+            text = f"turntable: {len(self.limits)} limits; give one for all or {k}"
+            raise InputError(text, key="limits")
         if len(self.lever) != len("xyz"):
-            raise InputError(f"turntable: lever has {len(self.lever)} parts; give three")
-        deviations = {"readback's noise": self.white}
+            text = f"turntable: lever has {len(self.lever)} components; it must have three"
+            raise InputError(text, key="lever")
         for parameter in self.parameters:
-            deviations[parameter.name] = parameter.sd
             if not isfinite(parameter.value):
-                raise InputError(f"turntable: {parameter.name} is {parameter.value}")
-        for what, sd in deviations.items():
-            if not (isfinite(sd) and sd >= 0):
-                raise InputError(f"turntable: deviation of {what} is {sd}; give it 0 or more")
+                raise InputError(
+                    f"turntable: {parameter.name} is {parameter.value}; it must be finite",
+                    key=parameter.name,
+                )
+        deviations = {parameter.name: parameter.sd for parameter in self.parameters}
+        require_possible_values(
+            "turntable", {"gravity": self.gravity.value}, deviations | {"white": self.white}
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -125,7 +130,7 @@ class Turntable:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The imperfections, as data; all are of the whole run."""
+        """The imperfections, as data; all have the scope "run"."""
         return self._parameters
 
     @cached_property

@@ -8,12 +8,17 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.contract import SensorSimulation
 from inercal.benches.kind_definition import Kind, Vocabulary, import_when_called
+from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
+from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.path_file import path_plan
-from inercal.benches.turntable.report import directions
 from inercal.benches.turntable.settings import TurntableData, TurntableSection, build
-from inercal.benches.turntable.simulated_files import add_hold_numbers, readback_files
-from inercal.benches.turntable.simulation import simulate_turntable_motion, turntable_path_duration
+from inercal.benches.turntable.simulation import (
+    add_hold_numbers,
+    readback_files,
+    simulate_turntable_motion,
+    turntable_path_duration,
+)
 from inercal.plan import Position, Rotation, TableStep
 from inercal.sensors import Noise, Sensor
 
@@ -38,8 +43,8 @@ def _split_flicker(
 ) -> tuple[Sensor, Array]:
     """Return a sensor without flicker, and the flicker of its biases about the mean, SI.
 
-    The methods on a turntable find the mean over the run (`methods.turntable.drift`): it is in the
-    truth. A Gauss–Markov drift has a mean of its own, and stays in the sensor's noise.
+    The methods on a turntable estimate the mean over the run (`methods.turntable.drift`), which the
+    true bias therefore includes. A Gauss–Markov drift remains in the sensor's noise.
     """
     drift = np.zeros((*shape, len(sensor.axes)))
     axes = list(sensor.axes)
@@ -54,9 +59,22 @@ def _split_flicker(
 
 def _refuses_budget(bench: Turntable, steps: Sequence[TableStep]) -> str:
     return (
-        "a budget is of means, and a turntable's filters follow every sample: inercal plan "
-        "turntable-kalman says what a path gives"
+        "a budget is of means, but the filters of a turntable use every sample; inercal plan "
+        "turntable-kalman prints the uncertainties of a path"
     )
+
+
+def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
+    """Return the measured direction of up in each hold and of the axis of each turn."""
+    sensed = shown.sensed_motion()
+    result: list[MeasuredDirection] = []
+    for k, step in enumerate(shown.steps):
+        if isinstance(step, Position):
+            up = reference_attitude(shown.bench, np.array([step.angles]))[0, 2]
+            result.append(measured_direction(step, sensed.f[k], up))
+        elif isinstance(step, Rotation):
+            result.append(measured_direction(step, sensed.w[k] * np.sign(step.angle), None))
+    return tuple(result)
 
 
 KIND = Kind(

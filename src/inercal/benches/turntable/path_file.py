@@ -1,13 +1,13 @@
-"""The path of a turntable from a table in a file, one row a step.
+"""The path of a turntable from a table in a file, one row per step.
 
-Columns are named in the header, quantities with their unit; cells that a step has no use for stay
-empty::
+The header names the columns, quantities with their unit; a step leaves the cells empty that it does
+not use::
 
     label, kind,     outer [°], middle [°], inner [°], seconds [s], axis,   angle [°], rate [°/s]
     p1,    position, 0,         90,         0,         90,          ,       ,
     x+,    rotation, ,          ,           ,          ,            middle, 720,       10
 
-A rotation whose row has the axes' angles brings them there first.
+A rotation whose row has angles of the axes first brings the axes to these angles.
 """
 
 import re
@@ -26,6 +26,7 @@ from inercal.errors import InputError
 from inercal.io.column_table import Table
 from inercal.io.read import read_table
 from inercal.plan import Position, Rotation, Step, TableStep
+from inercal.section_settings import key_error
 from inercal.units import si_factor
 
 _WORDS = ("label", "kind", "axis")
@@ -47,8 +48,7 @@ def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
     Raises
     ------
     InputError
-        One line that names the file and the line: a column that is none, or a step that is not
-        whole.
+        With file and line: an unknown column, or a step that is not complete.
     """
     path = Path(path)
     table = read_table(path, text=_WORDS)
@@ -58,25 +58,29 @@ def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
         for name in _WORDS
         if name in table.columns
     }
-    rows = len(words["label"])
     steps: list[TableStep] = []
-    for row in range(rows):
-        own = {name: values[row] for name, values in words.items()}
-        size = {name: float(values[row]) for name, values in numbers.items()}
+    for row, label in enumerate(words["label"]):
+        cells = {name: column[row] for name, column in words.items()}
+        size = {name: float(column[row]) for name, column in numbers.items()}
         try:
-            steps.append(_parse_step(own, size, axes))
-            if own["label"] in words["label"][:row]:
-                raise InputError(f"label {own['label']!r} comes twice")
+            steps.append(_parse_step(cells, size, axes))
+            if label in words["label"][:row]:
+                raise _cell_error("label", f"label {label!r} is in an earlier row too; change it")
         except InputError as error:
-            where = f"line {table.first_line + row}" if table.first_line else f"row {row + 1}"
-            raise InputError(f"{path.name} {where}: {error}") from None
+            line = table.first_line + row if table.first_line else None
+            where = f"row {row + 1}" if line is None else f"line {line}"
+            raise error.located(f"{path.name} {where}", file=path, line=line) from None
     return tuple(steps)
 
 
 def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Array]:
-    """Return the columns of numbers, SI, by name; all columns are known afterwards."""
+    """Return the columns of numbers, SI, by name; every column must be known."""
+
+    def refusal(column: str, text: str) -> InputError:
+        return InputError(f"{path.name}: column {column!r} {text}", file=path, names=(column,))
+
     likes = dict.fromkeys(axes, "°") | _LIKE
-    found: dict[str, Array] = {}
+    result: dict[str, Array] = {}
     for header in table.names:
         if header in _WORDS:
             continue
@@ -84,57 +88,53 @@ def _quantities(path: Path, table: Table, axes: Sequence[str]) -> dict[str, Arra
         name = headed[1] if headed else header
         if name not in likes:
             possible = (*_WORDS, *(f"{name} [{like}]" for name, like in likes.items()))
-            raise InputError(
-                f"{path.name}: no column {header!r} is known, but {', '.join(possible)}"
-            )
+            raise refusal(header, f"is unknown; the columns are {', '.join(possible)}")
         if headed is None:
-            raise InputError(f"{path.name}: column {name!r} needs a unit: {name} [{likes[name]}]")
-        if name in found:
-            raise InputError(f"{path.name}: column {name!r} comes twice")
+            raise refusal(name, f"needs a unit: {name} [{likes[name]}]")
+        if name in result:
+            raise refusal(name, "comes twice; remove one of the two")
         try:
             size = si_factor(headed[2], likes[name])
         except InputError as error:
-            raise InputError(f"{path.name}: column {header!r}: {error}") from None
-        found[name] = size * table.numbers(header)
+            raise error.located(f"{path.name}: column {header!r}", file=path) from None
+        result[name] = size * table.numbers(header)
     for name in ("label", "kind"):
         if name not in table.names:
-            raise InputError(f"{path.name}: no column {name!r}; it has {', '.join(table.names)}")
-    return found
+            raise refusal(name, f"is missing; the columns are {', '.join(table.names)}")
+    return result
 
 
 def _parse_step(words: dict[str, str], size: dict[str, float], axes: Sequence[str]) -> TableStep:
     label, kind = words["label"], words["kind"]
     if not label:
-        raise InputError("a step needs a label")
+        raise _cell_error("label", "the step has no label; give it one")
+    if kind not in ("position", "rotation"):
+        raise _cell_error("kind", f"kind is {kind!r}; it must be position or rotation")
+    for name in ("axis", "angle", "rate") if kind == "position" else ("seconds",):
+        if words.get(name) or not np.isnan(size.get(name, np.nan)):
+            raise _cell_error(name, f"a {kind} has no {name}; leave the cell empty")
+    angles = _angles(size, axes)
+    step = f"{kind} {label}"
     if kind == "position":
-        _refuse_needless(words, size, "position", ("axis", "angle", "rate"))
-        angles = _angles(size, axes)
         if angles is None:
-            raise InputError(f"position {label}: give the angles of {', '.join(axes)}")
-        return Position(label, angles, _seconds(size, label))
-    if kind != "rotation":
-        raise InputError(f"kind {kind!r}; it is position or rotation")
-    _refuse_needless(words, size, "rotation", ("seconds",))
-    axis = words.get("axis", "")
-    if axis not in axes:
-        raise InputError(f"rotation {label}: axis {axis!r}; it is {' or '.join(axes)}")
-    angle, rate = _required_quantity(size, "angle", label), _required_quantity(size, "rate", label)
-    if angle == 0:
-        raise InputError(f"rotation {label}: its angle is 0; give one, negative for the other way")
+            text = f"{step}: the angles are missing; give those of {', '.join(axes)}"
+            raise _cell_error("angles", text)
+        seconds = _required_quantity(size, "seconds", step)
+        if not 0 < seconds <= _LONGEST:
+            text = f"{step}: seconds is {seconds:.6g}; it must be greater than 0 and at most a day"
+            raise _cell_error("seconds", text)
+        return Position(label, angles, seconds)
+    if (axis := words.get("axis", "")) not in axes:
+        raise _cell_error("axis", f"{step}: axis is {axis!r}; it must be {' or '.join(axes)}")
+    angle, rate = (_required_quantity(size, name, step) for name in ("angle", "rate"))
     if rate <= 0:
-        raise InputError(
-            f"rotation {label}: its rate is {degrees(rate):.6g} °/s; give it > 0: the angle says "
-            "which way"
-        )
-    return Rotation(label, axes.index(axis), angle, rate, _angles(size, axes))
+        text = f"{step}: its rate is {degrees(rate):.6g} °/s; it must be greater than 0, and the "
+        raise _cell_error("rate", f"{text}sign of the angle is the direction")
+    return Rotation(label, axes.index(axis), angle, rate, angles)
 
 
-def _seconds(size: dict[str, float], label: str) -> float:
-    seconds = _required_quantity(size, "seconds", label)
-    if not 0 < seconds <= _LONGEST:
-        what = "more than a day" if seconds > 0 else "give it > 0"
-        raise InputError(f"position {label}: {seconds:.6g} s; {what}")
-    return seconds
+def _cell_error(column: str, text: str) -> InputError:
+    return InputError(text, key=column)
 
 
 def _angles(size: dict[str, float], axes: Sequence[str]) -> tuple[float, ...] | None:
@@ -143,40 +143,33 @@ def _angles(size: dict[str, float], axes: Sequence[str]) -> tuple[float, ...] | 
     if np.isnan(angles).all():
         return None
     if np.isnan(angles).any():
-        raise InputError(f"give the angles of all axes, {', '.join(axes)}, or of none")
+        text = f"give the angles of all axes, {', '.join(axes)}, or of none"
+        raise _cell_error("angles", text)
     return angles
 
 
-def _required_quantity(size: dict[str, float], name: str, label: str) -> float:
+def _required_quantity(size: dict[str, float], name: str, step: str) -> float:
     value = size.get(name, np.nan)
     if np.isnan(value):
-        raise InputError(f"{label}: {name} is missing")
+        raise _cell_error(name, f"{step}: {name} is missing")
     return value
-
-
-def _refuse_needless(
-    words: dict[str, str], size: dict[str, float], kind: str, names: Sequence[str]
-) -> None:
-    for name in names:
-        if words.get(name) or not np.isnan(size.get(name, np.nan)):
-            raise InputError(f"a {kind} has no {name}: leave the cell empty")
 
 
 def path_plan(
     options: Mapping[str, Any], bench: Turntable, folder: Path, plan: Callable[[], tuple[Step, ...]]
 ) -> Callable[[], tuple[Step, ...]]:
-    """Return the plan; of a file it is read when it is asked for.
+    """Return the plan; a file is read when the plan is called.
 
     Parameters
     ----------
     options : mapping
-        Keys of [method] that say something of the plan.
+        Keys of [method] that concern the plan.
     bench : Turntable
         Its axes name the columns of a file.
     folder : Path
-        Where a file is looked for.
+        The folder of the file.
     plan : callable
-        The plan of a path by name.
+        The plan of a named path.
 
     Raises
     ------
@@ -186,23 +179,23 @@ def path_plan(
     name = options.get("path")
     if name is None or name in PATHS:
         if len(bench.axes) != _AXES:
-            return _refusing_plan(
-                f"path: {name or next(iter(PATHS))} is of three axes, this table has "
-                f"{len(bench.axes)}: name a file of its steps"
+            text = f"{name or next(iter(PATHS))} is of three axes, but this table has "
+            return partial(
+                _refuse_plan, f"path: {text}{len(bench.axes)}; name a file with its steps"
             )
         return plan
     file = folder / name
     if not file.is_file():
-        raise InputError(f"[method] path {name!r}: no such file; or {', '.join(PATHS)}")
+        raise key_error(
+            "[method] path",
+            f"{name!r} is neither a file in {folder} nor one of {', '.join(PATHS)}",
+            names=(name,),
+        )
     if "seconds" in options:
-        raise InputError(f"[method] seconds: {name} says how long positions last; leave it out")
+        raise key_error("[method] seconds", f"{name} gives the durations; remove the key")
     return partial(read_path, file, bench.names)
 
 
-def _refusing_plan(words: str) -> Callable[[], tuple[Step, ...]]:
-    """Return a plan that is refused where it is asked for: a calibration can do without."""
-
-    def plan() -> tuple[Step, ...]:
-        raise InputError(words)
-
-    return plan
+def _refuse_plan(text: str) -> tuple[Step, ...]:
+    """Refuse the plan only when it is called: a calibration does not need it."""
+    raise InputError(text, key="[method] path")

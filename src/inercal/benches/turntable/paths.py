@@ -1,9 +1,9 @@
 """Paths of a three-axis table Z, X, Y (outer to inner), as data.
 
 "paper" warms up, holds ten positions for the accelerometers, turns 720° at 10 °/s about each axis
-for the gyros and rests. The figure of its source's positions is lost: these ten are a
+for the gyros and rests. The source's figure of the positions is not available: these ten are a
 reconstruction. "fast" turns ±1080° at 30 °/s in the same time. "discrete" has each body axis up and
-down and turns ±1080° at 30 °/s about the vertical in each of these six.
+down, and turns ±1080° at 30 °/s about the vertical in each of these six positions.
 
 Source: Liu Zhiwei, Cui Min, Zhang Peng, Xu Wenwu (North University of China), fast MIMU calibration
 system.
@@ -34,26 +34,28 @@ _TWICE, _THRICE = radians(720), radians(1080)
 
 
 def path_by_name(path: str = "paper", seconds: float = 90.0) -> tuple[TableStep, ...]:
-    """Return a path by name, with positions of so many seconds.
+    """Return a path by name, with positions of `seconds`.
 
     Raises
     ------
     InputError
-        No such path; the message lists those there are.
+        No such path; the message lists the paths.
     """
     if path not in PATHS:
-        raise InputError(f"no path {path!r}; there are {', '.join(PATHS)}")
+        raise InputError(
+            f"path {path!r} is unknown; the paths are {', '.join(PATHS)}", key="path", names=(path,)
+        )
     return PATHS[path](seconds)
 
 
 def paper_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
-    """Return the path of the source, with positions of so many seconds."""
+    """Return the path of the source, with positions of `seconds`."""
     turns = (Rotation(f"{x}+", axis, _TWICE, _SLOW, _HOME) for x, axis in _AXIS.items())
     return (_WARM_UP, *_positions(seconds), *turns, _REST)
 
 
 def fast_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
-    """Return the same path with turns of 30 °/s there and back."""
+    """Return the same path with turns of 30 °/s in both directions."""
     turns = (
         Rotation(f"{x}{sign}", axis, angle, _FAST, _HOME)
         for x, axis in _AXIS.items()
@@ -63,7 +65,7 @@ def fast_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
 
 
 def discrete_path(seconds: float = 90.0) -> tuple[TableStep, ...]:
-    """Return six positions of so many seconds, with steady rates about the vertical in each."""
+    """Return six positions of `seconds`, with steady rates about the vertical in each."""
     steps: list[TableStep] = [_WARM_UP]
     for name, degrees in _SIX.items():
         outer, middle, inner = map(radians, degrees)

@@ -1,14 +1,14 @@
-"""How methods on a turntable take a recording: rests to begin with, and gaps."""
+"""Durations that methods on a turntable require of rests and gaps."""
 
 from inercal.benches.turntable.bench import Turntable
 
-MAX_GAP_SECONDS = 0.5  # s without a sample, beyond which the attitude is taken from the table anew
-COARSE_REST_SECONDS = 20.0  # s at rest that the biases' first values come from
-# A table told to rest for 20 s is seen at rest for less: it settles, and its readback is late.
+MAX_GAP_SECONDS = 0.5  # s without a sample; after a longer gap the attitude restarts from readback
+COARSE_REST_SECONDS = 20.0  # s at rest from which the biases have their first values
+# A rest commanded for 20 s is shorter in the data: the table settles, and its readback is delayed.
 MIN_REST_SECONDS = 0.95 * COARSE_REST_SECONDS
-_SETTLING_SECONDS = 0.25  # s beside what the readback may be late by
+_SETTLING_SECONDS = 0.25  # s, without the latency of the readback
 
 
 def settling_time(bench: Turntable) -> float:
-    """Return how long the table is taken to settle, s; the readback may be late besides."""
+    """Return the settling time of the table, s, with the possible latency of its readback."""
     return _SETTLING_SECONDS + abs(bench.latency.value) + 2 * bench.latency.sd

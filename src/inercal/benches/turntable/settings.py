@@ -13,6 +13,7 @@ from inercal.errors import InputError
 from inercal.section_settings import (
     PLANNING,
     BenchSection,
+    key_error,
     measured_constant,
     section_constant,
     section_harmonics,
@@ -21,7 +22,7 @@ from inercal.section_settings import (
 
 _WIDEST_AZIMUTH = 0.0873  # rad
 _LONGEST_LEVER = 1.0  # m
-HOLD_COLUMN = "hold"  # among what the table reads back: numbers of its holds
+HOLD_COLUMN = "hold"  # of the readback: numbers of the holds
 
 
 @add_bench_keys(Turntable, after={"harmonics": "square", "lever": "clock"})
@@ -54,7 +55,7 @@ class TurntableData(DataSection):
     table_unit: str = "°"
     table_file: str | None = Field(
         None,
-        description="the file of that readback, where it has one of its own and its own clock",
+        description="the file of that readback, where it is a separate file with its own clock",
         examples=["table.csv"],
     )
     table_time: str | int | None = Field(None, description="in that file: column of time")
@@ -62,27 +63,27 @@ class TurntableData(DataSection):
     hold: str | int | None = Field(
         None,
         description="column of the number of each hold, negative elsewhere, that a bench host "
-        "wrote; holds are then not sought",
+        "wrote; holds are then not detected",
         examples=["hold"],
     )
 
     @model_validator(mode="after")
     def _files_have_a_clock(self) -> "TurntableData":
         if self.table_file is None and self.table_time is not None:
-            raise ValueError("table_time is a column of table_file, which is missing")
+            raise ValueError("table_time is a column of table_file; add table_file or remove it")
         if self.table_file is not None and self.table_time is None:
             raise ValueError(
-                'table_file goes with table_time, its column of time, such as table_time = "time"'
+                'table_file also needs table_time, its column of time; add table_time = "time"'
             )
         if self.table_file is not None and self.hold is not None:
             raise ValueError(
-                "hold is a column that a bench host writes beside the readback; with table_file "
-                "leave it out"
+                "hold is a column of the recording that numbers its holds; with table_file remove "
+                "hold"
             )
         return self
 
     def readback(self, bench: Turntable) -> tuple[ReadbackColumn, ...]:
-        """Return the columns of the axes' angles: of their own names unless `table` says otherwise.
+        """Return the columns of the axes' angles: those of `table`, else the names of the axes.
 
         Raises
         ------
@@ -91,9 +92,11 @@ class TurntableData(DataSection):
         """
         columns = self.table or bench.names
         if len(columns) != len(bench.names):
-            raise InputError(
-                f"[data] table: name the column of each axis, {', '.join(bench.names)}; there are "
-                f"{len(columns)}"
+            raise key_error(
+                "[data] table",
+                f"{len(columns)} columns for the {len(bench.names)} axes {', '.join(bench.names)}; "
+                "name the column of each axis",
+                names=tuple(map(str, columns)),
             )
         size = unit_size(self.table_unit, "°", "table_unit")
         found = [
@@ -112,20 +115,25 @@ class TurntableData(DataSection):
 def build(section: TurntableSection, folder: Path) -> Turntable:
     """Return the bench in SI; files that it names lie in `folder`."""
     if section.latitude is None:
-        raise InputError("[bench] latitude is missing: gyros on a turntable feel the earth's rate")
+        raise InputError(
+            "[bench] latitude is missing: gyros on a turntable measure the earth's rate",
+            key="[bench] latitude",
+        )
     x, y, z = (
         measured_constant(arm, "m", "[bench] lever", last_digit=False) for arm in section.lever
     )
     if not all(abs(arm.value) + 2 * arm.sd <= _LONGEST_LEVER for arm in (x, y, z)):
-        raise InputError(
-            f"[bench] lever: {', '.join(section.lever)}: an IMU on a table is no more than 1 m "
-            "from where the axes cross"
+        raise key_error(
+            "[bench] lever",
+            f"{', '.join(section.lever)}: each component must be at most 1 m, the distance from "
+            "the intersection of the axes to the IMU",
         )
     azimuth = section_constant(section, "azimuth", "°")
     if azimuth.sd > _WIDEST_AZIMUTH:
-        raise InputError(
-            f"[bench] azimuth: {section.azimuth!r}: its deviation is more than 5°, beyond which "
-            "what it does is not linear; state it nearer"
+        raise key_error(
+            "[bench] azimuth",
+            f"the standard uncertainty of {section.azimuth!r} exceeds 5°, the limit of the linear "
+            "model; measure the azimuth better",
         )
     return build_bench(
         Turntable,
@@ -140,7 +148,7 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
 
 
 def _limits(section: TurntableSection) -> tuple[AxisMotionLimits, ...]:
-    """Return the limits of all axes alike, or of each where one key has several."""
+    """Return one limit for all axes, or one per axis where a key has several."""
     likes = {"rate": "°/s", "acceleration": "°/s²", "jerk": "°/s³"}
     stated: dict[str, tuple[str, ...]] = {name: getattr(section, name) for name in likes}
     axes = max(map(len, stated.values()))
@@ -152,7 +160,9 @@ def _limits(section: TurntableSection) -> tuple[AxisMotionLimits, ...]:
         elif len(values) in (1, axes):
             each[name] = [*values] * (axes // len(values))
         else:
-            raise InputError(f"[bench] {name}: {len(values)} limits; give one for all axes or each")
+            raise key_error(
+                f"[bench] {name}", f"{len(values)} limits; give one for all axes or one per axis"
+            )
     result: list[AxisMotionLimits] = []
     for rate, acceleration, jerk in zip(*each.values(), strict=True):
         assert rate is not None  # only a jerk may be without limit

@@ -1,13 +1,13 @@
 """A turntable in simulation: from step to step at its limits, with its readback.
 
 The table starts at rest with all angles zero. Before a step it moves all axes at once, each at its
-own limits and to the nearest of all equal angles; samples of such a move have no label. Axes count
-on: after two turns they read 720°.
+own limits and to the nearest of the equivalent angles; samples of this move have no label. Angles
+are cumulative: after two turns an axis reads 720°.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, degrees, pi
+from math import ceil, degrees, floor, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +17,26 @@ from inercal.benches.contract import SimulatedMotion
 from inercal.benches.turntable.attitude import ideal_readback, motion
 from inercal.benches.turntable.axis_profiles import AxisProfile, join_profiles, move_profile
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.rest_timing import settling_time
+from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
+from inercal.data import Source
+from inercal.data.recording_loader import readback_columns, readback_units
 from inercal.errors import InputError
 from inercal.io.column_table import row_blocks
 from inercal.motion import Motion
-from inercal.plan import Position, Rotation, TableStep
+from inercal.plan import Position, Rotation, TableStep, table_steps
+from inercal.recording import Recording
+from inercal.units import si_factor
 
-_THERE = 1e-12  # rad: an axis that near need not move
+_THERE = 1e-12  # rad: an axis this near its goal does not move
 _ROUNDED = 1e-6  # of a sample, of a rate
+_MARGIN_SECONDS = 0.5  # s of the readback's file before and after the recording
 _BLOCK = 1 << 13  # samples at a time: their matrices stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
 class PathProfile:
-    """The way of all axes through a path.
+    """The motion of all axes along a path.
 
     Parameters
     ----------
@@ -59,7 +66,7 @@ class PathProfile:
 
 
 def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
-    """Return the way through the steps.
+    """Return the motion of the axes through the steps.
 
     Raises
     ------
@@ -67,7 +74,7 @@ def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
         No steps, a step of other axes than the table has, or a rate beyond its axis' limit.
     """
     if not steps:
-        raise InputError("turntable: a path without steps leads nowhere")
+        raise InputError("turntable: the path has no steps; add at least one", key="steps")
     time, now = 0.0, np.zeros(len(bench.axes))
     moves: list[list[tuple[float, float, AxisProfile]]] = [[] for _ in bench.axes]
     sections: list[tuple[str, float]] = []
@@ -75,11 +82,11 @@ def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
         _refuse_step(bench, step)
         if step.angles is not None:
             longest = 0.0
-            for i, way in enumerate(_nearest_rotation(now, np.array(step.angles))):
-                if abs(way) > _THERE:
-                    seconds, course = move_profile(way, bench.axis_motion_limits[i])
-                    moves[i].append((time, now[i], course))
-                    now[i] += way
+            for i, angle in enumerate(_nearest_rotation(now, np.array(step.angles))):
+                if abs(angle) > _THERE:
+                    seconds, profile = move_profile(angle, bench.axis_motion_limits[i])
+                    moves[i].append((time, now[i], profile))
+                    now[i] += angle
                     longest = max(longest, seconds)
             time += longest
             sections.append(("", time))
@@ -87,37 +94,45 @@ def path_profile(bench: Turntable, steps: Sequence[TableStep]) -> PathProfile:
             time += step.seconds
         else:
             limits = replace(bench.axis_motion_limits[step.axis], rate=step.rate)
-            seconds, course = move_profile(step.angle, limits)
-            moves[step.axis].append((time, now[step.axis], course))
+            seconds, profile = move_profile(step.angle, limits)
+            moves[step.axis].append((time, now[step.axis], profile))
             now[step.axis] += step.angle
             time += seconds
         sections.append((step.label, time))
     labels, ends = zip(*sections, strict=True)
-    return PathProfile(tuple(join_profiles(one, 0.0) for one in moves), labels, np.array(ends))
+    axes = tuple(join_profiles(of_axis, 0.0) for of_axis in moves)
+    return PathProfile(axes, labels, np.array(ends))
 
 
 def _nearest_rotation(now: Array, goal: Array) -> Array:
-    """Return the way from angles to the nearest of all that equal the goal, (k,) rad."""
+    """Return the rotations from angles to the nearest equivalents of the goal, (k,) rad."""
     return goal + 2 * pi * np.round((now - goal) / (2 * pi)) - now
 
 
 def _refuse_step(bench: Turntable, step: TableStep) -> None:
     k = len(bench.axes)
     if step.angles is not None and len(step.angles) != k:
-        raise InputError(f"{step.label}: {len(step.angles)} angles; the turntable's axes are {k}")
+        raise _step_error(step, "angles", f"{len(step.angles)} angles; the turntable has {k} axes")
     if isinstance(step, Rotation):
         if step.axis >= k:
-            raise InputError(f"{step.label}: axis {step.axis}; the turntable has 0 to {k - 1}")
+            raise _step_error(
+                step, "axis", f"axis {step.axis}; the axes of the turntable are 0 to {k - 1}"
+            )
         most = bench.axis_motion_limits[step.axis].rate
         if step.rate > most * (1 + _ROUNDED):
-            raise InputError(
-                f"{step.label}: {degrees(step.rate):.6g} °/s is beyond the limit of the "
+            text = (
+                f"the rate {degrees(step.rate):.6g} °/s exceeds the limit of the "
                 f"{bench.names[step.axis]} axis, {degrees(most):.6g} °/s"
             )
+            raise _step_error(step, "rate", text)
+
+
+def _step_error(step: TableStep, key: str, text: str) -> InputError:
+    return InputError(f"{step.label}: {text}", key=key, names=(step.label,))
 
 
 def turntable_path_duration(bench: Turntable, steps: Sequence[TableStep]) -> float:
-    """Return how long a path takes with all its moves, s."""
+    """Return the duration of a path with all its moves, s."""
     return float(path_profile(bench, steps).ends[-1])
 
 
@@ -129,7 +144,7 @@ def simulate_turntable_motion(
     trials: int = 1,
     readback_hz: float | None = None,
 ) -> SimulatedMotion:
-    """Return the motion of each trial, and what the table reads back of each axis.
+    """Return the motion of each trial, and the readback of each axis.
 
     Parameters
     ----------
@@ -142,14 +157,14 @@ def simulate_turntable_motion(
     trials : int
         Length of the leading axis of what is drawn, of the motion and of the readback.
     readback_hz : float, optional
-        Readings of the table per second, brought to the samples linearly by their stamps; None is
-        one reading each sample.
+        Readings of the table per second, interpolated linearly to the samples; None is one reading
+        per sample.
 
     Returns
     -------
     SimulatedMotion
-        Its readback is (trials, n), by the name of the axis, such as "outer": angle, rad, which
-        counts on beyond whole turns.
+        Its readback, by the name of the axis, such as "outer", is the cumulative angle,
+        (trials, n) rad.
 
     Raises
     ------
@@ -161,31 +176,20 @@ def simulate_turntable_motion(
     time: Array = np.arange(labels.size) / rate_hz
     declared = bench.acting_parameters()
     drawn = {n: p.value + p.sd * rng.standard_normal(trials) for n, p in declared.items()}
-    stamps = time if readback_hz is None else _readback_times(time[-1], readback_hz)
+    stamps = time
+    if readback_hz is not None:
+        stamps = np.asarray(range(ceil(time[-1] * readback_hz) + 1)) / readback_hz
     f, w, dw = (np.empty((trials, time.size, 3)) for _ in range(3))
-    said = np.empty((trials, time.size, len(bench.axes)))
+    readings = np.empty((trials, time.size, len(bench.axes)))
     for k in range(trials):
         q = {name: values[k] for name, values in drawn.items()}
         for part in row_blocks(time.size, _BLOCK):
             result = motion(bench, *way.evaluate(time[part]), q)
             f[k, part], w[k, part], dw[k, part] = result.f, result.w, result.dw
-        said[k] = _simulated_readback(bench, way, stamps, time, q, rng)
-    readback = {name: said[..., i] for i, name in enumerate(bench.names)}
+        for i, column in enumerate(sample_readback(bench, way, stamps, q, rng).T):
+            readings[k, :, i] = np.interp(time, stamps, column)
+    readback = {name: readings[..., i] for i, name in enumerate(bench.names)}
     return SimulatedMotion(time, Motion(f, w, dw), labels, drawn, readback)
-
-
-def _simulated_readback(
-    bench: Turntable,
-    way: PathProfile,
-    stamps: Array,
-    time: Array,
-    q: Mapping[str, Array],
-    rng: np.random.Generator,
-) -> Array:
-    """Return readings by the table's stamps, brought to the samples' times, (n, k) rad."""
-    read = sample_readback(bench, way, stamps, q, rng)
-    brought: list[Array] = [np.interp(time, stamps, one) for one in read.T]
-    return np.stack(brought, axis=-1)
 
 
 def sample_readback(
@@ -195,14 +199,14 @@ def sample_readback(
     q: Mapping[str, Array],
     rng: np.random.Generator,
 ) -> Array:
-    """Return what the table reads back by its own stamps, (n, k) rad.
+    """Return the readback of the table at the stamps of its clock, (n, k) rad.
 
     Parameters
     ----------
     bench : Turntable
     way : PathProfile
     stamps : (n,) array
-        s of the table's clock; before and after its way the table stands.
+        s of the table's clock; before and after its motion the table rests.
     q : mapping of str to ()
         The bench's parameters by name, SI.
     rng : Generator
@@ -212,5 +216,42 @@ def sample_readback(
     return ideal_readback(bench, angles, q) + bench.white * rng.standard_normal(angles.shape)
 
 
-def _readback_times(end: float, rate_hz: float) -> Array:
-    return np.arange(ceil(end * rate_hz) + 1) / rate_hz
+def add_hold_numbers(
+    bench: Turntable, steps: Sequence[TableStep], done: SimulatedMotion
+) -> SimulatedMotion:
+    """Return a simulation with the number of the hold of each sample, as a bench host writes it."""
+    number, margin = np.full(done.time.size, -1.0), settling_time(bench)
+    for k, step in enumerate(step for step in steps if isinstance(step, Position)):
+        time = done.time[done.labels == step.label]
+        number[(done.time >= time[0] + margin) & (done.time <= time[-1] - margin)] = k
+    return replace(done, readback={**done.readback, HOLD_COLUMN: number})
+
+
+def readback_files(
+    run: Source[TurntableData], done: SimulatedMotion, rng: np.random.Generator
+) -> dict[str, Recording]:
+    """Return the readback file by the table's clock, where the run file names one.
+
+    The clock is ahead by the bench's latency and gains at the rate `clock`. The file begins before
+    the recording and ends after it, as if started and stopped by hand.
+    """
+    bench, data, rate = run.bench, run.data, run.rate_hz
+    if data.table_file is None:
+        return {}
+    assert rate is not None
+    q = {name: values[0] for name, values in done.bench_errors.items()}
+    first, last = ((t + q["latency"]) / (1 - q["clock"]) for t in (0.0, float(done.time[-1])))
+    ticks = range(
+        floor((first - _MARGIN_SECONDS) * rate), ceil((last + _MARGIN_SECONDS) * rate) + 1
+    )
+    stamps = np.array(ticks) / rate
+    angles = sample_readback(bench, path_profile(bench, table_steps(run.steps)), stamps, q, rng)
+    sizes = np.array([readback_units(run)[name] for name in bench.names])
+    table = Recording(
+        time=stamps / si_factor(data.table_time_unit, "s"),
+        data=angles / sizes,
+        channels=tuple(readback_columns(run)[name] for name in bench.names),
+        units=(data.table_unit,) * len(sizes),
+        time_name=str(data.table_time),
+    )
+    return {data.table_file: table}

@@ -1,14 +1,14 @@
 """Samples that a turntable's recording lost without a gap in its times.
 
-Two kinds show, and both harm: at 10 °/s one sample of 100 Hz is 360″.
+Two cases are detected; at 10 °/s one sample of 100 Hz is 360″:
 
-* A row lost with its readback: over one step the readback goes on by two steps' angle where the
-  gyros turned for one. It stands alone, so that latency, bias and scale do not look like it.
-* A sample of the IMU alone, beside a readback with its own clock: from then on the readback is
-  late by one step, as offsets local to changes of rate tell (`rates`).
-  It is placed between two such changes.
+* A row lost with its readback: over one step the readback turns by the angle of two steps, the
+  gyros by that of one. It is isolated; latency, bias and scale have no isolated effects.
+* A sample of the IMU alone, with a readback that has its own clock: from then on the readback is
+  delayed by one step, as local offsets at changes of rate show (`implied_rates`). The loss is
+  located between two changes of rate.
 
-A row lost at rest does not show: nothing turned but the earth, 0.15″ in 10 ms.
+A row lost at rest is not detected: only the earth turned, 0.15″ in 10 ms.
 """
 
 from typing import NamedTuple
@@ -32,16 +32,16 @@ from inercal.sensors import Sensor
 _ALONE = 10.0  # times the usual difference between readback and gyros over one step
 _CLEAR = 6.0  # standard deviations of a step between local offsets
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
-_SEEN = 3.0  # the same, beside a clear one
+_SEEN = 3.0  # the same, next to a clear step
 _HALF = 0.5  # of a sample
 _DUST, _COARSEST = 1e-9, np.radians(0.2)  # rad, of steps that are rounding
-_SHAPED = 0.01  # of the rate: more beyond it is of the table's zeros, not of time
+_SHAPED = 0.01  # of the rate: a larger residual is caused by the table's zeros, not by time
 _MOVING = np.radians(5)  # rad/s, of turns
 _TURNING = np.radians(0.05)  # rad/s
 
 
 class SampleDrop(NamedTuple):
-    """Samples lost after sample `first` and before `last`; negative: as many too many."""
+    """Samples lost after sample `first` and before `last`; extra samples are negative."""
 
     first: int
     last: int
@@ -50,36 +50,36 @@ class SampleDrop(NamedTuple):
 
 
 def dropped_sample_findings(track: Track, sensor: Sensor, bench: Turntable) -> tuple[Finding, ...]:
-    """Return a warning for each slip: when, and how many samples.
+    """Return a warning for each loss: its time and the number of samples.
 
     Parameters
     ----------
     track : Track
-        Of one trial, (n, m) readings; times as they are taken to be.
+        Of one trial, (n, m) readings, with the times that the run uses.
     sensor : Sensor
-        With three gyros; otherwise nothing is found.
+        With three gyros; otherwise there are no findings.
     bench : Turntable
     """
-    found: list[Finding] = []
-    for slip in find_dropped_samples(track, sensor, bench):
-        count = round(abs(slip.samples))
-        some = f"{count} sample{'s' * (count > 1)} {'lost' if slip.samples > 0 else 'too many'}"
-        start, stop = track.time[slip.first], track.time[slip.last]
-        if slip.row:
-            text = f"{some} unnoticed at {start:.6g} s: the readback jumps by {slip.samples:+.2f}"
-            text += " steps of time against the gyros"
+    findings: list[Finding] = []
+    for drop in find_dropped_samples(track, sensor, bench):
+        count = round(abs(drop.samples))
+        size = f"{count} sample{'s' * (count > 1)} {'lost' if drop.samples > 0 else 'too many'}"
+        start, stop = track.time[drop.first], track.time[drop.last]
+        if drop.row:
+            text = f"{size} without a gap at {start:.6g} s: the readback jumps by "
+            text += f"{drop.samples:+.2f} steps of time against the gyros"
         else:
-            text = f"{some} of the sensor unnoticed between {start:.6g} s and {stop:.6g} s: from "
-            late = slip.samples * float(np.median(np.diff(track.time))) * 1e3
-            text += f"then on the readback is later by {late:.3g} ms"
+            delay = drop.samples * float(np.median(np.diff(track.time))) * 1e3
+            text = f"{size} by the sensor without a gap between {start:.6g} s and {stop:.6g} s: "
+            text += f"from then on the readback is later by {delay:.3g} ms"
         text += '; take times from a packet counter: [data] time, time_unit = "sample", rate and '
         text += "counter_modulus"
-        found.append(Finding("warning", "slip", text, None, slip.first, slip.last + 1))
-    return tuple(found)
+        findings.append(Finding("warning", "slip", text, None, drop.first, drop.last + 1))
+    return tuple(findings)
 
 
 def find_dropped_samples(track: Track, sensor: Sensor, bench: Turntable) -> tuple[SampleDrop, ...]:
-    """Return the slips that `dropped_sample_findings` tells of, in their order."""
+    """Return the losses of which `dropped_sample_findings` warns, in their order."""
     gyros = [axis.measures == "w" for axis in sensor.axes]
     if sum(gyros) != 3 or track.time.size < 100:
         return ()
@@ -87,27 +87,27 @@ def find_dropped_samples(track: Track, sensor: Sensor, bench: Turntable) -> tupl
     table, read = table_rates(bench, track.time, track.angles), gyro_rates(track.time, reading)
     known = fit_rates(read.rate, table.rate)
     fastest = float(np.percentile(np.linalg.norm(table.change, axis=-1), 99.9))
-    rows = _readback_slips(track.time, reading, track.angles, bench, known, fastest)
+    rows = _dropped_rows(track.time, reading, track.angles, bench, known, fastest)
     turning = np.linalg.norm(table.rate, axis=-1) > _MOVING
-    left = np.linalg.norm(known.residual_rates(read.rate, table.rate)[turning], axis=-1)
+    residual = np.linalg.norm(known.residual_rates(read.rate, table.rate)[turning], axis=-1)
     speed = np.linalg.norm(table.rate[turning], axis=-1)
-    if turning.any() and np.median(left / speed) > _SHAPED:
-        return tuple(rows)  # the two do not turn alike: offsets in time tell nothing
+    if turning.any() and np.median(residual / speed) > _SHAPED:
+        return tuple(rows)  # the two motions differ: their offsets in time have no meaning
     local = local_offsets(table, read, known)
     h = half_window(track.time)
-    # A row lost within a change of rate moves that one's offset alone.
-    spoilt = [
-        any(first - h <= one.first - h <= last + h for one in rows) for first, last in local.spans
+    # A row lost within a change of rate disturbs only the offset of this change.
+    disturbed = [
+        any(first - h <= row.first - h <= last + h for row in rows) for first, last in local.spans
     ]
-    kept = ~np.array(spoilt, dtype=np.bool_)
-    steps = _offset_steps(local.time[kept], local.value[kept], local.sd[kept], track.time)
-    spans = local.spans[kept] + h
-    # It may lie within one of the changes itself.
-    alone = [SampleDrop(int(spans[k, 0]), int(spans[j, 1]), n, False) for k, j, n in steps]
-    return tuple(sorted([*rows, *alone]))
+    usable = ~np.array(disturbed, dtype=np.bool_)
+    steps = _offset_steps(local.time[usable], local.value[usable], local.sd[usable], track.time)
+    spans = local.spans[usable] + h
+    # The loss may be within one of the two changes.
+    sensor_alone = [SampleDrop(int(spans[k, 0]), int(spans[j, 1]), n, False) for k, j, n in steps]
+    return tuple(sorted([*rows, *sensor_alone]))
 
 
-def _readback_slips(
+def _dropped_rows(
     time: Array,
     reading: Array,
     angles: Array,
@@ -115,7 +115,7 @@ def _readback_slips(
     known: RateRegression,
     fastest: float,
 ) -> list[SampleDrop]:
-    """Return the steps over which the readback alone goes on by more or fewer than one."""
+    """Return the steps over which only the readback advances by more or less than one step."""
     dt = np.diff(time)
     usual = float(np.median(dt))
     turned = np.diff(angles, axis=0) / dt[:, None]
@@ -126,7 +126,7 @@ def _readback_slips(
     more = (np.sum(v * w, axis=-1) / np.maximum(size, 1e-12) - size) * dt  # rad
     moving = (size > _TURNING) & (dt < GAP_FACTOR * usual)
     more[~moving] = 0.0
-    # Beyond both neighbours: where latency or bias makes a difference, it is theirs as well.
+    # Beyond both neighbours: latency and bias have the same effect on the neighbours.
     before, after = np.roll(more, 1), np.roll(more, -1)
     alone = np.maximum(more - np.maximum(before, after), 0)
     alone -= np.maximum(np.minimum(before, after) - more, 0)
@@ -136,7 +136,7 @@ def _readback_slips(
     resolution = 2 * float(stepped[stepped > _DUST].min(initial=np.inf))
     resolution = resolution if resolution < _COARSEST else 0.0
     least = np.maximum(_ALONE * noise + fastest * usual**2, size * usual / 2) + resolution
-    # Where the table begins or ends to turn, a readback that is late looks like samples lost.
+    # Where a turn begins or ends, a delayed readback looks like lost samples.
     speed = np.linalg.norm(v, axis=-1)
     steady = np.minimum(np.roll(speed, 2), np.roll(speed, -2)) > size / 2
     steady &= np.maximum(np.roll(speed, 2), np.roll(speed, -2)) < 2 * size
@@ -148,19 +148,19 @@ def _readback_slips(
 def _offset_steps(
     time: Array, value: Array, sd: Array, sampled: Array
 ) -> list[tuple[int, int, float]]:
-    """Return between which local offsets the clocks come apart by samples, and by how many."""
+    """Return the pairs of local offsets between which samples are lost, and their number."""
     if time.size < 3:
         return []
     span, jump = np.diff(time), np.diff(value)
-    jump = jump - float(np.median(jump / span)) * span  # clocks may run apart
+    jump = jump - float(np.median(jump / span)) * span  # clocks may drift
     samples = jump / float(np.median(np.diff(sampled)))
     size = jump / np.hypot(sd[1:], sd[:-1])
-    # Within a change of rate, a loss is a part of the step before it and a part of that after.
+    # A loss within a change of rate is divided between the step before it and the step after it.
     signs = np.sign(samples) * (np.abs(size) > _SEEN)
     cut = np.flatnonzero(np.diff(signs) != 0) + 1
-    found: list[tuple[int, int, float]] = []
+    steps: list[tuple[int, int, float]] = []
     for run in np.split(np.arange(samples.size), cut):
-        whole = float(samples[run].sum())
-        if signs[run[0]] and np.abs(size[run]).max() > _CLEAR and abs(whole) > _HALF:
-            found.append((int(run[0]), int(run[-1]) + 1, whole))
-    return found
+        count = float(samples[run].sum())
+        if signs[run[0]] and np.abs(size[run]).max() > _CLEAR and abs(count) > _HALF:
+            steps.append((int(run[0]), int(run[-1]) + 1, count))
+    return steps

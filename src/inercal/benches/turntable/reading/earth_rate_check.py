@@ -1,12 +1,12 @@
-"""Whether the gyros see the earth turn as latitude and azimuth say, before anything is filtered.
+"""Check of the earth's rate that the gyros measure against latitude and azimuth, before filtering.
 
-In hold k of attitude C_k, scale and misalignment taken from the turns, gyros read::
+In hold k of attitude C_k, with scale and misalignment from the turns, gyros read::
 
-    w_k = b + C_kᵀ e + G C_kᵀ u        u up; G is left out unless the method looks for it
+    w_k = b + C_kᵀ e + G C_kᵀ u        u up; G only where the method estimates it
 
-The biases b and the earth's rate e, in the level frame that goes by the stated azimuth, follow by
-weighted least squares; drift beyond the stated noise shows in what is left and enlarges their
-covariance. An azimuth that is off by δ turns e by δ about the vertical.
+The biases b and the earth's rate e, in the level frame of the stated azimuth, follow by weighted
+least squares; drift beyond the stated noise is in the residuals and enlarges their covariance. An
+azimuth with the error δ turns e by δ about the vertical.
 """
 
 from math import atan2, degrees, hypot, pi
@@ -25,81 +25,79 @@ from inercal.sensors import G0, Sensor
 
 _AXES = 3
 _CLEAR, _ODD = 100.0, 30.0  # χ² of three components
-_FAR = 0.3  # of the earth's rate: less harms little
+_FAR = 0.3  # of the earth's rate: the effect of a smaller error is small
 _NEAR_UNIT = 0.2
-_FELT = np.radians(20) / 3600 / G0  # of G, as far as gyros on a table feel gravity
+_G_SENSITIVITY = np.radians(20) / 3600 / G0  # standard deviation of G, (rad/s)/(m/s²)
 
 
 def check_earth_rate(
     where: str, track: Track, sensor: Sensor, bench: Turntable
 ) -> tuple[Finding, ...]:
-    """Return a warning where the gyros see another rate of the earth than stated.
+    """Return a warning where the gyros measure another earth rate than the stated one.
 
     Parameters
     ----------
     where : str
-        What a complaint begins with.
+        What an error begins with.
     track : Track
         Of one trial, (n, m) readings.
     sensor : Sensor
-        Without three gyros the earth's rate is not looked at.
+        Without three gyros nothing is checked.
     bench : Turntable
 
     Raises
     ------
     InputError
-        It is the earth's rate beyond doubt, but at another azimuth or latitude.
+        The rate has the size of the earth's rate, but is that of another azimuth or latitude.
     """
-    gyros = [axis.measures == "w" for axis in sensor.axes]
-    result = (
-        _measured_earth_rate(track, sensor, bench, np.array(gyros)) if sum(gyros) == _AXES else None
-    )
-    if result is None:
+    gyros = np.array([axis.measures == "w" for axis in sensor.axes])
+    if gyros.sum() != _AXES:
         return ()
-    seen, covariance = result
+    if (result := _measured_earth_rate(track, sensor, bench, gyros)) is None:
+        return ()
+    measured, covariance = result
     stated = earth_rate_level_frame(bench)
-    # The stated azimuth has its deviation, which turns the horizontal part.
-    aside = np.array([stated[1], 0.0, 0.0]) * bench.azimuth.sd
-    off = seen - stated
-    chi2 = float(off @ np.linalg.solve(covariance + np.outer(aside, aside), off))
+    # The uncertainty of the stated azimuth turns the horizontal part.
+    azimuth_error = np.array([stated[1], 0.0, 0.0]) * bench.azimuth.sd
+    off = measured - stated
+    total = covariance + np.outer(azimuth_error, azimuth_error)
+    chi2 = float(off @ np.linalg.solve(total, off))
     if chi2 < _ODD or np.linalg.norm(off) < _FAR * EARTH_RATE:
         return ()
     sd = np.sqrt(np.diagonal(covariance))
     text = ", ".join(
         f"{degrees(x) * 3600:.1f} ± {2 * degrees(s) * 3600:.1f} °/h {name} "
         f"[{degrees(e) * 3600:.1f}]"
-        for name, x, s, e in zip(("east", "north", "up"), seen, sd, stated, strict=True)
+        for name, x, s, e in zip(("east", "north", "up"), measured, sd, stated, strict=True)
     )
-    words = f"the gyros in the holds, biases apart, see the earth turn by {text.replace('-', '−')}"
-    size = float(np.linalg.norm(seen))
-    if chi2 > _CLEAR and abs(size / EARTH_RATE - 1) < _FAR:
+    text = f"in the holds the gyros measure an earth rate (k = 2) [stated] of {text}"
+    if chi2 > _CLEAR and abs(float(np.linalg.norm(measured)) / EARTH_RATE - 1) < _FAR:
+        text += f"; {_describe_implied_place(measured, bench)}; check both in [bench] (south is "
+        text += "negative), and the zero of the outer axis' readback"
         raise InputError(
-            f"{where}: {words} (k = 2), not as stated in brackets: "
-            f"{_describe_implied_place(seen, bench)}; look at [bench] azimuth and latitude (south "
-            "is negative) and at the zero of the outer axis' readback"
+            f"{where}: {text.replace('-', '−')}", names=("[bench] azimuth", "[bench] latitude")
         )
-    words += " (k = 2); in brackets as latitude and azimuth say: look at these in [bench], at "
-    words += "drift beyond the gyros' bias_instability, and at g-sensitivity"
-    return (Finding("warning", "earth", words),)
+    text += "; check [bench] latitude and azimuth, drift beyond the gyros' bias_instability, and "
+    text += "g sensitivity"
+    return (Finding("warning", "earth", text.replace("-", "−")),)
 
 
-def _describe_implied_place(seen: Array, bench: Turntable) -> str:
-    """Return the azimuth and latitude at which it would be as seen."""
-    east, north, up = seen.tolist()
+def _describe_implied_place(rate: Array, bench: Turntable) -> str:
+    """Return in words the azimuth and latitude of an earth rate, (3,) rad/s in the level frame."""
+    east, north, up = rate.tolist()
     azimuth = bench.azimuth.value + atan2(-east, north)
     azimuth = degrees(pi - (pi - azimuth) % (2 * pi))
     latitude = degrees(atan2(up, hypot(east, north)))
-    text = (
-        f"it would be so at azimuth {azimuth:.0f}° and latitude {latitude:.0f}°, and stated are "
+    return (
+        f"it is that of azimuth {azimuth:.0f}° and latitude {latitude:.0f}°, not of the stated "
         f"{degrees(bench.azimuth.value):.3g}° and {degrees(bench.latitude):.3g}°"
     )
-    return text.replace("-", "−")
 
 
 def _measured_earth_rate(
     track: Track, sensor: Sensor, bench: Turntable, gyros: NDArray[np.bool_]
 ) -> tuple[Array, Array] | None:
-    """Return the earth's rate in the level frame and its covariance; None where it is not seen."""
+    """Return the earth's rate in the level frame and its covariance; None if not observed."""
     reading = track.reading[:, gyros]
     held = track.hold >= 0
     count = np.bincount(track.hold[held])
@@ -129,14 +127,14 @@ def _measured_earth_rate(
     rows = (design / sd[:, None, None]).reshape(-1, design.shape[-1])
     wanted = (mean / sd[:, None]).reshape(-1)
     known = np.zeros(rows.shape[-1])
-    known[6:] = 1 / _FELT**2
-    # Biases may be anything; of the earth's rate no component exceeds it.
+    known[6:] = 1 / _G_SENSITIVITY**2
+    # Biases have no prior; no component of the earth's rate exceeds its size.
     known[3:6] = 1 / (3 * EARTH_RATE) ** 2
     covariance = np.linalg.inv(rows.T @ rows + np.diag(known))
     x = np.asarray(covariance @ (rows.T @ wanted), dtype=float)
     freedom = rows.shape[0] - 6
-    left = float(np.sum((wanted - rows @ x) ** 2)) / max(freedom, 1)
-    return x[3:6], np.asarray(covariance[3:6, 3:6] * max(left, 1.0), dtype=float)
+    excess = float(np.sum((wanted - rows @ x) ** 2)) / max(freedom, 1)
+    return x[3:6], np.asarray(covariance[3:6, 3:6] * max(excess, 1.0), dtype=float)
 
 
 def _has_g_sensitivity(sensor: Sensor, axis: str) -> bool:

@@ -1,13 +1,13 @@
-"""How readings fit a turntable's readback as it stands, and with columns or signs exchanged.
+"""Fits of the readings to a turntable's readback as recorded, and with columns or signs exchanged.
 
-All is judged on means of 0.1 s: of the readings, and of the motion that the readback implies there
-(`inercal.benches.turntable.attitude.motion` at the table's nominal values). Three readings y fit a
-motion p as well as an honest sensor may if the cost is small::
+All fits are of means over 0.1 s: of the readings, and of the motion that the readback implies
+(`inercal.benches.turntable.attitude.motion` at the table's nominal values). Three readings y are
+those of a sound sensor in the motion p if the cost is small::
 
     J = min over D, b of  Σ|y − (I + D) p − b|² / (0.05² S) + Σ D² / 0.1²
 
 with S the readings' sum of squares about their mean. Scale factors of 5 % and misalignments of 5°
-come to about 5; any bias is free. An axis reversed or exchanged costs more than a hundred.
+cost about 5, any bias nothing, and a reversed or exchanged axis more than 100.
 """
 
 from dataclasses import replace
@@ -25,10 +25,10 @@ from inercal.recording import GAP_FACTOR, Track
 from inercal.sensors import G0, Sensor
 
 MAX_SOUND_COST = 30.0
-"""Largest cost of an honest sensor."""
+"""Largest cost of a sound sensor."""
 _BLOCK = 0.1  # s
-_MOST = 4000  # blocks; more tell no more
-_MISFIT, _HONEST = 0.05, 0.1
+_MOST = 4000  # blocks; more of them add no information
+_MISFIT, _SOUND = 0.05, 0.1
 _LEAST = {"w": np.radians(1), "f": 0.05 * G0}  # of the readings' changes, rad/s or m/s²
 
 
@@ -40,15 +40,15 @@ class SignedPermutation(NamedTuple):
 
     @property
     def is_identity(self) -> bool:
-        """Whether all stays as it is."""
+        """Whether order and signs are unchanged."""
         return self.order == tuple(range(len(self.order))) and min(self.signs) > 0
 
     def reorder(self, columns: Array) -> Array:
-        """Return columns (..., k) so exchanged."""
+        """Return columns (..., k) in this order with these signs."""
         return columns[..., list(self.order)] * np.array(self.signs, dtype=float)
 
     def signed_names(self, names: tuple[str, ...]) -> str:
-        """Return the columns' names in this order with their signs, as a run file has them."""
+        """Return the columns' names in this order with their signs, as a run file states them."""
         each = (
             names[k] if sign > 0 else names[k][1:] if names[k].startswith("-") else f"-{names[k]}"
             for k, sign in zip(self.order, self.signs, strict=True)
@@ -57,12 +57,12 @@ class SignedPermutation(NamedTuple):
 
 
 def identity_permutation(k: int) -> SignedPermutation:
-    """Return k columns as they are."""
+    """Return the permutation that changes nothing of k columns."""
     return SignedPermutation(tuple(range(k)), (1,) * k)
 
 
 def signed_permutations(k: int) -> tuple[SignedPermutation, ...]:
-    """Return all orders and signs of k columns, the straight one first."""
+    """Return all orders and signs of k columns, the identity first."""
     return tuple(
         SignedPermutation(o, s) for o in permutations(range(k)) for s in product((1, -1), repeat=k)
     )
@@ -79,57 +79,58 @@ class BlockMeans(NamedTuple):
 
     @property
     def is_still(self) -> NDArray[np.bool_]:
-        """Whether the readback stands, (b,): in any unit, each axis against its fastest."""
+        """Whether the readback is constant, (b,): in any unit, relative to each axis' fastest."""
         speed = np.abs(self.rates)
         fastest = np.percentile(speed, 99.5, axis=0)
-        # An axis that never turns only has noise.
+        # The rate of an axis that never turns is noise.
         return np.all(speed <= np.maximum(0.02 * fastest, 1e-3 * fastest.max()), axis=-1)
 
     def subsample(self) -> "BlockMeans":
-        """Return as many blocks as tell enough, all over the run."""
+        """Return at most `_MOST` blocks, evenly over the run."""
         at = slice(None, None, -(-self.time.size // _MOST))
         readings = {kind: y[at] for kind, y in self.readings.items()}
         return BlockMeans(self.time[at], self.angles[at], self.rates[at], readings, self.step)
 
 
 def block_means(track: Track, sensor: Sensor) -> BlockMeans:
-    """Return the means over one trial's track, (n, m) readings, without those across gaps."""
+    """Return the means over one trial's track, (n, m) readings, without blocks that have a gap."""
     step = float(np.median(np.diff(track.time)))
     size = max(round(_BLOCK / step), 1)
     first = np.arange(0, track.time.size - size, size)
     last = first + size
     span = track.time[last] - track.time[first]
-    whole = span < (size + GAP_FACTOR - 1) * step
+    complete = span < (size + GAP_FACTOR - 1) * step
     turned = (track.angles[last] - track.angles[first]) / span[:, None]
     mean = np.add.reduceat(track.reading[: last[-1]], first, axis=0) / size
     readings = {
-        kind: mean[whole][:, [axis.measures == kind for axis in sensor.axes]] for kind in "fw"
+        kind: mean[complete][:, [axis.measures == kind for axis in sensor.axes]] for kind in "fw"
     }
     middle = (track.angles[first] + track.angles[last]) / 2
-    return BlockMeans(track.time[first][whole], middle[whole], turned[whole], readings, step)
+    time = track.time[first][complete]
+    return BlockMeans(time, middle[complete], turned[complete], readings, step)
 
 
 class Moments(NamedTuple):
-    """Sums of products about the means, of readings y and of what they should be, p: (3, 3)."""
+    """Sums of products about the means, of readings y and of expected readings p: (3, 3)."""
 
     yy: Array
     yp: Array
     pp: Array
-    minimum_sum: float  # of what p should change by, squared and summed
+    minimum_sum: float  # of squares of p about its mean
 
     def cost(self, way: SignedPermutation) -> float:
         """Return J with the readings exchanged by `way`."""
         at = list(way.order)
         yp = self.yp[at] * np.array(way.signs)[:, None]
-        whole = max(float(np.trace(self.yy)), self.minimum_sum)
-        pull = whole * (_MISFIT / _HONEST) ** 2
-        d = np.linalg.solve(self.pp + pull * np.eye(len(at)), (yp - self.pp).T).T
+        total = max(float(np.trace(self.yy)), self.minimum_sum)
+        weight = total * (_MISFIT / _SOUND) ** 2
+        d = np.linalg.solve(self.pp + weight * np.eye(len(at)), (yp - self.pp).T).T
         a = d + np.eye(len(at))
-        left = np.trace(self.yy) - 2 * np.sum(a * yp) + np.sum((a @ self.pp) * a)
-        return float(left / whole / _MISFIT**2 + np.sum(d**2) / _HONEST**2)
+        residual = np.trace(self.yy) - 2 * np.sum(a * yp) + np.sum((a @ self.pp) * a)
+        return float(residual / total / _MISFIT**2 + np.sum(d**2) / _SOUND**2)
 
     def factors(self) -> Array:
-        """Return how many times as much as it should each reading changes, (3,)."""
+        """Return the change of each reading over its expected change, (3,)."""
         return np.diagonal(self.yp @ np.linalg.pinv(self.pp, rcond=1e-3)).copy()
 
 
@@ -144,9 +145,9 @@ def moments(
     sensor : Sensor
     made : BlockMeans
     way : SignedPermutation
-        How the readback's columns are exchanged.
+        Exchange of the readback's columns.
     times : float
-        What the readback is multiplied by.
+        Factor of the readback.
     """
     angles, rates = times * way.reorder(made.angles), times * way.reorder(made.rates)
     sensed = motion(bench, angles, rates, np.zeros_like(rates), {})
@@ -161,7 +162,7 @@ def moments(
 
 
 class ExchangeFit(NamedTuple):
-    """Exchanges that make readings and readback agree, and their largest cost."""
+    """Exchanges with which readings and readback agree, and their largest cost."""
 
     cost: float
     readback: SignedPermutation
@@ -170,17 +171,10 @@ class ExchangeFit(NamedTuple):
 
 
 def find_exchanges(bench: Turntable, sensor: Sensor, made: BlockMeans) -> tuple[ExchangeFit, ...]:
-    """Return the exchanges that explain the readings, the simplest ones alone.
+    """Return the simplest exchanges that explain the readings.
 
-    Simple is: the readback's columns alone, one triad's alone, both triads' alike (the IMU is
-    mounted otherwise); then each triad's own; then all together.
-
-    Parameters
-    ----------
-    bench : Turntable
-    sensor : Sensor
-    made : BlockMeans
-        Some.
+    In order of simplicity: the readback's columns, those of one triad, or those of both triads
+    together (another mounting of the IMU); then those of each triad; then all.
     """
     by = {
         table: moments(bench, sensor, made, table) for table in signed_permutations(len(bench.axes))
@@ -196,15 +190,7 @@ def find_exchanges(bench: Turntable, sensor: Sensor, made: BlockMeans) -> tuple[
 def alternative_axis_orders(
     bench: Turntable, sensor: Sensor, made: BlockMeans
 ) -> tuple[tuple[float, str], ...]:
-    """Return the orders of axes, with their costs, by which all fits as its columns stand.
-
-    Parameters
-    ----------
-    bench : Turntable
-    sensor : Sensor
-    made : BlockMeans
-        Some.
-    """
+    """Return the orders of axes, with their costs, with which the columns fit unchanged."""
     k = len(bench.axes)
     found: list[tuple[float, str]] = []
     for axes in map("".join, permutations("xyz", k)):
@@ -215,10 +201,10 @@ def alternative_axis_orders(
 
 
 def _simple_exchanges(by: dict[SignedPermutation, dict[str, Moments]]) -> list[ExchangeFit]:
-    """Return the best of those that exchange the columns of one thing."""
-    ways, (table, of) = signed_permutations(3), next(iter(by.items()))
+    """Return the best exchange of the readback, of each triad, and of both triads together."""
+    ways, (table, triads) = signed_permutations(3), next(iter(by.items()))
     same = ways[0]
-    w, f = ([of[kind].cost(way) if kind in of else 0.0 for way in ways] for kind in "wf")
+    w, f = ([triads[kind].cost(way) if kind in triads else 0.0 for way in ways] for kind in "wf")
     tables = [
         ExchangeFit(max(m.cost(same) for m in each.values()), one, same, same)
         for one, each in by.items()
@@ -229,10 +215,11 @@ def _simple_exchanges(by: dict[SignedPermutation, dict[str, Moments]]) -> list[E
     return [min(some) for some in (tables, gyros, forces, both)]
 
 
-def _best_exchange(table: SignedPermutation, of: dict[str, Moments]) -> ExchangeFit:
-    """Return the best that exchanges each triad by itself."""
+def _best_exchange(table: SignedPermutation, triads: dict[str, Moments]) -> ExchangeFit:
+    """Return the best independent exchanges of both triads."""
     best = {
-        kind: min((m.cost(way), way) for way in signed_permutations(3)) for kind, m in of.items()
+        kind: min((m.cost(way), way) for way in signed_permutations(3))
+        for kind, m in triads.items()
     }
     ways = [best[kind][1] if kind in best else identity_permutation(3) for kind in "wf"]
     return ExchangeFit(max(cost for cost, _ in best.values()), table, ways[0], ways[1])

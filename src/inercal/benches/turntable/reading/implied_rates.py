@@ -1,12 +1,12 @@
-"""The rate that a turntable's readback implies beside the gyros', and how late one is to the other.
+"""The rate of a turntable's readback, that of the gyros, and the delay between them.
 
-Both are means over the same short window, of the gyros' readings by integral and of the readback by
-difference, so that the window cancels. Readings w fit the readback's rate v, late by δ, as::
+Both are means over the same short window, of the gyros' readings by integration and of the readback
+by differences, so that the window cancels. Readings w and the readback's rate v, delayed by δ::
 
     w(t) = A v(t + δ) + b   ⇒   δ ≈ Σ (A v̇) · (w − A v − b) / Σ |A v̇|²
 
-over a stretch where the rate changes. A and b hold bias, scale and misalignment roughly and are
-fitted over the whole run. Positive δ: the readback says at t + δ what the gyros say at t.
+over a stretch where the rate changes. A and b approximate bias, scale and misalignment and are
+fitted over the run. Positive δ: the readback shows at t + δ the motion that the gyros show at t.
 """
 
 from typing import NamedTuple
@@ -26,12 +26,12 @@ _FEWEST = 3  # samples of a stretch
 
 
 class WindowedRates(NamedTuple):
-    """Means over windows: s, rad/s, and how the rate changes, rad/s²."""
+    """Means over windows: time, s, rate, rad/s, and its derivative, rad/s²."""
 
     time: Array  # (n,)
     rate: Array  # (n, 3)
     change: Array  # (n, 3)
-    is_complete: NDArray[np.bool_]  # (n,) whether no gap is near
+    is_complete: NDArray[np.bool_]  # (n,) whether the windows have no gap
 
 
 def half_window(time: Array) -> int:
@@ -84,12 +84,12 @@ class RateRegression(NamedTuple):
     sd: float
 
     def residual_rates(self, reading: Array, rate: Array) -> Array:
-        """Return what readings (n, 3) are beyond a rate (n, 3)."""
+        """Return readings (n, 3) minus those predicted at a rate (n, 3)."""
         return reading - rate @ self.matrix.T - self.bias
 
 
 def fit_rates(reading: Array, rate: Array) -> RateRegression:
-    """Return how readings (n, 3) follow a rate (n, 3), by least squares."""
+    """Return the least-squares regression of readings (n, 3) on a rate (n, 3)."""
     means = reading.mean(axis=0), rate.mean(axis=0)
     y, p = reading - means[0], rate - means[1]
     back = np.asarray(np.linalg.pinv(p.T @ p, rcond=1e-6, hermitian=True), dtype=float)
@@ -99,7 +99,7 @@ def fit_rates(reading: Array, rate: Array) -> RateRegression:
 
 
 class LocalOffsets(NamedTuple):
-    """How late the readback is by each stretch where the rate changes."""
+    """Delay of the readback in each stretch where the rate changes."""
 
     time: Array  # (e,) s, of the stretches' middles
     value: Array  # (e,) s
@@ -120,22 +120,22 @@ def local_offsets(
     """
     spans = _changing_stretches(table)
     h = half_window(table.time)
-    left = known.residual_rates(gyros.rate, table.rate)
-    driven = table.change @ known.matrix.T
-    # Windows overlap: so many neighbouring residuals are one.
-    alike, least = 2.0 * h + 1, float(np.median(np.abs(left))) ** 2
+    residual = known.residual_rates(gyros.rate, table.rate)
+    slope = table.change @ known.matrix.T
+    # Windows overlap: this many neighbouring residuals are one independent residual.
+    overlap, least = 2.0 * h + 1, float(np.median(np.abs(residual))) ** 2
     value, sd = np.zeros(len(spans)), np.zeros(len(spans))
     for k, (first, last) in enumerate(spans):
-        a, r = driven[first : last + 1], left[first : last + 1]
+        a, r = slope[first : last + 1], residual[first : last + 1]
         weight = np.sum(a**2)
         value[k] = np.sum(a * r) / weight
         noise = float(np.sum((r - value[k] * a) ** 2)) / r.size
-        sd[k] = np.sqrt(alike * max(noise, least) / weight)
+        sd[k] = np.sqrt(overlap * max(noise, least) / weight)
     return LocalOffsets(table.time[spans].mean(axis=1), value, sd, spans)
 
 
 def _changing_stretches(table: WindowedRates) -> NDArray[np.int64]:
-    """Return first and last sample of stretches where the rate changes, none with a gap."""
+    """Return first and last sample of the stretches without a gap where the rate changes."""
     size = np.linalg.norm(table.change, axis=-1)
     step = float(np.median(np.diff(table.time)))
     at = np.flatnonzero(size > _CHANGING * np.percentile(size, 99.9))

@@ -1,4 +1,4 @@
-"""The angles that a run goes by: columns of the recording, or of a file with a clock of its own."""
+"""The table's angles of a run: columns of the recording, or of a file with its own clock."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -11,7 +11,6 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.readback_clock import (
     MAX_CLOCK_OFFSET,
     ClockAlignment,
-    ClockMismatch,
     align_readback,
 )
 from inercal.benches.turntable.settings import HOLD_COLUMN, TurntableData
@@ -23,12 +22,13 @@ from inercal.recording import Recording
 from inercal.section_settings import si_value
 from inercal.units import Measured, format_quantity
 
-# Both clocks are compared by the same turns that a filter goes by: it is told less than was found,
-# so that they do not count twice.
+# The clocks are compared by the same turns that the filter uses. The filter has larger deviations
+# than were found, so that these turns do not count twice.
 _LOOSER = 3.0
-_LONG = 0.5  # s without a reading: no cubic goes through a change of rate in it
+_LONG = 0.5  # s without a reading: no cubic follows a change of rate in it
 _SLOWEST = 0.0505  # s between readings: 20 a second and their jitter
 _MOVED = np.radians(0.1)
+_KEY = "[data] table_file"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +38,11 @@ class RecordingWithAngles:
     Parameters
     ----------
     recording : Recording
-        Its readback in rad, turns counted on.
+        Its readback in rad, cumulative.
     bench : Turntable
-        With what is left of the readback's delay, where the clocks were compared.
+        With the remaining uncertainty of the readback's delay, where the clocks were compared.
     clock : ClockAlignment or None
-        How the table's clock goes against the recording's; None where both are one.
+        Of the table's clock against the recording's; None where both are one clock.
     """
 
     recording: Recording
@@ -51,18 +51,16 @@ class RecordingWithAngles:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was found of the table's clock, in plain words."""
-        if self.clock is None:
+        """The estimate of the table's clock, in plain words."""
+        if (clock := self.clock) is None:
             return ()
-        one = self.clock
-        offset, drift = describe_clock(
-            replace(one, offset=abs(one.offset), drift=abs(one.drift))
-        ).values()
-        where = "ahead of" if one.offset > 0 else "behind"
+        size = replace(clock, offset=abs(clock.offset), drift=abs(clock.drift))
+        offset, drift = describe_clock(size).values()
+        where = "ahead of" if clock.offset > 0 else "behind"
         return (
             f"the table's clock is {offset} {where} the sensor's at the first sample and "
-            f"{'gains' if one.drift > 0 else 'loses'} {drift}; the readback was brought to the "
-            "sensor's times",
+            f"{'gains' if clock.drift > 0 else 'loses'} {drift}; the readback was interpolated to "
+            "the sensor's times",
         )
 
 
@@ -84,52 +82,47 @@ def add_table_angles(
     ------
     InputError
         The file of the readback cannot be used.
-    NotAlike
-        It does not go with the recording.
+    ClockMismatch
+        Its motion is not that of the recording.
     """
     sizes = readback_units(run)
     if run.data.table_file is None:
         if run.data.hold is not None:
-            # A bench host has counted turns on, over outages too.
+            # The angles of a bench host are cumulative, over outages too.
             counted = {name: recording.readback[name] * sizes[name] for name in bench.names}
             counted[HOLD_COLUMN] = recording.readback[HOLD_COLUMN]
             return RecordingWithAngles(replace(recording, readback=counted), bench)
-        said = _unwrap_angles(recording.readback, bench, sizes)
-        return RecordingWithAngles(replace(recording, readback=said), bench)
+        unwrapped = _unwrap_angles(recording.readback, bench, sizes)
+        return RecordingWithAngles(replace(recording, readback=unwrapped), bench)
     table = _read_table_file(run, recording.origin)
-    by_name = dict(zip(table.channels, table.data.T, strict=True))
-    said = _unwrap_angles(by_name, bench, sizes)
-    angles = np.stack([said[name] for name in bench.names], axis=-1)
-    where = f"{run.path}: [data] table_file: {run.data.table_file}"
+    columns = dict(zip(table.channels, table.data.T, strict=True))
+    angles = np.stack(list(_unwrap_angles(columns, bench, sizes).values()), axis=-1)
     try:
         _require_readings(table.time, angles)
         rates = _gyro_readings(run, recording)
-        found = align_readback(
+        clock = align_readback(
             bench, recording.time, rates, table.time, angles, bench.latency.value
         )
-    except ClockMismatch as error:
-        raise ClockMismatch(f"{where}: {error}", error.angles) from None
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
-    # What a finding says of samples is of the other file.
+    except InputError as error:  # a ClockMismatch keeps its angles
+        where = f"{run.path}: {_KEY}: {run.data.table_file}"
+        raise error.located(where, file=run.file(run.data.table_file), key=_KEY) from None
+    # The sample numbers of these findings are of the table's file.
     findings = [
-        replace(one, message=f"{table.source}: {one.message}", start=None, stop=None)
-        for one in table.findings
+        replace(finding, message=f"{table.source}: {finding.message}", start=None, stop=None)
+        for finding in table.findings
     ]
-    left = replace(
-        bench,
-        latency=Measured(0.0, _LOOSER * found.offset_sd),
-        clock=_LOOSER * found.drift_sd,
+    remaining = replace(
+        bench, latency=Measured(0.0, _LOOSER * clock.offset_sd), clock=_LOOSER * clock.drift_sd
     )
-    brought = dict(zip(bench.names, found.angles.T, strict=True))
-    whole = replace(recording, readback=brought, findings=(*recording.findings, *findings))
-    return RecordingWithAngles(whole, left, found)
+    readback = dict(zip(bench.names, clock.angles.T, strict=True))
+    result = replace(recording, readback=readback, findings=(*recording.findings, *findings))
+    return RecordingWithAngles(result, remaining, clock)
 
 
 def _read_table_file(run: Source[TurntableData], origin: int | None) -> Recording:
     """Return the table's file: its axes as channels, in units of their columns.
 
-    Dates are counted from `origin`, ns since 1970, as those of the recording are.
+    Dates are counted from the `origin` of the recording, ns since 1970.
     """
     data = run.data
     assert data.table_file is not None
@@ -146,19 +139,19 @@ def _read_table_file(run: Source[TurntableData], origin: int | None) -> Recordin
     try:
         return read_readback(run.file(data.table_file), columns)
     except InputError as error:
-        raise InputError(f"{run.path}: [data] table_file: {error}") from None
+        raise error.located(f"{run.path}: {_KEY}", key=_KEY) from None
 
 
 def _unwrap_angles(
-    said: Mapping[str, Array], bench: Turntable, sizes: Mapping[str, float]
+    readback: Mapping[str, Array], bench: Turntable, sizes: Mapping[str, float]
 ) -> dict[str, Array]:
-    """Return the axes' angles in rad, turns counted on."""
-    found: dict[str, Array] = {}
+    """Return the cumulative angles of the axes, rad."""
+    result: dict[str, Array] = {}
     for name in bench.names:
-        angle = said[name] * sizes[name]
-        # Turns that are counted already must not be lost where samples are.
-        found[name] = np.unwrap(angle) if np.ptp(angle) <= 2 * pi * (1 + 1e-6) else angle
-    return found
+        angle = readback[name] * sizes[name]
+        # Unwrapping cumulative angles would remove turns where samples are missing.
+        result[name] = np.unwrap(angle) if np.ptp(angle) <= 2 * pi * (1 + 1e-6) else angle
+    return result
 
 
 def _gyro_readings(run: Source[TurntableData], recording: Recording) -> Array:
@@ -166,19 +159,19 @@ def _gyro_readings(run: Source[TurntableData], recording: Recording) -> Array:
     gyros = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "w"]
     if len(gyros) != len("xyz"):
         raise InputError(
-            "its clock offset is estimated from three gyros, which the sensor does not have"
+            f"its clock offset is estimated from three gyros, but the sensor has {len(gyros)}"
         )
     places = [recording.channels.index(name) for name in run.sensor.channels]
     return run.sensor.to_si(recording.data[:, places])[:, gyros]
 
 
 def _require_readings(time: Array, angles: Array) -> None:
-    """Refuse a readback that says too little, always or for a while, of how the table turns."""
+    """Refuse a readback that is too slow, or has a gap while the table turns."""
     step = float(np.median(np.diff(time)))
     if step > _SLOWEST:
         raise InputError(
-            f"{1 / step:.3g} readings a second; 20 are needed at least, for moves to begin and end "
-            "where they do"
+            f"{1 / step:.3g} readings per second; at least 20 are needed to show when moves begin "
+            "and end"
         )
     at = np.flatnonzero(np.diff(time) > _LONG)
     moved = np.abs(angles[at + 1] - angles[at]).max(axis=-1, initial=0.0)
@@ -187,5 +180,5 @@ def _require_readings(time: Array, angles: Array) -> None:
         k = int(lost[0])
         raise InputError(
             f"no reading for {time[k + 1] - time[k]:.3g} s after {time[k]:.6g} s while the table "
-            "turns; record again, or cut both files there"
+            "turns; record again, or cut both files at this time"
         )

@@ -1,10 +1,9 @@
-"""The readback of a turntable that has a clock of its own, brought to the IMU's times.
+"""The readback of a turntable with its own clock, interpolated to the IMU's times.
 
-The table's clock says T = t + o + d (t − t₀) when the IMU's says t, with t₀ its first sample. Both
-are found from where rates change: each such stretch gives a local offset with its standard
-deviation (`rates`), and o and d follow by weighted least squares. A
-latency of the readback is part of o: after `align_readback` none is left beyond its standard
-deviation.
+The table's clock shows T = t + o + d (t − t₀) when the IMU's shows t, with t₀ its first sample. o
+and d are estimated where rates change: each of these stretches gives a local offset with its
+standard deviation (`implied_rates`), and o and d follow by weighted least squares. A latency of the
+readback is part of o: after `align_readback` it is zero within its standard deviation.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -31,30 +30,30 @@ MAX_CLOCK_OFFSET = 1.0  # s, of the offset
 MAX_CLOCK_DRIFT = 1e-3  # of the relative rate of the clocks
 _GRID = 0.02  # s of the first search
 _MOVING = np.radians(1)  # rad/s
-_PAUSE = 0.5  # s: moves nearer than this are looked at together
-_MARGIN = 0.2  # s beyond what offset and drift may make
+_PAUSE = 0.5  # s: moves nearer than this are matched together
+_MARGIN = 0.2  # s beyond the possible effect of offset and drift
 _ROUNDS = 6
 _FEWEST = 20  # samples
 _HUBER = 1.5  # standard deviations beyond which an offset weighs less
 _MIDDLE = 0.6745  # standard deviations: the median of normal sizes
-_ALIKE = 0.2  # of the readings' changes; what is left if they belong together is far less
+_ALIKE = 0.2  # of the readings' changes; residuals of two rates of one motion are far smaller
 _ALIKE_SPEEDS = 0.9  # correlation
 _STANDS = np.radians(0.1)  # rad/s
 _BEYOND = 2.0  # s of IMU times before or after the readback's
+_NO_ANGLES: Array = np.zeros((0, 0))
 
 
 class ClockMismatch(InputError):
-    """Readback and gyros turn when the other does, but not alike; or the readback stands still.
+    """Readback and gyros turn at the same times, but not alike; or the readback is constant.
 
     Parameters
     ----------
     message : str
     angles : (n, k) array
-        Readback at the IMU's times as near as speeds alone tell, rad: columns that are exchanged
-        show in it.
+        Readback at the IMU's times, aligned by speeds alone, rad: it shows exchanged columns.
     """
 
-    def __init__(self, message: str, angles: Array) -> None:
+    def __init__(self, message: str, angles: Array = _NO_ANGLES) -> None:
         super().__init__(message)
         self.angles = angles
 
@@ -70,7 +69,7 @@ class ClockAlignment:
     offset, drift : float
         o, s, and d, relative: T = t + o + d (t − t₀).
     offset_sd, drift_sd, correlation : float
-        Standard deviations, enlarged where the local offsets scatter more than they say, and their
+        Standard deviations, enlarged where the local offsets scatter more than their own, and their
         correlation.
     time, local, local_sd : (e,) arrays
         Local offsets T − t by the stretches where rates change, s, at IMU times.
@@ -95,7 +94,7 @@ def align_readback(
     angles: Array,
     about: float = 0.0,
 ) -> ClockAlignment:
-    """Return the readback at the IMU's times, found from both rates.
+    """Return the readback at the IMU's times, aligned by both rates.
 
     Parameters
     ----------
@@ -105,31 +104,35 @@ def align_readback(
     rates : (n, 3) array
         Gyros' readings, rad/s, rough in bias, scale and misalignment.
     table_time : (r,) array
-        s, the readback's own clock; rates within 1000 ppm are found.
+        s, the readback's own clock; its rate may differ by 1000 ppm.
     angles : (r, k) array
-        Readback, rad, counted on over whole turns.
+        Readback, rad, cumulative over whole turns.
     about : float
-        s; offsets within ±1 s of it are found.
+        s; the offset is searched within ±1 s of it.
 
     Returns
     -------
-    Aligned
-        Angles by cubic interpolation; before the first and after the last reading as these say.
+    ClockAlignment
+        Angles by cubic interpolation; constant before the first and after the last reading.
 
     Raises
     ------
     InputError
-        Times that do not grow, fewer than two changes of rate, a readback that lacks more than 2 s
-        at either end of the readings, or begins or ends in a turn; or no offset at which
-        both turn at the same times.
-    NotAlike
-        They do, but not alike: columns or units are others.
+        Times that do not increase, fewer than two changes of rate, a readback that lacks more than
+        2 s at either end of the readings, or begins or ends in a turn; or no offset at which both
+        turn at the same times.
+    ClockMismatch
+        They turn at the same times, but not alike: columns or units are wrong.
     """
     for name, clock in (("time", time), ("the readback's time", table_time)):
         if clock.size < _FEWEST:
-            raise InputError(f"{name}: {clock.size} samples; {_FEWEST} are needed at least")
+            raise InputError(
+                f"{name} has {clock.size} samples; at least {_FEWEST} are needed", names=(name,)
+            )
         if (np.diff(clock) <= 0).any():
-            raise InputError(f"{name} does not grow from sample to sample; look at its column")
+            raise InputError(
+                f"{name} does not increase from sample to sample; check its column", names=(name,)
+            )
     origin, shift = float(time[0]), float(time[0]) + about
     reach = MAX_CLOCK_OFFSET + MAX_CLOCK_DRIFT * float(time[-1] - time[0])
     _require_span(time + about, table_time, reach)
@@ -137,15 +140,15 @@ def align_readback(
     table, gyros = table_rates(bench, table_time, angles), gyro_rates(time, rates)
     if (near := _search(table, gyros)) is None:
         raise ClockMismatch(
-            "the readback's clock offset cannot be estimated: the table never turns in the "
+            "the offset of the readback's clock cannot be estimated: the table never turns in the "
             "readback; check its columns and unit",
             _interpolate_angles(table_time, angles, time),
         )
     refined = _refine_alignment(table, gyros, near)
     if refined is None:
         words = (
-            "the readback's clock: at no offset within ±1 s do readback and gyros turn alike; do "
-            "both belong to one run, and are columns and units, that of time too, as stated?"
+            "the rates of readback and gyros differ at every clock offset within ±1 s; check that "
+            "both are of one run, and their columns and units, that of time included"
         )
         if not _motions_coincide(table, gyros, near):
             raise InputError(words)
@@ -158,8 +161,8 @@ def align_readback(
     for end, beyond in ((0, said[0] < table_time[0]), (-1, said[-1] > table_time[-1])):
         if beyond and np.linalg.norm(table.rate[end]) > _STANDS:
             raise InputError(
-                f"the readback {'begins' if end == 0 else 'ends'} while the table turns and has "
-                "nothing for the readings beyond; cut the readings"
+                f"the readback {'begins' if end == 0 else 'ends'} while the table turns; remove "
+                "the readings before its beginning and after its end"
             )
     drift_sd, offset_sd = sqrt(covariance[0, 0]), sqrt(covariance[1, 1])
     return ClockAlignment(
@@ -176,14 +179,15 @@ def align_readback(
 
 
 def _require_span(said: Array, table_time: Array, reach: float) -> None:
-    """Refuse readings whose times, by the table's clock but for `reach`, the readback lacks."""
+    """Refuse readings whose times, by the table's clock within `reach`, the readback lacks."""
     slack = reach + _BEYOND
     if table_time[0] - slack <= said[0] and said[-1] <= table_time[-1] + slack:
         return
     raise InputError(
-        f"the readback runs from {table_time[0]:.6g} s to {table_time[-1]:.6g} s, the readings "
+        f"the readback is from {table_time[0]:.6g} s to {table_time[-1]:.6g} s, but the readings "
         f"from {said[0]:.6g} s to {said[-1]:.6g} s of the table's clock; cut the readings, or "
-        'state by how much its clock is ahead, within 1 s, such as [bench] latency = "12.5 s"'
+        'state within 1 s how far its clock is ahead, such as [bench] latency = "12.5 s"',
+        names=("[bench] latency",),
     )
 
 
@@ -204,12 +208,12 @@ def _refine_alignment(
 def _local_offsets(
     table: WindowedRates, gyros: WindowedRates, late: Array
 ) -> tuple[LocalOffsets, float]:
-    """Return local offsets T − t about a line, and what rates beyond them are, rad/s."""
+    """Return local offsets T − t about a line, and the deviation of the rates from it, rad/s."""
     said = np.asarray(gyros.time + late[1] + late[0] * gyros.time)
     here = _resample_rates(table, said)
     few = (
-        "the readback's clock: fewer than two changes of rate; its offset and rate against the "
-        "sensor's clock take moves at the beginning and at the end of a run"
+        "the recording has fewer than two changes of rate; the offset and the rate of the "
+        "readback's clock need moves at the beginning and at the end of a run"
     )
     if np.count_nonzero(here.is_complete) < _FEWEST:
         raise InputError(few)
@@ -257,14 +261,11 @@ def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
         strict=True,
     )
     middles, lates = [0.0], [0.0]
-    reach = MAX_CLOCK_OFFSET + _MARGIN
-    for k, (first, last) in enumerate(moves):
+    offset = MAX_CLOCK_OFFSET  # the first move determines it
+    for first, last in moves:
         middle = (first + last) / 2
-        reach = (
-            (MAX_CLOCK_OFFSET if k == 0 else 0.0)
-            + _MARGIN
-            + 2 * MAX_CLOCK_DRIFT * (middle - middles[-1])
-        )
+        reach = offset + _MARGIN + 2 * MAX_CLOCK_DRIFT * (middle - middles[-1])
+        offset = 0.0
         t = np.arange(first - _PAUSE, last + _PAUSE, _GRID)
         seen = np.asarray(np.interp(t, table.time, speed), dtype=float)
         tried = lates[-1] + np.arange(-reach, reach + _GRID, _GRID)
@@ -278,30 +279,30 @@ def _search(table: WindowedRates, gyros: WindowedRates) -> Array | None:
 
 
 def _motions_coincide(table: WindowedRates, gyros: WindowedRates, late: Array) -> bool:
-    """Return whether one turns when the other does, whatever about."""
+    """Return whether both turn at the same times, about any axes."""
     said = gyros.time + late[1] + late[0] * gyros.time
     speeds = [np.linalg.norm(one.rate, axis=-1) for one in (_resample_rates(table, said), gyros)]
     return float(np.corrcoef(*speeds)[0, 1]) > _ALIKE_SPEEDS
 
 
 def _signal_mismatch(time: Array, size: Array, at: Array, seen: Array) -> float:
-    """Return how far a signal at some times is from one seen there."""
+    """Return the norm of the difference of a signal, interpolated to `at`, from `seen`."""
     return float(np.linalg.norm(np.interp(at, time, size) - seen))
 
 
 def _fit_line(found: LocalOffsets) -> tuple[Array, Array]:
-    """Return slope and value at zero, (2,), and their covariance, enlarged by what scatters.
+    """Return slope and value at zero, (2,), and their covariance, enlarged by the scatter.
 
-    Offsets that stand alone, as a lost sample makes them, are weighed down (Huber).
+    Outlying offsets, as a lost sample makes them, have less weight (Huber).
     """
-    whole = np.stack([found.time, np.ones_like(found.time)], axis=-1)
+    columns = np.stack([found.time, np.ones_like(found.time)], axis=-1)
     sd, line, covariance = found.sd, np.zeros(2), np.eye(2)
     for _ in range(_ROUNDS):
-        design = whole / sd[:, None]
+        design = columns / sd[:, None]
         covariance = np.asarray(np.linalg.inv(design.T @ design), dtype=float)
         line = covariance @ design.T @ (found.value / sd)
-        left = np.abs(found.value - whole @ line) / found.sd
-        usual = max(float(np.median(left)) / _MIDDLE, 1.0)
-        sd = found.sd * np.maximum(left / (_HUBER * usual), 1.0) ** 0.5
-    excess = float(np.sum(((found.value - whole @ line) / sd) ** 2)) / max(found.time.size - 2, 1)
+        residual = np.abs(found.value - columns @ line) / found.sd
+        usual = max(float(np.median(residual)) / _MIDDLE, 1.0)
+        sd = found.sd * np.maximum(residual / (_HUBER * usual), 1.0) ** 0.5
+    excess = float(np.sum(((found.value - columns @ line) / sd) ** 2)) / max(found.time.size - 2, 1)
     return line, covariance * max(excess, 1.0)

@@ -1,7 +1,7 @@
-"""What single samples and columns of a turntable's recording show, before motions are compared.
+"""Checks of single samples and columns of a turntable's recording, before motions are compared.
 
-Readings at the end of their range, one row that is far from both its neighbours, a readback that
-stands while the gyros turn, or that repeats each value: in later checks all of them look like a
+Readings at the end of their range, a row far from both its neighbours, a readback that is constant
+while the gyros measure a turn, or that repeats each value: in later checks all of them look like a
 wrong unit or an exchanged column.
 """
 
@@ -18,9 +18,9 @@ from inercal.segments.attitudes import INVALID_SAMPLES
 from inercal.sensors import G0, Sensor
 
 _TURNING = radians(1)  # rad/s
-_LASTING = 1.0  # s that gyros turn while the readback stands
+_LASTING = 1.0  # s that gyros measure a turn while the readback is constant
 _FLAT = 0.3  # s of gyros at one value while the table turns, all together
-_ALONE = {"f": 0.3 * G0, "w": radians(5)}  # beyond both neighbours, and
+_ALONE = {"f": 0.3 * G0, "w": radians(5)}  # of a spike beyond both neighbours, and
 _SIGMAS = 30.0  # times the usual second difference
 _JUMP = radians(10)  # of a readback beyond both neighbours
 _REPEATED = 0.6  # of the steps while the table turns
@@ -34,7 +34,7 @@ def require_range(where: str, recording: Recording, track: Track, sensor: Sensor
     Raises
     ------
     InputError
-        With the channel, how much of it and where first.
+        With the channel, the time in all and the first place.
     """
     turning = _largest_axis_rate(track) > _TURNING
     step = float(np.median(np.diff(track.time)))
@@ -54,18 +54,19 @@ def require_range(where: str, recording: Recording, track: Track, sensor: Sensor
         seconds = float((flat & turning).sum()) * step
         if seconds > _FLAT:
             raise InputError(
-                f"{where}: {flaws[0].message}, and so for {seconds:.3g} s in all while the table "
-                "turns: it is at the end of its range; turn slower, or take a wider range"
+                f"{where}: {flaws[0].message}; for {seconds:.3g} s in all it is at the end of its "
+                "range while the table turns; turn slower, or set a wider range",
+                names=(name,),
             )
 
 
 def require_readback(where: str, recording: Recording, angles: Array, names: Sequence[str]) -> None:
-    """Refuse a row whose readback is far from that of both rows beside it.
+    """Refuse a row whose readback is far from that of both neighbouring rows.
 
     Parameters
     ----------
     where : str
-        What a complaint begins with.
+        What an error begins with.
     recording : Recording
     angles : (n, k) array
         Readback, rad.
@@ -81,21 +82,22 @@ def require_readback(where: str, recording: Recording, angles: Array, names: Seq
         k = _isolated_samples(column, _JUMP)
         if k.size:
             row, rest = int(k[0]), k.size - 1
-            more = f" (and {rest} more such rows)" if rest else ""
+            more = f" ({rest} further rows jump too)" if rest else ""
             raise InputError(
-                f"{where}: {recording.where(row)} ({recording.time[row]:.6g} s): {name} reads back "
-                f"{degrees(column[row]):.6g}° between {degrees(column[row - 1]):.6g}° and "
-                f"{degrees(column[row + 1]):.6g}°{more}: take the row out"
+                f"{where}: {recording.where(row)} ({recording.time[row]:.6g} s): the readback "
+                f"{name} is {degrees(column[row]):.6g}° between {degrees(column[row - 1]):.6g}° "
+                f"and {degrees(column[row + 1]):.6g}°{more}; remove the row",
+                names=(name,),
             )
 
 
 def require_turning(where: str, track: Track, sensor: Sensor, names: Sequence[str]) -> None:
-    """Refuse a readback that stands while the gyros turn.
+    """Refuse a readback that is constant while the gyros measure a turn.
 
     Raises
     ------
     InputError
-        With the axes that never move or stand from some time on.
+        With the axes that never change, or are constant from a time on.
     """
     gyros = [axis.measures == "w" for axis in sensor.axes]
     if not any(gyros):
@@ -113,23 +115,25 @@ def require_turning(where: str, track: Track, sensor: Sensor, names: Sequence[st
     lost = still & (np.linalg.norm(mean - bias, axis=-1) > _TURNING)
     if lost.sum() * size * step < _LASTING or np.ptp(track.angles, axis=0).max() < 1e-3:
         return
-    never: list[str] = []
-    stand: list[str] = []
+    never: dict[str, str] = {}
+    constant: dict[str, str] = {}
     for name, column in zip(names, moved.T, strict=True):
         at = np.flatnonzero(column > 1e-4 * size * step)
         if not at.size:
-            never.append(f"{name} never moves")
+            never[name] = f"{name} never changes"
         elif lost[at[-1] + 1 :].sum() * size * step > _LASTING:
-            stand.append(f"{name} stands from {track.time[first[at[-1] + 1]]:.4g} s on")
+            constant[name] = f"{name} is constant from {track.time[first[at[-1] + 1]]:.4g} s on"
     begun = track.time[first[int(np.argmax(lost))]]
+    causes = never or constant
     raise InputError(
-        f"{where}: the readback stands for {lost.sum() * size * step:.3g} s in which the gyros "
-        f"turn, first at {begun:.4g} s: {', '.join(never or stand) or 'look at its columns'}"
+        f"{where}: the readback is constant for {lost.sum() * size * step:.3g} s while the gyros "
+        f"measure a turn, first at {begun:.4g} s: {', '.join(causes.values()) or 'check its unit'}",
+        names=tuple(causes),
     )
 
 
 def spike_findings(recording: Recording, sensor: Sensor) -> tuple[Finding, ...]:
-    """Return a warning for each reading that is far from those beside it."""
+    """Return a warning for each reading that is far from both its neighbours."""
     found: list[Finding] = []
     for axis in sensor.axes:
         column = recording.data[:, recording.channels.index(axis.name)]
@@ -138,7 +142,7 @@ def spike_findings(recording: Recording, sensor: Sensor) -> tuple[Finding, ...]:
             text = (
                 f"{axis.name} reads {column[k]:.5g} {axis.readout.unit} in {recording.where(k)} "
                 f"({recording.time[k]:.6g} s), between {column[k - 1]:.5g} and "
-                f"{column[k + 1]:.5g}: take the row out"
+                f"{column[k + 1]:.5g}; remove the row"
             )
             found.append(Finding("warning", "outlier", text, axis.name, k, k + 1))
     return tuple(found)
@@ -153,11 +157,11 @@ def repeated_readback_finding(track: Track) -> Finding | None:
     if float(same[turning].sum() / turning.sum()) < _REPEATED:
         return None
     step = float(np.median(np.diff(track.time)))
-    own = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))
+    rate = 1 / (step * turning.sum() / max((~same[turning]).sum(), 1))
     text = (
-        f"the readback repeats its values while the table turns, as one of {own:.3g} Hz beside "
-        f"readings of {1 / step:.4g} Hz: it is late by another time in each row; record it with "
-        "its own times, [data] table_file, or each row with a readback of its own"
+        f"the readback has {rate:.3g} Hz, the readings {1 / step:.4g} Hz: rows repeat its values "
+        "while the table turns, so that its delay varies; record it with its times in [data] "
+        "table_file, or a new value for each row"
     )
     return Finding("warning", "readback", text)
 
@@ -173,7 +177,7 @@ def _largest_axis_rate(track: Track) -> Array:
 
 
 def _isolated_samples(column: Array, least: float) -> NDArray[np.int64]:
-    """Return the samples that lie beyond both neighbours, while these are as usual."""
+    """Return the samples that lie beyond both neighbours, while these differ as usual."""
     before, after = column[1:-1] - column[:-2], column[1:-1] - column[2:]
     beyond = np.where(before * after > 0, np.minimum(np.abs(before), np.abs(after)), 0.0)
     usual = _NORMAL * float(np.median(np.abs(before - after)))

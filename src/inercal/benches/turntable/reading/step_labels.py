@@ -1,4 +1,7 @@
-"""What the steps of a turntable's recording are called: by its labels, its plan, or in order."""
+"""Labels of the steps of a turntable's recording, and the comparison of the steps with the plan.
+
+The labels are those of the recording, else those of the plan, else numbers in order.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,9 +12,12 @@ from inercal.benches.turntable.settings import TurntableData
 from inercal.data import Source
 from inercal.errors import InputError
 from inercal.plan import Position, Rotation, TableStep, table_steps
+from inercal.recording import Finding
 
 _NEAR = radians(1)  # of a planned angle
-_SHARE = 0.05  # of a planned turn
+_TURN_TOLERANCE = 0.05  # of a planned turn
+_NAMED = 6  # labels
+_SHARE = 0.5  # of the steps: if fewer agree, the recording is of another path
 
 
 def label_steps(
@@ -22,11 +28,11 @@ def label_steps(
     Parameters
     ----------
     steps : sequence of Position or Rotation
-        As found, without names.
+        Of the recording, without names.
     own : sequence of str or None
-        What the recording calls each; "" is nothing.
+        The recording's label of each; "" is none.
     run : Source
-        Its plan gives the names where it is what was done.
+        Its plan gives the names where its steps are those of the recording.
     """
     names = [name.strip() for name in own] if own is not None else [""] * len(steps)
     if not any(names):
@@ -43,38 +49,106 @@ def label_steps(
 
 
 def _planned_names(steps: Sequence[TableStep], run: Source[TurntableData]) -> list[str] | None:
-    """Return the plan's names, if it is what was done."""
-    try:
-        plan = merge_positions(table_steps(run.steps))
-    except InputError:
-        return None  # a recording is calibrated without a plan
-    if len(plan) != len(steps):
-        return None
-    fits = all(steps_match(done, requested) for done, requested in zip(steps, plan, strict=True))
+    """Return the plan's names, if its steps are those of the recording."""
+    plan = _merge_positions(_planned_steps(run) or [])
+    fits = len(plan) == len(steps) and all(map(_steps_match, steps, plan))
     return [step.label for step in plan] if fits else None
 
 
-def merge_positions(plan: Sequence[TableStep]) -> list[TableStep]:
-    """Return the plan with neighbouring positions at the same angles as one."""
-    found: list[TableStep] = []
+def _planned_steps(run: Source[TurntableData]) -> list[TableStep] | None:
+    """Return the plan; None where it is refused, because a calibration does not need it."""
+    try:
+        return table_steps(run.steps)
+    except InputError:
+        return None
+
+
+def _merge_positions(plan: Sequence[TableStep]) -> list[TableStep]:
+    """Return the plan with consecutive positions at the same angles merged into one."""
+    merged: list[TableStep] = []
     for step in plan:
-        before = found[-1] if found else None
-        if (
-            isinstance(step, Position)
-            and isinstance(before, Position)
-            and steps_match(before, step)
-        ):
-            found[-1] = replace(before, label=f"{before.label}, {step.label}")
+        if merged and isinstance(step, Position) and _steps_match(merged[-1], step):
+            merged[-1] = replace(merged[-1], label=f"{merged[-1].label}, {step.label}")
         else:
-            found.append(step)
-    return found
+            merged.append(step)
+    return merged
 
 
-def steps_match(done: TableStep, asked: TableStep) -> bool:
-    """Return whether a step that was found is the one that was asked for."""
-    if isinstance(done, Position) and isinstance(asked, Position):
-        pairs = zip(done.angles, asked.angles, strict=True)
+def _steps_match(done: TableStep, planned: TableStep) -> bool:
+    """Return whether a step of the recording is the planned one."""
+    if isinstance(done, Position) and isinstance(planned, Position):
+        pairs = zip(done.angles, planned.angles, strict=True)
         return all(abs(pi - (pi - (a - b)) % (2 * pi)) < _NEAR for a, b in pairs)
-    if isinstance(done, Rotation) and isinstance(asked, Rotation):
-        return done.axis == asked.axis and abs(done.angle / asked.angle - 1) < _SHARE
+    if isinstance(done, Rotation) and isinstance(planned, Rotation):
+        return done.axis == planned.axis and abs(done.angle / planned.angle - 1) < _TURN_TOLERANCE
     return False
+
+
+def compare_with_plan(
+    steps: Sequence[TableStep], own: Sequence[str] | None, run: Source[TurntableData]
+) -> tuple[Finding, ...]:
+    """Return warnings of missing steps, and of labels that are blank or of another step.
+
+    Parameters
+    ----------
+    steps : sequence of Position or Rotation
+        Of the recording, with labels.
+    own : sequence of str or None
+        The recording's label of each; "" is none.
+    run : Source
+        Without a path in [method] nothing is compared.
+    """
+    plan = _planned_steps(run) if run.has_plan_keys else None
+    if plan is None:
+        return ()
+    labels = [name.strip() for name in own] if own is not None else []
+    if any(labels):
+        return _compare_labels(steps, labels, plan)
+    planned = _merge_positions(plan)
+    missing = list(planned)
+    for step in steps:
+        k = next((k for k, other in enumerate(missing) if _steps_match(step, other)), None)
+        if k is not None:
+            del missing[k]
+    if len(missing) > (1 - _SHARE) * len(planned):
+        return (_other_path_finding(len(planned) - len(missing), len(planned)),)
+    return _missing_step_findings([step.label for step in missing])
+
+
+def _compare_labels(
+    steps: Sequence[TableStep], labels: Sequence[str], plan: Sequence[TableStep]
+) -> tuple[Finding, ...]:
+    planned = {step.label: step for step in plan}
+    known = [name for name in labels if name in planned]
+    if len(set(known)) < (1 - _SHARE) * len(planned) and len(known) < len(labels) * _SHARE:
+        return (_other_path_finding(len(set(known)), len(planned)),)
+    texts: list[str] = []
+    for step, name in zip(steps, labels, strict=True):
+        if name in planned and not _steps_match(step, planned[name]):
+            text = f"{name}: the recording has {step.describe()}, the plan has "
+            texts.append(f"{text}{planned[name].describe()}; check the labels".replace("-", "−"))
+    blank = [step.label for step, name in zip(steps, labels, strict=True) if not name]
+    unknown = [name for name in dict.fromkeys(labels) if name and name not in planned]
+    for names, words in ((blank, "without a label"), (unknown, "with a label that the path lacks")):
+        if names:
+            count = f"{len(names)} step{'s' * (len(names) > 1)}"
+            texts.append(f"{count} {words}: {_abbreviated_list(names)}")
+    missing = _missing_step_findings([name for name in planned if name not in labels])
+    return (*missing, *(Finding("warning", "label", text) for text in texts))
+
+
+def _missing_step_findings(names: Sequence[str]) -> tuple[Finding, ...]:
+    if not names:
+        return ()
+    text = f"the recording lacks steps of the path: {_abbreviated_list(names)}"
+    return (Finding("warning", "path", f"{text}; check whether it was cut"),)
+
+
+def _other_path_finding(count: int, of: int) -> Finding:
+    text = f"the recording has {count} of the {of} steps of [method] path"
+    return Finding("warning", "path", f"{text}; check whether it is of another path")
+
+
+def _abbreviated_list(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more

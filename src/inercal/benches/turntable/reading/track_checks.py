@@ -1,7 +1,7 @@
-"""What a turntable's readback and the readings show to be wrong, before anything is filtered.
+"""Checks of a turntable's readback against the readings, before they are filtered.
 
-Units, signs and the order of columns: by the rate vector that the readback implies against the
-gyros', and by the direction of gravity against the accelerometers'. An honest sensor passes:
+Units, signs and the order of columns are checked: the rate vector of the readback against that of
+the gyros, and the direction of gravity against that of the accelerometers. A sound sensor passes:
 scale factors within 5 %, misalignments of 5°, biases of 1 °/s and 100 mg.
 """
 
@@ -28,14 +28,14 @@ from inercal.errors import InputError
 from inercal.recording import GAP_FACTOR, Finding, Track
 from inercal.sensors import Sensor
 
-_STILL = 1e-3  # rad; no run worth following turns less, in any unit
+_STILL = 1e-3  # rad; every usable run turns more, in any unit
 _TURNS = radians(1)  # rad/s that gyros read beyond their bias where a table turns
-_SIZE = 1.2  # times or one over it: no usable scale factor is further off
+_SIZE = 1.2  # times, or 1 over it: limits of a usable scale factor
 _SPHERE = 4  # readings that determine a centre and a radius
 _ALL_ROUND = 0.3  # least spread of attitudes over the largest, for that
 _WEIGHT = (0.7, 1.4)  # times g, of the norm at rest
 _USUAL = (0.9, 1.1)
-_NEAR = 1.1  # of a factor that is a unit's
+_NEAR = 1.1  # of the factor between two units
 _NAMED = 5  # gaps
 _ATTITUDES, _APART = 6, radians(10)
 _TURNED = 2 * pi  # rad about each axis of the body
@@ -52,17 +52,16 @@ class ColumnNames(NamedTuple):
 def check_track(
     where: str, track: Track, sensor: Sensor, bench: Turntable, columns: ColumnNames | None = None
 ) -> tuple[Finding, ...]:
-    """Return what is odd with a track: gaps, too few attitudes or turns.
+    """Return the findings of a track: gaps, too few attitudes or turns.
 
     Parameters
     ----------
     where : str
-        What a complaint begins with, such as the run file's path.
+        What an error begins with, such as the run file's path.
     track : Track
-        Readings (..., n, m) in SI in the order of the sensor's axes; of several trials each is
-        looked at.
+        Readings (..., n, m) in SI in the order of the sensor's axes; every trial is checked.
     sensor : Sensor
-        Triads of accelerometers and gyros; without one of them it is left out.
+        Triads of accelerometers and gyros; one of them may be missing.
     bench : Turntable
     columns : ColumnNames, optional
         For messages; without them the names of the sensor's and the table's axes.
@@ -71,7 +70,7 @@ def check_track(
     ------
     InputError
         A table that never moved; readback, gyros or accelerometers in another unit, exchanged or
-        reversed: one line with what would fit.
+        reversed. `key` is the key to change; `names` are the settings of the run file that fit.
     """
     if columns is None:
         by = {kind: tuple(a.name for a in sensor.axes if a.measures == kind) for kind in "fw"}
@@ -90,7 +89,7 @@ def check_track(
 
 
 def _rate_beyond_bias(made: BlockMeans) -> Array:
-    """Return the size of what the gyros read beyond what they read at rest, (b,) rad/s."""
+    """Return the norm of the gyros' readings minus those at rest, (b,) rad/s."""
     w = made.readings["w"]
     bias = np.median(w[made.is_still], axis=0) if made.is_still.any() else np.median(w, axis=0)
     return np.linalg.norm(w - bias, axis=-1)
@@ -104,10 +103,11 @@ def _require_motion(where: str, track: Track, made: BlockMeans) -> None:
     if fastest > _TURNS:
         raise InputError(
             f"{where}: the readback does not change while the gyros measure {degrees(fastest):.3g} "
-            "°/s: check the readback's columns and unit"
+            "°/s: check the readback's columns and unit",
+            key="[data] table",
         )
     raise InputError(
-        f"{where}: the table never moved, by its readback; a calibration takes holds in several "
+        f"{where}: by its readback the table never moved; a calibration needs holds in several "
         "attitudes and turns about all axes"
     )
 
@@ -120,20 +120,21 @@ def _check_gravity_norm(where: str, made: BlockMeans, bench: Turntable) -> tuple
     if not _WEIGHT[0] < times < _WEIGHT[1]:
         raise InputError(
             f"{where}: [data] accelerometer: at rest the readings' norm is {times:.3g} times "
-            f"gravity, {bench.gravity.value:.4g} m/s²; look at the unit and the scale in "
-            "[sensor.accelerometer]"
+            f"gravity, {bench.gravity.value:.4g} m/s²; check the unit and the scale in "
+            "[sensor.accelerometer]",
+            key="[data] accelerometer",
         )
     if _USUAL[0] < times < _USUAL[1]:
         return ()
     text = (
-        f"specific force at rest is {times:.3g} times gravity, {bench.gravity.value:.4g} m/s²: is "
-        "the nominal scale right?"
+        f"specific force at rest is {times:.3g} times gravity, {bench.gravity.value:.4g} m/s²; "
+        "check the nominal scale"
     )
     return (Finding("warning", "units", text),)
 
 
 def _size_at_rest(force: Array) -> float:
-    """Return the size of readings (n, 3) at rest in several attitudes, biases taken out.
+    """Return the norm of readings (n, 3) at rest in several attitudes, without biases.
 
     Readings at rest lie near a sphere about the biases, |f|² = 2 c·f + R² − |c|². Where the
     attitudes do not determine its centre, the median norm stands for its radius.
@@ -150,7 +151,7 @@ def _size_at_rest(force: Array) -> float:
 def _require_rate_ratio(
     where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
 ) -> None:
-    """Refuse rates of the readback that are not as large as the gyros'."""
+    """Refuse rates of the readback that differ in size from those of the gyros."""
     if made.readings["w"].shape[-1] != 3:
         return
     by = _rate_ratios(made)
@@ -164,36 +165,36 @@ def _require_rate_ratio(
         raise InputError(
             f"{where}: while one axis of the table turns, the gyros measure these multiples of the "
             f"readback's rate: {text}; check the unit of each readback column and the gyros' "
-            "scales"
+            "scales",
+            key="[data] table",
+            names=tuple(columns.readback[k] for k in off),
         )
 
-    def falls(size: float) -> bool:
-        """Whether gravity's direction is as the readback says when multiplied."""
-        fit = moments(bench, sensor, made, identity_permutation(len(bench.axes)), size).get("f")
+    def gravity_fits(factor: float) -> bool:
+        """Whether the direction of gravity is that of the readback times a factor."""
+        fit = moments(bench, sensor, made, identity_permutation(len(bench.axes)), factor).get("f")
         return fit is not None and fit.cost(identity_permutation(3)) <= MAX_SOUND_COST
 
-    said = f"{where}: the gyros read {times:.4g} times the rate that the readback implies"
-    gyros, readback = (
-        _describe_unit_error(times, "°/s", "rad/s"),
-        _describe_unit_error(1 / times, "°", "rad"),
-    )
-    paces = (
-        "look at the unit and the scale in [sensor.gyro], and at [data] time or rate: "
+    text = f"{where}: the gyros read {times:.4g} times the rate of the readback"
+    scales = (
+        "check the unit and the scale in [sensor.gyro], and [data] time or rate: "
         f"{describe_sampling(made.time, made.step)}"
     )
-    of_gyros = f"[data] gyro: {gyros or paces}"
-    of_table = f"[data] table: {readback or 'look at its unit'}"
-    if falls(1.0):
-        raise InputError(f"{said}, and gravity agrees with the readback: {of_gyros}")
-    if falls(times):
-        raise InputError(f"{said}, and gravity agrees with the gyros: {of_table}")
-    raise InputError(f"{said}: either {of_gyros}; or {of_table}")
+    gyros = f"[data] gyro: {_describe_unit_error(times, '°/s', 'rad/s') or scales}"
+    table = f"[data] table: {_describe_unit_error(1 / times, '°', 'rad') or 'check its unit'}"
+    if gravity_fits(1.0):
+        text += f", and gravity agrees with the readback: {gyros}"
+        raise InputError(text, key="[data] gyro")
+    if gravity_fits(times):
+        text += f", and gravity agrees with the gyros: {table}"
+        raise InputError(text, key="[data] table")
+    raise InputError(f"{text}: either {gyros}; or {table}")
 
 
 def describe_sampling(time: Array, step: float | None = None) -> str:
-    """Say how long a recording lasts and how its samples follow one another by their times."""
-    lasting, step = time[-1] - time[0], step or float(np.median(np.diff(time)))
-    return f"by them it lasts {lasting:.6g} s, with {step:.3g} s from sample to sample"
+    """Return the duration of a recording and the time between its samples, in words."""
+    duration, step = time[-1] - time[0], step or float(np.median(np.diff(time)))
+    return f"by its times the recording lasts {duration:.6g} s, with {step:.3g} s between samples"
 
 
 def _rate_ratios(made: BlockMeans) -> dict[int, float]:
@@ -210,84 +211,84 @@ def _rate_ratios(made: BlockMeans) -> dict[int, float]:
 
 
 def _describe_unit_error(times: float, large: str, small: str) -> str:
-    """Say in which unit something is that reads so many times what it should."""
+    """Return in words the unit of readings that are `times` too large; "" if no unit fits."""
     one = degrees(1)
     if one / _NEAR < times < one * _NEAR:
-        return f"it is in {large}, taken as {small}; state its unit"
+        return f"it is in {large}, read as {small}; state its unit"
     if 1 / one / _NEAR < times < _NEAR / one:
-        return f"it is in {small}, taken as {large}; state its unit"
+        return f"it is in {small}, read as {large}; state its unit"
     return ""
 
 
 def _require_axes(
     where: str, made: BlockMeans, sensor: Sensor, bench: Turntable, columns: ColumnNames
 ) -> None:
-    """Refuse columns that are exchanged or reversed, and axes of another size."""
+    """Refuse columns that are exchanged or reversed, and axes of another scale."""
     by = moments(bench, sensor, made, identity_permutation(len(bench.axes)))
     off = {kind: m for kind, m in by.items() if m.cost(identity_permutation(3)) > MAX_SOUND_COST}
     if not off:
         return
-    found = [
+    remedies = [
         (fit.cost, _describe_exchange(fit, columns))
         for fit in find_exchanges(bench, sensor, made)[:2]
     ]
-    found += [
-        (cost, f'[bench] axes = "{axes}"')
+    remedies += [
+        (cost, (f'[bench] axes = "{axes}"',))
         for cost, axes in alternative_axis_orders(bench, sensor, made)
     ]
-    if found:
-        ways = "; or they fit with ".join(told for _, told in sorted(found)[:2])
-        raise InputError(f"{where}: readings and readback do not agree; they fit with {ways}")
+    if remedies:
+        best = [keys for _, keys in sorted(remedies)[:2]]
+        ways = "; or they fit with ".join(" and ".join(keys) for keys in best)
+        raise InputError(
+            f"{where}: readings and readback do not agree; they fit with {ways}", names=best[0]
+        )
     kinds = {"f": ("accelerometer", columns.accelerometer), "w": ("gyro", columns.gyro)}
-    told: list[str] = []
+    factors: list[str] = []
     for kind, m in off.items():
-        named, names = kinds[kind]
-        factors = zip(names, m.factors().tolist(), strict=True)
-        told.append(f"[data] {named}: " + ", ".join(f"{n} {x:.3g}" for n, x in factors))
+        key, names = kinds[kind]
+        pairs = zip(names, m.factors().tolist(), strict=True)
+        factors.append(f"[data] {key}: " + ", ".join(f"{n} {x:.3g}" for n, x in pairs))
     raise InputError(
         f"{where}: readings and readback do not agree in any order or sign of their columns; "
-        f"their changes are these multiples of the expected ones: {'; '.join(told)}; check the "
+        f"their changes are these multiples of the expected ones: {'; '.join(factors)}; check the "
         "columns, the scales and the zero of the table's angles"
     )
 
 
-def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> str:
-    """Say what a fit exchanges."""
-    parts: list[str] = []
-    if not fit.readback.is_identity:
-        parts.append(f"[data] table = {fit.readback.signed_names(columns.readback)}")
-    if not fit.gyro.is_identity:
-        parts.append(f"[data] gyro = {fit.gyro.signed_names(columns.gyro)}")
-    if not fit.accelerometer.is_identity:
-        parts.append(
-            f"[data] accelerometer = {fit.accelerometer.signed_names(columns.accelerometer)}"
-        )
-    return " and ".join(parts)
+def _describe_exchange(fit: ExchangeFit, columns: ColumnNames) -> tuple[str, ...]:
+    """Return the keys of the run file with which a fit's exchanges are undone."""
+    exchanges = (
+        ("table", fit.readback, columns.readback),
+        ("gyro", fit.gyro, columns.gyro),
+        ("accelerometer", fit.accelerometer, columns.accelerometer),
+    )
+    return tuple(
+        f"[data] {key} = {way.signed_names(names)}"
+        for key, way, names in exchanges
+        if not way.is_identity
+    )
 
 
 def _attitude_findings(track: Track, bench: Turntable) -> tuple[Finding, ...]:
     """Warn of holds that point gravity along fewer than six directions."""
     numbers = np.unique(track.hold[track.hold >= 0])
     middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in numbers]
-    down = reference_attitude(bench, track.angles[middles])[:, 2, :]  # up, in the body
-    kept: list[Array] = []
-    for one in down:
-        if all(np.linalg.norm(one - other) > _APART for other in kept):
-            kept.append(one)
-    if len(kept) >= _ATTITUDES:
+    up = reference_attitude(bench, track.angles[middles])[:, 2, :]  # in the body
+    distinct: list[Array] = []
+    for direction in up:
+        if all(np.linalg.norm(direction - other) > _APART for other in distinct):
+            distinct.append(direction)
+    if len(distinct) >= _ATTITUDES:
         return ()
-    return (
-        Finding(
-            "warning",
-            "attitudes",
-            f"the {numbers.size} holds have {len(kept)} different directions up; the "
-            f"accelerometers' coefficients take {_ATTITUDES} or more, each axis up and down",
-        ),
+    text = (
+        f"the {numbers.size} holds have {len(distinct)} different upward directions; the "
+        f"accelerometers' coefficients need {_ATTITUDES} or more, each axis up and down"
     )
+    return (Finding("warning", "attitudes", text),)
 
 
 def _turn_findings(made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
-    """Warn of axes of the body that hardly anything turned about."""
+    """Warn of axes of the body about which the table hardly turned."""
     sensed = motion(bench, made.angles, made.rates, np.zeros_like(made.rates), {})
     step = float(np.median(np.diff(made.time)))
     turned = np.abs(sensed.w[~made.is_still]).sum(axis=0) * step
@@ -296,12 +297,12 @@ def _turn_findings(made: BlockMeans, bench: Turntable) -> tuple[Finding, ...]:
     ]
     if not few:
         return ()
-    text = f"the table turned hardly about the body's axes {', '.join(few)}"
-    return (Finding("warning", "turns", f"{text}; the gyros' scales take 360° or more of each"),)
+    text = f"the table hardly turned about the body's axes: {', '.join(few)}"
+    return (Finding("warning", "turns", f"{text}; the gyros' scales need 360° or more about each"),)
 
 
 def _gap_findings(time: Array) -> tuple[Finding, ...]:
-    """Note gaps, and warn of each that the filters do not carry the attitude over."""
+    """Note gaps, and warn of each gap that is too long for the filters to predict the attitude."""
     steps = np.diff(time)
     usual = float(np.median(steps))
     at = np.flatnonzero(steps > GAP_FACTOR * usual)
@@ -313,8 +314,8 @@ def _gap_findings(time: Array) -> tuple[Finding, ...]:
         text = f"{at.size} gap{'s' * (at.size > 1)}: {samples} samples lost, {lost.sum():.3g} s"
         found.append(Finding("note", "gap", f"{text} in all", None, int(at[0]), int(at[-1]) + 2))
     for nth, k in enumerate(long[:_NAMED], start=1):
-        more = f" (and {len(long) - _NAMED} more such gaps)" if nth == _NAMED < len(long) else ""
+        more = f" ({len(long) - _NAMED} further gaps too)" if nth == _NAMED < len(long) else ""
         text = f"no sample for {steps[at[k]]:.3g} s after {time[at[k]]:.6g} s"
-        text += f": the attitude is taken from the readback anew{more}"
+        text += f": the attitude is initialised again from the readback{more}"
         found.append(Finding("warning", "gap", text, None, int(at[k]), int(at[k]) + 2))
     return tuple(found)

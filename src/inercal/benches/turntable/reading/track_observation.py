@@ -1,4 +1,4 @@
-"""From a recording on a turntable to the track that its filters follow, and means of its steps."""
+"""From a recording on a turntable to the track for its filters, and the means of its steps."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -12,7 +12,6 @@ from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.dropped_samples import dropped_sample_findings
 from inercal.benches.turntable.reading.earth_rate_check import check_earth_rate
-from inercal.benches.turntable.reading.plan_comparison import compare_with_plan
 from inercal.benches.turntable.reading.readback_angles import (
     RecordingWithAngles,
     add_table_angles,
@@ -26,7 +25,7 @@ from inercal.benches.turntable.reading.sample_checks import (
     require_turning,
     spike_findings,
 )
-from inercal.benches.turntable.reading.step_labels import label_steps
+from inercal.benches.turntable.reading.step_labels import compare_with_plan, label_steps
 from inercal.benches.turntable.reading.track_checks import (
     ColumnNames,
     check_track,
@@ -48,6 +47,7 @@ from inercal.data.recording_loader import (
 from inercal.errors import InputError
 from inercal.plan import Position, Rotation, TableStep
 from inercal.recording import Finding, Mark, Recording, Track
+from inercal.section_settings import key_error
 from inercal.segments import (
     AxisTurn,
     find_holds,
@@ -64,7 +64,7 @@ Indices = NDArray[np.int64]
 _WIDEST = 0.05  # s
 _NOT_LATE = 1e-3  # s
 _MOVED = radians(0.1)
-_EXACT = 4  # decimals of degrees in which positions are told
+_EXACT = 4  # decimals of degrees of the angles of positions
 
 
 def observe(run: Source[TurntableData]) -> EstimatorInput:
@@ -85,7 +85,7 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     except ClockMismatch as error:
         holds = find_holds(recording.time, error.angles, None, settling_time(bench))
         _check_track(run, _build_track(run, recording, error.angles, holds), bench, alike=False)
-        raise  # what the checks know better they have said
+        raise  # the checks raise an error with a cause, if they find one
     recording, bench = read.recording, read.bench
     angles = np.stack([recording.readback[name] for name in bench.names], axis=-1)
     named = tuple(readback_columns(run)[name] for name in bench.names)
@@ -97,9 +97,11 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
         holds = find_holds(recording.time, angles, recording.labels, settling_time(bench))
     if not len(holds):
         raise InputError(
-            f"{recording.source}: by its readback the table rests nowhere for a second: look at "
-            f"[data] table, which is {', '.join(named)}, and at time_unit and rate: "
-            f"{describe_sampling(recording.time)}"
+            f"{recording.source}: by its readback the table never rests for one second; check "
+            f"[data] table, which is {', '.join(named)}, time_unit and rate: "
+            f"{describe_sampling(recording.time)}",
+            key="[data] table",
+            names=named,
         )
     _require_complete_first_rest(run, recording.time, angles, holds)
     track = _build_track(run, recording, angles, holds)
@@ -111,7 +113,7 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
     )
     turns = find_turns(recording.time, angles, recording.labels)
     if HOLD_COLUMN in recording.readback and recording.labels is not None:
-        # What a servo still does where a hold begins is no turn.
+        # The settling of a servo at the beginning of a hold is no turn.
         rests = {str(recording.labels[start]) for start, _ in holds.tolist()}
         turns = tuple(
             t for t in turns if str(recording.labels[(t.start + t.stop) // 2]) not in rests
@@ -137,12 +139,12 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
 def _check_track(
     run: Source[TurntableData], track: Track, bench: Turntable, *, alike: bool = True
 ) -> tuple[Finding, ...]:
-    """Return what checks of the track notice, before filters follow it.
+    """Return the findings of the checks of a track, before filters follow it.
 
-    Where both clocks are not `alike`, the readback may stand while the gyros turn.
+    Where the clocks are not `alike`, the readback may be constant while the gyros measure a turn.
     """
     kinds = {axis.measures for axis in run.sensor.axes}
-    told = ColumnNames(
+    columns = ColumnNames(
         tuple(map(str, run.data.accelerometer)) if "f" in kinds else (),
         tuple(map(str, run.data.gyro)) if "w" in kinds else (),
         tuple(map(str, run.data.table or bench.names)),
@@ -150,60 +152,65 @@ def _check_track(
     where = str(run.path)
     late = bench.latency.value
     if abs(late) > _NOT_LATE:
-        # What the readback says now was so that long ago.
+        # The readback gives the angles of the time `late` ago.
         time = track.time
         angles: list[Array] = [np.interp(time + late, time, axis) for axis in track.angles.T]
         track = replace(track, angles=np.stack(angles, axis=-1))
     if alike:
-        require_turning(where, track, run.sensor, told.readback)
-    again = repeated_readback_finding(track)
+        require_turning(where, track, run.sensor, columns.readback)
+    repeated = repeated_readback_finding(track)
     return (
-        *check_track(where, track, run.sensor, bench, told),
+        *check_track(where, track, run.sensor, bench, columns),
         *check_earth_rate(where, track, run.sensor, bench),
-        *(dropped_sample_findings(track, run.sensor, bench) if again is None else (again,)),
+        *(dropped_sample_findings(track, run.sensor, bench) if repeated is None else (repeated,)),
     )
 
 
 def _require_complete_first_rest(
     run: Source[TurntableData], time: Array, angles: Array, holds: Indices
 ) -> None:
-    """Refuse a first rest that a gap cuts short: filters begin with a rest without one."""
+    """Refuse a first rest that a gap cuts short: filters begin with a rest without a gap."""
     if run.method.sequential is None or len(holds) < 2:
         return
     (_, stop), (after, _) = holds[:2].tolist()
-    lasting = float(time[stop - 1] - time[0])
+    duration = float(time[stop - 1] - time[0])
     gap = np.diff(time[stop - 1 : after + 1])
     moved = np.abs(angles[after] - angles[stop - 1]).max()
-    if lasting < MIN_REST_SECONDS and moved < _MOVED and gap.max(initial=0.0) > MAX_GAP_SECONDS:
+    if duration < MIN_REST_SECONDS and moved < _MOVED and gap.max(initial=0.0) > MAX_GAP_SECONDS:
         at = stop - 1 + int(np.argmax(gap))
         raise InputError(
-            f"{run.path}: no sample for {gap.max():.3g} s after {time[at]:.6g} s, in the first "
-            f"rest: the filters begin with {COARSE_REST_SECONDS:.3g} s of rest without a gap; "
-            "leave out what is before it if enough is left, or record again"
+            f"{run.path}: the first rest has no sample for {gap.max():.3g} s after "
+            f"{time[at]:.6g} s, but the filters need {COARSE_REST_SECONDS:.3g} s without a gap; "
+            "remove the samples before the gap if the rest after it is long enough, or record "
+            "again",
+            file=run.path,
         )
 
 
 def _require_track(run: Source[TurntableData]) -> None:
-    """Refuse what goes with other benches: filters follow the samples of one recording."""
+    """Refuse keys of other benches: filters follow the samples of one recording."""
     if run.data.kind == "means":
-        raise InputError(
-            f"{run.path}: [data] kind is means; filters on a turntable follow a recording"
+        raise key_error(
+            "[data] kind", "filters on a turntable need a recording, not means", run.path
         )
     if run.data.seconds is not None or run.data.marks != "found":
         key = "marks" if run.data.seconds is None else "seconds"
-        raise InputError(
-            f"{run.path}: [data] {key}: holds of a turntable are detected in its readback; leave "
-            "it out"
+        raise key_error(
+            f"[data] {key}",
+            "holds of a turntable are detected in its readback; remove the key",
+            run.path,
         )
 
 
 def _require_small_latency(run: Source[TurntableData], bench: Turntable) -> None:
-    """Refuse a latency that the readback may have within more than is linear."""
+    """Refuse a latency so uncertain that the filters' linear model does not hold."""
     if run.data.table_file is None and bench.latency.sd > _WIDEST:
-        raise InputError(
-            f"{run.path}: [bench] latency: its deviation, {1e3 * bench.latency.sd:.3g} ms, is more "
-            f"than {1e3 * _WIDEST:.3g} ms, beyond which what it does is not linear; state it "
-            "nearer, or give the readback its own times, [data] table_file"
+        raise key_error(
+            "[bench] latency",
+            f"its standard uncertainty, {1e3 * bench.latency.sd:.3g} ms, exceeds "
+            f"{1e3 * _WIDEST:.3g} ms, the limit of the linear model; measure the latency better, "
+            "or state the readback's file with its times in [data] table_file",
+            run.path,
         )
 
 
@@ -213,19 +220,21 @@ def _numbered_holds(run: Source[TurntableData], recording: Recording) -> Indices
     Raises
     ------
     InputError
-        Numbers that are not whole, or none.
+        Numbers that are not whole, or no hold.
     """
     number = recording.readback[HOLD_COLUMN]
     if (number != np.round(number)).any():
         k = int(np.argmax(number != np.round(number)))
-        raise InputError(
-            f"{run.path}: [data] hold: {number[k]:.6g} in {recording.where(k)}: numbers of holds "
-            "are whole, and negative where the table moves"
+        raise key_error(
+            "[data] hold",
+            f"{recording.where(k)} has {number[k]:.6g}; the number of a hold is whole, and "
+            "negative where the table moves",
+            run.path,
         )
-    found = holds_from_numbers(recording.time, number)
-    if not len(found):
-        raise InputError(f"{run.path}: [data] hold: no sample of {run.data.hold!r} is in a hold")
-    return found
+    holds = holds_from_numbers(recording.time, number)
+    if not len(holds):
+        raise key_error("[data] hold", f"column {run.data.hold!r} numbers no hold", run.path)
+    return holds
 
 
 def _build_track(
@@ -247,21 +256,22 @@ def _build_steps(
     turns: Sequence[AxisTurn],
 ) -> tuple[tuple[Mark, ...], tuple[TableStep, ...], list[str] | None]:
     """Return marks and steps of holds and turns, in the order of time, and their own labels."""
-    found: list[tuple[int, int, TableStep]] = []
+    sections: list[tuple[int, int, TableStep]] = []
     for start, stop in holds.tolist():
-        at = angles[start:stop].mean(axis=0)
-        told = np.degrees(pi - (pi - at) % (2 * pi)).round(_EXACT) + 0.0
+        mean = angles[start:stop].mean(axis=0)
+        rounded = np.degrees(pi - (pi - mean) % (2 * pi)).round(_EXACT) + 0.0
         seconds = recording.span(start, stop)
-        found.append((start, stop, Position("", tuple(np.radians(told).tolist()), seconds)))
+        sections.append((start, stop, Position("", tuple(np.radians(rounded).tolist()), seconds)))
     for turn in turns:
         step = Rotation("", turn.axis, turn.angle, abs(turn.rate))
-        found.append((turn.start, turn.stop, step))
-    found.sort(key=lambda one: one[0])
-    middles = [(start + stop) // 2 for start, stop, _ in found]
+        sections.append((turn.start, turn.stop, step))
+    sections.sort(key=lambda section: section[0])
+    middles = [(start + stop) // 2 for start, stop, _ in sections]
     own = None if recording.labels is None else recording.labels[middles].tolist()
-    steps = label_steps([step for *_, step in found], own, run)
+    steps = label_steps([step for *_, step in sections], own, run)
     marks = tuple(
-        Mark(step.label, start, stop) for (start, stop, _), step in zip(found, steps, strict=True)
+        Mark(step.label, start, stop)
+        for (start, stop, _), step in zip(sections, steps, strict=True)
     )
     return marks, steps, own
 
@@ -273,7 +283,7 @@ def _conditions(read: RecordingWithAngles, steps: Sequence[TableStep]) -> dict[s
         "gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²"),
         "latitude": f"{degrees(bench.latitude):.6g} °",
         "azimuth at zero angles": format_quantity(bench.azimuth.value, bench.azimuth.sd, "°"),
-        "path": f"{count[Position]} holds and {count[Rotation]} turns, found by the readback",
+        "path": f"{count[Position]} holds and {count[Rotation]} turns, detected in the readback",
         **(late if read.clock is None else describe_clock(read.clock)),
         "right angles of the axes (k = 1)": format_quantity(bench.square, 0.0, "″"),
     }
