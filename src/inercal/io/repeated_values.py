@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.arrays import Array, true_ranges
 from inercal.io.column_table import row_blocks
 from inercal.recording import Indices
 
@@ -48,7 +48,7 @@ def _runs(x: Array) -> _Runs:
 
 def out_of_range(x: Array, lowest: float, highest: float) -> Indices:
     """Return half-open ranges, (k, 2), of samples at or beyond the ends of the range."""
-    return _ranges((x <= lowest) | (x >= highest))
+    return true_ranges((x <= lowest) | (x >= highest))
 
 
 def rail_ranges(x: Array) -> Indices:
@@ -70,7 +70,7 @@ def rail_ranges(x: Array) -> Indices:
     rails = [v for v in extremes if runs.length[runs.value == v].max(initial=1) >= needed]
     if not rails or _has_fewer_values(x, _LEVELS):
         return _NONE
-    return _ranges(np.logical_or.reduce([x == v for v in rails]))
+    return true_ranges(np.logical_or.reduce([x == v for v in rails]))
 
 
 def clipping_values(x: Array) -> tuple[float, ...]:
@@ -106,7 +106,7 @@ def ranges_with_values(x: Array, ranges: Indices, values: tuple[float, ...]) -> 
     there = np.logical_or.reduce([x == value for value in values])
     for start, stop in ranges.tolist():
         there[start:stop] = True
-    return _ranges(there)
+    return true_ranges(there)
 
 
 def longest_constant_run(x: Array) -> tuple[int, int] | None:
@@ -209,9 +209,3 @@ def merge_ranges(ranges: Indices, apart: float) -> list[tuple[int, int]]:
     new = np.concatenate([[True], ranges[1:, 0] - ranges[:-1, 1] >= apart])
     last = np.concatenate([new[1:], [True]])
     return list(zip(ranges[new, 0].tolist(), ranges[last, 1].tolist(), strict=True))
-
-
-def _ranges(mask: NDArray[np.bool_]) -> Indices:
-    """Return half-open ranges of True, (k, 2)."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    return edges.reshape(-1, 2)
