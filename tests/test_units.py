@@ -8,6 +8,7 @@ from math import inf, nan, pi, radians, sqrt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.refusals import refused
 
 from inercal.errors import InputError
 from inercal.units import Measured, format_quantity, parse_quantity, si_factor, to_si
@@ -79,78 +80,80 @@ def test_text_parses_to_value_and_deviation(text: str | float, like: str, value:
 
 
 @pytest.mark.parametrize(
-    ("text", "like", "message"),
+    ("text", "like", "part"),
     [
-        ("2 mm", "rad", "'2 mm' is a length; expected an angle, such as 'rad'"),
-        ("1 Hz", "rad/s", "'1 Hz' is a frequency; expected an angular rate, such as 'rad/s'"),
-        ("1 rad/s", "Hz", "'1 rad/s' is an angular rate; expected a frequency, such as 'Hz'"),
-        ("1 rad", "1", "'1 rad' is an angle; expected a plain number, such as '1'"),
-        ("5 m ± 3 s", "m", "'± 3 s' is a time; expected a length, such as 'm'"),
+        ("2 mm", "rad", "2 mm"),
+        ("1 Hz", "rad/s", "1 Hz"),
+        ("1 rad/s", "Hz", "1 rad/s"),
+        ("1 rad", "1", "1 rad"),
+        ("5 m ± 3 s", "m", "± 3 s"),
         (
             "1 g",
             "LSB/g",
-            "'1 g' is an acceleration; "
-            "expected a quantity in count·length^-1·time^2, such as 'LSB/g'",
+            "1 g",
         ),
-        ("5 khz", "Hz", "unknown unit 'khz'; did you mean 'kHz'?"),
-        ("5 arcsek", "rad", "unknown unit 'arcsek'; did you mean 'arcsec' or "),
-        ("5 kg", "g", "unknown unit 'kg'; did you mean 'g'?"),
-        ("5 Mg", "g", "unknown unit 'Mg'; did you mean 'mg'?"),
-        ("5 m°C", "K", "unknown unit 'm°C'; did you mean '°C'?"),
-        ("5 xx", "m", "unknown unit 'xx'; known are m, s, rad, "),
-        ("5", "m", "'5' has no unit; expected a length, such as '5 m'"),
-        (5, "m", "5 has no unit; expected a length, such as '5 m'"),
-        ("5 ± 3", "m", "'5 ± 3' has no unit; expected a length"),
-        ("5 ± 3 %", "m", "'5 ± 3 %' has no unit; expected a length"),
-        ("5 m ± 3", "m", "states an uncertainty without a unit, such as '3 m'"),
-        ("5 m ± -3 mm", "m", "'5 m ± -3 mm' states a negative uncertainty"),
-        ("5 m ± 1 mm ± 1 mm", "m", "states more than one uncertainty"),
-        ("± 5 m", "m", "is not a finite number with its unit, such as '0.5 m'"),
-        ("5 m (k=2)", "m", "states k without an uncertainty"),
-        ("5 m ± 1 m (k=0)", "m", "coverage factor k that is not positive"),
-        ("5 m ± 1 m (k=-2)", "m", "coverage factor k that is not positive"),
-        ("0 g ± 5 %", "g", "has no meaning as a ratio; state the uncertainty in 'g'"),
-        ("23 °C ± 5 %", "K", "has no meaning as a ratio; state the uncertainty in 'K'"),
-        ("1 ± 40 ppm", "1", "can mean 1 or 1 ppm; write '(… ± …) ppm'"),
-        ("50 ppm ± 10 %", "1", "can be read in two ways; state the uncertainty in 'ppm' too"),
-        ("0,5 m", "m", "'0,5 m' has a comma; decimals take a point"),
-        ("nan", "1", "'nan' is not a finite number"),
-        ("-inf m", "m", "'-inf m' is not a finite number"),
-        ("1e999 m", "m", "'1e999 m' is not a finite number"),
-        ("1e308 km", "m", "'1e308 km' is too large"),
-        ("1 m ± 1e308 km", "m", "states an uncertainty that is too large"),
-        (nan, "1", "nan is not a finite number"),
-        (-inf, "1", "-inf is not a finite number"),
-        ("", "m", "'' is not a quantity; write one such as '1 m'"),
-        (" \n", "1", "is not a quantity; write one such as '1'"),
-        (True, "1", "True is not a quantity; write one such as '1'"),
-        (None, "m", "None is not a quantity; write one such as '1 m'"),
-        ([1.0], "m", "[1.0] is not a quantity; write one such as '1 m'"),
-        ("m", "m", "'m' is not a finite number with its unit, such as '0.5 m'"),
-        ("5 m//s", "m", "'m//s' is not a unit; units look like"),
-        ("5 (m", "m", "'(m' is not a unit"),
-        ("5 m)", "m", "'m)' is not a unit"),
-        ("5 m/", "m", "'m/' is not a unit"),
-        ("5 2 m", "m", "'2 m' is not a unit"),
-        ("5 m\n6 m", "m", r"'5 m\n6 m' is not a finite number with its unit"),
-        ("45°30′12″", "rad", "'°30′12″' is not a unit"),
-        ("5 __import__('os')", "m", "is not a unit"),
-        ("x" * 101, "m", "x…' is longer than 100 characters"),
-        ("9**9**9**9", "1", "'**9**9**9' is not a unit"),
-        ("1 9**9**9**9", "1", "'9**9**9**9' is not a unit"),
-        ("1 m**9**9**9", "m", "'m**9**9**9' is not a unit"),
-        ("1 ((((h^9)^9)^9)^9)^9", "m", "'((((h^9)^9)^9)^9)^9' is not a unit"),
-        ("1 nm^9 ns^9 nV^9 ng^9 nrad^9", "m", "is not a unit"),  # beyond the range of floats
+        ("5 khz", "Hz", "khz"),
+        ("5 arcsek", "rad", "arcsek"),
+        ("5 kg", "g", "kg"),
+        ("5 Mg", "g", "Mg"),
+        ("5 m°C", "K", "m°C"),
+        ("5 xx", "m", "xx"),
+        ("5", "m", "5"),
+        (5, "m", None),
+        ("5 ± 3", "m", "5 ± 3"),
+        ("5 ± 3 %", "m", "5 ± 3 %"),
+        ("5 m ± 3", "m", "5 m ± 3"),
+        ("5 m ± -3 mm", "m", "5 m ± -3 mm"),
+        ("5 m ± 1 mm ± 1 mm", "m", "5 m ± 1 mm ± 1 mm"),
+        ("± 5 m", "m", "± 5 m"),
+        ("5 m (k=2)", "m", "5 m (k=2)"),
+        ("5 m ± 1 m (k=0)", "m", "5 m ± 1 m (k=0)"),
+        ("5 m ± 1 m (k=-2)", "m", "5 m ± 1 m (k=-2)"),
+        ("0 g ± 5 %", "g", "0 g ± 5 %"),
+        ("23 °C ± 5 %", "K", "23 °C ± 5 %"),
+        ("1 ± 40 ppm", "1", "1 ± 40 ppm"),
+        ("50 ppm ± 10 %", "1", "50 ppm ± 10 %"),
+        ("0,5 m", "m", "0,5 m"),
+        ("nan", "1", "nan"),
+        ("-inf m", "m", "-inf m"),
+        ("1e999 m", "m", "1e999 m"),
+        ("1e308 km", "m", "1e308 km"),
+        ("1 m ± 1e308 km", "m", "1 m ± 1e308 km"),
+        (nan, "1", None),
+        (-inf, "1", None),
+        ("", "m", ""),
+        (" \n", "1", " \n"),
+        (True, "1", None),
+        (None, "m", None),
+        ([1.0], "m", None),
+        ("m", "m", "m"),
+        ("5 m//s", "m", "m//s"),
+        ("5 (m", "m", "(m"),
+        ("5 m)", "m", "m)"),
+        ("5 m/", "m", "m/"),
+        ("5 2 m", "m", "2 m"),
+        ("5 m\n6 m", "m", "5 m\n6 m"),
+        ("45°30′12″", "rad", "°30′12″"),
+        ("5 __import__('os')", "m", "__import__('os')"),
+        ("x" * 101, "m", "x" * 101),
+        ("9**9**9**9", "1", "**9**9**9"),
+        ("1 9**9**9**9", "1", "9**9**9**9"),
+        ("1 m**9**9**9", "m", "m**9**9**9"),
+        ("1 ((((h^9)^9)^9)^9)^9", "m", "((((h^9)^9)^9)^9)^9"),
+        (
+            "1 nm^9 ns^9 nV^9 ng^9 nrad^9",
+            "m",
+            "nm^9 ns^9 nV^9 ng^9 nrad^9",
+        ),  # beyond the range of floats
     ],
 )
-def test_text_is_refused(text: str, like: str, message: str):
-    with pytest.raises(InputError) as refusal:
+def test_text_is_refused_with_the_part_that_is_wrong(text: str, like: str, part: str | None):
+    with refused(names=() if part is None else (part,)):
         parse_quantity(text, like)
-    assert message in str(refusal.value)
 
 
 def test_an_integer_beyond_all_floats_is_refused():
-    with pytest.raises(InputError, match="a huge integer is not a finite number"):
+    with refused(names=()):
         parse_quantity(10**5000, like="1")
 
 
@@ -185,7 +188,7 @@ def test_factor_is_the_si_size_of_one_unit(unit: str, size: float):
 
 def test_factor_holds_the_unit_to_an_expected_dimension():
     assert si_factor("°/h", like="rad/s") == pytest.approx(pi / 648000, rel=1e-14)
-    with pytest.raises(InputError, match="'°/h' is an angular rate; expected an angle, such as"):
+    with refused(names=["°/h"]):
         si_factor("°/h", like="rad")
 
 
@@ -193,12 +196,12 @@ def test_factor_holds_the_unit_to_an_expected_dimension():
     "unit", ["", " ", "2 m", "m^", "√", "()", "m^-", "g_n", "³", "m^2.7", "²m"]
 )
 def test_factor_refuses_what_is_not_a_unit(unit: str):
-    with pytest.raises(InputError, match="is not a unit; units look like"):
+    with refused(names=[unit]):
         si_factor(unit)
 
 
 def test_celsius_is_no_factor_but_a_difference_of_one_is_a_kelvin():
-    with pytest.raises(InputError, match=r"'°C' counts from 273\.15 K and has no factor"):
+    with refused(names=["°C"]):
         si_factor("°C", like="K")
     assert si_factor("ppm/°C") == si_factor("ppm/K")
 
@@ -207,7 +210,7 @@ def test_a_column_in_celsius_becomes_kelvin():
     column = np.array([[-273.15, 0.0], [23.0, 100.0]])
     assert_allclose(to_si(column, "°C", "K"), [[0, 273.15], [296.15, 373.15]])
     assert_allclose(to_si(column, "mg", "g"), column * 1e-3 * G)
-    with pytest.raises(InputError, match="'V' is a voltage; expected a temperature"):
+    with refused(names=["V"]):
         to_si(column, "V", "K")
 
 

@@ -1,6 +1,15 @@
-"""The type of the arrays: 64-bit floats."""
+"""The type of the arrays, 64-bit floats, and ranges of samples."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+
+def true_ranges(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the half-open ranges along which a mask, (n,), is true, (k, 2).
+
+    >>> true_ranges(np.array([True, False, True, True])).tolist()
+    [[0, 1], [2, 4]]
+    """
+    return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.refusals import refused
 
 from inercal.calibration import Calibration
-from inercal.errors import InputError, NotInvertible
+from inercal.errors import NotInvertible
 from inercal.motion import Motion
 from inercal.recording import Recording
 from inercal.sensors import G0, Readout, Sensor, cluster, imu, triad
@@ -93,7 +94,7 @@ def test_temperature_is_taken_from_the_recording():
         assert found.f == pytest.approx(true.f, abs=1e-9)
         assert found.w == pytest.approx(true.w, abs=1e-9)
     assert np.abs(known.correct(made.data, dT=0.0).f - true.f).max() > 1e-3
-    with pytest.raises(InputError, match="depends on temperature: give dT"):
+    with refused(key="dT"):
         known.correct(made.data)
 
 
@@ -107,7 +108,7 @@ def test_what_a_lever_arm_adds_is_taken_out_with_the_recorded_rates():
     made = recording(known, output(known, true))
     for found in (known.correct(made), known.correct(made.data, dw=true.dw)):
         assert found.f == pytest.approx(true.f, abs=1e-9)
-    with pytest.raises(InputError, match="lever arms: give dw"):
+    with refused(key="dw"):
         known.correct(made.data)
 
 
@@ -117,11 +118,11 @@ def test_one_matrix_and_one_offset_correct_as_the_model_does(sensor: Sensor):
     known = calibration(sensor, *groups)
     data = output(known, motion(4, 50))
     matrix, offset = known.affine_correction()
-    felt = (data - offset) @ matrix.T
+    motion_by_matrix = (data - offset) @ matrix.T
     found = known.correct(data)
     kinds = {axis.measures for axis in sensor.axes}
     expected = [v for kind, v in (("f", found.f), ("w", found.w)) if kind in kinds]
-    assert felt == pytest.approx(np.concatenate(expected, axis=-1), abs=1e-10)
+    assert motion_by_matrix == pytest.approx(np.concatenate(expected, axis=-1), abs=1e-10)
 
 
 def test_one_matrix_corrects_a_redundant_cluster_in_the_sense_of_least_squares():
@@ -136,7 +137,7 @@ def test_one_matrix_corrects_a_redundant_cluster_in_the_sense_of_least_squares()
 @pytest.mark.parametrize("group", ["k2", "kpo", "k0_dT", "koq"])
 def test_no_single_matrix_is_given_where_more_than_f_and_w_acts(group: str):
     known = Calibration(IMU.with_coefficients(group), np.zeros(3), np.eye(3))
-    with pytest.raises(InputError, match="no single matrix"):
+    with refused(names=known.sensor.coefficients):
         known.affine_correction()
 
 
@@ -144,7 +145,7 @@ def test_a_recording_in_other_units_is_refused():
     known = calibration(IMU, *AFFINE)
     made = recording(known, output(known, motion(5)))
     other = replace(made, units=("LSB", "g", "LSB", *made.units[3:]))
-    with pytest.raises(InputError, match=r"^log\.csv: channel ay is in g; .* is for LSB$"):
+    with refused(names=["ay"]):
         known.correct(other)
 
 
@@ -152,12 +153,12 @@ def test_a_recording_without_one_of_the_axes_is_refused():
     known = calibration(IMU, *AFFINE)
     made = recording(known, output(known, motion(5)))
     part = replace(made, data=made.data[:, :5], channels=made.channels[:5], units=made.units[:5])
-    with pytest.raises(InputError, match=r"^log\.csv: no channel 'gz'; it has ax, ay, az, gx, gy$"):
+    with refused(names=["gz"]):
         known.correct(part)
 
 
 def test_an_array_with_another_number_of_columns_is_refused():
-    with pytest.raises(InputError, match="5 columns for the axes ax, ay, az, gx, gy, gz"):
+    with refused(names=IMU.channels):
         calibration(IMU, *AFFINE).correct(np.zeros((4, 5)))
 
 
@@ -165,7 +166,7 @@ def test_an_array_with_another_number_of_columns_is_refused():
 def test_readings_that_are_not_finite_are_refused(bad: float):
     data = np.zeros((4, 6))
     data[2, 3] = bad
-    with pytest.raises(InputError, match="not finite"):
+    with refused(names=[IMU.channels[3]]):
         calibration(IMU, *AFFINE).correct(data)
 
 
@@ -174,7 +175,7 @@ def test_a_reading_beyond_the_fold_of_the_model_is_refused():
     sensor = triad().with_coefficients("k2")
     known = Calibration(sensor, np.full(3, 0.01), np.eye(3))
     assert known.correct(np.array([[-24.9, 0.0, 0.0]])).f[0, 0] == pytest.approx(-50 + 10**0.5)
-    with pytest.raises(NotInvertible, match="fold"):
+    with refused(NotInvertible):
         known.correct(np.array([[-25.1, 0.0, 0.0]]))
 
 
@@ -183,10 +184,10 @@ def test_values_and_uncertainties_are_had_by_name():
     k = known.sensor.coefficients.index("gz.g_o")
     assert known.value("gz.g_o") == known.values[k]
     assert known.uncertainty("gz.g_o") == pytest.approx(1e-4)
-    with pytest.raises(InputError, match=r"no coefficient 'gz\.k0' .* it has ax\.k0, ax\.k1"):
+    with refused(names=["gz.k0"]):
         known.value("gz.k0")
 
 
 def test_values_that_do_not_fit_the_sensor_are_refused():
-    with pytest.raises(InputError, match="3 coefficients"):
+    with refused():
         Calibration(triad().with_coefficients("bias"), np.zeros(4), np.eye(3))

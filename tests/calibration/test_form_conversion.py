@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.refusals import refused
 
 from inercal.calibration import Calibration, ConvertedCoefficients, SharedError
-from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors import G0, Readout, Sensor, imu, pair, triad
 
@@ -137,7 +137,7 @@ def test_the_covariance_of_ieee_1293_is_that_of_monte_carlo():
 
 
 def test_gyros_alone_have_no_form_of_ieee_1293():
-    with pytest.raises(InputError, match="no accelerometer"):
+    with refused(names=["x", "y", "z"]):
         calibration(triad("t", "w"), "bias").ieee1293()
 
 
@@ -173,7 +173,7 @@ def test_the_covariance_in_the_tilted_form_is_that_of_monte_carlo():
 
 
 def test_nonlinear_terms_cannot_change_form():
-    with pytest.raises(InputError, match=r"x\.k2, y\.k2, z\.k2 act along another axis"):
+    with refused(names=["x.k2", "y.k2", "z.k2"]):
         calibration(triad(), "bias", "k2").in_form("tilted")
 
 
@@ -290,20 +290,20 @@ def test_one_frame_after_the_other_is_the_last_one():
     assert direct.in_frame("symmetric") is direct
 
 
-def test_the_mounting_frame_cannot_be_had_back():
+def test_the_mounting_frame_cannot_be_recovered():
     turned = calibration(imu(), *AFFINE).in_frame("triangular")
-    with pytest.raises(InputError, match="frame 'mount'"):
+    with refused(key="frame"):
         turned.in_frame("mount")
 
 
 def test_nonlinear_terms_do_not_turn_with_the_frame():
-    with pytest.raises(InputError, match=r"ax\.k2 do not turn with the frame"):
+    with refused(names=["ax.k2"]):
         calibration(imu(), *AFFINE, "ax.k2").in_frame("triangular")
 
 
 def test_only_triads_change_frame():
     for sensor in (pair(), triad("t", "w")):
-        with pytest.raises(InputError, match="only a triad of accelerometers"):
+        with refused(names=sensor.channels):
             calibration(sensor, "bias", "scale").in_frame("triangular")
 
 
@@ -359,8 +359,8 @@ def test_what_is_not_known_to_be_shared_stays_so():
 def test_a_shared_error_of_other_coefficients_is_refused():
     known = sharing(calibration(imu(), *AFFINE))
     assert known.shared is not None
-    with pytest.raises(InputError, match=r"shared g of 3 coefficients has \d\d covariances"):
+    with refused(names=["g"]):
         replace(known, sensor=triad().with_coefficients("bias"), values=np.zeros(3),
                 covariance=np.eye(3))  # fmt: skip
-    with pytest.raises(InputError, match="in 2 places"):
+    with refused(names=["g"]):
         replace(known, shared=(*known.shared, *known.shared))

@@ -84,14 +84,14 @@ def test_closed_formulas_have_nothing_left_to_test_with():
 def test_a_reversed_axis_or_a_wrong_scale_is_named(k1: float, times: str):
     lines = verdict(estimate(SENSOR, 10.0, 12, ay_k1=k1), SENSOR, ())
     (line,) = [line for line in lines if "nominal:" in line]
-    assert line.startswith(f"ay.k1 comes out at {times} times nominal: ")
+    assert line.startswith(f"ay.k1 is {times} times nominal: ")
     assert ("reversed" in line) == (k1 < -1)
 
 
 def test_a_reversed_gyro_is_named():
     sensor = imu().with_coefficients("bias", "scale")
     lines = verdict(estimate(sensor, 10.0, 12, gz_scale=-2.0), sensor, ())
-    assert [line for line in lines if line.startswith("gz.scale comes out at -1 times nominal")]
+    assert [line for line in lines if line.startswith("gz.scale is -1 times nominal")]
 
 
 def test_ordinary_scale_errors_and_large_biases_say_nothing():

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.refusals import refused
 
 from inercal.errors import InputError
 from inercal.io.read import read_table
@@ -43,22 +44,22 @@ def test_numbers_serve_as_labels(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("arrays", "message"),
+    ("arrays", "names"),
     [
-        ({"t": np.array([{}, 1], dtype=object)}, "'t' is damaged or holds objects"),
-        ({"t": T, "x": X[:2]}, "columns of unequal length: t 3, x 2"),
-        ({"t": np.zeros((3, 2))}, r"'t' \(3, 2\) is not a column"),
-        ({"t": T + 1j}, "complex128 is neither numbers nor text"),
-        ({"t": T[:0]}, "no rows"),
-        ({"data": T, "columns": np.array(["t"])}, r"'data' \(3,\) needs \(n, k\)"),
+        ({"t": np.array([{}, 1], dtype=object)}, ("t",)),
+        ({"t": T, "x": X[:2]}, ("t", "x")),
+        ({"t": np.zeros((3, 2))}, ("t",)),
+        ({"t": T + 1j}, ("t",)),
+        ({"t": T[:0]}, ()),
+        ({"data": T, "columns": np.array(["t"])}, ("data", "columns")),
     ],
 )
 def test_arrays_that_form_no_table_are_refused(
-    tmp_path: Path, arrays: dict[str, np.ndarray], message: str
+    tmp_path: Path, arrays: dict[str, np.ndarray], names: tuple[str, ...]
 ):
     path = tmp_path / "run.npz"
     np.savez(path, allow_pickle=True, **arrays)
-    with pytest.raises(InputError, match=message):
+    with refused(file=path, names=names):
         read_table(path)
 
 
@@ -80,7 +81,7 @@ def test_a_damaged_archive_is_refused_in_one_line(tmp_path: Path, suffix: str, d
         content[200:5000] = b"\xff" * 4800
     path.write_bytes(content)
     start = time.perf_counter()
-    with pytest.raises(InputError, match=rf"run\{suffix} ") as caught:
+    with refused(file=path) as caught:
         read_table(path)
     assert time.perf_counter() - start < 1
     assert len(str(caught.value)) < 200
@@ -98,7 +99,7 @@ def test_parquet_tables_are_read_with_missing_numbers_as_nan(tmp_path: Path):
 def test_parquet_columns_of_dates_are_refused(tmp_path: Path):
     path = tmp_path / "run.parquet"
     pq.write_table(pa.table({"t": np.array([0, 1], dtype="datetime64[ns]")}), path)
-    with pytest.raises(InputError, match=r"'t' of timestamp\[ns\] is neither numbers nor text"):
+    with refused(file=path, names=["t"]):
         read_table(path)
 
 
@@ -107,5 +108,6 @@ def test_without_pyarrow_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.
     pq.write_table(pa.table({"t": T}), path)
     for name in [name for name in sys.modules if name.partition(".")[0] == "pyarrow"]:
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match=r"need pyarrow: pip install 'inercal\[io\]'"):
+    with pytest.raises(InputError) as refusal:
         read_table(path)
+    assert isinstance(refusal.value.__cause__, ImportError)

@@ -1,12 +1,12 @@
-"""The audit: what it refuses, warns of, notes, and what it lets pass."""
+"""The audit: what it refuses, warns of, notes and accepts."""
 
 import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.io.audit import audit, require_accepted
 from inercal.io.read import Columns, read_recording
 from inercal.io.rest_norm import audit_rest_norm
@@ -47,25 +47,17 @@ def test_a_clean_recording_has_no_findings_and_is_accepted():
 def test_rows_without_numbers_are_refused_or_dropped():
     made = recording()
     made.data[[5, 6, 40], 1] = [np.nan, np.inf, np.nan]
-    refused = audit(made)
-    assert only(refused) == Finding(
-        "refused",
-        "nonfinite",
-        "3 rows without a finite number, the first y at line 7: remove them, or state "
-        'nonfinite = "drop"',
-        "y",
-        5,
-        6,
-    )
-    with pytest.raises(InputError, match=r"^run\.csv: 3 rows"):
-        require_accepted(refused)
+    unusable = audit(made)
+    finding = only(unusable)
+    assert (finding.severity, finding.what) == ("refused", "nonfinite")
+    assert (finding.channel, finding.start, finding.stop) == ("y", 5, 6)
+    with refused(file="run.csv", line=7, names=["y"]):
+        require_accepted(unusable)
     dropped = require_accepted(audit(made, nonfinite="drop"))
     assert dropped.time.size == 997
     assert dropped.first_row == 0
     assert kinds(dropped) == [("warning", "nonfinite"), ("note", "gap")]
-    assert dropped.findings[1].message == (
-        "2 gaps, 0.03 s lost in all, 0.02 s in the longest, after sample 4 (0.04 s)"
-    )
+    assert (dropped.findings[1].start, dropped.findings[1].stop) == (4, 6)
 
 
 def test_nothing_but_missing_numbers_is_refused_even_when_dropped():
@@ -76,18 +68,18 @@ def test_nothing_but_missing_numbers_is_refused_even_when_dropped():
 def test_time_that_goes_back_is_refused_with_its_line():
     time = np.arange(1000) / 100
     time[500:] -= 2.5
-    assert only(audit(recording(time=time))).message == (
-        "time goes back by 2.49 s at line 502: was the clock reset, or are two files joined? "
-        "Split the file there"
-    )
+    unusable = audit(recording(time=time))
+    assert kinds(unusable) == [("refused", "order")]
+    with refused(line=502):
+        require_accepted(unusable)
 
 
 def test_lines_stay_right_after_rows_were_dropped():
     time = np.arange(1000) / 100
     time[500:] -= 2.5
     time[3] = np.nan
-    refused = audit(recording(time=time), nonfinite="drop").findings[-1]
-    assert "at line 502" in refused.message
+    with refused(line=502):
+        require_accepted(audit(recording(time=time), nonfinite="drop"))
 
 
 def test_sections_stored_by_label_are_put_in_the_order_of_time():
@@ -113,15 +105,14 @@ def test_repeated_rows_are_dropped_with_a_note():
     made = recording()
     rows = np.sort(np.r_[np.arange(1000), 10, 10, 50])
     audited = audit(dataclasses.replace(made.take(rows), first_row=2))
-    assert only(audited).message == "3 rows repeated, the first at line 13: dropped"
+    assert kinds(audited) == [("note", "repeated")]
     np.testing.assert_array_equal(audited.data, made.data)
 
 
 def test_two_readings_of_one_time_are_refused():
     time = np.floor(np.arange(1000) / 2) / 100
-    assert only(audit(recording(time=time))).message.startswith(
-        "500 rows with the time of the row before and other readings, the first at line 3"
-    )
+    with refused(line=3):
+        require_accepted(audit(recording(time=time)))
 
 
 @pytest.mark.parametrize("lost", [0.02, 5.0])
@@ -131,7 +122,7 @@ def test_gaps_are_a_note_while_they_lose_less_than_a_hundredth(lost: float):
     finding = only(audit(recording(time=time)))
     assert finding.severity == ("note" if lost < 0.1 else "warning")
     assert (finding.what, finding.start, finding.stop) == ("gap", 499, 501)
-    assert f"1 gap, {lost:g} s lost in all, after sample 499 (4.99 s)" == finding.message
+    assert f"{lost:g} s lost" in finding.message
 
 
 def test_gaps_between_labelled_sections_are_a_note_however_long():
@@ -145,7 +136,7 @@ def test_jitter_is_noted_with_its_size():
     time = np.arange(1000) / 100 + np.random.default_rng(0).normal(scale=1e-4, size=1000)
     finding = only(audit(recording(time=time)))
     assert finding.what == "jitter"
-    assert "vary by 0.000138 s rms about 0.0100" in finding.message
+    assert "0.000138 s rms" in finding.message
 
 
 def test_saturation_is_a_warning_with_its_samples():
@@ -161,7 +152,6 @@ def test_saturation_is_a_warning_with_its_samples():
         200,
         300,
     )
-    assert finding.message == "x is at the end of its range in samples 200 to 299 (2 s to 2.99 s)"
 
 
 def test_stated_limits_decide_alone():
@@ -171,14 +161,15 @@ def test_stated_limits_decide_alone():
     made.data[:, 0] = np.linspace(0, 20, 1000)
     finding = only(audit(made, limits={"x": (-20.0, 20.0)}))
     assert (finding.what, finding.start, finding.stop) == ("saturation", 999, 1000)
-    with pytest.raises(InputError, match=r"channel 'q' .* channels are x, y"):
+    with refused(names=["q"]):
         audit(made, limits={"q": (-1.0, 1.0)})
 
 
 def test_a_channel_that_never_changes_is_refused():
     made = recording()
     made.data[:, 1] = 2.5
-    assert only(audit(made)).message.startswith("y reads 2.5 throughout: is it connected")
+    finding = only(audit(made))
+    assert (finding.severity, finding.what, finding.channel) == ("refused", "stuck", "y")
 
 
 @pytest.mark.parametrize(("start", "stop"), [(0, 700), (300, 1000), (200, 800)])
@@ -204,43 +195,42 @@ def test_readings_cut_off_at_1_g_are_saturated_with_the_key_to_state():
     made.data[:, 0] = np.clip(made.data[:, 0], -1, 1)
     finding = only(audit(made))
     assert (finding.severity, finding.what, finding.channel) == ("warning", "saturation", "x")
-    assert "pile up at 1 g" in finding.message
-    assert "full_scale" in finding.message
+    assert "at 1 g" in finding.message
     assert audit(made, limits={"x": (-2, 2), "y": (-2, 2)}).findings == ()
 
 
 def test_a_single_sample_and_trials_are_refused():
     assert kinds(audit(recording(1))) == [("refused", "order")]
-    with pytest.raises(InputError, match="without an axis of trials"):
+    with refused():
         audit(recording(data=np.zeros((3, 1000, 2))))
 
 
 @pytest.mark.parametrize(
-    ("declared", "ratio", "severity", "words"),
+    ("declared", "ratio", "severity", "unit"),
     [
         ("right", 1.0, None, ""),
         ("a scale error of 7 %", 1.07, None, ""),
-        ("a scale error of 29 %", 1.29, "warning", "is the nominal scale right?"),
-        ("g as m/s²", 1 / G0, "refused", "look like g declared as m/s²"),
-        ("m/s² as g", G0, "refused", "look like m/s² declared as g"),
-        ("mg as g", 1000.0, "refused", "look like mg declared as g"),
-        ("g as mg", 0.001, "refused", "look like g declared as mg"),
-        ("counts", 16384.0, "refused", "check the units"),
+        ("a scale error of 29 %", 1.29, "warning", ""),
+        ("g as m/s²", 1 / G0, "refused", 'unit = "g"'),
+        ("m/s² as g", G0, "refused", 'unit = "m/s²"'),
+        ("mg as g", 1000.0, "refused", 'unit = "mg"'),
+        ("g as mg", 0.001, "refused", 'unit = "g"'),
+        ("counts", 16384.0, "refused", ""),
     ],
 )
 def test_units_are_judged_by_gravity_at_rest(
-    declared: str, ratio: float, severity: str | None, words: str
+    declared: str, ratio: float, severity: str | None, unit: str
 ):
     rng = np.random.default_rng(5)
     norm = 9.81 + rng.normal(scale=0.02, size=6000)
     norm[1000:4000] += rng.normal(scale=5, size=3000)  # turned by hand
     readout = Readout(scale=-2.0, offset=7.0)
-    felt = np.stack([0 * norm, 0.6 * norm, 0.8 * norm], axis=-1) * ratio
-    data = np.insert(7.0 - 2.0 * felt, 1, 1e9, axis=1)
+    force = np.stack([0 * norm, 0.6 * norm, 0.8 * norm], axis=-1) * ratio
+    data = np.insert(7.0 - 2.0 * force, 1, 1e9, axis=1)
     made = recording(6000, data=data, channels=("x", "t", "y", "z"), units=("LSB",) * 4)
     findings = audit_rest_norm(made, triad(readout=readout), 9.81).findings
     assert [f.severity for f in findings] == ([] if severity is None else [severity]), declared
-    assert all(words in f.message for f in findings)
+    assert all(unit in f.message and ("unit =" in f.message) == bool(unit) for f in findings)
 
 
 AXES = ("ax", "ay", "az", "gx", "gy", "gz")

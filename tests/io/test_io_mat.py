@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
+from tests.refusals import refused
 
 from inercal.errors import InputError
 from inercal.io.column_table import ReadRequest
@@ -21,7 +22,7 @@ N = 5
 T = np.arange(float(N))
 ACC = np.arange(3.0 * N).reshape(N, 3) + 100
 LABELS = ["up", "up", "", "down", "x_rot"]
-# What each file of this test holds, as MATLAB shows it.
+# The variables of each file of this test, as MATLAB shows them.
 CONTENT: dict[str, Any] = {
     "t": T[:, None],
     "flat": T[None, :] * 2,
@@ -55,7 +56,7 @@ def save_v7(path: Path, content: dict[str, Any]) -> None:
 
 
 def save_v73(path: Path, content: dict[str, Any]) -> None:
-    """Write what MATLAB writes for -v7.3: axes reversed, letters as UTF-16, cells as references."""
+    """Write a file as MATLAB does for -v7.3: reversed axes, UTF-16 text, cells as references."""
     with h5py.File(path, "w", userblock_size=512) as file:
         _group_v73(file, file, content)
     with path.open("r+b") as file:
@@ -106,7 +107,7 @@ SAVED: dict[str, Callable[[Path, dict[str, Any]], None]] = {
     "v7.mat": save_v7,
     "v73.mat": save_v73,
     "plain.h5": save_hdf5,
-    "told.dat": save_v73,
+    "content.dat": save_v73,
 }
 
 
@@ -153,7 +154,7 @@ def test_a_square_matrix_has_its_samples_in_rows(
 def test_parameters_are_read_where_they_are_wanted(tmp_path: Path, name: str):
     SAVED[name](tmp_path / name, CONTENT)
     assert read_table(tmp_path / name, wanted=["rate"]).numbers("rate").tolist() == [100]
-    with pytest.raises(InputError, match="unequal length: t 5, rate 1"):
+    with refused(names=["t", "rate"]):
         read_table(tmp_path / name, wanted=["t", "rate"])
 
 
@@ -203,7 +204,7 @@ def element(kind: int, payload: bytes) -> bytes:
 
 
 def table_v5() -> bytes:
-    """Return the variable T that MATLAB 7 writes for an object of class table, contents aside."""
+    """Return the variable T that MATLAB 7 writes for a table object, without its contents."""
     words = [element(1, word) for word in (b"T", b"MCOS", b"table")]
     ids = np.array([0xDD000000, 2, 1, 1, 1, 1], "<u4").tobytes()
     dims = element(5, struct.pack("<ii", 6, 1))
@@ -222,7 +223,7 @@ def test_plain_arrays_beside_an_object_are_read(tmp_path: Path):
     save_v5(path, {"t": T[:, None], "s": {"x": T}})
     add_table(path)
     assert read_table(path, wanted=["t", "s.x"]).numbers("s.x").tolist() == T.tolist()
-    with pytest.raises(InputError, match=r"run\.mat: 'T' is a MATLAB object \(table"):
+    with refused(file="run.mat", names=["T"]):
         read_table(path, wanted=["t", "T.x"])
 
 
@@ -274,69 +275,67 @@ def content(raw: bytes) -> Callable[[Path], None]:
     return save
 
 
-UNUSABLE: dict[str, tuple[Callable[[Path], None], str]] = {
-    "complex v5": (saved(save_v5, T=T + 1j), "'T' holds complex numbers: save their parts apart"),
-    "complex v7.3": (
-        saved(save_hdf5, T=T + 1j),
-        "'T' holds complex numbers: save their parts apart",
-    ),
-    "complex in a struct": (saved(save_v5, T={"x": T + 1j}), r"'T\.x' holds complex numbers"),
-    "three axes": (saved(save_v5, T=np.zeros((2, 3, 4))), "'T' has 3 axes, not 2"),
-    "empty array": (saved(save_v5, T=np.zeros((0, 3))), "'T' is empty"),
-    "empty array v7.3": (saved(save_hdf5, T=np.zeros((0, 3))), "'T' is empty"),
-    "single number": (saved(save_hdf5, T=np.float64(1)), "'T' is a single number"),
-    "big matrix": (saved(save_v5, T=np.zeros((1001, 1001))), r"'T' \(1001, 1001\) is not a table"),
-    "structs": (
-        saved(save_v5, T=np.array([({},)] * 2, dtype=[("x", object)])),
-        "'T' is an array of structs: save a struct of arrays",
-    ),
-    "cells": (saved(save_v5, T=["a", 1.0]), "'T' is a cell array of something other than one text"),
-    "cells v7.3": (
-        cells_v73,
-        "'T' is a cell array of something other than one text a cell",
-    ),
-    "sparse v5": (
-        saved(save_v5, T=scipy.sparse.eye_array(5, format="csc")),
-        r"'T' is a sparse matrix: save it with full\(\)",
-    ),
-    "sparse v7.3": (sparse_v73, r"'T' is a sparse matrix: save it with full\(\)"),
-    "object v5": (
-        object_v5,
-        r"'T' is a MATLAB object \(table, string, datetime, …\): save its col",
-    ),
-    "object v7.3": (no_columns_v73("table"), r"'T' is a MATLAB object \(table, string"),
-    "function v7.3": (no_columns_v73("function_handle"), "'T' is a function handle, not numbers"),
-    "nothing v5": (empty_v5, "has no columns of numbers$"),
-    "nothing v7.3": (saved(save_v73), "has no columns of numbers$"),
-    "unwritten": (unwritten, r"'T' \(1000000000000,\) is not all in the file"),
-    "no file content": (content(b""), "is empty: record or export"),
-    "title only": (
-        content(b"MATLAB 5.0 MAT-file, Platform: PCWIN64".ljust(100)),
-        "is not a MATLAB file or is damaged",
-    ),
-    "junk": (content(bytes(range(256)) * 8), "not a MATLAB file or is"),
+# Each variable is T, but for the file's own damage: then no name is known.
+UNUSABLE: dict[str, Callable[[Path], None]] = {
+    "complex v5": saved(save_v5, T=T + 1j),
+    "complex v7.3": saved(save_hdf5, T=T + 1j),
+    "three axes": saved(save_v5, T=np.zeros((2, 3, 4))),
+    "empty array": saved(save_v5, T=np.zeros((0, 3))),
+    "empty array v7.3": saved(save_hdf5, T=np.zeros((0, 3))),
+    "single number": saved(save_hdf5, T=np.float64(1)),
+    "big matrix": saved(save_v5, T=np.zeros((1001, 1001))),
+    "structs": saved(save_v5, T=np.array([({},)] * 2, dtype=[("x", object)])),
+    "cells": saved(save_v5, T=["a", 1.0]),
+    "cells v7.3": cells_v73,
+    "sparse v5": saved(save_v5, T=scipy.sparse.eye_array(5, format="csc")),
+    "sparse v7.3": sparse_v73,
+    "object v5": object_v5,
+    "object v7.3": no_columns_v73("table"),
+    "function v7.3": no_columns_v73("function_handle"),
+    "unwritten": unwritten,
+}
+DAMAGED: dict[str, Callable[[Path], None]] = {
+    "nothing v5": empty_v5,
+    "nothing v7.3": saved(save_v73),
+    "no file content": content(b""),
+    "title only": content(b"MATLAB 5.0 MAT-file, Platform: PCWIN64".ljust(100)),
+    "junk": content(bytes(range(256)) * 8),
 }
 
 
 @pytest.mark.parametrize("name", UNUSABLE)
-def test_what_is_no_table_is_refused_in_one_clear_line(tmp_path: Path, name: str):
-    save, message = UNUSABLE[name]
+@pytest.mark.parametrize("wanted", [None, ["T"]], ids=["all", "one"])
+def test_a_variable_that_is_not_a_column_is_refused_by_name(
+    tmp_path: Path, name: str, wanted: list[str] | None
+):
     path = tmp_path / "run.mat"
-    save(path)
-    with pytest.raises(InputError, match=message) as caught:
-        read_table(path)
-    assert str(caught.value).startswith("run.mat")
+    UNUSABLE[name](path)
+    with refused(file=path, names=["T"]) as caught:
+        read_table(path, wanted)
     assert len(str(caught.value)) < 200
-    if "'T'" in message:
-        with pytest.raises(InputError, match=f"^run.mat: {message}"):
-            read_table(path, wanted=["T"])
+
+
+def test_a_field_that_is_not_a_column_is_refused_by_name(tmp_path: Path):
+    save_v5(tmp_path / "run.mat", {"T": {"x": T + 1j}})
+    with refused(names=["T.x"]):
+        read_table(tmp_path / "run.mat")
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_a_file_without_variables_is_refused(tmp_path: Path, name: str):
+    path = tmp_path / "run.mat"
+    DAMAGED[name](path)
+    with refused(file=path, names=()) as caught:
+        read_table(path)
+    assert len(str(caught.value)) < 200
 
 
 def test_a_column_misspelt_is_named_with_those_meant(tmp_path: Path):
     for save, name in ((save_v5, "a.mat"), (save_v73, "b.mat"), (save_hdf5, "c.h5")):
         save(tmp_path / name, CONTENT)
-        with pytest.raises(InputError, match=r"no column 'imu.gyr\(4\)'; did you mean 'imu.gyr\("):
+        with refused(file=name, names=["imu.gyr(4)"]) as refusal:
             read_table(tmp_path / name, wanted=["imu.gyr(4)"])
+        assert "'imu.gyr(3)'" in str(refusal.value)
 
 
 @pytest.mark.parametrize("save", [save_v5, save_v7, save_v73])
@@ -350,11 +349,9 @@ def test_a_damaged_file_is_refused_in_one_line(
     if damage == "overwritten":
         content[130:3000] = b"\xff" * 2870
     path.write_bytes(content[: {"cut": 20_000, "cut short": 200}.get(damage)])
-    with pytest.raises(
-        InputError, match=r"^run\.mat is not an? (MATLAB|HDF5) file or is damaged: "
-    ) as e:
+    with refused(file=path) as caught:
         read_table(path)
-    assert len(str(e.value)) < 200
+    assert len(str(caught.value)) < 200
 
 
 def test_damaged_chunks_are_refused(tmp_path: Path):
@@ -366,7 +363,7 @@ def test_damaged_chunks_are_refused(tmp_path: Path):
     content = bytearray(path.read_bytes())
     content[start + 50 : start + 90] = b"\xff" * 40
     path.write_bytes(content)
-    with pytest.raises(InputError, match="is not an HDF5 file or is damaged"):
+    with refused(file=path):
         read_table(path)
 
 
@@ -375,10 +372,9 @@ def test_without_h5py_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.Mon
     save_v5(tmp_path / "old.mat", {"t": T})
     for name in [name for name in sys.modules if name.partition(".")[0] == "h5py"]:
         monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(
-        InputError, match=r"\.mat files of version 7\.3 .* pip install 'inercal\[io\]'"
-    ):
+    with pytest.raises(InputError) as refusal:
         read_table(tmp_path / "run.mat")
+    assert isinstance(refusal.value.__cause__, ImportError)
     assert read_table(tmp_path / "old.mat").numbers("t").tolist() == T.tolist()
 
 
@@ -396,14 +392,15 @@ def test_files_that_matlab_wrote_are_read():
     np.testing.assert_allclose(
         struct_file.numbers("teststruct.doublefield"), [2**0.5, np.e, np.pi], rtol=1e-15
     )
-    with pytest.raises(InputError, match="'testfunc' is a function handle"):
-        read_table(folder / "testfunc_7.4_GLNX86.mat")
-    with pytest.raises(InputError, match="'testobject' is a MATLAB object"):
-        read_table(folder / "testobject_7.4_GLNX86.mat")
-    with pytest.raises(InputError, match="'sp_log_5_4' is a sparse matrix"):
-        read_table(folder / "logical_sparse.mat")
+    for file, name in (
+        ("testfunc_7.4_GLNX86.mat", "testfunc"),
+        ("testobject_7.4_GLNX86.mat", "testobject"),
+        ("logical_sparse.mat", "sp_log_5_4"),
+    ):
+        with refused(file=file, names=[name]):
+            read_table(folder / file)
 
 
 def test_a_file_without_variables_has_no_columns(tmp_path: Path):
-    with pytest.raises(InputError, match="has no columns of numbers"):
+    with refused(names=()):
         table_from_variables(tmp_path / "run.mat", [], ReadRequest())

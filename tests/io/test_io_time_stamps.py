@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.io.audit import audit
 from inercal.io.read import Columns, read_recording
 from inercal.recording import Recording
@@ -32,29 +32,23 @@ def stamps(step: float, start: float = 0.0) -> list[str]:
     return [f"{start + k * step:.9g}" for k in range(N)]
 
 
-@pytest.mark.parametrize(
-    ("step", "fitting"),
-    [
-        (10.0, 'time_unit = "ms" (100 Hz)'),
-        (10_000.0, 'time_unit = "us" (100 Hz)'),
-        (1e7, 'time_unit = "ns" (100 Hz)'),
-    ],
-)
-def test_stamps_that_make_less_than_one_sample_a_second_are_refused(
+@pytest.mark.parametrize(("step", "fitting"), [(10.0, "ms"), (10_000.0, "us"), (1e7, "ns")])
+def test_stamps_of_less_than_one_sample_a_second_are_refused(
     tmp_path: Path, step: float, fitting: str
 ):
     path = log(tmp_path, stamps(step))
     for unit in (None, "s"):
-        with pytest.raises(InputError) as error:
+        with refused(file="run.csv", key="time_unit", names=["time"]) as refusal:
             read(path, unit)
-        assert fitting in str(error.value)
-    assert read(path, fitting.split('"')[1]).rate_hz == pytest.approx(100)
+        assert f'time_unit = "{fitting}" (100 Hz)' in str(refusal.value)
+    assert read(path, fitting).rate_hz == pytest.approx(100)
 
 
-def test_stamps_that_make_more_than_50_khz_are_refused(tmp_path: Path):
+def test_stamps_of_more_than_50_khz_are_refused(tmp_path: Path):
     path = log(tmp_path, stamps(0.005))
-    with pytest.raises(InputError, match=r'2e\+05 samples per second.*time_unit = "s" \(200 Hz\)'):
+    with refused(key="time_unit") as refusal:
         read(path, "ms")
+    assert 'time_unit = "s" (200 Hz)' in str(refusal.value)
     assert read(path).rate_hz == pytest.approx(200)
 
 
@@ -66,9 +60,9 @@ def test_rates_of_1_hz_to_50_khz_are_read(tmp_path: Path, rate: float):
 @pytest.mark.parametrize("rate", [1000.0, 2000.0, 4000.0])
 def test_fast_stamps_in_ms_do_not_pass_for_slow_ones_in_s(tmp_path: Path, rate: float):
     path = log(tmp_path, stamps(1000 / rate))
-    with pytest.raises(InputError) as error:
+    with refused(key="time_unit") as refusal:
         read(path)
-    assert f'time_unit = "ms" ({rate:.4g} Hz)' in str(error.value)
+    assert f'time_unit = "ms" ({rate:.4g} Hz)' in str(refusal.value)
     assert read(path, "ms").rate_hz == pytest.approx(rate)
 
 
@@ -86,8 +80,9 @@ def test_fast_stamps_in_ms_do_not_pass_for_slow_ones_in_s(tmp_path: Path, rate: 
 def test_a_column_named_by_another_unit_needs_a_stated_one(tmp_path: Path, name: str, unit: str):
     # At 0.01 between rows the rate would be plausible in s.
     path = log(tmp_path, stamps(0.01), name)
-    with pytest.raises(InputError, match=f'time_unit = "{unit}"'):
+    with refused(key="time_unit", names=[name]) as refusal:
         read(path, name=name)
+    assert f'time_unit = "{unit}"' in str(refusal.value)
     assert read(path, "s", name).rate_hz == pytest.approx(100)
 
 
@@ -101,8 +96,9 @@ def test_stamps_since_1970_name_their_unit(tmp_path: Path, start: float, unit: s
     step = {"ms": 10, "us": 10_000, "ns": 10**7}[unit]
     times = [str(int(start) + k * step) for k in range(N)]
     path = log(tmp_path, times)
-    with pytest.raises(InputError, match=f'{unit} since 1970.*time_unit = "{unit}"'):
+    with refused(key="time_unit") as refusal:
         read(path)
+    assert f'time_unit = "{unit}"' in str(refusal.value)
     assert read(path, unit).rate_hz == pytest.approx(100, rel=1e-4)
 
 
@@ -110,7 +106,7 @@ def test_seconds_since_1970_are_seconds(tmp_path: Path):
     times = [f"{1_795_000_000 + k / 100:.3f}" for k in range(N)]
     path = log(tmp_path, times)
     assert read(path).rate_hz == pytest.approx(100, rel=1e-3)
-    with pytest.raises(InputError, match=r'time_unit = "s" \(100 Hz\)'):
+    with refused(key="time_unit"):
         read(path, "ms")
 
 
@@ -138,24 +134,18 @@ def test_iso_8601_times_are_seconds_from_the_first(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("bad", "said"),
-    [
-        ("2026-13-23T03:10:09Z", "is not a time"),
-        ("2026-11-23T03:10:61Z", "seconds run from 0 to 59"),
-        ("2026-11-23T03:10:09.123", "no time zone"),
-        ("yesterday", "not an ISO 8601 time"),
-        ("", "not an ISO 8601 time"),
-    ],
+    "bad",
+    ["2026-13-23T03:10:09Z", "2026-11-23T03:10:61Z", "2026-11-23T03:10:09.123", "yesterday", ""],
 )
-def test_a_bad_iso_8601_time_is_refused_with_its_line(tmp_path: Path, bad: str, said: str):
+def test_a_bad_iso_8601_time_is_refused_with_its_line(tmp_path: Path, bad: str):
     times = [iso(k) for k in range(N)]
     times[70] = bad
-    with pytest.raises(InputError, match=f"run.csv line 72, column 'time'.*{said}"):
+    with refused(file="run.csv", line=72, names=["time"]):
         read(log(tmp_path, times))
 
 
 def test_iso_8601_times_take_no_unit(tmp_path: Path):
-    with pytest.raises(InputError, match="leave time_unit out"):
+    with refused(key="time_unit", names=["time"]):
         read(log(tmp_path, [iso(k) for k in range(N)]), "s")
 
 
@@ -166,7 +156,7 @@ def test_dates_of_two_files_of_one_recording_are_compared(tmp_path: Path):
     same = log(tmp_path / "b", [iso(k) for k in range(N)])
     assert read_recording(first, columns, second=same).time[-1] == pytest.approx((N - 1) / 100)
     later = log(tmp_path / "b", [iso(k + 100) for k in range(N)])
-    with pytest.raises(InputError, match="have the same times"):
+    with refused(file="run.csv", line=2):
         read_recording(first, columns, second=later)
 
 

@@ -31,8 +31,8 @@ from inercal.methods.multi_position.rotations import inverse_model
 from inercal.methods.multi_position.row_whitening import whitener
 from inercal.methods.multi_position.timing import gyro_delay
 from inercal.recording import Mark, Observations, Recording, Transitions
+from inercal.segments import transitions_between_rests
 from inercal.segments.section_means import observe
-from inercal.segments.transitions import transitions_between_rests
 from inercal.sensors import Sensor, imu
 from inercal.units import Measured
 

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.ferraris import DEGREE, mems
 from tests.accuracy.handheld import Session, record
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.recording import Recording
 from inercal.segments.motion_thresholds import scatter
 from inercal.segments.rest_detection import RestDetection, find_rests
@@ -189,14 +189,11 @@ def test_levels_are_scatters_in_output_units():
     assert found.window == pytest.approx(0.5)
 
 
-def test_rests_are_labelled_and_the_finding_says_what_was_found():
+def test_rests_are_labelled_and_a_note_gives_their_number():
     found = find_rests(made(hold_seconds=4.0).recording, IMU)
     assert [mark.label for mark in found.marks] == [f"r{k:02d}" for k in range(1, 17)]
     assert (found.finding.severity, found.finding.what) == ("note", "rests")
-    said = found.finding.message
-    assert said.startswith("16 rests of 2.9 to 3 s found, 54 % of time; scatter at rest 0.0")
-    assert "m/s² (accelerometers); scatter" in said
-    assert said.endswith("rad/s (gyros)")
+    assert found.finding.message.startswith("16 rests of 2.9 to 3 s")
 
 
 def test_a_gap_within_a_rest_splits_it():
@@ -235,7 +232,7 @@ def test_a_slow_creep_is_no_rest(rate: float):
     session = made()
     found = find_rests(crept(session, rate), IMU)
     assert len(found.marks) == 16
-    assert "; 1 in which the sensor turned slowly left out" in found.finding.message
+    assert "1 left out" in found.finding.message
 
 
 def test_a_stay_without_creep_in_the_same_place_is_a_rest():
@@ -259,7 +256,7 @@ def test_the_creeping_end_of_a_rest_is_cut_off():
     assert len(found.marks) == 16
     assert start <= found.marks[8].start
     assert stop + 250 < found.marks[8].stop < stop + 380
-    assert found.finding.message.endswith("; 1 shortened, as the sensor turned slowly at an end")
+    assert "1 shortened" in found.finding.message
 
 
 def test_a_steady_turn_about_the_vertical_is_no_rest():
@@ -293,26 +290,23 @@ def test_dead_gyros_have_no_say():
     found = find_rests(recorded(data), IMU)
     assert_recovered(session, ranges(found))
     assert np.isinf(found.levels[1].threshold)
-    assert "no threshold, as rest and motion scatter alike (gyros)" in found.finding.message
 
 
 @pytest.mark.parametrize("step", [1e-9, 0.05])
 def test_a_recording_of_one_position_is_refused(step: float):
     data = still(300.0, np.arange(6.0), np.random.default_rng(12))
-    with pytest.raises(
-        InputError, match=r"^log\.csv: rest and motion cannot be distinguished: .*several positions"
-    ):
+    with refused():
         find_rests(recorded(np.round(data / step) * step), IMU)
 
 
 def test_one_position_in_a_swaying_hand_is_refused():
     session = made(positions=2, hold_seconds=120.0, tremor_deg=0.3, tremor_push=0.05)
-    with pytest.raises(InputError, match="rests in several positions are needed"):
+    with refused():
         find_rests(recorded(session.recording.data[: session.rests[0][1]]), IMU)
 
 
 def test_a_constant_recording_is_refused():
-    with pytest.raises(InputError, match=r"rests in several positions are needed"):
+    with refused():
         find_rests(recorded(np.ones((1000, 6))), IMU)
 
 
@@ -321,25 +315,25 @@ def test_a_constant_recording_is_refused():
 def test_a_recording_without_a_rest_is_refused(seed: int, hold: float):
     whole = made(seed, positions=60, hold_seconds=hold)
     moving = slice(whole.rests[0][1], whole.rests[-1][0])
-    with pytest.raises(InputError, match=r"no rest of 1\.5 s is found|cannot be distinguished"):
+    with refused():
         find_rests(recorded(whole.recording.data[moving]), IMU)
 
 
 def test_a_recording_too_short_to_judge_is_refused():
-    with pytest.raises(InputError, match=r"1\.5 s without a gap are too short .*; 2 s are needed"):
+    with refused():
         find_rests(made().recording.slice(0, 150), IMU)
 
 
 def test_a_trial_axis_is_refused():
     session = made()
     trials = replace(session.recording, data=session.recording.data[None])
-    with pytest.raises(InputError, match=r"in one recording, not in data of shape \(1, "):
+    with refused():
         find_rests(trials, IMU)
-    with pytest.raises(InputError, match="in one recording"):
+    with refused():
         scatter(trials, IMU, "f")
 
 
-def test_the_scatter_drawn_is_what_the_thresholds_are_held_against():
+def test_the_scatter_of_reports_is_that_which_the_thresholds_limit():
     session = made()
     found = find_rests(session.recording, IMU)
     for level in found.levels:
@@ -352,7 +346,7 @@ def test_the_scatter_drawn_is_what_the_thresholds_are_held_against():
 
 def test_the_scatter_of_a_kind_that_the_sensor_lacks_is_refused():
     session = made()
-    with pytest.raises(InputError, match="sensor triad has no gyros"):
+    with refused(names=["w"]):
         scatter(recorded(session.recording.data[:, :3], TRIAD), TRIAD, "w")
 
 

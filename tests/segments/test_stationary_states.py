@@ -46,25 +46,26 @@ def test_nothing_is_said_of_a_session_whose_states_are_all_used():
 
 def test_dwells_with_too_few_turns_are_named_with_what_they_have():
     brief = [("YX", 46.0, 3.0), ("ZY", 46.0, 3.2), ("ZY", 0.0, 2.0)]
-    expected = "2 states left out: YX at 46 rpm, ZY at 46 rpm (1.2 to 1.3 turns; 3 are needed)"
-    assert said(session(*FULL, *brief)) == [expected]
+    (words,) = said(session(*FULL, *brief))
+    assert "YX at 46 rpm, ZY at 46 rpm (1.2 to 1.3 turns" in words
 
 
 def test_a_rest_that_was_all_of_a_mounting_is_named():
-    words = "1 state left out: YX at rest (1.9 s settled; 3 are needed)"
-    assert said(session(*FULL, ("YX", 0.0, 4.0), ("XY", 0.0, 1.0))) == [words]
+    (words,) = said(session(*FULL, ("YX", 0.0, 4.0), ("XY", 0.0, 1.0)))
+    assert "YX at rest (1.9 s" in words
 
 
 def test_a_mounting_in_which_the_table_is_never_steady_is_named():
     made = session(*FULL, ("YX", 30.0, 0.0), ("YX", 0.0, 0.0), ("XY", 0.0, 1.0))
-    assert said(made) == ["1 state left out: YX (nowhere steady or at rest)"]
+    (words,) = said(made)
+    assert "YX (nowhere steady" in words
 
 
-def test_a_recording_that_breaks_off_says_so():
+def test_a_recording_that_ends_during_a_dwell_is_reported():
     first, last = said(session(*FULL[:2], ("XY", 86.0, 2.0)))
-    assert first.startswith("1 state left out: XY at 86 rpm (")
-    assert first.endswith(" turns to the recording's end; 3 are needed)")
-    assert last == "the recording ends while the table turns under XY"
+    assert "XY at 86 rpm (" in first
+    assert "end of the recording" in first
+    assert "under XY" in last
 
 
 def test_a_gap_within_a_dwell_is_the_reason():
@@ -72,29 +73,27 @@ def test_a_gap_within_a_dwell_is_the_reason():
     inside = int(np.flatnonzero(made.labels == "YX")[0]) + round((4 + 3.5) * RATE_HZ)
     late = np.where(np.arange(made.time.size) >= inside, 30.0, 0.0)
     (words,) = said(replace(made, time=made.time + late))
-    assert words.startswith("1 state left out: YX at 46 rpm (1.")
-    assert words.endswith(" turns beside a gap; 3 are needed)")
+    assert "YX at 46 rpm (1." in words
+    assert "next to a gap" in words
 
 
-def test_a_gap_from_one_mounting_to_the_next_amid_the_turning_is_told():
+def test_a_gap_from_one_mounting_to_the_next_while_the_table_turns_is_reported():
     made = session(*FULL, ("YX", 46.0, 12.0), ("YX", 0.0, 6.0), ("ZY", 0.0, 6.0))
     kept = np.ones(made.time.size, dtype=bool)
     second = np.flatnonzero(made.labels == "YX")
     kept[second[800:]] = False
     (words,) = said(made.take(kept))
-    assert words.startswith("the table turns under YX when ")
-    # Where it stands on both sides nothing was lost: the sensor was mounted anew meanwhile.
+    assert "under YX" in words
+    # Where the table rests on both sides no state was lost: the sensor was mounted again.
     third = int(np.flatnonzero(made.labels == "ZY")[0])
     late = np.where(np.arange(made.time.size) >= third, 300.0, 0.0)
     assert said(replace(made, time=made.time + late)) == []
 
 
-def test_a_rest_on_stuck_samples_is_left_out_with_a_word():
+def test_a_rest_on_stuck_samples_is_left_out_with_a_finding():
     made = session(*FULL)
     stuck = Finding("warning", "stuck", "ay holds 0 in samples 100 to 300", "ay", 100, 300)
     marks, found = find_stationary_states(replace(made, findings=(stuck,)))
     assert marks == ()
-    assert [one.message for one in found] == [
-        "XY at rest is left out: ay holds 0 in samples 100 to 300"
-    ]
+    assert [one.what for one in found] == ["dwell"]
     assert found[0].start == pytest.approx(RATE_HZ)

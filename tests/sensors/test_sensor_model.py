@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.refusals import refused
 
-from inercal.errors import InputError, NotInvertible
+from inercal.errors import NotInvertible
 from inercal.motion import Motion
 from inercal.observe import norm_residuals
 from inercal.sensors import (
@@ -159,15 +160,15 @@ def test_inverse_of_many_trials_and_many_chunks():
 
 def test_inverse_refuses_where_the_model_folds_back():
     sensor = triad().with_coefficients("k2")
-    with pytest.raises(NotInvertible, match="fold"):
+    with refused(NotInvertible):
         inverse(sensor, np.full((1, 3), 50 * G0), np.full(3, -0.1 / G0))
 
 
-def test_a_search_is_told_where_the_model_folds_back_and_goes_on():
+def test_readings_beyond_the_fold_are_nan_for_an_optimiser():
     sensor, c = triad().with_coefficients("k2"), np.full(3, -0.1 / G0)
     readings = np.array([[1.0, 1.0, 1.0], [50.0, 1.0, 1.0]]) * G0
-    felt = inverse(sensor, readings, c, refuse=False).f
-    assert np.isfinite(felt).all(axis=1).tolist() == [True, False]
+    force = inverse(sensor, readings, c, refuse=False).f
+    assert np.isfinite(force).all(axis=1).tolist() == [True, False]
     seen = norm_residuals(sensor, readings, c, np.full(2, 3**0.5 * G0))
     assert np.isfinite(seen.residual).tolist() == [True, False]
     assert np.isfinite(seen.jacobian).all()
@@ -190,7 +191,7 @@ def test_a_pair_needs_the_cross_component_or_refuses():
     sensor = pair().with_coefficients("bias", "misalignment", "k2", "kip")
     c = coefficients(sensor)
     y = sensor.forward(MOTION, c)
-    with pytest.raises(InputError, match="2 independent input axis directions"):
+    with refused(key="f"):
         inverse(sensor, y, c)
     assert_allclose(inverse(sensor, y, c, f=MOTION.f).f, MOTION.f, atol=1e-11)
 
@@ -211,10 +212,11 @@ def test_nonorthogonality_makes_the_matrix_lower_triangular():
 
 
 def test_unknown_coefficient_says_what_there_is():
-    with pytest.raises(InputError, match=r"no coefficient or group 'k9'.*k0"):
+    with refused(names=["k9"]):
         triad().with_coefficients("bias", "k9")
-    with pytest.raises(InputError, match="did you mean misalignment"):
+    with refused(names=["missalignment"]) as refusal:
         triad().with_coefficients("missalignment")
+    assert "did you mean misalignment?" in str(refusal.value)
 
 
 def test_readout_converts_both_ways():
@@ -254,8 +256,9 @@ def test_one_component_of_a_lever_arm_alone_acts_alike_in_both_forms(name: str):
 def test_the_sample_that_does_not_invert_is_named_by_its_own_number():
     y = np.zeros((70_000, 3))
     y[69_000] = 50 * G0
-    with pytest.raises(NotInvertible, match="at sample 69000"):
+    with refused(NotInvertible) as refusal:
         inverse(triad().with_coefficients("k2"), y, np.full(3, -0.1 / G0))
+    assert "69000" in str(refusal.value)
 
 
 def test_one_recording_inverts_under_many_trials_of_coefficients():

@@ -1,4 +1,4 @@
-"""A calibration: coefficients with covariance, how they were found, and what applies them."""
+"""A calibration: coefficients with covariance, their provenance, and the correction of readings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -30,36 +30,36 @@ class Calibration:
     Parameters
     ----------
     sensor : Sensor
-        Axes with their readouts, and the coefficients that were found.
+        Axes with their readouts, and the estimated coefficients.
     values : (p,) array
         Coefficients in SI, the order of `sensor.coefficients`.
     covariance : (p, p) array
-        Their covariance, scaled by the Birge ratio where χ² asked for it.
+        Their covariance, scaled by the Birge ratio where χ² exceeds its bound.
     method, estimator : str
     conditions : mapping of str to str
         Gravity, temperature, bench: in words, with units.
     provenance : mapping of str to str
         File, its SHA-256, date, version.
     notes : tuple of str
-        What the result does not know, in words.
+        Limits of the result, in words.
     frame : "mount", "triangular" or "symmetric"
-        Body frame that the misalignments refer to; see `in_frame`.
+        Body frame of the misalignments; see `in_frame`.
     mount : (3, 3) array
         Rotation that takes vectors from the mounting frame to this frame.
     verdict : Verdict or None
-        How far the result can be relied on; None where a file does not say.
+        Grade of the result with reasons; None where a file does not state it.
     shared : tuple of SharedError or None
-        Errors of the bench that the covariance holds and that other calibrations may have too;
-        None where a file does not say.
+        Errors of the bench that the covariance includes and that other calibrations may have too;
+        None where a file does not state them.
     validity : Validity or None
-        The ranges that the data covered; None where a file does not say.
+        The ranges of the data; None where a file does not state them.
     job : mapping of str to str
-        What the calibration was ordered as, in words: reserved, no run file states it yet.
+        Order of the calibration, in words: reserved, no run file states it yet.
 
     Raises
     ------
     InputError
-        Values that are not finite, shapes that disagree, or one shared error twice.
+        Values that are not finite, shapes that disagree, or a shared error twice.
     """
 
     sensor: Sensor
@@ -90,8 +90,10 @@ class Calibration:
         for one in self.shared or ():
             if one.covariance.shape != (p,) or names.count(one.name) > 1:
                 raise InputError(
-                    f"calibration of {self.sensor.name}: shared {one.name} of {p} coefficients has "
-                    f"{one.covariance.size} covariances, in {names.count(one.name)} places"
+                    f"calibration of {self.sensor.name}: shared error {one.name} needs {p} "
+                    f"covariances in a single entry, but has {one.covariance.size} in "
+                    f"{names.count(one.name)} entries",
+                    names=(one.name,),
                 )
 
     @property
@@ -100,18 +102,19 @@ class Calibration:
         return np.sqrt(np.diag(self.covariance))
 
     def value(self, name: str) -> float:
-        """Return one coefficient in SI by its full name, such as "ax.k0"."""
+        """Return a coefficient in SI by its full name, such as "ax.k0"."""
         return float(self.values[self._index(name)])
 
     def uncertainty(self, name: str) -> float:
-        """Return one standard uncertainty (k = 1) in SI by full name."""
+        """Return a standard uncertainty (k = 1) in SI by full name."""
         return float(self.std[self._index(name)])
 
     def _index(self, name: str) -> int:
         if name not in self.sensor.coefficients:
             raise InputError(
                 f"no coefficient {name!r} in this calibration; it has "
-                + ", ".join(self.sensor.coefficients)
+                + ", ".join(self.sensor.coefficients),
+                names=(name,),
             )
         return self.sensor.coefficients.index(name)
 
@@ -124,23 +127,23 @@ class Calibration:
         dw: Array | None = None,
         dT: Array | float | None = None,
     ) -> Motion:
-        """Return the specific force and angular rate behind readings.
+        """Return the specific force and angular rate that readings measure.
 
         Parameters
         ----------
         recording : Recording or (..., n, m) array
-            Readings in output units; of an array, the columns are the sensor's axes in order.
+            Readings in output units; the columns of an array are the sensor's axes in order.
         f, w : (..., n, 3) arrays, optional
-            What the sensor cannot see for itself (`inercal.sensors.inverse`).
+            Motion that the sensor does not measure (`inercal.sensors.inverse`).
         dw : (..., n, 3) array, optional
-            Angular acceleration, rad/s², where lever arms are modelled; found from a recording.
+            Angular acceleration, rad/s², where lever arms are modelled; computed from a recording.
         dT : (..., n) array or float, optional
             Temperature minus the reference, K; taken from a recording that has it.
 
         Returns
         -------
         Motion
-            f in m/s², ω in rad/s, in the calibration's frame; zero where there is no such sensor.
+            f in m/s², ω in rad/s, in the calibration's frame; zero for a missing kind of sensor.
 
         Raises
         ------
@@ -158,19 +161,31 @@ class Calibration:
         if data.ndim < 2:
             raise InputError(f"readings have shape {data.shape}; expected (..., samples, axes)")
         if dT is None and self.sensor.uses("dT"):
-            raise InputError("the model depends on temperature: give dT, or record temperature")
+            raise InputError(
+                "the model depends on temperature: pass dT, or a recording with temperature",
+                key="dT",
+            )
         dT = 0.0 if dT is None else dT
         if not np.isfinite(dT).all():
-            raise InputError("temperatures are not finite; drop those samples first")
+            raise InputError("temperatures are not finite; remove those samples first", key="dT")
         turning = self.sensor.uses("ai", "ap", "ao") and dw is None
         if turning and not isinstance(recording, Recording):
-            raise InputError("the model has lever arms: give dw, or a Recording, which has times")
+            raise InputError(
+                "the model has lever arms: pass dw, or a Recording, which has times", key="dw"
+            )
         if data.shape[-1] != len(self.sensor.axes):
             raise InputError(
-                f"{data.shape[-1]} columns for the axes {', '.join(self.sensor.channels)}"
+                f"readings have {data.shape[-1]} columns; the axes are "
+                f"{', '.join(self.sensor.channels)}",
+                names=self.sensor.channels,
             )
         if not np.isfinite(data).all():
-            raise InputError("readings are not finite; drop those samples first")
+            bad = ~np.isfinite(data).reshape(-1, data.shape[-1]).all(axis=0)
+            names = tuple(np.array(self.sensor.channels)[bad].tolist())
+            raise InputError(
+                f"readings of {', '.join(names)} are not finite; remove those samples first",
+                names=names,
+            )
         y = self.sensor.to_si(data)
         if isinstance(recording, Recording) and turning:
             rough = inverse(self.sensor, y, self.values, f=f, w=w, dT=dT)
@@ -182,21 +197,23 @@ class Calibration:
         if missing:
             raise InputError(
                 f"{recording.source or 'recording'}: no channel {missing[0]!r}; "
-                f"it has {', '.join(recording.channels)}"
+                f"it has {', '.join(recording.channels)}",
+                names=tuple(missing),
             )
         columns = [recording.channels.index(name) for name in self.sensor.channels]
         for axis, k in zip(self.sensor.axes, columns, strict=True):
             if not _same_unit(axis.readout.unit, recording.units[k]):
                 raise InputError(
                     f"{recording.source or 'recording'}: channel {axis.name} is in "
-                    f"{recording.units[k]}; this calibration is for {axis.readout.unit}"
+                    f"{recording.units[k]}; this calibration is for {axis.readout.unit}",
+                    names=(axis.name,),
                 )
         return recording.data[..., columns]
 
     def affine_correction(self) -> tuple[Array, Array]:
         """Return C, (k, m), and o, (m,), of motion = C (output − o) for an affine model.
 
-        `motion` is f (m/s²) and then ω (rad/s), whichever the sensor has.
+        `motion` is f (m/s²), then ω (rad/s), of the kinds that the sensor has.
 
         Raises
         ------
@@ -206,7 +223,10 @@ class Calibration:
         if not self.sensor.affine:
             if replace(self.sensor, form="reference").affine:
                 return self.in_form("reference").affine_correction()
-            raise InputError("the model has nonlinear terms: no single matrix applies it")
+            raise InputError(
+                "the model has nonlinear terms: no single matrix applies it; use correct",
+                names=self.sensor.coefficients,
+            )
         rest = Motion(np.zeros((1, 3)))
         kinds = {axis.measures for axis in self.sensor.axes}
         columns = [k for k in range(6) if ("f" if k < 3 else "w") in kinds]
@@ -218,7 +238,7 @@ class Calibration:
 
     def ieee1293(self) -> ConvertedCoefficients:
         """Return E = K₁ (K₀ + a + K₂ a² + …) of each accelerometer axis, with covariance."""
-        # The standard's equation is the reference form; nonlinear terms stay along their own axis.
+        # The standard's equation is the reference form; nonlinear terms keep their axis.
         linear = replace(self.sensor, form="reference").affine
         plain = self.in_form("reference") if linear else self
         return ieee1293(plain.sensor, plain.values, plain.covariance, plain.shared)
@@ -239,7 +259,7 @@ class Calibration:
         return self._replace_coefficients(sensor, values, by)
 
     def _replace_coefficients(self, sensor: Sensor, values: Array, by: Array) -> "Calibration":
-        """Return other coefficients whose derivatives by these are `by`, (q, p)."""
+        """Return the calibration with other coefficients; `by` are their derivatives, (q, p)."""
         covariance, shared = by @ self.covariance @ by.T, transform_shared(self.shared, by)
         return replace(self, sensor=sensor, values=values, covariance=covariance, shared=shared)
 
@@ -248,18 +268,19 @@ class Calibration:
 
         "triangular": x along the first input axis, y in the plane of the first two. "symmetric":
         the closest rotation, so that the misalignment matrix of the accelerometers is symmetric.
-        Exact for any misalignment; the mounting frame cannot be recovered from either.
+        Exact for any misalignment; the mounting frame cannot be recovered from another frame.
 
         Raises
         ------
         InputError
-            No accelerometer triad, nonlinear terms, or a frame that is left already.
+            No accelerometer triad, nonlinear terms, or a conversion to "mount".
         """
         if frame == self.frame:
             return self
         if frame not in ("triangular", "symmetric"):
             raise InputError(
-                f"frame {frame!r}; 'mount' can be converted to 'triangular' or 'symmetric' only"
+                f"frame {frame!r}: only conversion to 'triangular' or 'symmetric' is possible",
+                key="frame",
             )
         plain = self.in_form("reference")
         sensor, values, by, turn = convert_frame(

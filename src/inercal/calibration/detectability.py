@@ -1,17 +1,17 @@
-"""What the data cannot show: causes that move a coefficient before any test sees them.
+"""What the data cannot show: causes that shift a coefficient before any test detects them.
 
-A cause of size δ, a candidate of the score tests, moves the estimate by J⁺c δ and leaves a residual
-of norm η = |c' δ| (`inercal.estimate.scores`). Where it moves a coefficient of standard uncertainty
-u by 5 u it is visible with::
+A cause of size δ, a candidate of the score tests, shifts the estimate by J⁺c δ and leaves a
+residual of norm η = |c' δ| (`inercal.estimate.scores`). Where it shifts a coefficient of standard
+uncertainty u by 5 u its visibility is::
 
     η = 5 / R        R = max |J⁺c| / (u |c'|)
 
-At η = 6 a test notices it nearly always. Causes with an η below 7 are listed, so that none is lost
-on the edge: the result is wrong by as much, and its verdict is "consistent". A coefficient is not
-listed whose size of 5 u is beyond what is plausible, a tenth of its natural size.
+At η = 6 a test detects it nearly always. Causes with an η below 7 are listed, so that no marginal
+cause is missing: the result is wrong by 5 u, and its verdict is "consistent". A coefficient whose
+size of 5 u exceeds a tenth of its natural size is implausible, and not listed.
 
-R of a candidate with one component does not depend on the data. Of one with several components R
-is that of the direction of its estimate: the largest R of all directions is at least as large.
+R of a candidate with one component does not depend on the data. R of a candidate with several
+components is that of the direction of its estimate: the largest R of all directions is not smaller.
 
 Source: Baarda 1968, A testing procedure for use in geodetic networks, Netherlands Geodetic
 Commission (external reliability).
@@ -41,11 +41,11 @@ class UndetectableCause:
     Parameters
     ----------
     name : str
-        Of the coefficients of a kind, "k2", or of a drift; "row" of the readings of single rows.
+        Name of a kind of coefficients, "k2", or of a drift; "row" for the readings of single rows.
     component : str
-        Full name of the component that moves a coefficient at the smallest size; empty of rows.
+        Full name of the component that shifts a coefficient with the smallest size; empty for rows.
     size : float
-        That size of 5 u, SI; NaN where it is not known.
+        The size that shifts by 5 u, SI; NaN where it is not known.
     """
 
     name: str
@@ -54,14 +54,14 @@ class UndetectableCause:
 
 
 def coefficient_definition(sensor: Sensor, full: str) -> ErrorTerm:
-    """Return the line of the table behind a full name, of an estimated coefficient or another."""
+    """Return the table entry of a full name, whether the coefficient is estimated or not."""
     axis, short = CoefficientName(full).parts
     measures = next(a.measures for a in sensor.axes if a.name == axis)
     return next(line for line in TABLES[measures] if line.name == short)
 
 
 def undetectable_causes(estimate: Estimate, sensor: Sensor) -> tuple[UndetectableCause, ...]:
-    """Return what was not estimated and no test of these data can see.
+    """Return the causes that were not estimated and that no test of these data can detect.
 
     Parameters
     ----------
@@ -115,10 +115,10 @@ def undetectable_exact_parameters(
 
 
 def _is_undetectable(score: ScoreTest, u: Array) -> bool:
-    """Return whether a cause moves a coefficient by 5 u before it is visible."""
+    """Return whether a cause shifts a coefficient by 5 u before it is visible."""
     moved, eta = _largest_shift(score, u), float(np.sqrt(score.chi2))
     if not score.dof:
-        if score.kind in ("row", "time"):  # of no plausible size: it moves something, or nothing
+        if score.kind in ("row", "time"):  # without a plausible size: any shift counts
             return moved > _ROUNDING
         eta = _UNSCORED_NORM
     return _DETECTABLE_NORM * moved > _CRITICAL_SHIFT * eta
@@ -141,7 +141,7 @@ def _undetected_sizes(score: ScoreTest, u: Array, sensor: Sensor) -> Array:
 
 
 def _candidate_group(score: ScoreTest, scores: Sequence[ScoreTest]) -> str:
-    """Return the name of the candidate of several components that has this one, or its own."""
+    """Return the name of the candidate of several components that has this component, if any."""
     return next(
         (
             one.name

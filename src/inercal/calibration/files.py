@@ -4,9 +4,9 @@ Schema "inercal/calibration/2": `sensor` (axes with input and pendulous axes, re
 `coefficients` (a list of name, value, std, unit; SI), `covariance` in that order, `conditions`,
 `provenance`, `notes`, `frame`, `mount`, `verdict` (grade, reasons, tests, suspect), `shared` (a
 list of errors of the bench that other calibrations may have too), `validity` (ranges by name),
-`job` (texts by name), and `sha256`, the hash of all the rest. What is not known is left out.
+`job` (texts by name), and `sha256`, the hash of the other keys. Unknown keys are omitted.
 
-Files of schema 1 have neither `shared`, `validity` nor `job`, and are read.
+Files of schema 1, without `shared`, `validity` and `job`, can be read too.
 """
 
 import hashlib
@@ -25,10 +25,11 @@ from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
 
 SCHEMA = "inercal/calibration/2"
 _READABLE_SCHEMAS = (SCHEMA, "inercal/calibration/1")
+_NOT_JSON = "it is not JSON text"
 
 
 def as_object(calibration: Calibration) -> dict[str, Any]:
-    """Return the calibration as the JSON object that is written."""
+    """Return the calibration as the JSON object of its file."""
     sensor = calibration.sensor
     units = [SI_UNITS[sensor.coefficient(name).unit] for name in sensor.coefficients]
     rows = zip(sensor.coefficients, calibration.values, calibration.std, units, strict=True)
@@ -91,7 +92,7 @@ def _hash(content: dict[str, Any]) -> str:
 
 
 def save(calibration: Calibration, path: str | Path) -> Path:
-    """Write the calibration; the file appears whole or not at all. Return its path."""
+    """Write the calibration completely or not at all; return the path."""
     with atomic_write(Path(path)) as temporary:
         text = json.dumps(as_object(calibration), indent=1, ensure_ascii=False)
         temporary.write_text(text + "\n", encoding="utf-8")
@@ -104,60 +105,68 @@ def load(path: str | Path) -> Calibration:
     Raises
     ------
     InputError
-        No such file, not JSON, another schema, a broken hash, or fields that do not fit.
+        A missing file, not JSON, another schema, a wrong hash, or fields that do not fit.
     """
     return parse(read_text(path), str(path))
 
 
 def read_text(path: str | Path) -> str:
-    """Return what a calibration file holds, unread.
+    """Return the text of a calibration file.
 
     Raises
     ------
     InputError
-        No such file, or it cannot be read.
+        A missing file, or a file that cannot be read.
     """
     try:
         return Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise InputError(f"{path}: no such calibration file") from None
+        raise InputError(f"{path}: no such calibration file", file=path) from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+        raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
     except ValueError:
-        raise InputError(f"{path}: not a calibration file: it is not JSON text") from None
+        raise InputError(f"{path}: not a calibration file: {_NOT_JSON}", file=path) from None
 
 
 def parse(text: str, source: str) -> Calibration:
-    """Return the calibration that a file's text is of; `source` names it where it is none.
+    """Return the calibration of a file's text; `source` is its path, for messages.
 
     Raises
     ------
     InputError
-        Not JSON, another schema, a broken hash, or fields that do not fit.
+        Not JSON, another schema, a wrong hash, or fields that do not fit.
     """
     content: Any
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):
-        raise InputError(f"{source}: not a calibration file: it is not JSON text") from None
+        raise InputError(f"{source}: not a calibration file: {_NOT_JSON}", file=source) from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
     if fields.get("schema") not in _READABLE_SCHEMAS:
         read = " and ".join(map(repr, _READABLE_SCHEMAS))
-        raise InputError(f"{source}: schema {fields.get('schema')!r}; this version reads {read}")
+        raise InputError(
+            f"{source}: schema {fields.get('schema')!r}; this version reads {read}",
+            file=source,
+            key="schema",
+        )
     stated = fields.pop("sha256", None)
     try:
         digest = _hash(fields)
     except ValueError:  # half of a surrogate pair
-        raise InputError(f"{source}: broken calibration file: a text is not Unicode") from None
+        raise InputError(
+            f"{source}: broken calibration file: a text is not Unicode", file=source
+        ) from None
     if stated != digest:
         raise InputError(
             f"{source}: changed since it was written (its SHA-256 differs); calibrate again or "
-            "restore the file"
+            "restore the file",
+            file=source,
+            key="sha256",
         )
     try:
         return _from_object(fields)
     except (AttributeError, KeyError, TypeError, ValueError, InercalError) as error:
-        raise InputError(f"{source}: broken calibration file: {error}") from None
+        raise InputError(f"{source}: broken calibration file: {error}", file=source) from None
 
 
 def _from_object(content: dict[str, Any]) -> Calibration:
@@ -210,7 +219,7 @@ def _shared_error(content: dict[str, Any]) -> SharedError:
     date = content["date"]
     texts = [content[key] for key in ("name", "unit", "determination")]
     if not all(isinstance(text, str) for text in (*texts, "" if date is None else date)):
-        raise InputError("shared: name, unit, determination and date are texts")
+        raise InputError("shared: name, unit, determination and date must be texts")
     name, unit, determination = texts
     return SharedError(name, unit, float(content["std"]), column, determination, date)
 
@@ -222,5 +231,5 @@ def _range(ends: list[float]) -> tuple[float, float]:
 
 def _texts(name: str, content: dict[str, Any]) -> dict[str, str]:
     if not all(isinstance(text, str) for text in content.values()):
-        raise InputError(f"{name}: texts by name are expected")
+        raise InputError(f"{name}: must be an object of texts")
     return content

@@ -1,10 +1,10 @@
-"""One calibration in other forms: IEEE Std 1293's equation, and other body frames.
+"""A calibration in other forms: the equation of IEEE Std 1293, and other body frames.
 
-The misalignments and scales of a triad make a matrix M, reading = M f + bias. Turning the body
-frame by a rotation Q, f' = Q f, leaves the readings and changes the matrices exactly::
+The misalignments and scales of a triad form a matrix M, reading = M f + bias. A rotation Q of the
+body frame, f' = Q f, does not change the readings and changes the matrices exactly::
 
-    M' = M Qᵀ        accelerometers and gyros alike
-    G' = G Qᵀ        gyros' sensitivity to f
+    M' = M Qᵀ        of accelerometers and of gyros
+    G' = G Qᵀ        sensitivity of gyros to f
 
 "triangular" takes Q from M = L Q, L lower triangular; "symmetric" from the polar form M = S Q.
 """
@@ -34,10 +34,10 @@ class ConvertedCoefficients:
     ----------
     names, units : tuple of str
     values : (q,) array
-        In those units.
+        Values in these units.
     covariance : (q, q) array
     shared : tuple of SharedError or None
-        As of `Calibration`, of these coefficients.
+        As of `Calibration`, for these coefficients.
     """
 
     names: tuple[str, ...]
@@ -59,8 +59,8 @@ def ieee1293(
 
     E is the output minus the readout's offset, a in g. Names are "x.K1" (output units per g) and
     "x." + the name in the table for the rest, all referred to the input: divided by 1 + k1.
-    Misalignments are in rad, the others in powers of g. A tilted model with nonlinear terms keeps
-    its own meaning of K₁ and δ, along the turned axis: no exact reference form exists.
+    Misalignments are in rad, the others in powers of g. In a tilted model with nonlinear terms K₁
+    and δ refer to the rotated axis: no exact reference form exists.
 
     Raises
     ------
@@ -80,7 +80,10 @@ def ieee1293(
                 names.append(full)
                 units.append("rad" if short.startswith("delta") else _unit_in_g(sensor, full))
     if not names:
-        raise InputError(f"sensor {sensor.name} has no accelerometer")
+        raise InputError(
+            f"sensor {sensor.name} has no accelerometer, and IEEE Std 1293 is for accelerometers",
+            names=sensor.channels,
+        )
     scales = {axis.name: axis.readout.scale * G0 for axis in sensor.axes}
 
     def convert(c: Array) -> Array:
@@ -97,10 +100,9 @@ def ieee1293(
                 result.append(by_name[full] / gain / sensor.coefficient(full).unit_scale)
         return np.array(result)
 
-    found, by = value_and_jacobian(convert, values, covariance)
-    spread = by @ covariance @ by.T
+    converted, by = value_and_jacobian(convert, values, covariance)
     return ConvertedCoefficients(
-        tuple(names), tuple(units), found, spread, transform_shared(shared, by)
+        tuple(names), tuple(units), converted, by @ covariance @ by.T, transform_shared(shared, by)
     )
 
 
@@ -113,14 +115,14 @@ def _unit_in_g(sensor: Sensor, full: str) -> str:
 def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sensor, Array, Array]:
     """Return sensor, values (q,), SI, and ∂values (q, p), with the model in its other form.
 
-    The derivatives are by the p values before, over the range that `covariance` gives.
+    The derivatives are by the p given values, over the range of `covariance`.
 
     The reference form's scale and misalignments 1 + k1′, δ_O′, δ_P′ are the components of one
     vector, (1 + k1) times the unit input axis h = (1, tan δ_O, −tan δ_P)/norm of the tilted form::
 
         |1 + k1| = √((1 + k1′)² + δ_O′² + δ_P′²),   tan δ = δ′ / (1 + k1′)
 
-    with the sign of the gain 1 + k1 as before.
+    with the sign of the gain 1 + k1 unchanged.
 
     Raises
     ------
@@ -129,7 +131,11 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
     """
     beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
-        raise InputError(f"{', '.join(beyond)} act along another axis in the other form")
+        raise InputError(
+            f"{', '.join(beyond)} act along another axis in the other form: only affine terms can "
+            "be converted",
+            names=tuple(beyond),
+        )
     modelled = {CoefficientName(name).axis for name in sensor.coefficients}
     vectors = [f"{axis}.{group}" for axis in modelled for group in ("scale", "misalignment")]
     full = sensor.with_coefficients(*sensor.coefficients, *vectors)
@@ -145,7 +151,10 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
             gain, *given = (by_name[name] for name in (scale, *turns))
             if sensor.form == "reference":
                 if gain == -1:
-                    raise InputError(f"{scale}: an axis of no gain has no input axis to tilt")
+                    raise InputError(
+                        f"{scale} = -1: an axis without gain has no input axis to tilt",
+                        names=(scale,),
+                    )
                 # A reversed axis keeps its sign in the gain; the tilt stays within ±90°.
                 length = float(np.linalg.norm([1 + gain, *given]))
                 by_name[scale] = float(np.copysign(length, 1 + gain)) - 1
@@ -158,9 +167,9 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
             by_name |= dict(zip(turns, changed.tolist(), strict=True))
         return np.array([by_name[name] for name in full.coefficients])
 
-    found, by = value_and_jacobian(convert, values, covariance)
+    converted, by = value_and_jacobian(convert, values, covariance)
     other = "tilted" if sensor.form == "reference" else "reference"
-    return replace(full, form=other), found, by
+    return replace(full, form=other), converted, by
 
 
 def convert_frame(
@@ -177,10 +186,16 @@ def convert_frame(
     """
     beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
-        raise InputError(f"{', '.join(beyond)} do not turn with the frame: only affine terms do")
+        raise InputError(
+            f"{', '.join(beyond)} cannot be converted to another frame: only affine terms can",
+            names=tuple(beyond),
+        )
     kinds = [axis.measures for axis in sensor.axes]
     if kinds not in (["f"] * 3, ["f"] * 3 + ["w"] * 3):
-        raise InputError("only a triad of accelerometers, with or without gyros, can change frame")
+        raise InputError(
+            "only a triad of accelerometers, with or without gyros, can change its frame",
+            names=sensor.channels,
+        )
     groups = ("bias", "scale", "misalignment", *(["g"] if len(kinds) == 6 else []))
     full = sensor.with_coefficients(*groups)
     frames_of = np.stack([axis.frame for axis in sensor.axes])
@@ -216,5 +231,5 @@ def convert_frame(
                 by_name |= {f"{axis.name}.g_{s}": sensed[j] for j, s in enumerate("ipo")}
         return np.array([by_name[name] for name in full.coefficients])
 
-    found, by = value_and_jacobian(convert, values, covariance)
-    return full, found, by, rotation(values)
+    converted, by = value_and_jacobian(convert, values, covariance)
+    return full, converted, by, rotation(values)

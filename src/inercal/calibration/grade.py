@@ -1,22 +1,23 @@
-"""The rule of the verdict: how far a result can be relied on, for every method alike.
+"""The rule of the verdict: how far a result can be relied on, the same for all methods.
 
-The tests of an estimate are χ² of its residuals (or of each group of them; F where their noise was
-found from the recording), the method's further tests, and the score tests of what was left out.
-Their overall level is 1 %: .8 % for the scores and .2 % for the tests, or all of it for the tests
-where nothing is scored. The grade follows::
+The tests of an estimate are χ² of its residuals (or of each group of residuals; F where their noise
+was estimated from the recording), the further tests of the method, and the score tests of what the
+model omits. Their overall level is 1 %: .8 % for the scores and .2 % for the tests, or 1 % for the
+tests where nothing is scored. The grade is::
 
     consistent                 no test rejects the model, and no check warns
     usable with reservations   a test rejects the model, or a check warns, or nothing was tested
     not to be relied on        the fit did not converge, a scale factor is far from nominal, a check
                                refused, or a test rejects the model and either the scatter is more
-                               than twice what was stated, or the suspect that was found shifts a
-                               coefficient by more than its U
+                               than twice the stated scatter, or the suspect shifts a coefficient by
+                               more than its U
 
 The suspect is the candidate with the smallest p-value, if it explains the residuals better than a
-scatter of all rows does: what remains agrees with what was stated, or is small beside it (F test).
-Candidates whose explained residual lies within 30° of the suspect's cannot be told from it. Among
-those that explain as much (χ² within 4) the first is named that can be mended: a coefficient that
-the method can estimate, then the bench, a change over the run, a row, and last other coefficients.
+scatter of all rows does: the remaining residuals agree with the stated noise, or are small compared
+with the explained part (F test). Candidates whose explained residual lies within 30° of the
+suspect's cannot be distinguished from it. Among those that explain as much (χ² within 4) the
+suspect is the first in the order of possible remedies: a coefficient that the method can estimate,
+the bench, a change over the run, a row, other coefficients.
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
@@ -46,18 +47,18 @@ GRADE_WORDS: dict[Grade, str] = {
     "unreliable": "not to be relied on",
 }
 GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreliable": "bad"}
-COVERAGE = 2.0  # U = k u; about 95 % for the degrees of freedom met here
-_MAX_SCATTER = 2.0  # times what was stated
+COVERAGE = 2.0  # U = k u; about 95 % for the usual degrees of freedom
+_MAX_SCATTER = 2.0  # times the stated scatter
 _MAX_SHIFT = 1.0  # U
-_SCALE_LIMITS = (0.65, 1.5)  # of the nominal scale factor; crude sensors are within a quarter
+_SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within a quarter of it
 _KIND_ORDER: tuple[Kind, ...] = ("bench", "time", "row", "coefficient")
 _EQUIVALENT_CHI2 = 4.0  # of χ²: two standard deviations of one direction
-_MIN_P_VALUE = 1e-280  # below, a probability is taken from its asymptote
+_MIN_P_VALUE = 1e-280  # a smaller probability is computed from its asymptote
 
 
 @dataclass(frozen=True)
 class HypothesisTest:
-    """One test: its χ² with degrees of freedom, and its p-value alone and among all of its kind."""
+    """A test: its χ², degrees of freedom, and p-value, single and among all of its kind."""
 
     name: str
     statistic: float
@@ -73,24 +74,24 @@ class HypothesisTest:
 
 @dataclass(frozen=True)
 class SuspectedCause:
-    """What explains the residuals best of all that was left out or taken as known.
+    """The candidate, omitted from the model or assumed known, that explains the residuals best.
 
     Parameters
     ----------
     name, kind, components, units
-        Of the candidate (`inercal.estimate.Candidate`).
+        As of the candidate (`inercal.estimate.Candidate`).
     sizes, sds : tuple of float
-        What its components would come out at, and their standard deviations, SI.
+        Estimates of its components, and their standard deviations, SI.
     chi2, dof, adjusted
-        By how much χ² would fall, and its p-value among all candidates.
+        Decrease of χ², degrees of freedom, and p-value among all candidates.
     remaining_chi2, remaining_dof : float and int
-        χ² that remains, and its degrees of freedom.
+        Remaining χ², and its degrees of freedom.
     shift : float
         The largest shift that it causes in a coefficient, in units of that coefficient's U.
     shifted_coefficient : str
-        That coefficient.
+        The coefficient with this shift.
     indistinguishable : tuple of str
-        Candidates that explain the same residuals: no test tells them from it.
+        Candidates that explain the same residuals, which no test distinguishes from it.
     """
 
     name: str
@@ -110,7 +111,7 @@ class SuspectedCause:
 
     @property
     def remaining_p_value(self) -> float:
-        """Probability of as large a χ² as remains, if what remains agrees."""
+        """Probability of a χ² as large as the remaining χ², if the remaining model holds."""
         return (
             float(chdtrc(self.remaining_dof, self.remaining_chi2))
             if self.remaining_dof > 0
@@ -122,7 +123,7 @@ class SuspectedCause:
 class OutlierRow:
     """The row of the data that agrees least with the others, and its p-value among all rows.
 
-    `indistinguishable` are the rows that no test tells from it.
+    `indistinguishable` are the rows that no test distinguishes from it.
     """
 
     name: str
@@ -134,7 +135,7 @@ class OutlierRow:
 
 @dataclass(frozen=True)
 class Assessment:
-    """What the tests of an estimate say."""
+    """Results of the tests of an estimate."""
 
     tests: tuple[HypothesisTest, ...]
     suspect: SuspectedCause | None
@@ -154,15 +155,15 @@ class Assessment:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How far a result can be relied on, and why. Iterating gives its lines.
+    """How far a result can be relied on, and the reasons. Iterating gives its lines.
 
     Parameters
     ----------
     grade : "consistent", "reservations" or "unreliable"
     reasons : tuple of str
-        Why it is not consistent, in few words each.
+        The reasons against "consistent", in few words each.
     lines : tuple of str
-        The whole verdict in words; the first line is the summary.
+        The complete verdict in words; the first line is the summary.
     tests : tuple of HypothesisTest
     suspect : SuspectedCause or None
     """
@@ -194,14 +195,14 @@ class Verdict:
 
 
 def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> Assessment:
-    """Return the tests of an estimate, judged together.
+    """Return the tests of an estimate, with p-values for all of them together.
 
     Parameters
     ----------
     estimate : Estimate
         Without a trial axis.
     count : int
-        How many of its first parameters are coefficients.
+        Number of coefficients, which are its first parameters.
     possible : collection of str, optional
         Full names of the coefficients that the method can estimate.
     """
@@ -214,7 +215,7 @@ def assess(estimate: Estimate, count: int, possible: Collection[str] = ()) -> As
         for name, chi2, dof in named
         if dof > 0
     ]
-    # What a method tests besides is χ² whatever is behind the noise.
+    # The further tests of a method are χ² tests however the noise was estimated.
     real += [(one.name, one.statistic, one.dof, one.p_value) for one in estimate.tests if one.dof]
     score_tests = estimate.score_tests
     share = 1 - SCORE_TEST_SHARE if any(one.dof for one in score_tests.scores) else 1.0
@@ -253,11 +254,11 @@ def grade_estimate(
         Without a trial axis.
     assessment : Assessment
     findings : sequence of Finding
-        Of all checks.
+        Findings of all checks.
     far : sequence of str
         Coefficients whose scale factor is far from nominal (`is_far_from_nominal`).
     lines : tuple of str
-        What is said in words.
+        The verdict in words.
     """
     suspect, largest_birge_ratio = assessment.suspect, float(estimate.largest_birge_ratio)
     bad: list[str] = []
@@ -282,7 +283,7 @@ def grade_estimate(
 
 
 def is_far_from_nominal(scale: float) -> bool:
-    """Return whether a scale factor, 1 being nominal, is so far off that something is wrong."""
+    """Return whether a scale factor, 1 being nominal, is implausibly far from nominal."""
     return not _SCALE_LIMITS[0] < scale < _SCALE_LIMITS[1]
 
 
@@ -299,7 +300,7 @@ def _suspected_cause(
     def rank(score: ScoreTest) -> tuple[bool, int]:
         return not set(score.components) <= set(possible), _KIND_ORDER.index(score.kind)
 
-    # Candidates that are one direction of the data have one p-value, but for rounding.
+    # Candidates in the same direction of the data have equal p-values except for rounding.
     best = min(
         (score for score in convincing if logs[score.name] <= least + 1e-6 * abs(least)),
         key=lambda score: (rank(score), -len(score.components)),
@@ -340,7 +341,7 @@ def _suspected_cause(
 
 
 def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
-    """Return whether a candidate explains the residuals better than a scatter of all rows does."""
+    """Return whether a candidate explains the residuals better than a scatter of all rows."""
     score_tests = estimate.score_tests
     left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
     if dof <= 0 or float(chdtrc(dof, left)) > SIGNIFICANCE_LEVEL:

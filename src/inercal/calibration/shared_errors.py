@@ -1,20 +1,19 @@
-"""What calibrations of one bench have in common: errors of it that last beyond one run.
+"""Errors of a bench that its calibrations share, because they last longer than a run.
 
-A parameter q of the bench is known beforehand as q₀ ± u_q, and no run measures it anew: the radius
-of an arm, local gravity, the azimuth of a base. The coefficients c are estimated with it, and to
-first order move with the value that was stated::
+A parameter q of the bench is stated as q₀ ± u_q, and no run measures it again: the radius of an
+arm, local gravity, the azimuth of a base. The coefficients c are estimated with it, and to first
+order they change with the stated value::
 
     J = ∂c/∂q₀,    P_cq = cov(c − c_true, q₀ − q_true) = J u_q²
 
 P_cq is the column of the joint covariance of coefficients and parameter where both are estimated.
-If the true value lies δ above the stated one, the coefficients come out −J δ from where they
-should. Calibrations i and j that rest on the same determination of q are correlated by it, and what
-remains of each is its own::
+If the true value is δ above the stated value, the error of the coefficients is −J δ. Calibrations i
+and j with the same determination of q are correlated by it; the rest of each is its own::
 
     cov(c_i, c_j) = Σ_q P_i P_jᵀ / u_q²,    own_i = cov(c_i) − Σ_q P_i P_iᵀ / u_q²
 
-A Birge ratio enlarges cov(c), and so what is own, but not P: residuals that are too large say
-nothing of q₀, and J = P / u_q² stays the derivative.
+A Birge ratio enlarges cov(c), and so the own part, but not P: residuals that are too large contain
+no information on q₀, and J = P / u_q² remains the derivative.
 
 Source: JCGM 102:2011 (GUM Supplement 2), 6.2; JCGM 100:2008, F.1.2.3 (common influences).
 """
@@ -34,17 +33,17 @@ class SharedError:
     Parameters
     ----------
     name : str
-        Of the bench's parameter, "radius".
+        Name of the bench's parameter, "radius".
     unit : str
-        Of the parameter, SI.
+        Unit of the parameter, SI.
     std : float
-        Standard deviation u_q as it was stated, in the unit.
+        Stated standard deviation u_q, in the unit.
     covariance : (p,) array
         P_cq of the p coefficients, SI times the unit.
     determination : str
-        What is alike in calibrations that rest on one determination of the value; SHA-256.
+        SHA-256 that is equal in calibrations with the same determination of the value.
     date : str or None
-        Of the determination, ISO 8601; None where it is not known.
+        Date of the determination, ISO 8601; None where it is not known.
 
     Raises
     ------
@@ -61,9 +60,16 @@ class SharedError:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.std) and self.std > 0):
-            raise InputError(f"shared {self.name}: standard deviation is {self.std}; give it > 0")
+            raise InputError(
+                f"shared error {self.name}: the standard deviation is {self.std} and must be "
+                "positive",
+                names=(self.name,),
+            )
         if self.covariance.ndim != 1 or not np.isfinite(self.covariance).all():
-            raise InputError(f"shared {self.name}: a covariance is not finite, or no list")
+            raise InputError(
+                f"shared error {self.name}: the covariances must be a list of finite numbers",
+                names=(self.name,),
+            )
 
     @property
     def sensitivity(self) -> Array:
@@ -71,7 +77,7 @@ class SharedError:
         return self.covariance / self.std**2
 
     def transform(self, jacobian: Array) -> "SharedError":
-        """Return the error of other coefficients, whose derivatives by these are (q, p)."""
+        """Return the error for other coefficients, with derivatives (q, p) by these."""
         return replace(self, covariance=jacobian @ self.covariance)
 
 
@@ -79,5 +85,5 @@ SharedErrors = tuple[SharedError, ...] | None
 
 
 def transform_shared(shared: SharedErrors, jacobian: Array) -> SharedErrors:
-    """Return the errors of other coefficients; None stays not known."""
+    """Return the errors for other coefficients; None remains None."""
     return None if shared is None else tuple(one.transform(jacobian) for one in shared)

@@ -1,6 +1,6 @@
-"""The ranges over which a calibration was made."""
+"""The ranges of the data of a calibration."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import isfinite
 
 from inercal.errors import InputError
@@ -10,14 +10,14 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Validity:
-    """Least and largest value over the data that were used, of any axis; None is not known.
+    """Least and largest value of any axis over the used data; None where not known.
 
     Parameters
     ----------
     rate : (float, float) or None
-        Angular rate as the gyros' nominal readout states it, rad/s.
+        Angular rate by the nominal readout of the gyros, rad/s.
     force : (float, float) or None
-        Specific force as the accelerometers' nominal readout states it, m/s².
+        Specific force by the nominal readout of the accelerometers, m/s².
     temperature : (float, float) or None
         K.
 
@@ -32,13 +32,13 @@ class Validity:
     temperature: Range | None = None
 
     def __post_init__(self) -> None:
-        for name, found in self.ranges.items():
-            least, largest = found
+        for name, (least, largest) in self.ranges.items():
             if not (isfinite(least) and isfinite(largest) and least <= largest):
-                raise InputError(f"validity: {name} from {least} to {largest} is not a range")
+                raise InputError(
+                    f"validity: {name} from {least} to {largest} is not a range", names=(name,)
+                )
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """The ranges that are known, by name."""
-        found = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {name: known for name, known in found.items() if known is not None}
+        """The known ranges, by name."""
+        return {name: value for name, value in vars(self).items() if value is not None}

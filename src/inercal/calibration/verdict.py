@@ -1,4 +1,4 @@
-"""The verdict in plain words, computed from the numbers; its rule stands in `grade`."""
+"""The verdict in plain words, computed from the numbers; `grade` has its rule."""
 
 from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
@@ -28,14 +28,14 @@ from inercal.recording import Finding
 from inercal.sensors import G0, Sensor
 from inercal.units import format_quantity, format_value_and_uncertainty
 
-_MIN_PROBABILITY = 1e-99  # smallest probability that is printed
+_MIN_PROBABILITY = 1e-99  # smallest printed probability
 _DISPLAY_UNITS = {"rad": "″", "m/s²": "µg", "rad/s": "°/h", "m": "mm", "s": "ms", "1": "ppm"}
 _PERCENT_THRESHOLD = 0.01  # above, a ratio is shown in %
 _MAX_LISTED = 6  # candidates that a line lists
 _DRIFT_PREFIX, _PRIOR_PREFIX = "drift of ", "prior of "  # and the axis, or the coefficient
 _BIAS = {"f": "k0", "w": "bias"}
-_MIN_PULL = 2.0  # standard deviations; a smaller one is nothing to look at
-_UNIT_RATIO_TOLERANCE = 0.1  # as near to the ratio of two units a scale factor looks like it
+_MIN_PULL = 2.0  # standard deviations; smaller residuals are not reported
+_UNIT_RATIO_TOLERANCE = 0.1  # relative distance within which a scale factor is a ratio of units
 _CHANGE_PREFIX = "change "  # begins the name of a candidate that changes within one row
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
 
@@ -61,7 +61,7 @@ def verdict(
     possible : collection of str, optional
         Full names of the coefficients that the method can estimate.
     row_word : str
-        What a row of the data is called: "position or turn".
+        Word for a row of the data: "position or turn".
     """
     p = len(sensor.coefficients)
     assessment = assess(estimate, p, possible)
@@ -85,7 +85,7 @@ def verdict(
     if estimate.dof or estimate.groups:
         lines += _largest_uncertainty_lines(estimate, sensor)
     lines += [
-        f"{name} comes out at {scale:.3g} times nominal: {_scale_error_cause(name, scale)}"
+        f"{name} is {scale:.3g} times nominal: {_scale_error_cause(name, scale)}"
         for name, scale in scales.items()
     ]
     lines += _undetectable_lines(estimate, sensor, expected, possible, row_word, assessment.suspect)
@@ -95,26 +95,26 @@ def verdict(
 
 
 def p_value_text(p: float) -> str:
-    """Return a small probability behind a "p": "= 0.003", "< 1e-99"."""
+    """Return a small probability as text to follow a "p": "= 0.003", "< 1e-99"."""
     return f"= {p:.1g}" if p > _MIN_PROBABILITY else f"< {_MIN_PROBABILITY:.0e}"
 
 
 def _scale_error_cause(name: str, scale: float) -> str:
-    """Return what makes a scale factor this far from nominal."""
+    """Return the probable cause of a scale factor this far from nominal."""
     if scale < 0:
         return "the axis is reversed"
     if name.endswith(".k1"):
         for ratio, words in (
-            (G0, "m/s² that is stated as g"),
-            (1 / G0, "g that is stated as m/s²"),
+            (G0, "m/s² stated as g"),
+            (1 / G0, "g stated as m/s²"),
         ):
             if abs(scale / ratio - 1) < _UNIT_RATIO_TOLERANCE:
                 return f"its column looks like {words}"
-    return "its nominal scale is wrong, or one of its readings is"
+    return "its nominal scale or one of its readings is wrong"
 
 
 def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool) -> list[str]:
-    """Say how the residuals agree with noise and bench as stated; `wrong`: more than they show."""
+    """Return lines on the agreement of the residuals; `wrong`: a check found an error besides."""
     first = f"{count} coefficients found"
     if estimate.groups:
         lines = _group_summary(estimate, first, wrong)
@@ -140,7 +140,7 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool
             large = (
                 ", but the residuals are larger than noise and bench allow"
                 if assessment.rejects
-                else f"; the residuals are large, as chance makes them in {100 * p:.1g} % of runs"
+                else f"; the residuals are large, which chance explains in {100 * p:.1g} % of runs"
             )
             by = f"all uncertainties are scaled by {float(estimate.birge):.2f}"
             lines = [f"{first}{large} ({numbers}): {by}"]
@@ -155,7 +155,7 @@ def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool
 
 
 def _group_summary(estimate: Estimate, first: str, wrong: bool) -> list[str]:
-    """Say how each kind of observations agrees with its noise."""
+    """Return lines on the agreement of each kind of observations with its noise."""
     numbers = "; ".join(
         f"{group.name} χ² = {group.chi2:.1f} with {group.dof}, p {p_value_text(group.p_value)}"
         for group in estimate.groups
@@ -166,8 +166,8 @@ def _group_summary(estimate: Estimate, first: str, wrong: bool) -> list[str]:
     if within:
         shares = ", ".join(f"{group.spread.share:.2g} for {group.name}" for group in within)
         lines.append(
-            "some observations agree better than the scatter within rests says, as where a hand "
-            f"trembles; of its variance a share counts: {shares}"
+            "some observations agree better than the scatter within rests predicts, as for a "
+            f"sensor in a trembling hand; the share of the variance that counts is {shares}"
         )
     if not beyond:
         tested = all(group.dof > 0 for group in estimate.groups)
@@ -189,7 +189,7 @@ def _suspect_lines(
     possible: Collection[str],
     row_word: str,
 ) -> list[str]:
-    """Name what explains the residuals best, its size, and what to do."""
+    """Return lines on the candidate that explains the residuals best: its size and a remedy."""
     fall = f"χ² would fall by {one.chi2:.1f} to {one.remaining_chi2:.1f}"
     shift = (
         f"it shifts {one.shifted_coefficient} by {one.shift:.2g} U"
@@ -218,7 +218,7 @@ def _suspect_lines(
         advice = "let the sensor settle, or repeat the first positions at the end"
         if one.name.startswith(_CHANGE_PREFIX):
             lines = f"suspect: {one.name}, {parts} from its first half to its second"
-            advice = f"look at this {row_word}: was the sensor touched? Repeat it or leave it out"
+            advice = f"check whether the sensor was touched; repeat this {row_word} or remove it"
     text = (
         f"{lines}; {fall} (p {p_value_text(one.adjusted)} among all candidates), and {shift}; "
         f"{advice}"
@@ -228,7 +228,7 @@ def _suspect_lines(
         listed = ", ".join(one.indistinguishable[:_MAX_LISTED])
         more = len(one.indistinguishable) - _MAX_LISTED
         listed += f" and {more} more" if more > 0 else ""
-        result.append(f"these data cannot tell {one.name} from: {listed}")
+        result.append(f"these data cannot distinguish {one.name} from: {listed}")
     if one.remaining_p_value < SIGNIFICANCE_LEVEL:
         result.append(
             f"{one.name} alone does not explain the residuals: χ² = {one.remaining_chi2:.1f} with "
@@ -241,8 +241,8 @@ def _suspect_lines(
 def _bench_suspect_text(
     one: SuspectedCause, sensor: Sensor, expected: Mapping[str, Parameter]
 ) -> tuple[str, str]:
-    """Return what is said of a suspected statement of the run file, and what to do."""
-    # Of the components of one vector, such as the angles of a mounting, the clearest.
+    """Return the text on a suspected statement of the run file, and the advice."""
+    # The most significant component of a vector, such as the angles of a mounting.
     k = int(np.argmax(np.nan_to_num(np.abs(one.sizes) / np.asarray(one.sds))))
     name, size, sd = one.components[k], one.sizes[k], one.sds[k]
     if name.startswith(_PRIOR_PREFIX):
@@ -253,9 +253,9 @@ def _bench_suspect_text(
             f"look at [method.prior] {full}, or state it with its true uncertainty",
         )
     stated, of_rows = expected.get(name), ""
-    if stated is None:  # one error of all rows, in the place of one for each
+    if stated is None:  # a common error of all rows, in place of an error of each row
         rows = [one for full, one in expected.items() if full.startswith(f"{name}[")]
-        stated, of_rows = (rows[0] if rows else None), f", alike in all {len(rows)} rows"
+        stated, of_rows = (rows[0] if rows else None), f", equal in all {len(rows)} rows"
     meaning = "" if stated is None or not stated.meaning else f" ({stated.meaning})"
     known = "as exact" if stated is None or not stated.sd else ""
     known = known or f"± {_format_quantity(stated.sd if stated else 0.0, 0.0, one.units[k])}"
@@ -293,7 +293,7 @@ def format_component(
     ----------
     sensor : Sensor
     kind, name : str
-        Of the candidate, and of the component.
+        Kind of the candidate, and name of the component.
     size, sd : float
         SI.
     unit : str
@@ -307,7 +307,7 @@ def format_component(
 
 
 def _format_quantity(value: float, sd: float, unit: str) -> str:
-    """Return a quantity in the unit in which people read such a size."""
+    """Return a quantity in the usual unit of its size."""
     if not np.isfinite(value):
         return "an unknown amount"
     unit = _DISPLAY_UNITS.get(unit, unit)
@@ -326,9 +326,9 @@ def _undetectable_lines(
     row_word: str,
     suspect: SuspectedCause | None,
 ) -> list[str]:
-    """Name what the calibration leaves out and no test of these data can see: U lacks it.
+    """Return a line on omitted causes that no test of these data can detect: U does not hold them.
 
-    The suspect is not among it: so large it is seen.
+    The suspect is excluded: a test has detected it.
     """
     own = (suspect.name, *suspect.components) if suspect is not None else ()
     short = {CoefficientName(name).term for name in own}
@@ -343,20 +343,20 @@ def _undetectable_lines(
     for k, one in enumerate(found):
         if np.isfinite(one.size):
             parts[k] += f" ({_undetected_size_text(sensor, one)})"
-    said: list[str] = []
+    texts: list[str] = []
     if parts:
         free = [one.name for one in found if one.component in possible]
         tail = f"; the method can estimate {', '.join(free)} ([method] also)" if free else ""
-        said.append(
+        texts.append(
             "these data cannot show the following, and U does not hold it (in brackets the size "
             f"that shifts a coefficient by 5 u): {', '.join(parts)}{tail}"
         )
     if exact := undetectable_exact_parameters(estimate, sensor, expected):
-        said.append(
+        texts.append(
             f"these data cannot show an error of {', '.join(exact)}, which the run file takes as "
             "exact: state its uncertainty"
         )
-    return ["; ".join(said)] if said else []
+    return ["; ".join(texts)] if texts else []
 
 
 def _undetected_size_text(sensor: Sensor, one: UndetectableCause) -> str:
@@ -374,7 +374,7 @@ def _measures(sensor: Sensor, name: str) -> str:
 
 
 def _outlier_row_lines(assessment: Assessment, row_word: str) -> list[str]:
-    """Name the row that agrees least with the others, where it stands out."""
+    """Return a line on the row that agrees least with the others, where this is significant."""
     row, suspect = assessment.row, assessment.suspect
     if (
         row is None
@@ -383,7 +383,7 @@ def _outlier_row_lines(assessment: Assessment, row_word: str) -> list[str]:
     ):
         return []
     alike = (
-        f" (or {', '.join(row.indistinguishable)}: these data cannot tell)"
+        f" (or {', '.join(row.indistinguishable)}: these data cannot distinguish them)"
         if row.indistinguishable
         else ""
     )
@@ -394,7 +394,7 @@ def _outlier_row_lines(assessment: Assessment, row_word: str) -> list[str]:
 
 
 def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -> list[str]:
-    """Name the largest residual, and the bench parameter farthest from what was stated."""
+    """Return lines on the largest residual and the bench parameter farthest from its statement."""
     lines: list[str] = []
     if estimate.observations:
         worst = int(np.argmax(np.abs(estimate.whitened)))
@@ -414,13 +414,13 @@ def _largest_pull_lines(estimate: Estimate, expected: Mapping[str, Parameter]) -
         named = f"{short} of {place}" if place else short
         size = format_value_and_uncertainty(0.0, pulls[name])[1]
         lines.append(
-            f"of the bench, {named} is farthest from what was stated, {size} standard deviations"
+            f"of the bench, {named} is farthest from its stated value, {size} standard deviations"
         )
     return lines
 
 
 def _largest_uncertainty_lines(estimate: Estimate, sensor: Sensor) -> list[str]:
-    """Name the least known coefficient of each group and unit."""
+    """Return a line with the largest uncertainty of each group and unit."""
     p = len(sensor.coefficients)
     measures = {axis.name: axis.measures for axis in sensor.axes}
     groups: dict[tuple[str, str], list[int]] = {}

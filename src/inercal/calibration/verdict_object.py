@@ -1,4 +1,4 @@
-"""A verdict as it stands in calibration files and on `--json`: sizes in SI."""
+"""A verdict as JSON, in calibration files and for `--json`: sizes in SI."""
 
 from typing import Any
 

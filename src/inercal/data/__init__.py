@@ -1,4 +1,4 @@
-"""From [data] of a run file to recordings and tables: what all kinds of benches have in common."""
+"""From [data] of a run file to recordings and tables, for all kinds of benches."""
 
 from inercal.data.data_section import DataSection, ReadbackColumn, RestsSection, unit_size
 from inercal.data.source import EstimatorInput, Source

@@ -1,4 +1,4 @@
-"""[data] of a run file: what every kind of bench has. Values with units are text: "100 Hz"."""
+"""[data] of a run file: the keys of every kind of bench. Values with units are text: "100 Hz"."""
 
 from typing import Any, Literal, NamedTuple
 
@@ -10,7 +10,7 @@ from inercal.units import parse_quantity, si_factor
 
 
 class ReadbackColumn(NamedTuple):
-    """A column in which a bench states something of itself: its name, and the SI size of a unit."""
+    """A column of a quantity that the bench measures: name, column, and SI size of its unit."""
 
     name: str
     column: str
@@ -55,7 +55,7 @@ class DataSection(Section):
         counts = self.time is not None and self.time_unit == "sample"
         if self.counter_modulus is not None and not counts:
             raise ValueError(
-                "counter_modulus goes with a counter: name its column, time, and state "
+                "counter_modulus needs a counter: state its column as time, and "
                 'time_unit = "sample"'
             )
         return self
@@ -63,7 +63,10 @@ class DataSection(Section):
     @model_validator(mode="after")
     def _means_are_one_table(self) -> "DataSection":
         if self.kind == "means" and self.gyro_file is not None:
-            raise ValueError("gyro_file goes with a recording; means of all axes are one table")
+            raise ValueError(
+                "gyro_file is for recordings: write the means of all axes in a single table and "
+                "remove gyro_file"
+            )
         signed = [c for c in (*self.accelerometer, *self.gyro) if str(c).startswith("-")]
         if self.kind == "means" and signed:
             raise ValueError(
@@ -83,17 +86,17 @@ class DataSection(Section):
         return ()
 
     def readback(self, bench: Any) -> tuple[ReadbackColumn, ...]:
-        """Return the columns in which a bench states its rates, angles and levels.
+        """Return the columns of rates, angles and levels that the bench measures.
 
         Raises
         ------
         InputError
-            A unit that is none of such a quantity.
+            A unit of another quantity.
         """
         return ()
 
     def further_files(self) -> dict[str, str]:
-        """Return the further files that are named, by what they are, such as "readback"."""
+        """Return further files by their content, such as "readback"."""
         return {}
 
 
@@ -109,7 +112,7 @@ class RestsSection(DataSection):
     @model_validator(mode="after")
     def _means_do_not_move(self) -> "RestsSection":
         if self.kind == "means" and self.accept_moving is not None:
-            raise ValueError("accept_moving goes with a recording; leave it out")
+            raise ValueError("accept_moving is for recordings only; remove it")
         return self
 
     @property
@@ -119,17 +122,18 @@ class RestsSection(DataSection):
 
 
 def unit_size(unit: str, like: str, key: str) -> float:
-    """Return the SI size of a unit, or of a size such as "0.5 rev/s"; a complaint names `key`.
+    """Return the SI size of a unit, or of a size such as "0.5 rev/s"; an error names `key`.
 
     Raises
     ------
     InputError
-        Another unit, or a size that is not positive.
+        A unit of another quantity, or a size that is not positive.
     """
+    key = f"[data] {key}"
     try:
         size = parse_quantity(unit, like).value if unit[:1].isdigit() else si_factor(unit, like)
     except InputError as error:
-        raise InputError(f"[data] {key}: {error}") from None
+        raise error.located(key, key=key) from None
     if size <= 0:
-        raise InputError(f"[data] {key}: {unit!r} must be positive")
+        raise InputError(f"{key}: {unit!r} must be positive", key=key)
     return size

@@ -1,4 +1,4 @@
-"""What a run file says of its data, in the words of `inercal.io`: columns, limits, deviations."""
+"""[data] of a run file as arguments of `inercal.io`: columns, limits, deviations; the recording."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from inercal.section_settings import si_value
 from inercal.sensors import Sensor
 from inercal.units import parse_quantity
 
-READBACK = "readback"  # of `DataSection.further_files`: the file of what a bench reads back
+READBACK = "readback"  # key in `DataSection.further_files` of the file with the bench's readback
 
 
 def load_recording(run: Source[DataSection]) -> Recording:
@@ -32,17 +32,17 @@ def load_recording(run: Source[DataSection]) -> Recording:
 
 
 def require_not_refused(source: str, finding: Finding | None) -> tuple[Finding, ...]:
-    """Return a finding, if any, to go with others.
+    """Return a finding, if any, as a tuple.
 
     Raises
     ------
     InputError
-        It refuses the data.
+        The finding refuses the data.
     """
     if finding is None:
         return ()
     if finding.severity == "refused":
-        raise InputError(f"{source}: {finding.message}")
+        raise InputError(f"{source}: {finding.message}", file=source)
     return (finding,)
 
 
@@ -65,7 +65,7 @@ def reversed_axes(run: Source[DataSection]) -> frozenset[str]:
 
 
 def apply_axis_signs(run: Source[DataSection], recording: Recording) -> Recording:
-    """Return the recording with the axes reversed, about their zeros, that the run file says."""
+    """Return the recording with the axes that the run file reverses mirrored about their zeros."""
     back = reversed_axes(run)
     if not back:
         return recording
@@ -78,22 +78,22 @@ def apply_axis_signs(run: Source[DataSection], recording: Recording) -> Recordin
 
 
 def gyro_file(run: Source[DataSection]) -> Path | None:
-    """Return the file that holds the gyros alone: none where the method leaves them out."""
+    """Return the separate file of the gyros; None where the method does not use gyros."""
     name = run.data.gyro_file
     return None if name is None or not run.sensor.select_axes("w").axes else run.file(name)
 
 
 def range_limits(sensor: Sensor) -> dict[str, tuple[float, float]]:
     """Return the ends of each axis's range in output units, where its full scale is stated."""
-    found: dict[str, tuple[float, float]] = {}
-    for axis in sensor.axes:
-        if (reach := axis.readout.full_scale) is not None:
-            found[axis.name] = (axis.readout.offset - reach, axis.readout.offset + reach)
-    return found
+    return {
+        axis.name: (axis.readout.offset - reach, axis.readout.offset + reach)
+        for axis in sensor.axes
+        if (reach := axis.readout.full_scale) is not None
+    }
 
 
 def reader_columns(run: Source[DataSection]) -> Columns:
-    """Return which column of the run's data is what."""
+    """Return what each column of the run's data holds."""
     data = run.data
     names = {"f": data.accelerometer, "w": data.gyro}
     channels: dict[str, tuple[tuple[str, str, str], ...]] = {}
@@ -122,16 +122,20 @@ def reader_columns(run: Source[DataSection]) -> Columns:
 
 
 def _data_file_options(run: Source[DataSection]) -> dict[str, object]:
-    """Return the options of readers, without those that only the readback's own file has."""
+    """Return the options of readers, without those that only the file of the readback uses."""
     table = run.data.further_files().get(READBACK)
-    theirs = {} if table is None or not run.reader_options else file_reader_options(run, table)
-    names = [run.data.file, *([] if run.data.gyro_file is None else [run.data.gyro_file])]
-    ours = [key for name in names for key in file_reader_options(run, name)] if theirs else []
-    return {k: v for k, v in run.reader_options.items() if k in ours or k not in theirs}
+    of_readback = {} if table is None else file_reader_options(run, table)
+    names = [name for name in (run.data.file, run.data.gyro_file) if name is not None]
+    of_data = [key for name in names for key in file_reader_options(run, name)]
+    return {
+        key: value
+        for key, value in run.reader_options.items()
+        if key in of_data or key not in of_readback
+    }
 
 
 def file_reader_options(run: Source[DataSection], name: str) -> dict[str, object]:
-    """Return the options that the reader of a file knows; none of a file that is not there."""
+    """Return the options that the reader of a file knows; none where the file does not exist."""
     if not run.reader_options or not run.file(name).exists():
         return {}
     known = detect_reader(run.file(name)).keys
@@ -139,12 +143,12 @@ def file_reader_options(run: Source[DataSection], name: str) -> dict[str, object
 
 
 def readbacks(run: Source[DataSection]) -> tuple[ReadbackColumn, ...]:
-    """Return the columns in which the bench states something of itself.
+    """Return the columns of quantities that the bench measures.
 
     Raises
     ------
     InputError
-        A unit that is none of such a quantity.
+        A unit of another quantity.
     """
     try:
         return run.data.readback(run.bench)
@@ -153,20 +157,20 @@ def readbacks(run: Source[DataSection]) -> tuple[ReadbackColumn, ...]:
 
 
 def readback_fields(run: Source[DataSection]) -> tuple[tuple[str, str, str], ...]:
-    """Return name, column and unit of what a bench reads back.
+    """Return name, column and unit of what the bench measures.
 
-    In units of their columns, "1": `readback_units` makes them SI.
+    The unit is "1": values stay in the units of their columns; `readback_units` converts to SI.
     """
     return tuple((one.name, one.column, "1") for one in readbacks(run))
 
 
 def readback_columns(run: Source[DataSection]) -> dict[str, str]:
-    """Return the columns in which a bench states rates, angles and levels, by readback."""
+    """Return the columns of rates, angles and levels that the bench measures, by name."""
     return {one.name: one.column for one in readbacks(run)}
 
 
 def readback_units(run: Source[DataSection]) -> dict[str, float]:
-    """Return the SI size of one unit of each of these columns, negative of one that is reversed.
+    """Return the SI size of the unit of each of these columns, negative for a reversed column.
 
     Raises
     ------
@@ -177,76 +181,85 @@ def readback_units(run: Source[DataSection]) -> dict[str, float]:
 
 
 def require_distinct_columns(run: Source[DataSection], *further: str) -> None:
-    """Refuse a column that is named for two things; `further` are columns beside the readback.
+    """Refuse a column stated for two quantities; `further` are columns besides the readback.
 
     Raises
     ------
     InputError
-        Naming it.
+        The message names the column.
     """
     kinds = {axis.measures for axis in run.sensor.axes}
-    data, beside = run.data, list(readback_columns(run).values())
+    data, readback = run.data, list(readback_columns(run).values())
     used = [unsigned_column(column) for column in data.accelerometer]
     if "w" in kinds and data.gyro_file is None:
         used += [unsigned_column(column) for column in data.gyro]
-    own = READBACK in data.further_files()
-    files = (used, [*further, *beside]) if own else (used + beside,)
-    twice = [column for one in files for column, count in Counter(one).items() if count > 1]
+    separate = READBACK in data.further_files()
+    files = (used, [*further, *readback]) if separate else (used + readback,)
+    twice = [column for columns in files for column, count in Counter(columns).items() if count > 1]
     if twice:
-        raise InputError(f"{run.path}: [data] names column {twice[0]!r} for two things")
+        raise InputError(
+            f"{run.path}: [data] names column {twice[0]!r} for two things; state a column for each",
+            file=run.path,
+            key="[data]",
+            names=(twice[0],),
+        )
 
 
 def position_name(value: object) -> str:
-    """Return a position's name; a whole number as it is written."""
+    """Return the name of a position; a whole number without decimals."""
     if isinstance(value, float) and value.is_integer():
         return str(int(value))
     return str(value).strip()
 
 
 def number_repeated_names(names: Sequence[str]) -> list[str]:
-    """Return a name for each row of names that may return, such as "x_p (2)"."""
+    """Return a distinct name for each row: the second "x_p" becomes "x_p (2)"."""
     count: Counter[str] = Counter()
-    found: list[str] = []
+    distinct: list[str] = []
     for name in names:
         count[name] += 1
-        found.append(name if count[name] == 1 else f"{name} ({count[name]})")
-    return found
+        distinct.append(name if count[name] == 1 else f"{name} ({count[name]})")
+    return distinct
 
 
 def _column_rate(run: Source[DataSection]) -> float | None:
-    """Return the rate that times the samples: none where a column of time does."""
+    """Return the rate of the samples; None where a column of times replaces it."""
     if run.data.kind == "means":
-        return 1.0  # rows follow one another; nothing depends on when
+        return 1.0  # the rows have an order; nothing depends on their times
     stamped = run.data.time is not None and run.data.time_unit != "sample"
     if run.rate_hz is None and not stamped:
         raise InputError(
-            f'{run.path}: [data] rate is missing, such as "100 Hz"; or name the time column, '
-            'time = "…" (and time_unit); a table of means is kind = "means"'
+            f'{run.path}: [data] rate is missing: state rate = "100 Hz" or the like, or name the '
+            'column of times in time; for a table of means state kind = "means"',
+            file=run.path,
+            key="[data] rate",
         )
     return None if stamped else run.rate_hz
 
 
 def stated_deviations(run: Source[DataSection]) -> dict[str, float]:
-    """Return the standard deviations of means that the run states, SI, by what axes measure.
+    """Return the standard deviations of means that the run file states, SI, by measured quantity.
 
     Raises
     ------
     InputError
-        One that is not positive, or in another unit than the quantity's or the output's.
+        A value that is not positive, or whose unit is neither that of the quantity nor that of the
+        output.
     """
     likes = {"accelerometer": ("f", "m/s²"), "gyro": ("w", "rad/s")}
-    found: dict[str, float] = {}
+    deviations: dict[str, float] = {}
     for name, text in run.data.sd.items():
         measures, like = likes[name]
-        key = f"{run.path}: [data.sd] {name}"
+        key = f"[data.sd] {name}"
+        where = f"{run.path}: {key}"
         readouts = [axis.readout for axis in run.sensor.axes if axis.measures == measures]
         try:
-            found[measures] = parse_quantity(text, like).value
+            deviations[measures] = parse_quantity(text, like).value
         except InputError as error:
-            # Of an output in V or LSB the deviation may be stated as it stands in the file.
+            # The deviation of an output in V or LSB may be stated in the unit of the file.
             if not readouts or readouts[0].unit not in ("V", "LSB"):
-                raise InputError(f"{key}: {error}") from None
-            found[measures] = si_value(text, readouts[0].unit, key) / abs(readouts[0].scale)
-        if found[measures] <= 0:
-            raise InputError(f"{key}: {text!r} must be positive")
-    return found
+                raise error.located(where, file=run.path, key=key) from None
+            deviations[measures] = si_value(text, readouts[0].unit, where) / abs(readouts[0].scale)
+        if deviations[measures] <= 0:
+            raise InputError(f"{where}: {text!r} must be positive", file=run.path, key=key)
+    return deviations

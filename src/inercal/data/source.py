@@ -1,4 +1,4 @@
-"""What a reader of data sees of a run, and what it makes of them."""
+"""The view of a run that readers of data use, and their result."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,26 +17,26 @@ D = TypeVar("D", bound=DataSection, covariant=True)
 
 
 class ChosenMethod(Protocol):
-    """What a reader of data sees of the method."""
+    """The view of the method that readers of data use."""
 
     @property
     def name(self) -> str:
-        """As the run file has it."""
+        """Its name in the run file."""
         ...
 
     @property
     def unknown_attitudes(self) -> bool:
-        """Whether it finds the attitudes itself: there is no plan that rows must fit."""
+        """Whether it estimates the attitudes: there is no plan that rows must fit."""
         ...
 
     @property
     def sequential(self) -> object:
-        """What follows a run while it goes on; None where there is none."""
+        """Its sequential estimator; None where it has none."""
         ...
 
 
 class Source(Protocol[D]):
-    """A run as far as its data are read: the run file's own type satisfies it."""
+    """The parts of a run that its data need; `Run` of the run file satisfies it."""
 
     @property
     def path(self) -> Path:
@@ -50,12 +50,12 @@ class Source(Protocol[D]):
 
     @property
     def sensor(self) -> Sensor:
-        """The axes that are read, and the coefficients wanted."""
+        """The axes to read, and the wanted coefficients."""
         ...
 
     @property
     def bench(self) -> Any:
-        """The bench, of the kind that reads."""
+        """The bench, of the kind whose reader is called."""
         ...
 
     @property
@@ -75,7 +75,7 @@ class Source(Protocol[D]):
 
     @property
     def has_plan_keys(self) -> bool:
-        """Whether the run file says something of the plan."""
+        """Whether the run file has keys of the plan."""
         ...
 
     @property
@@ -95,22 +95,22 @@ class EstimatorInput:
     Parameters
     ----------
     recording : Recording or None
-        None when means were read straight in.
+        None where the data are a table of means.
     marks : tuple of Mark
     observations : Observations
     plan : tuple of Step
-        What was to be done; steps without a row were not carried out.
+        The planned steps; steps without a row were not carried out.
     steps : tuple of Step
-        Of each row.
+        The step of each row.
     findings : tuple of Finding
     conditions : dict of str to str
-        Of the bench, in words with units.
+        Conditions of the bench, in words with units.
     rests : RestDetection or None
-        How rests were found, where they were found without a plan.
+        The detection of rests, where it used no plan.
     bench : Bench or None
-        Where the data tell more of it than the run file states.
+        The bench, where the data determine more of it than the run file states.
     notes : tuple of str
-        What the data tell besides, in plain words.
+        Further results from the data, in plain words.
     """
 
     recording: Recording | None

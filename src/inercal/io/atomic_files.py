@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that are written completely or not at all."""
 
 import os
 import shutil
@@ -12,9 +12,9 @@ from inercal.errors import InputError
 
 @contextmanager
 def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
-    """Give a temporary path in the folder of `path`, renamed to it when the block succeeds.
+    """Yield a temporary path in the folder of `path`; rename it to `path` when the block succeeds.
 
-    A reader sees the old file or the new one; a block that fails leaves the old file as it was.
+    A reader sees the old file or the new file. A block that fails leaves the old file unchanged.
 
     Raises
     ------
@@ -34,20 +34,19 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     # Opened by the caller under the user's umask, which tempfile would override with 0600.
     temporary = target.with_name(f".{uuid4().hex}.part")
     try:
-        if target.is_dir():
-            raise InputError(f"{target} is a folder; name a file to write")
+        _refuse_folder(target)
         yield temporary
         os.replace(temporary, target)
     except OSError as error:
         if error.filename in (None, str(temporary), str(target), temporary, target):
-            raise InputError(f"{target} cannot be written: {error.strerror or error}") from error
+            raise _write_error(target, error) from error
         raise
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    """Write a file of text, UTF-8, whole or not at all; return its path.
+    """Write a UTF-8 text file completely or not at all; return its path.
 
     Raises
     ------
@@ -61,10 +60,10 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
 
 @contextmanager
 def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
-    """Give temporary paths for files of one folder; all are renamed when the block succeeds.
+    """Yield temporary paths for files of one folder; rename all when the block succeeds.
 
-    A block that fails leaves all files as they were. A file that the block does not write is left
-    alone.
+    A block that fails leaves all files unchanged. A file that the block does not write keeps its
+    old content.
 
     Raises
     ------
@@ -72,13 +71,12 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
         The folder cannot be written, or one of the paths is a folder.
     """
     for target in targets:
-        if target.is_dir():
-            raise InputError(f"{target} is a folder; name a file to write")
+        _refuse_folder(target)
     folder = targets[0].parent / f".{uuid4().hex}.part"
     try:
         folder.mkdir()
     except OSError as error:
-        raise InputError(f"{targets[0]} cannot be written: {error.strerror or error}") from error
+        raise _write_error(targets[0], error) from error
     try:
         parts = [folder / target.name for target in targets]
         yield parts
@@ -87,3 +85,12 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
                 os.replace(part, target)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _refuse_folder(target: Path) -> None:
+    if target.is_dir():
+        raise InputError(f"{target} is a folder; name a file to write", file=target)
+
+
+def _write_error(target: Path, error: OSError) -> InputError:
+    return InputError(f"{target} cannot be written: {error.strerror or error}", file=target)

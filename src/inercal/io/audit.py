@@ -1,13 +1,14 @@
 """What is wrong or odd with a recording, before anything is computed from it.
 
-Each check is a function of the recording and returns findings. Three of them also say which
-samples to keep, in which order: non-finite rows and repeated rows go, and sections that were
-stored by label are put in the order of time. Messages name lines of the file as it was read.
-A recording may fill most of the memory: a check makes no copy of it.
+Each check is a function of the recording and returns findings. Three checks also return the
+samples to keep and their order: non-finite rows and repeated rows are dropped, and sections that
+were stored by label are sorted by time. Messages name lines of the file as it was read.
+A recording may fill most of the memory: no check copies it.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -23,12 +24,12 @@ NonfinitePolicy = Literal["refuse", "drop"]
 SampleLocator = Callable[[int], str]
 """Names the place of a sample in the file."""
 
-_LOST = 0.01  # of the recording; less is a note
-_OFTEN = 0.02  # of the steps are long in a recording that comes in bursts,
-_SHORTER = 1.5  # the mean step is so many times the median one,
-_HELD_BACK = 10  # and within this many bursts the samples keep pace with their mean rate
-_LIVES = 0.5  # of its scatter in the whole recording: a channel changes in a part of it
-_NEAR_S = 1.0  # saturated stretches closer than this are one finding
+_LOST = 0.01  # lost share of the recording above which gaps are a warning
+# A recording comes in bursts where at least this share of its time steps is long, the mean step is
+# at least so many median steps, and within so many bursts the samples follow their mean rate.
+_OFTEN, _SHORTER, _HELD_BACK = 0.02, 1.5, 10
+_LIVES = 0.5  # a channel changes in a part if it scatters there by this share of its full scatter
+_NEAR_S = 1.0  # s; saturated stretches closer than this are one finding
 
 
 class _CheckResult(NamedTuple):
@@ -52,14 +53,15 @@ def audit(
     nonfinite : "refuse" or "drop"
         What to do with rows that hold NaN or infinity.
     limits : mapping of channel to (lowest, highest), optional
-        Output at the ends of the range, output units; others are found from the data.
+        Output at the ends of the range, output units; without it the audit looks for them.
     in_place : bool
-        Overwrite the recording given where rows go, which takes no more memory.
+        Whether to overwrite the given recording where rows are dropped: it saves the memory of a
+        copy.
 
     Returns
     -------
     Recording
-        Where a finding is "refused" the samples are as they came, unless `in_place`.
+        Where a finding is "refused" the samples are unchanged, unless `in_place`.
 
     Raises
     ------
@@ -70,7 +72,9 @@ def audit(
     for channel in set(limits) - set(recording.channels):
         raise InputError(
             f"limits are stated for a channel {channel!r} that the recording does not have; "
-            f"channels are {', '.join(recording.channels)}"
+            f"channels are {', '.join(recording.channels)}",
+            key="limits",
+            names=(channel,),
         )
     cleaned = audit_rows(recording, nonfinite, in_place=in_place)
     findings = list(cleaned.findings)
@@ -86,7 +90,7 @@ def audit(
 def audit_rows(
     recording: Recording, nonfinite: NonfinitePolicy = "refuse", *, in_place: bool = False
 ) -> Recording:
-    """Return the recording as `audit` does, whatever its channels read: they may well stand still.
+    """Return the recording as `audit` does, without judging its channels: they may be constant.
 
     Raises
     ------
@@ -94,14 +98,22 @@ def audit_rows(
         The recording has an axis of trials.
     """
     if recording.data.ndim != 2:
-        raise InputError("audit takes one run, data (n, m), without an axis of trials")
+        raise InputError(
+            f"audit takes a single run, data (n, m), but the data are {recording.data.shape}; "
+            "audit each trial"
+        )
     cleaned, rows = recording, None
     findings = list(recording.findings)
-    for check in (_nonfinite_check(nonfinite), check_time_order, check_repeated_rows):
+    for check in (
+        partial(check_finite, drop=nonfinite == "drop"),
+        check_time_order,
+        check_repeated_rows,
+    ):
         found, keep = check(cleaned, _sample_locator(recording, rows))
-        findings += found
         if any(finding.severity == "refused" for finding in found):
+            findings += [_renumbered(finding, rows) for finding in found]
             return replace(recording, findings=tuple(findings))
+        findings += found
         if keep is not None:
             cleaned = _compact_in_place(cleaned, keep) if in_place else cleaned.take(keep)
             rows = keep if rows is None else rows[keep]
@@ -111,12 +123,19 @@ def audit_rows(
 
 
 def _sample_locator(recording: Recording, rows: Indices | None) -> SampleLocator:
-    """Return what names the place of a sample, given the number in the file of each."""
+    """Return what names the place of a sample, given the number of each sample in the file."""
     return lambda k: recording.where(k if rows is None else int(rows[k]))
 
 
+def _renumbered(finding: Finding, rows: Indices | None) -> Finding:
+    """Return a finding whose samples are numbered as in the file."""
+    if rows is None or finding.start is None or finding.stop is None:
+        return finding
+    return replace(finding, start=int(rows[finding.start]), stop=int(rows[finding.stop - 1]) + 1)
+
+
 def _compact_in_place(recording: Recording, keep: Indices) -> Recording:
-    """Return the samples to keep as `take` does, in the place of those before if in their order."""
+    """Return the samples to keep as `take` does, stored in the old arrays where the order holds."""
     if (keep[1:] < keep[:-1]).any():
         return recording.take(keep)
     arrays = [recording.time, recording.data, *recording.readback.values()]
@@ -133,19 +152,20 @@ def require_accepted(recording: Recording) -> Recording:
     Raises
     ------
     InputError
-        A finding refuses it; the line is the first such finding's.
+        A finding refuses it; the message, line and channel are those of the first such finding.
     """
-    refused = [finding.message for finding in recording.findings if finding.severity == "refused"]
+    refused = [finding for finding in recording.findings if finding.severity == "refused"]
     if refused:
+        first = refused[0]
         more = f" (and {len(refused) - 1} more)" if refused[1:] else ""
-        raise InputError(f"{recording.source or 'recording'}: {refused[0]}{more}")
+        known = recording.first_row and first.start is not None
+        raise InputError(
+            f"{recording.source or 'recording'}: {first.message}{more}",
+            file=recording.source or None,
+            line=recording.first_row + (first.start or 0) if known else None,
+            names=() if first.channel is None else (first.channel,),
+        )
     return recording
-
-
-def _nonfinite_check(
-    nonfinite: NonfinitePolicy,
-) -> Callable[[Recording, SampleLocator], _CheckResult]:
-    return lambda recording, where: check_finite(recording, where, drop=nonfinite == "drop")
 
 
 def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> _CheckResult:
@@ -168,18 +188,18 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> _
         return _CheckResult(
             [Finding("warning", "nonfinite", f"{text}: dropped")], np.flatnonzero(~rows)
         )
-    advice = 'remove them, or state nonfinite = "drop"' if not drop else "nothing is left"
+    advice = "no other row is left" if drop else 'remove them, or state nonfinite = "drop"'
     return _CheckResult(
         [Finding("refused", "nonfinite", f"{text}: {advice}", name, first, first + 1)]
     )
 
 
 def check_time_order(recording: Recording, where: SampleLocator) -> _CheckResult:
-    """Refuse time that goes back, but put sections stored by label in the order of time."""
+    """Refuse time that goes back, but sort sections stored by label by time."""
     time = recording.time
     back = np.flatnonzero(time[1:] < time[:-1])
     if recording.time.size < 2:
-        return _CheckResult([Finding("refused", "order", "a single sample: nothing to average")])
+        return _CheckResult([Finding("refused", "order", "there is one sample only: record again")])
     if not back.size:
         return _CheckResult([])
     labels = recording.labels
@@ -189,7 +209,7 @@ def check_time_order(recording: Recording, where: SampleLocator) -> _CheckResult
         length = np.diff(start, append=labels.size)
         keep = np.argsort(np.repeat(place, length), kind="stable")
         if (np.diff(recording.time[keep]) >= 0).all():
-            text = f"{start.size} labelled sections were not stored in the order of time: sorted"
+            text = f"{start.size} labelled sections were not stored by time: they are sorted"
             return _CheckResult([Finding("note", "order", text)], keep)
     worst = int(back[0])
     others = f", and at {back.size - 1} more places" if back.size > 1 else ""
@@ -197,7 +217,7 @@ def check_time_order(recording: Recording, where: SampleLocator) -> _CheckResult
         f"time goes back by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: "
         "was the clock reset, or are two files joined? Split the file there"
     )
-    return _CheckResult([Finding("refused", "order", text, None, worst, worst + 2)])
+    return _CheckResult([Finding("refused", "order", text, None, worst + 1, worst + 2)])
 
 
 def check_repeated_rows(recording: Recording, where: SampleLocator) -> _CheckResult:
@@ -214,14 +234,14 @@ def check_repeated_rows(recording: Recording, where: SampleLocator) -> _CheckRes
         rate = f' = "{(recording.time.size - 1) / span:.4g} Hz"' if span > 0 else ""
         text = (
             f"{_row_count_text(int((~same).sum()))} with the time of the row before and other "
-            f"readings, the first at {where(first + 1)}: with stamps this coarse, state [data] "
-            f"rate{rate} in place of the time column"
+            f"readings, the first at {where(first + 1)}: the time stamps are too coarse, so state "
+            f"[data] rate{rate} in place of the time column"
         )
-        return _CheckResult([Finding("refused", "repeated", text, None, first, first + 2)])
+        return _CheckResult([Finding("refused", "repeated", text, None, first + 1, first + 2)])
     kept = np.ones(recording.time.size, np.bool_)
     kept[same_time + 1] = False
     if kept.sum() < 2:
-        text = "every row repeats the first one: time and readings stand still"
+        text = "all rows are the same: neither the time nor a reading changes; record again"
         return _CheckResult([Finding("refused", "repeated", text)])
     text = (
         f"{_row_count_text(same_time.size)} repeated, the first at "
@@ -244,10 +264,10 @@ def _repeats_previous_row(recording: Recording, samples: Indices) -> NDArray[np.
 
 
 def burst_findings(recording: Recording) -> list[Finding]:
-    """Refuse samples that were sent evenly and stamped in bursts, as they came over a link.
+    """Refuse samples that the sensor took evenly and a link delivered, and stamped, in bursts.
 
-    Lost samples leave a recording behind its rate by more and more, in any stretch of it; of
-    samples in bursts each comes at most one burst late.
+    Lost samples delay a recording against its rate by more and more, in any stretch of it; a burst
+    delays a sample by at most the time of one burst.
     """
     time, median = recording.time, recording.median_step
     if time.size < 4 * _HELD_BACK:
@@ -274,9 +294,9 @@ def burst_findings(recording: Recording) -> list[Finding]:
         return []
     hz = 1 / mean
     text = (
-        f"samples come in bursts: the median step of time is {median:.3g} s and the mean one "
-        f"{mean:.3g} s, so that the stamps are those of a link, not of the sensor: leave [data] "
-        f'time out and state rate = "{hz:.4g} Hz", if that is the sampling rate'
+        f"samples come in bursts: the median step of time is {median:.3g} s and the mean step is "
+        f"{mean:.3g} s, so the stamps are those of the link, not of the sensor; remove [data] time "
+        f'and state rate = "{hz:.4g} Hz" if that is the sampling rate'
     )
     return [Finding("refused", "bursts", text)]
 
@@ -328,7 +348,10 @@ def channel_findings(
     """Refuse a constant channel; warn of samples at the end of the range and of stuck ones."""
     x, channel = np.ascontiguousarray(recording.data[:, k]), recording.channels[k]
     if (x == x[0]).all():
-        text = f"{channel} reads {x[0]:.6g} throughout: is it connected, and is it this column?"
+        text = (
+            f"{channel} reads {x[0]:.6g} throughout: check that it is connected and that [data] "
+            "names its column"
+        )
         return [Finding("refused", "stuck", text, channel, 0, x.size)]
     if dead := _dead_channel_finding(recording, k, x):
         return [dead]
@@ -339,7 +362,7 @@ def channel_findings(
             railed = repeated_values.ranges_with_values(x, railed, cut)
             values = " and ".join(f"{value:.6g}" for value in cut)
             why = (
-                f": readings pile up at {values} {recording.units[k]}, as where noise is cut off; "
+                f": readings pile up at {values} {recording.units[k]}, where noise is cut off; "
                 "state full_scale"
             )
     else:
@@ -355,7 +378,7 @@ def channel_findings(
 
 
 def _dead_channel_finding(recording: Recording, k: int, x: Array) -> Finding | None:
-    """Refuse a channel that holds one value for half of the time while its like all change."""
+    """Refuse a channel that holds one value for half of the time while the others change."""
     if (run := repeated_values.longest_constant_run(x)) is None:
         return None
     start, stop = run
@@ -370,8 +393,8 @@ def _dead_channel_finding(recording: Recording, k: int, x: Array) -> Finding | N
     names = " and ".join(recording.channels[j] for j in like)
     text = (
         f"{channel} holds {x[start]:.6g} {_span_text(recording, start, stop)} while {names} "
-        "change: is it connected? Record again, or use the part before and after in files of their "
-        "own"
+        "change: check its connection and record again, or save the parts before and after it as "
+        "files"
     )
     return Finding("refused", "stuck", text, channel, start, stop)
 

@@ -1,4 +1,4 @@
-"""A table as it stands in a file: named columns, before anything is known of a sensor."""
+"""A table as a file holds it: named columns, without any knowledge of a sensor."""
 
 import hashlib
 import os
@@ -16,10 +16,8 @@ from inercal.errors import InputError
 
 Column = Array | NDArray[np.str_]
 _MAX_LISTED_NAMES = 12  # names in a message before it ends in "…"
-MOST_COLUMNS = 1000  # more is a table on its side, or junk that happens to parse
+MOST_COLUMNS = 1000  # more is a transposed table, or junk that happens to parse
 LONGEST_LABEL = 200  # characters; a text column holds one word per sample, not prose
-
-
 BLOCK_ROWS = 1 << 16  # rows handled at a time: a few MB
 
 
@@ -30,13 +28,13 @@ class ReadRequest:
     Parameters
     ----------
     names : collection of str or None
-        Columns; None for all. Others are counted and not read.
+        Columns to read; None for all.
     text : collection of str
         Columns to return as text even where they look like numbers (labels 1, 2, 3).
     block_columns : tuple of str
-        Columns of numbers, all in `names`, to lay side by side in `Table.block`.
+        Columns of numbers, all in `names`, to store side by side in `Table.block`.
     spare_columns : int
-        Columns that the block has beyond these, for the caller to fill.
+        Further columns of the block, which the caller fills.
     """
 
     names: Collection[str] | None = None
@@ -45,7 +43,7 @@ class ReadRequest:
     spare_columns: int = 0
 
     def empty_columns(self, n: int, numbers: Collection[str]) -> tuple[dict[str, Array], Array]:
-        """Return columns of numbers to be filled, each (n,), and the block, (n, k)."""
+        """Return empty columns of numbers, each (n,), and the block, (n, k)."""
         block = np.empty((n, len(self.block_columns) + self.spare_columns))
         columns: dict[str, Array] = {}
         for name in numbers:
@@ -63,15 +61,15 @@ class Table:
     names : tuple of str
         Every column of the file; "1", "2", ... where it has no header.
     columns : dict of str to (n,) array
-        Those that were asked for; float64 or str.
+        The requested columns; float64 or str.
     source, sha256 : str
         The file and the hash of its bytes.
     first_line : int
-        Line of row 0; 0 where rows and lines do not run in step.
+        Line of row 0; 0 where a row may take several lines, or none.
     header : bool
         Whether the file names its columns.
     block : (n, k) array or None
-        The columns asked for together, and the spare ones; `columns` are views of it.
+        The block columns and the spare columns of the request; `columns` are views of it.
     """
 
     names: tuple[str, ...]
@@ -94,7 +92,9 @@ class Table:
         if column.dtype.kind == "U":
             raise InputError(
                 f"{self.source}: column {name!r} holds text ({shorten(str(column[0]))}) "
-                "where numbers are needed"
+                "where numbers are needed",
+                file=self.source,
+                names=(name,),
             )
         return column.astype(np.float64, copy=False)
 
@@ -112,7 +112,10 @@ def refuse_unequal_lengths(lengths: Mapping[str, int], source: str) -> None:
     """Raise InputError where columns differ in length."""
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
-        raise InputError(f"{source} has columns of unequal length: {shorten(listed, 120)}")
+        raise InputError(
+            f"{source} has columns of unequal length: {shorten(listed, 120)}",
+            names=tuple(lengths),
+        )
 
 
 def select_columns(names: Sequence[str], wanted: Collection[str] | None, source: str) -> list[str]:
@@ -126,12 +129,16 @@ def select_columns(names: Sequence[str], wanted: Collection[str] | None, source:
     refuse_too_many_columns(len(names), source)
     for name, count in Counter(names).items():
         if count > 1:
-            raise InputError(f"{source} has {count} columns {shorten(name)!r}: rename all but one")
+            raise InputError(
+                f"{source} has {count} columns {shorten(name)!r}: rename all but one", names=(name,)
+            )
     if wanted is None:
         return list(names)
     for name in wanted:
         if name not in names:
-            raise InputError(f"{source} has no column {name!r}; {_suggest(name, names)}")
+            raise InputError(
+                f"{source} has no column {name!r}; {_suggest(name, names)}", names=(name,)
+            )
     return list(dict.fromkeys(wanted))
 
 
@@ -139,12 +146,13 @@ def refuse_too_many_columns(columns: int, source: str) -> None:
     """Raise InputError for more columns than any recording has."""
     if columns > MOST_COLUMNS:
         raise InputError(
-            f"{source} has {columns} columns; at most {MOST_COLUMNS} are read: one sample a row"
+            f"{source} has {columns} columns, and at most {MOST_COLUMNS} are read: write each "
+            "sample as a row"
         )
 
 
 def _suggest(name: str, names: Sequence[str]) -> str:
-    """Say which columns there are, and which of them may be meant."""
+    """Return a text that lists the columns, and those with a similar name first."""
     by_lower = {known.lower(): known for known in names}
     near = [by_lower[k] for k in get_close_matches(name.lower(), list(by_lower), n=3)]
     hint = f"did you mean {' or '.join(repr(k) for k in near)}? " if near else ""
@@ -173,7 +181,8 @@ def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.s
     if len(longest) > LONGEST_LABEL:
         raise InputError(
             f"{source}: column {column!r} has a text of {len(longest)} characters "
-            f"({shorten(longest)}); labels have at most {LONGEST_LABEL}"
+            f"({shorten(longest)}); labels have at most {LONGEST_LABEL}",
+            names=(column,),
         )
     return np.array(values, dtype=np.str_)
 
@@ -185,5 +194,7 @@ def file_sha256(path: Path) -> str:
 
 
 def open_error(path: str | os.PathLike[str], error: OSError) -> InputError:
-    """Return the one line for a file that cannot be opened or read."""
-    return InputError(f"{path} cannot be read: {error.strerror or error}")
+    """Return the error of a file that cannot be opened or read."""
+    return InputError(
+        f"{path} cannot be read: {error.strerror or error}", file=Path(os.fspath(path))
+    )

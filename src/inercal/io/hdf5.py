@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.errors import InputError
+from inercal.errors import InputError, require_extra
 from inercal.io.column_table import ReadRequest, Table, shorten
 from inercal.io.readers import Reader
 from inercal.io.variables import (
@@ -33,7 +33,7 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
     Parameters
     ----------
     path : Path
-        Data sets (n,), (n, k) or (k, n), by themselves or in groups; text is labels. See
+        Data sets (n,), (n, k) or (k, n), in groups or not; text is labels. See
         `inercal.io.variables` for the names of columns. Links to other files are not followed.
     wanted : ReadRequest
 
@@ -54,19 +54,16 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
 
 
 def _h5py() -> Any:
-    """Return the package: imported only where such a file is met, since it is an extra."""
-    try:
+    """Return the package: imported only for such a file, since it is an extra."""
+    needs = "HDF5 files and .mat files of version 7.3 need h5py"
+    with require_extra("io", needs, ("h5py",)):
         return import_module("h5py")
-    except ImportError as error:
-        raise InputError(
-            "HDF5 files, which .mat files of version 7.3 are, need h5py: pip install 'inercal[io]'"
-        ) from error
 
 
 def _variables(h5py: Any, group: Any, before: str, seen: set[int]) -> Iterator[Variable]:
-    """Yield the data sets in a group and in those below it, each group once."""
+    """Yield the data sets in a group and in the groups below it, each group once."""
     for key in group:
-        # MATLAB keeps the contents of cells and objects in groups named #refs#, #subsystem#.
+        # MATLAB stores the contents of cells and objects in groups named #refs#, #subsystem#.
         if key.startswith("#") or not isinstance(group.get(key, getlink=True), h5py.HardLink):
             continue
         item, name = group[key], before + key
@@ -97,7 +94,7 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
     if not data.size or "MATLAB_empty" in data.attrs:
         return Variable(name, refused="is empty")
     if data.size * data.dtype.itemsize > _MOST_PACKED * data.id.get_storage_size():
-        return Variable(name, refused=f"{data.shape} is not all in the file")
+        return Variable(name, refused=f"{data.shape} is not stored completely in the file")
     if h5py.check_ref_dtype(data.dtype) is not None:
         if kind != "cell":
             return Variable(name, refused=STRUCTS)
@@ -132,7 +129,8 @@ def _cell_texts(data: Any) -> list[str]:
         elif _matlab_class(cell) == "char" and cell.shape[-1] == 1:
             texts += _character_rows(cell)
         else:
-            raise InputError(f"{Path(data.file.filename).name}: {data.name[1:]!r} {CELL}")
+            name = data.name[1:]
+            raise InputError(f"{Path(data.file.filename).name}: {name!r} {CELL}", names=(name,))
     return texts
 
 

@@ -36,8 +36,8 @@ def read_mat(path: Path, wanted: ReadRequest) -> Table:
     Parameters
     ----------
     path : Path
-        Vectors and matrices, by themselves or in structs; cells of text or rows of letters are
-        labels. See `inercal.io.variables` for the names of columns.
+        Vectors and matrices, in structs or not; cells of text or rows of letters are labels. See
+        `inercal.io.variables` for the names of columns.
     wanted : ReadRequest
 
     Raises
@@ -47,7 +47,7 @@ def read_mat(path: Path, wanted: ReadRequest) -> Table:
     """
     scipy_io: Any = import_module("scipy.io")
     try:
-        with warnings.catch_warnings():  # of variables stored twice or not readable
+        with warnings.catch_warnings():  # on variables stored twice or not readable
             warnings.simplefilter("ignore")
             return table_from_variables(path, _variables(path, scipy_io), wanted)
     except (*DAMAGED, scipy_io.matlab.MatReadError) as error:
@@ -57,18 +57,18 @@ def read_mat(path: Path, wanted: ReadRequest) -> Table:
 
 
 def _variables(path: Path, scipy_io: Any) -> list[Variable]:
-    """Return the variables of a file; numbers, unless in a struct, are loaded when opened."""
+    """Return the variables of a file; numbers outside structs are loaded when opened."""
     options = {"appendmat": False, "spmatrix": False}
     try:
         listed: list[tuple[str, tuple[int, ...], str]] = scipy_io.whosmat(path, appendmat=False)
-    except TypeError:  # it does not list a file in which there are objects
+    except TypeError:  # whosmat does not list a file that contains objects
         loaded: dict[str, Any] = scipy_io.loadmat(path, **options)
         return [v for k, value in loaded.items() if k[:2] != "__" for v in _contents(k, value)]
 
     def load(name: str) -> Any:
         value = scipy_io.loadmat(path, variable_names=[name], **options)[name]
-        if hasattr(value, "tocsc"):  # logical ones are listed as if they were full
-            raise InputError(f"{path.name}: {name!r} {SPARSE}")
+        if hasattr(value, "tocsc"):  # sparse logical matrices are listed as full matrices
+            raise InputError(f"{path.name}: {name!r} {SPARSE}", names=(name,))
         return value
 
     # The other thing that a file may hold is MATLAB's workspace of functions.
@@ -78,7 +78,7 @@ def _variables(path: Path, scipy_io: Any) -> list[Variable]:
 def _variable(
     name: str, shape: tuple[int, ...], kind: str, load: Callable[[str], Any]
 ) -> Iterator[Variable]:
-    """Yield a variable that is listed, or what it contains."""
+    """Yield a listed variable, or the variables that it contains."""
     if kind in _NUMBERS:
         yield Variable(name, shape, partial(load, name))
     elif kind in ("char", "cell", "struct"):
@@ -94,7 +94,7 @@ def _variable(
 def _contents(name: str, value: Any) -> Iterator[Variable]:
     """Yield a value as a variable, or the fields of a struct."""
     kind = type(value).__name__
-    if kind == "MatlabOpaque":  # stored under no name, but within it there is one
+    if kind == "MatlabOpaque":  # its name is stored inside
         known = np.ravel(value)[0]["s0"] if value.size else name
         yield Variable(known.decode() if isinstance(known, bytes) else name, refused=OBJECT)
     elif kind in ("MatlabFunction", "MatlabObject"):
@@ -127,16 +127,16 @@ def _array(name: str, array: NDArray[Any]) -> Iterator[Variable]:
 
 
 def _text(cell: Any) -> str | None:
-    """Return the text in a cell, None where it holds none."""
+    """Return the text in a cell; None for another content."""
     if not hasattr(cell, "dtype") or cell.size > 1:
         return None
-    if cell.size == 0:  # '' and [] alike
+    if cell.size == 0:  # '' or []
         return ""
     return str(cell.flat[0]) if cell.dtype.kind == "U" else None
 
 
-# Versions 5 to 7 have a title and, at 124, their version. Version 4 has neither, and what was saved
-# with -ascii is text.
+# Versions 5 to 7 have a title and, at 124, their version. Version 4 has neither; a file saved with
+# -ascii is text.
 READER = Reader(
     "mat",
     read_mat,

@@ -1,8 +1,8 @@
-"""Tables of means, typed by hand or made elsewhere: read straight in as observations.
+"""Tables of means, typed by hand or computed by another program, read as observations.
 
-One row a position or turn: its label, the mean reading of each axis in output units, for turns
-the section's duration. The standard deviation of the means is stated, it cannot be found here: one
-for all rows, or that of each in columns beside its means, `ax_sd` for `ax`.
+Each row is a position or turn: its label, the mean reading of each axis in output units and, for
+turns, the duration of the section. A table does not show the standard deviation of its means: the
+user states a value for all rows, or columns hold that of each row, `ax_sd` for `ax`.
 """
 
 import csv
@@ -20,8 +20,8 @@ from inercal.recording import Observations
 from inercal.sensors import Axis, Sensor
 from inercal.units import to_si
 
-_ROWS = 4  # fewer may well agree to the last digit
-SD_SUFFIX = "_sd"  # behind the name of a column: its standard deviation
+_ROWS = 4  # the means of fewer rows may agree to the last digit
+SD_SUFFIX = "_sd"  # added to the name of a column: its standard deviation
 
 
 def read_means(
@@ -42,20 +42,24 @@ def read_means(
     sensor : Sensor
         Axes in the order wanted, with readouts.
     sd : mapping
-        Standard deviation of a mean in SI, by what an axis measures ("f", "w"). Where one is
-        missing, columns of the table hold it, in output units.
+        Standard deviation of a mean in SI, by what an axis measures ("f", "w"). Otherwise columns
+        of the table hold it, in output units.
     seconds : str or None
-        Column of durations in s; 1 s where there is none.
+        Column of durations in s; None for 1 s in each row.
     row_names : callable, optional
-        From the labels of the rows to names of their own.
+        From the labels of the rows to distinct names.
 
     Raises
     ------
     InputError
-        A column is missing, a value is not finite, a label returns, or no deviation is stated.
+        A column is missing, a value is not finite, a label is repeated, or no deviation is stated.
     """
     if columns.label is None:
-        raise InputError(f"{path}: [data] label is missing: name the column of position labels")
+        raise InputError(
+            f"{path}: [data] label is missing: name the column of position labels",
+            file=path,
+            key="[data] label",
+        )
     table = read_columns(path, columns, [] if seconds is None else [seconds])
     labels = tuple(row_names([str(label).strip() for label in table.columns[columns.label]]))
     durations = np.ones(len(labels)) if seconds is None else table.numbers(seconds)
@@ -63,7 +67,7 @@ def read_means(
 
 
 def read_columns(path: Path, columns: Columns, extra_columns: Sequence[str]) -> Table:
-    """Return the table, once it has the columns that are used.
+    """Return the table; refuse it where a used column is missing.
 
     Parameters
     ----------
@@ -71,7 +75,7 @@ def read_columns(path: Path, columns: Columns, extra_columns: Sequence[str]) -> 
     columns : Columns
         `label` and `temperature`, if any, and `channels`.
     extra_columns : sequence of str
-        Other columns that are wanted.
+        Other wanted columns.
 
     Raises
     ------
@@ -82,7 +86,11 @@ def read_columns(path: Path, columns: Columns, extra_columns: Sequence[str]) -> 
     beside = [name for name in (columns.label, columns.temperature) if name is not None]
     for name in (*beside, *(name for _, name, _ in columns.channels), *extra_columns):
         if name not in table.columns:
-            raise InputError(f"{path}: no column {name!r}; it has {', '.join(table.columns)}")
+            raise InputError(
+                f"{path}: no column {name!r}; it has {', '.join(table.columns)}",
+                file=path,
+                names=(name,),
+            )
     return table
 
 
@@ -112,25 +120,30 @@ def observations_from_table(
     Raises
     ------
     InputError
-        A value is not finite, a label returns, a column is the same in all rows, or no deviation
-        is stated.
+        A value is not finite, a label is repeated, a column is the same in all rows, or no
+        deviation is stated.
     """
     twice = sorted({label for label in labels if labels.count(label) > 1})
     if twice:
-        raise InputError(f"{path}: position {twice[0]!r} comes in several rows; give one mean each")
+        raise InputError(
+            f"{path}: position {twice[0]!r} comes in several rows; write each position in a single "
+            "row",
+            file=path,
+            names=tuple(twice),
+        )
     by_axis = {axis: name for axis, name, _ in columns.channels}
     output = np.empty((len(labels), len(sensor.axes)))
     for k, axis in enumerate(sensor.axes):
-        output[:, k] = number_column(path, table, by_axis[axis.name], "give the mean")
+        output[:, k] = number_column(path, table, by_axis[axis.name], "write the mean")
         _require_within_range(path, table, by_axis[axis.name], axis, output[:, k])
     _refuse_constant_column(path, output, sensor, by_axis)
     if not (np.isfinite(durations) & (durations > 0)).all():
-        raise InputError(f"{path}: durations must be positive numbers of s")
+        raise InputError(f"{path}: durations must be positive numbers of s", file=path)
     deviation = _standard_deviations(path, table, by_axis, sensor, sd)
-    warmth = None
+    temperature = None
     if columns.temperature is not None:
-        read = number_column(path, table, columns.temperature, "give the temperature")
-        warmth = to_si(read, columns.temperature_unit, like="K")
+        cells = number_column(path, table, columns.temperature, "write the temperature")
+        temperature = to_si(cells, columns.temperature_unit, like="K")
     return Observations(
         labels=labels,
         mean=sensor.to_si(output),
@@ -140,14 +153,14 @@ def observations_from_table(
         time=np.arange(len(labels), dtype=float),
         channels=sensor.channels,
         timed=False,
-        temperature=warmth,
+        temperature=temperature,
     )
 
 
 def _refuse_constant_column(
     path: Path, output: Array, sensor: Sensor, by_axis: Mapping[str, str]
 ) -> None:
-    """Refuse a column that is the same in all rows while its like change."""
+    """Refuse a column that is the same in all rows while others of its kind change."""
     if len(output) < _ROWS:
         return
     constant = (output == output[0]).all(axis=0)
@@ -156,7 +169,9 @@ def _refuse_constant_column(
         if constant[k] and not constant[like].all():
             raise InputError(
                 f"{path}: column {by_axis[axis.name]!r} is {output[0, k]:.6g} in all rows while "
-                "others change: was the axis connected, and is it this column?"
+                "others change: check that the axis is connected and that [data] names its column",
+                file=path,
+                names=(by_axis[axis.name],),
             )
 
 
@@ -165,10 +180,13 @@ def _require_within_range(path: Path, table: Table, name: str, axis: Axis, mean:
     reach = axis.readout.full_scale
     beyond = np.flatnonzero(np.abs(mean - axis.readout.offset) >= (reach or np.inf))
     if beyond.size:
+        line = table.first_line + int(beyond[0])
         raise InputError(
-            f"{path} line {table.first_line + beyond[0]}: column {name!r} is "
-            f"{mean[beyond[0]]:g}, at or beyond the full_scale that [sensor] states; take the row "
-            "out or correct full_scale"
+            f"{path} line {line}: column {name!r} is {mean[beyond[0]]:g}, at or beyond the "
+            "full_scale that [sensor] states; remove the row or correct full_scale",
+            file=path,
+            line=line,
+            names=(name,),
         )
 
 
@@ -182,31 +200,29 @@ def number_column(path: Path, table: Table, name: str, remedy: str) -> Array:
     table : Table
     name : str
     remedy : str
-        What to do where a cell holds none.
+        What to do where a cell is empty.
 
     Raises
     ------
     InputError
-        A cell that holds none, with its line.
+        A cell without a finite number, with its line.
     """
-    column = table.columns[name]
-    cells: list[object] = column.tolist()
-    for k, cell in enumerate(cells):
-        if isinstance(cell, float) and np.isfinite(cell):
-            continue
-        where = f"{path} line {table.first_line + k}: column {name!r}"
-        if isinstance(cell, str) and cell.strip() and not _is_number(cell):
-            raise InputError(f"{where}: {shorten(cell)!r} is not a number")
-        if not isinstance(cell, str) or not _is_number(cell):
-            raise InputError(f"{where} is empty or not finite; {remedy} or take the row out")
+    for k, cell in enumerate(table.columns[name].tolist()):
+        try:
+            if np.isfinite(float(cell)):
+                continue
+            word = False
+        except ValueError:
+            word = bool(cell.strip())
+        what = f": {shorten(cell)!r} is not a number" if word else " is empty or not finite"
+        line = table.first_line + k
+        raise InputError(
+            f"{path} line {line}: column {name!r}{what}; {remedy} or remove the row",
+            file=path,
+            line=line,
+            names=(name,),
+        )
     return table.numbers(name)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        return bool(np.isfinite(float(cell)))
-    except ValueError:
-        return False
 
 
 def _standard_deviations(
@@ -216,40 +232,46 @@ def _standard_deviations(
     sensor: Sensor,
     sd: Mapping[str, float],
 ) -> Array:
-    """Return the standard deviation of each mean, (r, m) SI, as stated or of the rows' own."""
+    """Return the standard deviation of each mean, (r, m) SI: as stated, or from columns."""
     rows = next(iter(table.columns.values())).size
-    found: list[Array] = []
+    deviations: list[Array] = []
     for axis in sensor.axes:
         if axis.measures in sd:
-            found.append(np.full(rows, sd[axis.measures]))
+            deviations.append(np.full(rows, sd[axis.measures]))
             continue
         name = by_axis[axis.name] + SD_SUFFIX
         if name not in table.columns:
             kind = {"f": "accelerometer", "w": "gyro"}[axis.measures]
             raise InputError(
-                f"{path}: [data.sd] {kind} is missing: state the sd of a mean, with unit, or give "
-                f"that of each row in columns, {name!r} and alike"
+                f"{path}: [data.sd] {kind} is missing: state the standard deviation of a mean with "
+                f"its unit, or add columns with that of each row, such as {name!r}",
+                file=path,
+                key=f"[data.sd] {kind}",
             )
-        own = number_column(path, table, name, "give the deviation of the mean")
-        if (bad := np.flatnonzero(own <= 0)).size:
+        column = number_column(path, table, name, "write the standard deviation of the mean")
+        if (bad := np.flatnonzero(column <= 0)).size:
+            line = table.first_line + int(bad[0])
             raise InputError(
-                f"{path} line {table.first_line + bad[0]}: column {name!r} is {own[bad[0]]:g}; "
-                "a standard deviation is positive"
+                f"{path} line {line}: column {name!r} is {column[bad[0]]:g}; a standard deviation "
+                "must be positive",
+                file=path,
+                line=line,
+                names=(name,),
             )
-        found.append(own / abs(axis.readout.scale))
-    return np.stack(found, axis=-1)
+        deviations.append(column / abs(axis.readout.scale))
+    return np.stack(deviations, axis=-1)
 
 
 def write_means(
     path: str | os.PathLike[str], columns: Mapping[str, Sequence[str | float | int]]
 ) -> None:
-    """Write a table of means, CSV, whole or not at all; numbers with all their digits.
+    """Write a table of means as CSV, completely or not at all; numbers with all digits.
 
     Parameters
     ----------
     path : path
     columns : mapping of str to sequence of r str or numbers
-        By their names, in order.
+        Columns by name, in order.
 
     Raises
     ------

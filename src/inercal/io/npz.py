@@ -24,7 +24,7 @@ from inercal.io.column_table import (
 )
 from inercal.io.readers import Reader
 
-# What the standard library and NumPy raise on archives whose bytes were changed.
+# Raised by the standard library and NumPy on archives whose bytes were changed.
 _DAMAGED = (
     zipfile.BadZipFile,
     zlib.error,
@@ -54,7 +54,7 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
     OSError
         The file cannot be read.
     """
-    # NumPy would leave a file that it opened itself open after an error.
+    # After an error NumPy leaves open a file that it opened itself.
     with path.open("rb") as file:
         try:
             zipfile.ZipFile(file).close()
@@ -63,7 +63,7 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
                 names, columns, block = _columns(archive, wanted, path.name)
         except _DAMAGED as error:
             raise InputError(
-                f"{path.name} is no .npz archive or is damaged: {shorten(str(error), 120)}"
+                f"{path.name} is not an .npz archive or is damaged: {shorten(str(error), 120)}"
             ) from error
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
 
@@ -91,14 +91,14 @@ def _columns(
             columns[name] = blank[name]
     refuse_unequal_lengths(lengths, source)
     if not any(lengths.values()):
-        raise InputError(f"{source} has no rows")
+        raise InputError(f"{source} has no rows: record or export it again")
     return names, columns, block
 
 
 def _arrays(
     archive: Any, wanted: ReadRequest, source: str
 ) -> tuple[tuple[str, ...], Iterator[tuple[str, NDArray[Any]]]]:
-    """Return the names of all columns, and the arrays of those wanted, read one by one."""
+    """Return the names of all columns, and the wanted columns with their arrays, read in turn."""
     if not {"data", "columns"} <= set(archive.files):
         names = tuple(archive.files)
         chosen = select_columns(names, wanted.names, source)
@@ -106,7 +106,9 @@ def _arrays(
     data, titles = _array(archive, "data", source), _array(archive, "columns", source)
     if data.ndim != 2 or titles.shape != data.shape[1:]:
         raise InputError(
-            f"{source}: 'data' {data.shape} needs (n, k) and 'columns' {titles.shape} (k,)"
+            f"{source}: 'data' has the shape {data.shape} and 'columns' {titles.shape}; save "
+            "(n, k) and (k,)",
+            names=("data", "columns"),
         )
     names = tuple(str(title) for title in titles)
     chosen = select_columns(names, wanted.names, source)
@@ -116,23 +118,32 @@ def _arrays(
 def _array(archive: Any, name: str, source: str) -> NDArray[Any]:
     try:
         array: NDArray[Any] | bytes = archive[name]
-    except ValueError as error:  # what NumPy raises for pickled objects and for broken headers
+    except ValueError as error:  # NumPy raises it for pickled objects and for broken headers
         raise InputError(
-            f"{source}: array {name!r} is damaged or holds objects; save plain numbers"
+            f"{source}: array {name!r} is damaged or holds objects; save plain numbers",
+            names=(name,),
         ) from error
-    if isinstance(array, bytes):  # how NumPy hands out members that are no arrays
-        raise InputError(f"{source}: {name!r} is not an array; is it a workbook? Save it as CSV")
+    if isinstance(array, bytes):  # NumPy returns members that are no arrays as bytes
+        raise InputError(
+            f"{source}: {name!r} is not an array; if the file is a workbook, save it as CSV",
+            names=(name,),
+        )
     return array
 
 
 def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArray[Any]:
     """Return a column of numbers as it is, one of text as str."""
     if array.ndim != 1:
-        raise InputError(f"{source}: array {name!r} {array.shape} is not a column (n,)")
+        raise InputError(
+            f"{source}: array {name!r} has the shape {array.shape}; save columns as (n,)",
+            names=(name,),
+        )
     if as_text and array.dtype.kind in "iub":
         return array.astype(np.str_)
     if array.dtype.kind not in "fiubU":
-        raise InputError(f"{source}: array {name!r} of {array.dtype} is neither numbers nor text")
+        raise InputError(
+            f"{source}: array {name!r} of {array.dtype} is neither numbers nor text", names=(name,)
+        )
     return array
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.errors import InputError
+from inercal.errors import InputError, require_extra
 from inercal.io.column_table import (
     BLOCK_ROWS,
     Array,
@@ -57,7 +57,7 @@ def _columns(
     """Return the chosen columns by name, and their block."""
     n = int(file.metadata.num_rows)
     if n == 0:
-        raise InputError(f"{source} has no rows")
+        raise InputError(f"{source} has no rows: record or export it again")
     words: dict[str, list[NDArray[np.str_]]] = {
         name: []
         for name in chosen
@@ -76,7 +76,7 @@ def _columns(
                 numbers[name][start:stop] = _numbers(pyarrow, values)
         start = stop
     if start != n:
-        raise InputError(f"{source} is damaged: {start} rows where {n} are announced")
+        raise InputError(f"{source} is damaged: it has {start} rows and states {n}")
     return {k: np.concatenate(words[k]) if k in words else numbers[k] for k in chosen}, block
 
 
@@ -89,18 +89,16 @@ def write_parquet(path: Path, columns: dict[str, Column]) -> None:
         pyarrow is not installed.
     """
     pyarrow = _pyarrow()
-    # Text goes over as a list: pyarrow does not take NumPy's fixed-width strings.
+    # Text as a list: pyarrow does not accept NumPy's fixed-width strings.
     arrays = {k: c.tolist() if c.dtype.kind == "U" else c for k, c in columns.items()}
     pyarrow.parquet.write_table(pyarrow.table(arrays), path, write_page_checksum=True)
 
 
 def _pyarrow() -> Any:
-    """Return the package: imported only where a Parquet file is met, since it is an extra."""
-    try:
+    """Return the package: imported only for a Parquet file, since it is an extra."""
+    with require_extra("io", "Parquet files need pyarrow", ("pyarrow",)):
         import_module("pyarrow.parquet")
         return import_module("pyarrow")
-    except ImportError as error:
-        raise InputError("Parquet files need pyarrow: pip install 'inercal[io]'") from error
 
 
 def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> bool:
@@ -112,7 +110,9 @@ def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> 
         return True
     integer = types.is_integer(kind) or types.is_boolean(kind)
     if not (integer or types.is_floating(kind)):
-        raise InputError(f"{source}: column {name!r} of {kind} is neither numbers nor text")
+        raise InputError(
+            f"{source}: column {name!r} of {kind} is neither numbers nor text", names=(name,)
+        )
     return as_text and integer
 
 

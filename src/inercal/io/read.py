@@ -1,4 +1,4 @@
-"""Tables and recordings from files of any known kind."""
+"""Tables and recordings from files of all registered formats."""
 
 import os
 from collections.abc import Collection, Mapping
@@ -11,9 +11,13 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.audit import NonfinitePolicy, audit, audit_rows, require_accepted
 from inercal.io.column_table import ReadRequest, Table, open_error
-from inercal.io.packet_counter import times_from_counter
 from inercal.io.readers import HEAD_BYTES, Reader, refuse_unknown_options, select_reader
-from inercal.io.time_stamps import is_iso_time, require_unit, times_from_iso
+from inercal.io.time_stamps import (
+    is_iso_time,
+    require_unit,
+    times_from_counter,
+    times_from_iso,
+)
 from inercal.recording import Recording
 from inercal.units import si_factor, to_si
 
@@ -23,45 +27,45 @@ _ROUNDING = 1e-6  # of half a step: stamps of few digits
 
 @dataclass(frozen=True)
 class Columns:
-    """Which column of a file is what.
+    """What each column of a file holds.
 
     Parameters
     ----------
     channels : tuple of (axis, column, unit)
-        One for each axis of the sensor, in its order; the unit is that of the column.
+        The axes of the sensor, in its order, each with its column and the column's unit.
     time : str or None
         Column of time stamps; None where samples come at `rate_hz`.
     time_unit : str or None
-        Unit of the time column as it is stated; "sample" for a counter, None where no unit is
-        stated, and s are in force.
+        Stated unit of the time column; "sample" for a counter of samples. None where no unit is
+        stated: the stamps are then read as s.
     rate_hz : float or None
         Samples per second, where there is no time column or where it counts samples.
     modulus : int or None
-        Of a counter of samples that begins again at 0: how many it counts.
+        Number of values of a counter of samples that restarts at 0.
     time_keys : (str, str or None)
-        Keys of a run file that a message names: of the time column's unit, and of a rate in place
-        of the column.
+        Keys of a run file that a message names: the unit of the time column, and the rate that may
+        replace the column.
     origin : int or None
-        Time 0 of a column of dates, ns since 1970; that of the first row where it is not given.
+        Time 0 of a column of dates, ns since 1970; None for the first row's time.
     label : str or None
         Column that names the section of each sample.
     temperature, temperature_unit : str
         Column of temperature, or None.
     readback : tuple of (name, column, unit)
-        What the bench said of itself.
+        Quantities that the bench measured itself.
     nonfinite : "refuse" or "drop"
         What to do with rows that hold NaN or infinity.
     second : tuple of (axis, column, unit)
-        Channels after these, in a file of their own whose rows are the same samples; a time
-        column is in both.
+        Further channels, in a second file whose rows are the same samples; where there is a time
+        column, both files have it.
     options : mapping of str to object
-        Of the readers of these files (`inercal.io.readers`).
+        Options of the readers of these files (`inercal.io.readers`).
 
     Raises
     ------
     InputError
-        A unit is none, `rate_hz` is missing or needless, `modulus` is needless, or a column is used
-        twice.
+        An unknown unit, `rate_hz` missing or contradicting a time column, `modulus` without a
+        counter, or a column used twice.
     """
 
     channels: tuple[tuple[str, str, str], ...]
@@ -85,24 +89,30 @@ class Columns:
         counted = self.time is None or self.time_unit == "sample"
         if counted and self.rate_hz is None:
             reason = "there is no time column" if self.time is None else "time counts samples"
-            raise InputError(f"rate_hz is needed: {reason}")
+            raise InputError(f"rate_hz is needed: {reason}", key="rate_hz")
         if not counted and self.rate_hz is not None:
             raise InputError(
-                f"rate_hz and a time column in {self.time_unit or 's'!r} are both stated: keep one"
+                f"rate_hz and a time column in {self.time_unit or 's'!r} are both stated: remove "
+                "one of the two",
+                key="rate_hz",
             )
         if self.modulus is not None and (self.time is None or not counted):
-            raise InputError(f"modulus {self.modulus} is of a time column that counts samples")
+            raise InputError(
+                f"modulus {self.modulus} needs a time column that counts samples", key="modulus"
+            )
         if self.rate_hz is not None and not 0 < self.rate_hz < np.inf:
-            raise InputError(f"rate_hz is {self.rate_hz:g}; it must be positive")
-        for channels in (self.channels, self.second):  # two files may well use the same names
+            raise InputError(f"rate_hz is {self.rate_hz:g}; it must be positive", key="rate_hz")
+        for channels in (self.channels, self.second):  # two files may use the same names
             columns = [column for _, column, _ in channels]
             for column in columns:
                 if columns.count(column) > 1:
-                    raise InputError(f"column {column!r} is given to more than one channel")
+                    raise InputError(
+                        f"column {column!r} is stated for more than one channel", names=(column,)
+                    )
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The columns of the first file that are used."""
+        """The used columns of the first file."""
         single = (self.time, self.label, self.temperature)
         many = (column for _, column, _ in (*self.channels, *self.readback))
         return tuple(dict.fromkeys([*(name for name in single if name is not None), *many]))
@@ -114,9 +124,9 @@ def read_table(
     text: Collection[str] = (),
     options: Mapping[str, object] | None = None,
 ) -> Table:
-    """Read a table: text, .npz, Parquet, .mat, HDF5, or what another package brings a reader for.
+    """Read a table: text, .npz, Parquet, .mat, HDF5, or a format that another package registers.
 
-    A file is told by its content and then by its suffix.
+    The content of a file, then its suffix, decides the format.
 
     Parameters
     ----------
@@ -127,12 +137,12 @@ def read_table(
     text : collection of str
         Columns to return as text even where they look like numbers.
     options : mapping of str to object, optional
-        Of its reader (`inercal.io.readers`).
+        Options of the reader (`inercal.io.readers`).
 
     Raises
     ------
     InputError
-        One line: what is wrong, where, and what is possible.
+        The file cannot be read as a table with these columns.
     """
     path, options = Path(path), options or {}
     _refuse_unknown_options(options, path)
@@ -140,7 +150,7 @@ def read_table(
 
 
 def detect_reader(path: Path) -> Reader:
-    """Return the reader of a file, told by its content and then by its suffix.
+    """Return the reader of a file, chosen by its content and then by its suffix.
 
     Raises
     ------
@@ -149,25 +159,32 @@ def detect_reader(path: Path) -> Reader:
     """
     try:
         if path.is_dir():
-            raise InputError(f"{path} is a folder; name a file in it")
+            raise InputError(f"{path} is a folder; name a file in it", file=path)
         if path.exists() and not path.is_file():
-            raise InputError(f"{path} is not a regular file; it is read more than once")
+            raise InputError(
+                f"{path} is not a regular file, and a stream cannot be read twice: save it as a "
+                "file",
+                file=path,
+            )
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
     except OSError as error:
         raise open_error(path, error) from error
     if head.startswith(_GZIP):
-        raise InputError(f"{path.name} is compressed with gzip: unpack it first")
+        raise InputError(f"{path.name} is compressed with gzip: unpack it first", file=path)
     return select_reader(path, head)
 
 
 def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Table:
-    """Return the table of a file by the options that its reader knows of those given."""
+    """Return the table of a file; the reader takes the options that it knows."""
     reader = detect_reader(path)
     try:
         return reader.read(path, wanted, **reader.option_values(options))
     except OSError as error:
         raise open_error(path, error) from error
+    except InputError as error:
+        error.file = error.file or path
+        raise
 
 
 def _refuse_unknown_options(options: Mapping[str, object], *paths: Path) -> None:
@@ -190,7 +207,7 @@ def read_recording(
     path : path-like
         The file.
     columns : Columns
-        Which column is what.
+        What each column holds.
     limits : mapping of channel to (lowest, highest), optional
         See `inercal.io.audit.audit`.
     second : path-like, optional
@@ -206,9 +223,9 @@ def read_recording(
 
 
 def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
-    """Read what a bench says of itself in a file of its own, its axes as channels.
+    """Read the readback of a bench from a separate file, with its axes as channels.
 
-    Rows and times are audited as those of a recording are; an axis may well stand still.
+    Rows and times are audited as those of a recording; an axis may be at rest throughout.
 
     Raises
     ------
@@ -220,9 +237,11 @@ def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
 
 
 def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
-    """Return the recording as it stands in the files."""
+    """Return the recording of the files, not audited."""
     if (second is None) != (not columns.second):
-        raise InputError(f"{path}: a second file and the columns in it go together")
+        raise InputError(
+            f"{path}: state a second file and its columns, or neither of the two", file=path
+        )
     label = () if columns.label is None else (columns.label,)
     together = tuple(column for _, column, _ in columns.channels)
     _refuse_unknown_options(columns.options, path, *([] if second is None else [second]))
@@ -261,18 +280,17 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
 
 
 def _number_block(table: Table, together: tuple[str, ...]) -> Array:
-    """Return the columns asked for together, once it is known that all are numbers."""
+    """Return the block of these columns; refuse a column of text."""
     for column in together:
         table.numbers(column)
-    if table.block is None:
-        raise TypeError(f"{table.source}: no block was requested")
+    assert table.block is not None  # the request has block columns
     return table.block
 
 
 def _read_second_file(
     path: Path, columns: Columns, place: Array, first: tuple[str, Array]
 ) -> Table:
-    """Read the columns of the second file into their place, (n, k), and return its table."""
+    """Read the columns of the second file into `place`, (n, k), and return its table."""
     together = tuple(column for _, column, _ in columns.second)
     names = together if columns.time is None else (columns.time, *together)
     table = _read(path, ReadRequest(names, (), together), columns.options)
@@ -281,7 +299,8 @@ def _read_second_file(
     if len(block) != len(place):
         raise InputError(
             f"{table.source} has {len(block)} rows and {name} has {len(place)}: "
-            "two files of one recording have the same rows"
+            "two files of one recording must have the same rows",
+            file=path,
         )
     if columns.time is not None:
         _refuse_unequal_times(table, _time(table, columns, len(block))[0], name, time)
@@ -290,9 +309,9 @@ def _read_second_file(
 
 
 def _refuse_unequal_times(table: Table, time: Array, name: str, expected: Array) -> None:
-    """Raise InputError where a time differs by more than half a step from that in the first file.
+    """Refuse a time that differs by more than half a step from that in the first file.
 
-    A time that is missing in the first file is left to the audit.
+    The audit refuses a time that is missing in the first file.
     """
     with np.errstate(invalid="ignore"):  # of infinities
         step = np.abs(np.diff(expected))
@@ -302,21 +321,27 @@ def _refuse_unequal_times(table: Table, time: Array, name: str, expected: Array)
     if not apart.any():
         return
     k = int(np.argmax(apart))
-    where = f"line {table.first_line + k}" if table.first_line else f"sample {k}"
+    line = table.first_line + k if table.first_line else None
     raise InputError(
-        f"{table.source} {where} is at {time[k]:.6g} s where {name} is at {expected[k]:.6g} s: "
-        "two files of one recording have the same times"
+        f"{table.source} {f'sample {k}' if line is None else f'line {line}'} is at {time[k]:.6g} s "
+        f"where {name} is at {expected[k]:.6g} s: two files of one recording must have the same "
+        "times",
+        file=table.source,
+        line=line,
     )
 
 
 def _time(table: Table, columns: Columns, n: int) -> tuple[Array, int | None]:
-    """Return the time of each sample, (n,), s, and of a column of dates what time 0 is."""
+    """Return the time of each sample, (n,), s, and time 0 of a column of dates, ns since 1970."""
     name = columns.time
     if name is not None and columns.rate_hz is None and _holds_dates(table, name):
         if columns.time_unit is not None:
             raise InputError(
-                f"{table.source}: column {name!r} holds ISO 8601 times, which have no unit: leave "
-                f"{columns.time_keys[0]} out"
+                f"{table.source}: column {name!r} holds ISO 8601 times, which have no unit: remove "
+                f"{columns.time_keys[0]}",
+                file=table.source,
+                key=columns.time_keys[0],
+                names=(name,),
             )
         cells: list[str] = table.columns[name].tolist()
         return times_from_iso(cells, name, table.source, table.first_line, columns.origin)
@@ -325,7 +350,7 @@ def _time(table: Table, columns: Columns, n: int) -> tuple[Array, int | None]:
         try:
             return times_from_counter(counter, columns.modulus, columns.rate_hz), None
         except InputError as error:
-            raise InputError(f"{table.source}: {error}") from None
+            raise error.located(table.source, file=table.source) from None
     if name is None or columns.rate_hz is not None:
         return counter / (columns.rate_hz or 1.0), None
     require_unit(counter, name, columns.time_unit, table.source, columns.time_keys)

@@ -1,13 +1,13 @@
-"""Readers of files by name, of this package and of others, and which file is whose.
+"""Readers of file formats by name, of this package and of others, and the choice among them.
 
-A reader says by data which files it takes: by bytes at a place near their begin, and by suffix. A
-file is the first reader's whose bytes it has, else the first one's whose suffix; text takes the
-rest. A reader also declares the keys of [data] that are its own, such as a topic::
+A reader declares which files it reads: by bytes at a place near the begin, and by suffix. The first
+reader whose bytes a file has reads it, else the first whose suffix it has, else the reader of text.
+A reader also declares its keys of [data], such as a topic. A package registers a reader by::
 
     [project.entry-points."inercal.readers"]
     flight_log = "their_package.log:READER"
 
-It is called with the file, what is wanted of it, and each of its options by name.
+inercal calls it with the file, the `ReadRequest` and each of its options by name.
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -21,7 +21,7 @@ from inercal.io.column_table import Table
 from inercal.registry import Registry
 
 HEAD_BYTES = 128
-"""Bytes by which a file is told."""
+"""Bytes at the begin of a file in which readers look for their format."""
 _WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false"}
 
 
@@ -32,13 +32,13 @@ class Option:
     Parameters
     ----------
     name : str
-        None that [data] has itself.
+        Not the name of a key that [data] has for all readers.
     type : type or union of types
         Of str, int, float, bool.
     default : object
         Taken where the key is not stated.
     meaning : str
-        One line for people.
+        One line for the user.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Option:
 
     @property
     def accepted_types(self) -> str:
-        """What may be given, in words."""
+        """The types in words."""
         return " or ".join(_WORDS[kind] for kind in _member_types(self.type))
 
 
@@ -71,13 +71,13 @@ class Reader:
     ----------
     name : str
     read : callable
-        (path, wanted, **options) to a `Table`. Libraries that it needs are imported within.
+        (path, wanted, **options) to a `Table`. It imports the libraries that it needs itself.
     content : tuple of (int, bytes)
-        Places within the first 128 bytes, and what stands there: any of them will do.
+        Places within the first 128 bytes with the bytes there; any of them identifies the format.
     suffixes : tuple of str
         Such as ".npz", in lower case.
     binary : bool
-        Whether a suffix only counts where a zero byte is among the first 128.
+        Whether the suffix counts only where a zero byte is among the first 128 bytes.
     options : tuple of Option
     """
 
@@ -102,7 +102,7 @@ class Reader:
         return tuple(option.name for option in self.options)
 
     def option_values(self, given: Mapping[str, object]) -> dict[str, object]:
-        """Return its options with what is given of them.
+        """Return the options of this reader, with default where no value is given.
 
         Raises
         ------
@@ -112,8 +112,9 @@ class Reader:
         for option in self.options:
             if option.name in given and not option.accepts(value := given[option.name]):
                 raise InputError(
-                    f"[data] {option.name}: {value!r}; reader {self.name} takes "
-                    f"{option.accepted_types}: {option.meaning}"
+                    f"[data] {option.name} is {value!r}; reader {self.name} takes "
+                    f"{option.accepted_types}: {option.meaning}",
+                    key=f"[data] {option.name}",
                 )
         return {option.name: given.get(option.name, option.default) for option in self.options}
 
@@ -126,14 +127,13 @@ READERS: Registry[Reader] = Registry(
 
 
 def select_reader(path: Path, head: bytes) -> Reader:
-    """Return the reader of a file that begins with `head`, at least 128 bytes where it has them."""
-    head = head[:HEAD_BYTES]
-    for one in READERS.values():
-        if one.has_content(head):
-            return one
-    for one in READERS.values():
-        if one.has_suffix(path, head):
-            return one
+    """Return the reader of a file that begins with `head`, its first 128 bytes."""
+    for reader in READERS.values():
+        if reader.has_content(head):
+            return reader
+    for reader in READERS.values():
+        if reader.has_suffix(path, head):
+            return reader
     return READERS["text"]
 
 
@@ -155,12 +155,15 @@ def refuse_unknown_options(
     Raises
     ------
     InputError
-        Naming the readers that know the first.
+        The message names the readers that know the first unknown option.
     """
     known = {key for one in readers for key in one.keys}
     for key in options:
         if key not in known:
             here = " and ".join(dict.fromkeys(one.name for one in readers))
-            theirs = " and ".join(readers_with_option(key))
-            of = f"an option of reader {theirs}" if theirs else "an option of no reader"
-            raise InputError(f"[data] {key} is {of}; {source} is read by {here}: leave it out")
+            others = " and ".join(readers_with_option(key))
+            of = f"an option of reader {others}" if others else "not an option of any reader"
+            raise InputError(
+                f"[data] {key} is {of}, and {source} is read by {here}: remove {key}",
+                key=f"[data] {key}",
+            )

@@ -1,9 +1,9 @@
 """Runs of one exact value in a channel: readings at the end of their range, and readings stuck.
 
-No amplitude is assumed. Quantised noise repeats values in runs whose lengths fall off smoothly; a
-reading at its rail or stuck stands far above the longest of them. A coarsely quantised sensor at
-rest repeats values as well: where its steps exceed its noise, long runs are how it reads. Noise
-about the end of the range is cut off there and makes no long runs: it piles up in the histogram.
+No amplitude is assumed. Quantised noise repeats values in runs whose lengths decrease smoothly; a
+reading at its rail, or stuck, makes runs far longer than these. A coarsely quantised sensor at rest
+repeats values too: where its steps exceed its noise, long runs are normal. Noise about the end of
+the range is cut off there and makes no long runs: it piles up in the histogram.
 """
 
 from typing import NamedTuple
@@ -11,28 +11,26 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.arrays import Array, true_ranges
 from inercal.io.column_table import row_blocks
 from inercal.recording import Indices
 
-_STANDS_OUT = 5  # times the longest of the ordinary runs
+_STANDS_OUT = 5  # times the longest ordinary run: a run is long
 _RAIL = 5  # samples; fewer at an extreme are a peak
 _STUCK = 50  # samples; fewer are an ordinary repetition
-_LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its top one repeats
-_WINDOW = 50  # samples over which a channel spans few steps if these are coarse,
-_SPAN = 2.0  # at most so many in its quietest windows,
-_QUIETEST = 0.1  # of all
-_GENTLE = 0.8  # of the ends of runs at which a coarse reading moves by two steps at most
-_PILE, _PILED_RUNS = 20, 10  # samples and runs at an extreme before it is judged,
-_MANY = 30  # samples a run at most: a rest at one value is no noise
-_NEXT = 5  # steps below an extreme with which its number of samples is compared
-_PILED = 2  # times the number at any of these; without a cut there are fewer at an extreme
-_BESIDE = 1.5  # steps by which the samples beside an extreme differ from it, if noise is cut off
+_LEVELS = 10  # values; a resting sensor's noise may span fewer, and then its extreme repeats
+# A channel is coarse where it spans at most _SPAN steps over _WINDOW samples, in the _QUIETEST
+# share of windows, or where the share _GENTLE of long runs ends by a change of two steps at most.
+_WINDOW, _SPAN, _QUIETEST, _GENTLE = 50, 2.0, 0.1, 0.8
+# An extreme is judged with at least _PILE samples in _PILED_RUNS runs, of at most _MANY samples on
+# average: a rest at one value is not noise. It cuts noise off where it has _PILED times the samples
+# of each of the _NEXT steps below it, and its neighbours in time are over _BESIDE steps away.
+_PILE, _PILED_RUNS, _MANY, _NEXT, _PILED, _BESIDE = 20, 10, 30, 5, 2, 1.5
 _NONE: Indices = np.zeros((0, 2), np.int64)
 
 
 class _Runs(NamedTuple):
-    """Runs of two samples and more; singles, nearly all of an unquantised reading, are a mask."""
+    """Runs of two samples and more; a mask holds the single samples, which are most."""
 
     start: Indices
     length: Indices
@@ -50,7 +48,7 @@ def _runs(x: Array) -> _Runs:
 
 def out_of_range(x: Array, lowest: float, highest: float) -> Indices:
     """Return half-open ranges, (k, 2), of samples at or beyond the ends of the range."""
-    return _ranges((x <= lowest) | (x >= highest))
+    return true_ranges((x <= lowest) | (x >= highest))
 
 
 def rail_ranges(x: Array) -> Indices:
@@ -72,7 +70,7 @@ def rail_ranges(x: Array) -> Indices:
     rails = [v for v in extremes if runs.length[runs.value == v].max(initial=1) >= needed]
     if not rails or _has_fewer_values(x, _LEVELS):
         return _NONE
-    return _ranges(np.logical_or.reduce([x == v for v in rails]))
+    return true_ranges(np.logical_or.reduce([x == v for v in rails]))
 
 
 def clipping_values(x: Array) -> tuple[float, ...]:
@@ -104,11 +102,11 @@ def clipping_values(x: Array) -> tuple[float, ...]:
 
 
 def ranges_with_values(x: Array, ranges: Indices, values: tuple[float, ...]) -> Indices:
-    """Return half-open ranges, (k, 2): those given, and where a channel reads these values."""
+    """Return half-open ranges, (k, 2): `ranges`, and where a channel reads these values."""
     there = np.logical_or.reduce([x == value for value in values])
     for start, stop in ranges.tolist():
         there[start:stop] = True
-    return _ranges(there)
+    return true_ranges(there)
 
 
 def longest_constant_run(x: Array) -> tuple[int, int] | None:
@@ -134,7 +132,7 @@ def _is_coarse(x: Array, held: Indices) -> bool:
     ----------
     x : (n,) array
     held : (k, 2) array
-        Its long runs, which are not looked at themselves.
+        Its long runs, which are excluded.
     """
     few = _SPAN * _smallest_step(x) * (1 + 1e-6)
     inside = np.zeros(x.size + 1, np.int8)
@@ -151,7 +149,7 @@ def _is_coarse(x: Array, held: Indices) -> bool:
 
 
 def _has_consecutive(mask: NDArray[np.bool_], count: int) -> bool:
-    """Return whether so many neighbours are True: in most recordings none, which is told soon."""
+    """Return whether `count` neighbours are True; most recordings are decided after few steps."""
     width = 1
     while width < count and mask.size:
         more = min(width, count - width)
@@ -161,7 +159,7 @@ def _has_consecutive(mask: NDArray[np.bool_], count: int) -> bool:
 
 
 def _has_fewer_values(x: Array, levels: int) -> bool:
-    """Return whether there are fewer different values than so many levels."""
+    """Return whether there are fewer different values than `levels`."""
     found = x[:0]
     for k in row_blocks(x.size):
         found = np.unique(np.concatenate([found, x[k]]))
@@ -173,9 +171,9 @@ def _has_fewer_values(x: Array, levels: int) -> bool:
 def stuck_ranges(x: Array, known: Indices) -> Indices:
     """Return half-open ranges, (k, 2), where a channel (n,) holds one value for far too long.
 
-    Lengths of runs, sorted, are taken apart at the first fivefold jump to 50 samples or more.
-    Runs above the jump that hold most of the samples are how this channel reads, and are let pass;
-    so are those of a channel whose steps exceed its noise.
+    The sorted lengths of runs are split at the first fivefold jump to 50 samples or more. Runs
+    above the jump are accepted where they hold most of the samples, or where the steps of the
+    channel exceed its noise: such a channel reads in long runs.
 
     Parameters
     ----------
@@ -205,15 +203,9 @@ def stuck_ranges(x: Array, known: Indices) -> Indices:
 
 
 def merge_ranges(ranges: Indices, apart: float) -> list[tuple[int, int]]:
-    """Return ranges with those less than `apart` samples from each other made one."""
+    """Return ranges, joined where less than `apart` samples lie between them."""
     if not ranges.size:
         return []
     new = np.concatenate([[True], ranges[1:, 0] - ranges[:-1, 1] >= apart])
     last = np.concatenate([new[1:], [True]])
     return list(zip(ranges[new, 0].tolist(), ranges[last, 1].tolist(), strict=True))
-
-
-def _ranges(mask: NDArray[np.bool_]) -> Indices:
-    """Return half-open ranges of True, (k, 2)."""
-    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
-    return edges.reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Whether a recording at rest reads gravity: the units of its columns, judged from the data."""
+"""Check of the units of accelerometer columns: at rest the norm must be gravity."""
 
 from dataclasses import replace
 
@@ -10,11 +10,11 @@ from inercal.recording import Finding, Recording
 from inercal.sensors import G0, Sensor
 
 _WINDOW_S = 0.5
-_QUIETEST = 0.1  # of all windows
-_POSSIBLE = (0.5, 2.0)  # of gravity; beyond it, no sensor's error but a unit
+_QUIETEST = 0.1  # share of all windows
+_POSSIBLE = (0.5, 2.0)  # of gravity; beyond, the unit is wrong and not the sensor
 _USUAL = (0.9, 1.1)
 
-# Norm over what it should be, the unit that the columns look like, and the one that is stated.
+# Ratio of the norm to its true value: the unit that the columns look like, and the stated unit.
 _CONFUSIONS = {
     1 / G0: ("g", "m/s²"),
     G0: ("m/s²", "g"),
@@ -23,30 +23,30 @@ _CONFUSIONS = {
     1000 / G0: ("mg", "m/s²"),
     G0 / 1000: ("m/s²", "mg"),
 }
-_NEAR = 1.25  # ratio within which a confusion is recognised; far less than they are apart
+_NEAR = 1.25  # factor within which a confusion is recognised; the ratios differ by far more
 
 
 def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
-    """Return what is odd with the norm of accelerometers that should read a known one.
+    """Return a finding where the norm of accelerometer readings differs from the expected norm.
 
     Parameters
     ----------
     norm, expected : float
         m/s².
     text : str
-        What the message begins with: both in words.
+        Begin of the message: both norms in words.
 
     Returns
     -------
     Finding or None
-        Refused below half and above twice what is expected, where it names the likely confusion of
-        units; a warning beyond 10 %.
+        Refused below half and above twice the expected norm, with the likely confusion of units; a
+        warning beyond 10 %.
     """
     ratio = norm / expected
     if _USUAL[0] <= ratio <= _USUAL[1]:
         return None
     if _POSSIBLE[0] <= ratio <= _POSSIBLE[1]:
-        return Finding("warning", "units", f"{text}: is the nominal scale right?")
+        return Finding("warning", "units", f"{text}: check the nominal scale")
     near = (units for r, units in _CONFUSIONS.items() if 1 / _NEAR < ratio / r < _NEAR)
     if (units := next(near, None)) is None:
         advice = "check the units and the nominal scale of the columns in [sensor.accelerometer]"
@@ -59,7 +59,7 @@ def norm_finding(norm: float, expected: float, text: str) -> Finding | None:
 
 
 def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Recording:
-    """Return the recording with a finding where it does not read gravity at rest.
+    """Return the recording, with a finding where its norm at rest is not gravity.
 
     Parameters
     ----------
@@ -78,14 +78,14 @@ def audit_rest_norm(recording: Recording, sensor: Sensor, gravity: float) -> Rec
 
 
 def rest_mean_finding(means: Array, sensor: Sensor, gravity: float) -> Finding | None:
-    """Return what is odd with the norm of means at rest, as `norm_finding` does.
+    """Return the finding of `norm_finding` for means at rest.
 
     Parameters
     ----------
     means : (r, m) array
-        Of rows at rest in any attitude, SI by the nominal readout.
+        Mean readings at rest in any attitude, SI by the nominal readout.
     sensor : Sensor
-        Of which the accelerometers, a triad, are looked at.
+        Its accelerometers, a triad, are checked.
     gravity : float
         Local gravity, m/s².
     """

@@ -1,7 +1,7 @@
 """CSV, tab, semicolon and white-space separated text.
 
-NumPy's C parser reads the numbers, some rows at a time. Only when it fails does Python go over
-the lines, to name the line, the column and the text that are wrong.
+NumPy's C parser reads the numbers, some rows at a time. Only where it fails, Python reads the
+lines to name the line, the column and the text that are wrong.
 """
 
 import re
@@ -28,8 +28,6 @@ from inercal.io.readers import Reader
 from inercal.io.text_layout import TextLayout, column_count_text, sniff
 from inercal.io.text_scan import scan
 
-_LAST_LINE = "the file may be truncated: remove the line or record again"
-
 
 def read_text(path: Path, wanted: ReadRequest) -> Table:
     """Read a table of text.
@@ -43,7 +41,7 @@ def read_text(path: Path, wanted: ReadRequest) -> Table:
     Raises
     ------
     InputError
-        What is wrong, with its line: see the module, `scan` and `layout`.
+        The file is not such text, or a wanted column cannot be read.
     OSError
         The file cannot be read.
     """
@@ -75,18 +73,18 @@ def read_text(path: Path, wanted: ReadRequest) -> Table:
     for name in names:
         k = layout.names.index(name)
         read[name] = labels[k] if k in words else blank[name][:n]
-    # Comments and blank lines amid the data put rows out of step with lines.
-    in_step = layout.first_line + n - 1 == found.lines
-    if not in_step:
-        _refuse_swallowed_lines(path, layout, n)
-    first_line = layout.first_line if in_step else 0
+    # With comments and blank lines between the data, row k is not line first_line + k.
+    rows_are_lines = layout.first_line + n - 1 == found.lines
+    if not rows_are_lines:
+        _refuse_joined_lines(path, layout, n)
+    first_line = layout.first_line if rows_are_lines else 0
     return Table(
         layout.names, read, path.name, found.sha256, first_line, layout.header, block=block[:n]
     )
 
 
 class _RowError(ValueError):
-    """What NumPy says of a row that it cannot read, and about where it is."""
+    """NumPy's message on a row that it cannot read, and about which row it is."""
 
     def __init__(self, message: str, row: int):
         super().__init__(message)
@@ -96,7 +94,7 @@ class _RowError(ValueError):
 def _load(
     path: Path, layout: TextLayout, places: Mapping[str, Array], words: set[int], fill: set[int]
 ) -> tuple[dict[int, NDArray[np.str_]], int]:
-    """Read numbers into their places; return the columns of words, and how many rows there are."""
+    """Read numbers into `places`; return the columns of words, and the number of rows."""
     parts: dict[int, list[NDArray[np.str_]]] = {k: [] for k in words}
     n = 0
     for rows in _chunks(path, layout, places, words, fill):
@@ -112,7 +110,7 @@ def _load(
 def _chunks(
     path: Path, layout: TextLayout, numbers: Collection[str], words: set[int], fill: set[int]
 ) -> Iterator[NDArray[np.void]]:
-    """Return structured arrays of some rows; columns that nobody wants are single letters."""
+    """Yield structured arrays of some rows; columns that are not wanted are single letters."""
     kinds = {
         k: "f8" if str(k) in numbers else "O" if k in words else "U1" for k in _column_range(layout)
     }
@@ -146,7 +144,7 @@ def _column_range(layout: TextLayout) -> range:
 
 
 def _lines(file: Iterator[str], layout: TextLayout, fill: set[int]) -> Iterator[str]:
-    """Return the lines of data as the parser needs them: decimal points, nothing empty."""
+    """Return the lines of data as the parser needs them: decimal points, no empty number."""
     lines = islice(file, layout.first_line - 1, None)
     if layout.decimal_comma:
         lines = (line.replace(",", ".") for line in lines)
@@ -176,7 +174,7 @@ def _quoted_cell(cell: str) -> str:
 def _check_cells(
     path: Path, layout: TextLayout, numbers: set[int], skip: int, last_line: int
 ) -> bool:
-    """Raise for the first line that is wrong; return whether there are empty cells to fill.
+    """Refuse the first wrong line; return whether there are empty cells to fill.
 
     Raises
     ------
@@ -192,10 +190,16 @@ def _check_cells(
                 continue
             cells = layout.cells(line)
             if len(cells) != expected:
+                truncated = number == last_line and len(cells) < expected
+                advice = (
+                    "the file may be truncated: remove the line or record again"
+                    if truncated
+                    else "repair or remove the line"
+                )
                 raise InputError(
                     f"{path.name} line {number}: {column_count_text(len(cells))} where "
-                    f"{layout.name_source} has {expected}; "
-                    f"{_advice(layout, number, last_line, len(cells))}"
+                    f"{layout.name_source} has {expected}; {advice}",
+                    line=number,
                 )
             for k in numbers:
                 if not cells[k]:
@@ -203,25 +207,22 @@ def _check_cells(
                 elif not layout.is_number(cells[k]):
                     raise InputError(
                         f"{path.name} line {number}, column {shorten(layout.names[k])!r}: "
-                        f"{shorten(cells[k])!r} is not a number"
+                        f"{shorten(cells[k])!r} is not a number",
+                        line=number,
+                        names=(layout.names[k],),
                     )
     return empty
 
 
-def _refuse_swallowed_lines(path: Path, layout: TextLayout, rows: int) -> None:
-    """Raise InputError where an open quotation mark has made one row of several lines."""
+def _refuse_joined_lines(path: Path, layout: TextLayout, rows: int) -> None:
+    """Refuse an open quotation mark, which joins several lines to one row."""
     with path.open(encoding="utf-8-sig") as file:
         lines = sum(bool(layout.content(k)) for k in islice(file, layout.first_line - 1, None))
     if lines != rows:
         raise InputError(
-            f"{path.name}: {lines} lines of data make {rows} rows; is a quotation mark left open?"
+            f"{path.name}: {lines} lines of data give {rows} rows: look for a quotation mark "
+            "without its pair"
         )
-
-
-def _advice(layout: TextLayout, line: int, last_line: int, found: int) -> str:
-    if line == last_line and found < len(layout.names):
-        return _LAST_LINE
-    return "repair or remove the line"
 
 
 READER = Reader("text", read_text)

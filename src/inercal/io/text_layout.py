@@ -1,8 +1,8 @@
-"""How a text file is laid out, judged from its first lines.
+"""The layout of a text file, from its first lines.
 
-Columns are separated by semicolons, tabs, commas or white space, whichever comes first in this
-order in a row of data. A first line that holds no number, or a word above a number, names the
-columns; so does a comment right above the data with as many words as there are columns.
+Columns are separated by semicolons, tabs, commas or white space: the first of these, in this order,
+that a row of data contains. A first line without a number, or with a word above a number, names the
+columns; so does a comment directly above the data with as many words as there are columns.
 """
 
 import csv
@@ -15,7 +15,7 @@ from inercal.errors import InputError
 from inercal.io.column_table import refuse_too_many_columns
 
 COMMENTS = "#%"
-_SNIFFED_LINES = 50  # lines of data; enough to meet a decimal comma
+_SNIFFED_LINES = 50  # lines of data; enough to contain a decimal comma
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _DECIMAL_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 
@@ -29,7 +29,7 @@ class TextLayout:
     names : tuple of str
         Of the columns; "1", "2", ... without a header.
     name_source : str
-        What the number of columns was taken from, in words.
+        Text that names where the number of columns comes from.
     header : bool
         Whether the file names its columns.
     first_line : int
@@ -76,7 +76,7 @@ def sniff(path: Path) -> TextLayout:
     Raises
     ------
     InputError
-        No line of data, or a first one with more or fewer columns than the header.
+        No line of data, or a first line with more or fewer columns than the header.
     """
     heading, rows, title = _first_lines(path)
     sample = rows[min(1, len(rows) - 1)][1]
@@ -91,7 +91,11 @@ def sniff(path: Path) -> TextLayout:
 
     headed = _is_header(table[0], marks(table[0]), marks(table[1]) if table[1:] else [])
     if headed and len(rows) == 1:
-        raise InputError(f"{path.name} has a header in line {rows[0][0]} and no data below it")
+        raise InputError(
+            f"{path.name} has a header in line {rows[0][0]} and no data below it: record or export "
+            "it again",
+            line=rows[0][0],
+        )
     first_line, first = rows[int(headed)][0], table[int(headed)]
     names = (
         split_cells(title, delimiter)
@@ -101,8 +105,9 @@ def sniff(path: Path) -> TextLayout:
     if headed and len(names) != len(first):
         raise InputError(
             f"{path.name} line {first_line}: {column_count_text(len(first))} where the header has "
-            f"{len(names)}; separate the names by the same character as the numbers, one name "
-            "for each column"
+            f"{len(names)}; write a name for each column, separated by the same character as the "
+            "numbers",
+            line=first_line,
         )
     return TextLayout(
         # pandas leaves the name of an index column empty.
@@ -132,9 +137,9 @@ def _is_header(first: list[str], numbers: list[bool], numbers_below: list[bool])
 
 
 def _first_lines(path: Path) -> tuple[list[str], list[tuple[int, str]], str]:
-    """Return the comments above the data, the first lines below, and their first as it stands.
+    """Return the comments above the data, the first lines below, and the unchanged first line.
 
-    The lines are freed of comments; a header may well hold a #.
+    Comments are removed from the lines. A header may contain a #, so its line is returned too.
     """
     heading: list[str] = []
     rows: list[tuple[int, str]] = []
@@ -151,7 +156,7 @@ def _first_lines(path: Path) -> tuple[list[str], list[tuple[int, str]], str]:
         data = ((k, _uncommented(line, comment)) for k, line in content if line[0] not in COMMENTS)
         rows.extend(islice(data, _SNIFFED_LINES))
     if not rows:
-        raise InputError(f"{path.name} has comments only and no data")
+        raise InputError(f"{path.name} has comments only and no data: record or export it again")
     return heading, rows, title
 
 
@@ -182,12 +187,12 @@ def column_count_text(count: int) -> str:
 
 
 def is_number(text: str) -> bool:
-    """Return whether NumPy's parser takes a text for a number."""
+    """Return whether NumPy's parser reads a text as a number."""
     try:
         float(text)
     except ValueError:
         return False
-    # Python alone takes 1_000 and digits of other scripts.
+    # Only Python reads 1_000 and digits of other scripts.
     return "_" not in text and text.isascii()
 
 
@@ -199,7 +204,7 @@ def _has_decimal_comma(table: list[list[str]]) -> bool:
 
 
 def _names_in_comment(heading: list[str], delimiter: str | None, count: int) -> list[str]:
-    """Return names from the comment right above the data, as numpy.savetxt writes them."""
+    """Return names from the comment directly above the data, as numpy.savetxt writes them."""
     names = split_cells(heading[-1].lstrip(COMMENTS + " "), delimiter) if heading else []
     distinct = len(set(names)) == count == len(names) and all(names)
     return names if distinct and not any(map(is_number, names)) else []

@@ -1,6 +1,6 @@
 """A first pass over the raw bytes of a text file: its hash, its lines, and what is not text.
 
-It reads in blocks, so a file that cannot be used costs little time and memory however large.
+It reads in blocks: a file that cannot be used, however large, takes little time and memory.
 """
 
 import codecs
@@ -18,7 +18,7 @@ _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 class Scan(NamedTuple):
-    """What is known of a text file after one pass.
+    """Result of one pass over a text file.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Scan(NamedTuple):
     lines : int
         Number of the last line that is not blank (1-based).
     line_bound : int
-        As many lines as there are, or more, where a lone carriage return ends one as well.
+        Upper bound of the number of lines: a lone carriage return may end a line.
     """
 
     sha256: str
@@ -36,12 +36,12 @@ class Scan(NamedTuple):
 
 
 def scan(path: Path) -> Scan:
-    """Read a text file once.
+    """Read the bytes of a text file once.
 
     Raises
     ------
     InputError
-        An empty file, binary data, text that is not UTF-8, or a line above a million bytes.
+        An empty file, binary data, text that is not UTF-8, or a line above `LONGEST_LINE`.
     OSError
         The file cannot be read.
     """
@@ -60,7 +60,9 @@ def scan(path: Path) -> Scan:
                 newline = b"\n" if b"\n" in block else b"\r"
             if (at := block.find(b"\0")) >= 0:
                 line = complete + block.count(newline, 0, at) + 1
-                raise InputError(f"{path.name} line {line}: binary data where text is expected")
+                raise InputError(
+                    f"{path.name} line {line}: binary data where text is expected", line=line
+                )
             _refuse_other_encodings(decoder, block, complete, newline, path.name)
             ends = np.flatnonzero(np.frombuffer(block, np.uint8) == newline[0])
             lengths = np.diff(ends, prepend=-1 - unfinished, append=len(block))
@@ -68,7 +70,8 @@ def scan(path: Path) -> Scan:
                 line = complete + int(np.argmax(lengths > LONGEST_LINE)) + 1
                 raise InputError(
                     f"{path.name} line {line}: more than {LONGEST_LINE} bytes without a line end; "
-                    "is it text with one sample a line?"
+                    "write each sample as a line of text",
+                    line=line,
                 )
             unfinished = int(lengths[-1]) - 1
             if text := block.rstrip():
@@ -96,5 +99,6 @@ def _refuse_other_encodings(
         line = lines + error.object.count(newline, 0, error.start) + 1
         raise InputError(
             f"{name} line {line}: byte {error.object[error.start]:#04x} is not UTF-8 text; "
-            "save the file as UTF-8"
+            "save the file as UTF-8",
+            line=line,
         ) from error

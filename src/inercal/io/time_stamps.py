@@ -1,8 +1,8 @@
-"""Times of samples from their stamps: in a unit of time, or as ISO 8601 text.
+"""Times of samples from their stamps: in a unit of time, as ISO 8601 text, or by packet counter.
 
-A wrong unit of time shifts whatever is integrated and leaves means as they are: nothing later
-notices it. Stamps that look like another unit than the one in force are therefore refused, and
-the message names the key to set; no unit is guessed.
+A wrong unit of time changes integrals and not means: no later check detects it. Stamps that look
+like another unit than the unit in force are therefore refused, and the message names the key to
+set; no unit is guessed.
 """
 
 import re
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from inercal.errors import InputError
 from inercal.io.column_table import Array, shorten
@@ -41,13 +42,13 @@ def require_unit(
     Parameters
     ----------
     stamps : (n,) array
-        As they stand in the column.
+        Values of the column.
     column, source : str
         Names of the column and of its file, for the message.
     unit : str or None
-        As stated; None where it is not, and s are in force.
+        The stated unit; None where no unit is stated and s are in force.
     keys : (str, str or None)
-        Of the run file: that of the unit, and that of a rate in place of stamps, if any.
+        Keys of the run file: the unit of the stamps, and the rate that may replace them, if any.
 
     Raises
     ------
@@ -60,15 +61,21 @@ def require_unit(
     if unit is None:
         if (named := _unit_of_column_name(column)) is not None:
             raise InputError(
-                f"{source}: the name of column {column!r} says {named}, and no unit is stated, "
-                f'which means s: state {unit_key} = "{named}"'
+                f"{source}: column {column!r} has {named} in its name, but no unit is stated, "
+                f'which means s: state {unit_key} = "{named}"',
+                file=source,
+                key=unit_key,
+                names=(column,),
             )
         since = _epoch_unit(stamps)
         if since not in (None, "s"):
             raise InputError(
                 f"{source}: times of {stamps[np.isfinite(stamps)][0]:.6g} in column {column!r} "
-                f"look like {since} since 1970, and no unit is stated, which means s: state "
-                f'{unit_key} = "{since}"'
+                f"look like {since} since 1970, but no unit is stated, which means s: state "
+                f'{unit_key} = "{since}"',
+                file=source,
+                key=unit_key,
+                names=(column,),
             )
     if rate is None:
         return
@@ -91,10 +98,13 @@ def require_unit(
     else:
         advice = f"state the unit of the stamps, {unit_key}"
     if rate_key is not None:
-        advice += f'; if {hz:.3g} Hz is right, leave the column out and state {rate_key} = "…"'
+        advice += f'; if {hz:.3g} Hz is right, remove the column and state {rate_key} = "…"'
     raise InputError(
-        f"{source}: column {column!r} taken in {in_force} makes {hz:.3g} samples per second, where "
-        f"{slowest:g} Hz to {FASTEST_HZ / 1e3:g} kHz are possible: {advice}"
+        f"{source}: column {column!r} in {in_force} gives {hz:.3g} samples per second, outside "
+        f"{slowest:g} Hz to {FASTEST_HZ / 1e3:g} kHz: {advice}",
+        file=source,
+        key=unit_key,
+        names=(column,),
     )
 
 
@@ -138,14 +148,14 @@ def times_from_iso(
     Parameters
     ----------
     cells : sequence of n str
-        Date and time, fraction of a second, zone: Z or an offset from UTC, which may change from
-        row to row. Without a zone in all rows.
+        Date and time, fraction of a second, and zone: Z or an offset from UTC, which may change
+        from row to row. All rows state a zone, or none does.
     column, source : str
         For messages.
     first_line : int
         Line of the first cell in the file; 0 where lines are not known.
     origin : int, optional
-        Time 0, ns since 1970; that of the first stamp if it is not given.
+        Time 0, ns since 1970; by default the first stamp.
 
     Returns
     -------
@@ -156,24 +166,32 @@ def times_from_iso(
     Raises
     ------
     InputError
-        A cell that holds no such time, or rows with a zone among rows without one.
+        A cell without such a time, or rows with and without a zone.
     """
     ns = np.empty(len(cells), np.int64)
-    known: dict[tuple[str, str], int] = {}  # to the minute: most rows share one
+    known: dict[tuple[str, str], int] = {}  # to the minute: most rows share a minute
+
+    def refusal(k: int, problem: str) -> InputError:
+        line = first_line + k if first_line else None
+        return InputError(
+            f"{source} {f'row {k}' if line is None else f'line {line}'}, column {column!r}: "
+            f"{shorten(cells[k])!r} {problem}",
+            file=source,
+            line=line,
+            names=(column,),
+        )
+
     zoned: bool | None = None
     for k, cell in enumerate(cells):
-        where = f"line {first_line + k}" if first_line else f"row {k}"
-        place = f"{source} {where}, column {column!r}"
         match = _ISO.fullmatch(cell.strip())
         if match is None:
-            raise InputError(
-                f"{place}: {shorten(cell)!r} is not an ISO 8601 time such as 2026-11-23T03:10:09Z"
-            )
+            raise refusal(k, "is not an ISO 8601 time such as 2026-11-23T03:10:09Z")
         zone = match["zone"] or ""
         if zoned is not None and zoned != bool(zone):
-            raise InputError(
-                f"{place}: {shorten(cell)!r} has {'a' if zone else 'no'} time zone, unlike the "
-                "row before: give all rows one or none"
+            raise refusal(
+                k,
+                f"has {'a' if zone else 'no'} time zone, unlike the row before: write a zone in "
+                "all rows or in none",
             )
         zoned = bool(zone)
         minute = match["minute"]
@@ -182,12 +200,68 @@ def times_from_iso(
             try:
                 at = datetime.fromisoformat(minute + zone.upper())
             except ValueError as error:
-                raise InputError(f"{place}: {shorten(cell)!r} is not a time: {error}") from None
+                raise refusal(k, f"is not a time: {error}") from None
             at = at if zone else at.replace(tzinfo=UTC)
             known[minute, zone] = round(at.timestamp())
         if second > 59:
-            raise InputError(f"{place}: {shorten(cell)!r} is not a time: seconds run from 0 to 59")
+            raise refusal(k, "is not a time: seconds run from 0 to 59")
         fraction = (match["fraction"] or "0").ljust(9, "0")[:9]
         ns[k] = (known[minute, zone] + second) * _NS + int(fraction)
     start = int(ns[0]) if origin is None else origin
     return (ns - start) / _NS, start
+
+
+def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Array:
+    """Return the times of samples from the counter in their packets: lost packets become gaps.
+
+    Parameters
+    ----------
+    counter : (n,) array of int
+        0 to modulus − 1; each sent packet increases it by 1.
+    modulus : int
+        Number of values after which the counter restarts at 0; 3 or more. A loss of half of them
+        or more between two packets is not recognised.
+    rate_hz : float
+
+    Returns
+    -------
+    (n,) array
+        s, from 0 on.
+
+    Raises
+    ------
+    InputError
+        A value that is not a whole number below the modulus, or a repeated or late packet.
+
+    >>> times_from_counter([254, 255, 0, 3], 256, 100.0).tolist()
+    [0.0, 0.01, 0.02, 0.05]
+    """
+    read = np.asarray(counter, dtype=float)
+    if modulus < 3 or not rate_hz > 0:
+        raise InputError(
+            f"counter: modulus {modulus} and rate {rate_hz:g} Hz; the modulus must be at least 3 "
+            "and the rate greater than 0",
+            key="modulus",
+        )
+    off = np.flatnonzero(~((read >= 0) & (read < modulus) & (read == np.round(read))))
+    if off.size:
+        raise InputError(
+            f"counter: sample {off[0]} has {read[off[0]]:g}, but the counter takes whole numbers "
+            f"from 0 to {modulus - 1}"
+        )
+    step = np.diff(read) % modulus
+    bad = np.flatnonzero((step == 0) | (2 * step >= modulus))
+    if bad.size:
+        k, most = int(bad[0]), float(read.max())
+        if most + 1 < modulus and (read[bad] == most).all() and (read[bad + 1] == read.min()).all():
+            raise InputError(
+                f"counter: after {most:g} it begins again at {read.min():g} (sample {k + 1}): its "
+                f"modulus is {most + 1:g}, not {modulus}",
+                key="modulus",
+            )
+        what = "comes twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
+        raise InputError(
+            f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2} packets or more "
+            f"were lost ({bad.size} places); remove repeated packets and sort late packets"
+        )
+    return np.concatenate([[0.0], np.cumsum(step)]) / rate_hz

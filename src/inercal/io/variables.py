@@ -1,9 +1,9 @@
 """Variables of a file of arrays, MATLAB's or HDF5's, as the columns of a table.
 
-A vector of numbers is a column by its own name. Of a matrix samples run along the longer side, as
+A vector of numbers is a column of the same name. In a matrix, samples run along the longer side, as
 rows or as columns, and the other side is counted from 1: `acc`, (n, 3) or (3, n), gives "acc(1)",
-"acc(2)", "acc(3)". What stands in a struct or group has its name before a dot, "imu.acc(2)". Beside
-the recording a file may hold parameters: the recording is what has the length of most numbers.
+"acc(2)", "acc(3)". The name of a struct or group precedes a dot, "imu.acc(2)". A file may also hold
+parameters: the columns of the recording are those whose length most numbers share.
 """
 
 import zlib
@@ -34,12 +34,12 @@ from inercal.io.column_table import (
 # Why a variable is not a column.
 OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
 FUNCTION = "is a function handle, not numbers"
-COMPLEX = "holds complex numbers: save their parts apart"
+COMPLEX = "holds complex numbers: save real and imaginary parts as two arrays"
 SPARSE = "is a sparse matrix: save it with full()"
 STRUCTS = "is an array of structs: save a struct of arrays"
-CELL = "is a cell array of something other than one text a cell"
+CELL = "is a cell array with other contents than one text in each cell: save plain arrays"
 
-# What SciPy and h5py raise on files whose bytes were changed.
+# Raised by SciPy and h5py on files whose bytes were changed.
 DAMAGED = (
     OSError,
     EOFError,
@@ -62,17 +62,18 @@ class Variable:
     Parameters
     ----------
     name : str
-        With those of the structs or groups around it.
+        With the names of the structs or groups around it.
     shape : tuple of int
-        As stored; of text, (n,).
+        As stored; (n,) for text.
     open : function
-        Returns the array or what can be sliced like it; of text, its n entries.
+        Returns the array or an object that is sliced like it; for text, the n entries.
     text : bool
         Whether it holds words.
     transposed : bool
-        Whether it is stored with its axes reversed, which tells the samples of a square matrix.
+        Whether it is stored with its axes reversed: it decides which axis of a square matrix has
+        the samples.
     chunk : int
-        Samples stored together; as many are read at once.
+        Samples stored together, which are read at once.
     refused : str
         Why it is not a column; empty where it is.
     """
@@ -87,7 +88,7 @@ class Variable:
 
     @property
     def refusal_reason(self) -> str:
-        """Why it is not a column; empty where it is one or several."""
+        """Why it holds no column; empty where it holds columns."""
         if self.refused:
             return self.refused
         if 0 in self.shape:
@@ -100,14 +101,14 @@ class Variable:
 
     @property
     def sample_and_column_counts(self) -> tuple[int, int]:
-        """Number of samples, and of columns."""
+        """Number of samples, and number of columns."""
         return self.shape[self.sample_axis], int(np.prod(self.shape)) // self.shape[
             self.sample_axis
         ]
 
     @property
     def sample_axis(self) -> int:
-        """The axis of samples; 0 also where `refusal_reason` says that there is none."""
+        """The axis of samples; 0 where the variable is refused."""
         if len(self.shape) != 2:
             return 0
         first, last = self.shape
@@ -121,12 +122,12 @@ class Variable:
 
 
 def table_from_variables(path: Path, variables: Sequence[Variable], wanted: ReadRequest) -> Table:
-    """Return the table that a file's variables make.
+    """Return the variables of a file as a table.
 
     Raises
     ------
     InputError
-        No column, none of the name wanted or not of numbers, or columns of unequal length.
+        No column, a wanted column missing or not of numbers, or columns of unequal length.
     """
     source = path.name
     refused = {v.name: v.refusal_reason for v in variables if v.refusal_reason}
@@ -138,7 +139,7 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
         _refuse_unusable_variable(name, [name for name, _, _ in columns], refused, source)
     if not columns:
         first = next((f": {name!r} {why}" for name, why in refused.items()), "")
-        raise InputError(f"{source} has no columns of numbers{first}")
+        raise InputError(f"{source} has no columns of numbers{first}", names=tuple(refused))
     counted: Counter[int] = Counter()
     for _, v, _ in columns:
         counted[v.sample_and_column_counts[0]] += v.sample_and_column_counts[0]
@@ -161,12 +162,12 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
 def _refuse_unusable_variable(
     name: str, names: Sequence[str], refused: dict[str, str], source: str
 ) -> None:
-    """Raise InputError with the reason where a wanted column stands in a variable without any."""
+    """Refuse a wanted column of a variable that holds no columns, with the reason."""
     if name in names:
         return
-    for whole, why in refused.items():
-        if name == whole or name.startswith((f"{whole}.", f"{whole}(")):
-            raise InputError(f"{source}: {whole!r} {why}")
+    for variable, why in refused.items():
+        if name == variable or name.startswith((f"{variable}.", f"{variable}(")):
+            raise InputError(f"{source}: {variable!r} {why}", names=(variable,))
 
 
 def _read(
@@ -186,7 +187,7 @@ def _read(
         kind = stored.dtype
         if kind.kind not in "fiub":
             why = COMPLEX if kind.kind == "c" else f"of {kind} holds no numbers"
-            raise InputError(f"{source}: {variable.name!r} {why}")
+            raise InputError(f"{source}: {variable.name!r} {why}", names=(variable.name,))
         places = [(k, name) for k, name in enumerate(variable.columns) if name in blank]
         for rows in row_blocks(n, _rows_per_read(variable)):
             part: NDArray[Any] = np.asarray(
@@ -201,12 +202,12 @@ def _read(
 
 
 def _rows_per_read(variable: Variable) -> int:
-    """Return whole chunks: no part of a file is unpacked twice."""
+    """Return a multiple of the chunk: no part of a file is decompressed twice."""
     rows = max(1, 8 * BLOCK_ROWS // variable.sample_and_column_counts[1])
     return -(-rows // variable.chunk) * variable.chunk
 
 
 def _integer_labels(values: Array) -> Column:
-    """Return numbers as labels where all are whole: MATLAB writes 1, 2, 3 as floating point."""
-    whole = np.isfinite(values).all() and (values == np.round(values)).all()
-    return values.astype(np.int64).astype(np.str_) if whole else values
+    """Return whole numbers as labels: MATLAB writes 1, 2, 3 as floating point."""
+    integer = np.isfinite(values).all() and (values == np.round(values)).all()
+    return values.astype(np.int64).astype(np.str_) if integer else values

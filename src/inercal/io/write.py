@@ -15,20 +15,19 @@ from inercal.io.parquet import write_parquet
 from inercal.io.read import Columns
 from inercal.recording import Recording
 
-_CHUNK = 10_000  # rows of CSV made at a time
+_CHUNK = 10_000  # rows of CSV formatted at a time
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> Columns:
-    """Write a recording to .csv, .npz or .parquet, whole or not at all.
+    """Write a recording to .csv, .npz or .parquet, completely or not at all.
 
-    Times are in s, readings in output units, temperature in K, readback in SI; a CSV file writes
-    each number with the fewest digits that give it back exactly.
+    Times are in s, readings in output units, temperature in K, readback in SI; a CSV file has each
+    number with the fewest digits from which it is read exactly.
 
     Returns
     -------
     Columns
-        What `read_recording` needs to read the file back; readback is named in unit "1", as it
-        is in SI already.
+        What `read_recording` needs to read the file; readback has the unit "1", since it is in SI.
 
     Raises
     ------
@@ -49,17 +48,17 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> Colum
 
 
 def write_recordings(recordings: Mapping[Path, Recording]) -> None:
-    """Write the recordings by their paths as `write_recording` does, all of them or none.
+    """Write recordings by path as `write_recording` does, all of them or none.
 
     Raises
     ------
     InputError
-        As there.
+        As `write_recording`.
     """
     for path in recordings:
         if path.suffix.lower() not in _WRITERS:
             raise InputError(
-                f"{path} cannot be written; the suffix is one of {', '.join(_WRITERS)}"
+                f"{path} cannot be written: the suffix must be {' or '.join(_WRITERS)}", file=path
             )
     with ExitStack() as renamed:
         for path, recording in recordings.items():
@@ -71,7 +70,10 @@ def write_recordings(recordings: Mapping[Path, Recording]) -> None:
 def _arrays(recording: Recording) -> dict[str, Column]:
     """Return the columns to write, in order, by name."""
     if recording.data.ndim != 2:
-        raise InputError("a file takes one run, data (n, m), without an axis of trials")
+        raise InputError(
+            f"a file holds a single run, data (n, m), but the data are {recording.data.shape}; "
+            "write each trial to its own file"
+        )
     pairs: list[tuple[str, Column]] = [(recording.time_name, recording.time)]
     pairs += [(name, recording.data[:, k]) for k, name in enumerate(recording.channels)]
     if recording.labels is not None:
@@ -82,7 +84,10 @@ def _arrays(recording: Recording) -> dict[str, Column]:
     names = [name for name, _ in pairs]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"two columns would be named {name!r}; rename the channel or readback")
+            raise InputError(
+                f"two columns would have the name {name!r}; rename the channel or readback",
+                names=(name,),
+            )
     return dict(pairs)
 
 

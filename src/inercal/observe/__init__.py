@@ -1,10 +1,10 @@
-"""Residuals shared by methods: what the readings say minus what the model says.
+"""Residuals shared by methods: readings minus the readings of the model.
 
-Vector observation: each row's mean reading against the reading of the motion it was made in,
-y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to whatever the
-motion depends on. Norm observation: the attitude is unknown, and only the norm of the sensed motion
-is compared. Many trials of an orthogonal triad whose axes err along themselves alone go through a
-compiled kernel.
+Vector observation: the mean reading of each row minus the model's reading of its motion,
+y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to the parameters
+of the motion. Norm observation: the attitude is unknown, and only the norm of the sensed motion is
+compared. A compiled kernel computes many trials of an orthogonal triad whose errors act along each
+axis only.
 """
 
 from typing import NamedTuple
@@ -17,13 +17,7 @@ from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.sensors import Sensor, inverse
 
-_AXIAL_TERMS = (
-    "k0",
-    "k1",
-    "k2",
-    "k3",
-    "koq",
-)  # terms along an axis itself, as the kernel counts them
+_AXIAL_TERMS = ("k0", "k1", "k2", "k3", "koq")  # terms along the axis, in the kernel's order
 
 
 def vector_residuals(
@@ -39,7 +33,7 @@ def vector_residuals(
     c : (..., p) array
         Coefficients in SI.
     motion : Motion
-        Of each row, (..., r, 3).
+        Motion of each row, (..., r, 3).
     df, dw : (..., r, 3, q) arrays
         Derivatives of specific force and rate to the nuisances; `dw` None is zero.
     """
@@ -59,7 +53,7 @@ def vector_residuals(
 
 
 class NormResiduals(NamedTuple):
-    """What `norm_residuals` returns; shapes for r rows, m axes and p coefficients."""
+    """Result of `norm_residuals`; shapes for r rows, m axes and p coefficients."""
 
     residual: Array  # (..., r), m/s²
     jacobian: Array  # (..., r, p + 1), of ‖f̂‖ − g to the coefficients and g
@@ -81,8 +75,8 @@ def norm_residuals(
     """Return the residuals 0 − (‖f̂‖ − g) of readings in unknown attitudes, with f̂ = h⁻¹(y; c).
 
     By h(f̂; c) = y the derivative of f̂ is −S⁻¹ ∂h/∂c to the coefficients and S⁻¹ to the reading,
-    with S = ∂h/∂f; that of ‖f̂‖ is the part along f̂. Readings beyond the fold of the model have a
-    residual that is not a number, so that a search turns back from them.
+    with S = ∂h/∂f; that of ‖f̂‖ is the part along f̂. Readings beyond the fold of the model have the
+    residual NaN, so that an optimiser rejects the step.
 
     Parameters
     ----------
@@ -93,7 +87,7 @@ def norm_residuals(
     c : (..., p) array
         Coefficients in SI.
     g : (..., r) or (..., 1) array
-        Norm of specific force in each row, or in all of them, m/s².
+        Norm of specific force in each row, or in all rows, m/s².
     w : (..., r, 3) array, optional
         Angular rate, rad/s, where lever arms are modelled.
     dT : (..., r) array or float
@@ -120,7 +114,7 @@ def norm_residuals(
 
 
 class NoisyNormResiduals(NamedTuple):
-    """What `noisy_norm_residuals` returns; shapes for r rows and p coefficients."""
+    """Result of `noisy_norm_residuals`; shapes for r rows and p coefficients."""
 
     residual: Array  # (..., r), m/s²
     jacobian: Array  # (..., r, p), of ‖f̂‖ to the coefficients
@@ -137,14 +131,14 @@ def noisy_norm_residuals(
     w: Array | None = None,
     dT: Array | float = 0.0,
 ) -> NoisyNormResiduals:
-    """Return the residuals of `norm_residuals` and their variance by the noise along f̂.
+    """Return the residuals of `norm_residuals` and their variance from the noise along f̂.
 
     Parameters
     ----------
     sensor, y, c
         As of `norm_residuals`.
     covariance : (..., r, m, m) array
-        Of the readings in each row.
+        Covariance of the readings in each row.
     made : (..., r) array
         Norm of specific force in each row, m/s².
     w : (..., r, 3) array, optional
@@ -157,7 +151,7 @@ def noisy_norm_residuals(
         from inercal.observe import _kernels
 
         names = [CoefficientName(name).parts for name in sensor.coefficients]
-        # NumPy's memory comes in large pages: the solver reads it faster than compiled code's own.
+        # NumPy allocates large pages, which the solver reads faster than memory of compiled code.
         jacobian = np.empty((*lead, r, p))
         residual, variance = _kernels.noisy_norm_kernel(
             np.ascontiguousarray(y).reshape(-1, r, 3),
@@ -176,7 +170,7 @@ def noisy_norm_residuals(
 
 
 def _is_separable_triad(sensor: Sensor) -> bool:
-    """Return whether the axes are an orthogonal triad, each with terms along itself alone."""
+    """Return whether the axes are an orthogonal triad with terms along each axis only."""
     i = np.array([axis.i for axis in sensor.axes])
     orthogonal = len(i) == 3 and bool(np.all(np.abs(i @ i.T - np.eye(3)) < 2.0**-50))
     return orthogonal and all(

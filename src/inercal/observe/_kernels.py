@@ -1,12 +1,12 @@
-"""Compiled: norms of what many trials sensed, each axis of a triad erring along itself alone.
+"""Compiled: norms of the specific force of many trials, of a triad with errors along its axes only.
 
-Axes that are orthogonal then feel apart, and the norm does not ask where they point::
+The readings of orthogonal axes are then independent, and the norm does not depend on directions::
 
     y = k0 + (1 + k1) f + k2 f² + k3 f³ + koq f|f|        S = ∂y/∂f, on each axis
     ‖f̂‖ = √Σ f²,   ∂‖f̂‖/∂y = f / (‖f̂‖ S),   ∂‖f̂‖/∂c = −∂‖f̂‖/∂y ∂y/∂c
 
-The roots f are found as by `inercal.sensors.inverse`: Newton's method from the affine part, until
-the last step is nothing; slopes that have turned over are beyond the fold.
+The roots f are computed as by `inercal.sensors.inverse`: Newton's method from the affine part until
+the last step is negligible; slopes of reversed sign are beyond the fold.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -25,7 +25,7 @@ _MAX_STEPS, _EPS, _TINY = 40, 2.0**-52, 2.0**-1022
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _invert_axis(y: Array, k: Array, size: Array, f: Array, step: Array, slope: Array) -> None:
-    """Improve what one axis sensed, f (r,), of a `size`; write the last steps, and the slopes."""
+    """Iterate the force along an axis, f (r,), of a `size`; write the last steps and the slopes."""
     k0, k1, k2, k3, koq = k[0], 1.0 + k[1], k[2], k[3], k[4]
     for _ in range(_MAX_STEPS):
         settled = 0
@@ -60,22 +60,22 @@ def noisy_norm_kernel(
     y : (1 or trials, r, 3) array
         Readings, SI.
     covariance : (1 or trials, r, 3, 3) array
-        Of the readings.
+        Covariance of the readings.
     c : (1 or trials, p) array
         Coefficients, SI.
     axis, term : (p,) arrays
-        To which axis each belongs, and its place among k0, k1, k2, k3, koq.
+        Axis of each coefficient, and its place among k0, k1, k2, k3, koq.
     made : (1 or trials, r) array
-        Norm that the bench makes, m/s².
+        Norm of the specific force on the bench, m/s².
     jacobian : (trials, r, p) array
-        To write on; finite everywhere.
+        Output; finite everywhere.
 
     Returns
     -------
     residual : (trials, r) array
         `made` − ‖f̂‖; NaN where a reading is beyond the fold of the model.
     variance : (trials, r) array
-        Of ‖f̂‖ by the readings' noise.
+        Variance of ‖f̂‖ from the noise of the readings.
     """
     trials, r, p = jacobian.shape
     residual, variance = np.empty((trials, r)), np.empty((trials, r))

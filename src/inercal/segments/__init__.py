@@ -3,19 +3,23 @@
 from inercal.segments.attitudes import (
     holds_from_marks,
     holds_from_observations,
+    transitions_between_rests,
     valid_marks,
 )
 from inercal.segments.dwells import average_dwells, find_dwells
 from inercal.segments.motion_thresholds import scatter
-from inercal.segments.plan_check import check_against_plan, check_turn_ends
+from inercal.segments.plan_check import (
+    check_against_plan,
+    check_marks,
+    check_turn_ends,
+    marks_from_labels,
+)
 from inercal.segments.rest_changes import bias_jump_test, changes_within_rests
 from inercal.segments.rest_detection import RestDetection, find_rests, find_thresholds
 from inercal.segments.section_detection import find_marks, find_sections, search_sections
-from inercal.segments.section_marks import check_marks, marks_from_labels
 from inercal.segments.section_means import observe
 from inercal.segments.stationary_states import find_stationary_states, omitted_state_findings
 from inercal.segments.stillness import require_still
-from inercal.segments.transitions import transitions_between_rests
 from inercal.segments.turntable_segments import (
     AxisTurn,
     find_holds,

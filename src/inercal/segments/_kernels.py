@@ -1,12 +1,12 @@
 """Compiled: variances over a sliding window, in time that does not depend on the window's length.
 
-The variance of one window is (Σd² − (Σd)²/w)/w with d the reading less a reference. Sums slide by
-one sample in and one out; after each block of windows they are taken anew from a reference of the
-block's own, so that neither a large offset nor a shock long past costs digits. A window is counted
-by its first sample; a sample has the window of `window` samples that is centred on it, or, next to
-the ends of its segment, the one that just fits.
+The variance of a window is (Σd² − (Σd)²/w)/w with d the reading less a reference. The sums slide:
+one sample enters and one leaves. After each block of windows they are computed again with a new
+reference, so that neither a large offset nor an earlier shock costs digits. A window is counted by
+its first sample. A sample has the window of `window` samples centred on it or, next to the ends of
+its segment, the last window that fits.
 
-The variances of a kind of axis are summed with weights, and only ever exist for one block.
+The variances of a kind of axis are summed with weights, and exist for one block at a time.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -20,7 +20,7 @@ from inercal.arrays import Array
 Indices = NDArray[np.int64]
 
 _BLOCK = 64  # windows at least that share a reference
-_SAME = 4.0  # a variance within this ratio of an earlier one has stayed
+_SAME = 4.0  # a variance within this ratio of an earlier variance is unchanged
 
 
 @njit(cache=True, nogil=True)
@@ -51,7 +51,7 @@ def _window_variances(
 def window_variances(
     data: Array, columns: Indices, weight: Array, segments: Indices, window: int
 ) -> Array:
-    """Return the variance of each sample's window, (n,); of a short segment as a whole.
+    """Return the variance of each sample's window, (n,); a short segment is a single window.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def window_variances(
         for first in range(0, count, block.size):
             size = min(block.size, count - first)
             _window_variances(data, columns, weight, start + first, size, fits, block)
-            # One by one, here and below: an array put into a slice is twice as long to compile.
+            # Element by element, here and below: assigning a slice takes twice as long to compile.
             for k in range(size):
                 out[start + first + half + k] = block[k]
         out[start : start + half] = out[start + half]
@@ -119,18 +119,18 @@ def variance_histogram(
     stay: int,
     bins: int,
 ) -> tuple[Indices, Indices]:
-    """Return how many windows have a variance in each bin, evenly spaced in its logarithm.
+    """Return the number of windows in each bin of variance, evenly spaced in its logarithm.
 
-    First without those that stay, then of all.
+    The first counts leave out unchanged variances, the second count all windows.
 
     Parameters
     ----------
     data, columns, weight, segments, window
-        Of `window_variances`.
+        As of `window_variances`.
     lowest, top : float
         Edges of the first and the last bin; smaller variances count as `lowest`.
     stay : int
-        Where the variance stays within a ratio of 4, only so many windows are counted at first.
+        Where the variance stays within a ratio of 4, the first counts take this many windows.
     bins : int
     """
     counts, every = np.zeros(bins, np.int64), np.zeros(bins, np.int64)
@@ -169,11 +169,11 @@ def rest_runs(
     Parameters
     ----------
     data, columns, weight, segments, window
-        Of `window_variances`; the columns of one kind after those of the other.
+        As of `window_variances`, with the columns kind by kind.
     ends : (kinds,) array of int
-        Where each kind's columns end in `columns`.
+        End of each kind's columns in `columns`.
     limit : (kinds,) array
-        Of the summed variance.
+        Limit of the summed variance.
     shortest : int
         Samples; shorter runs are left out.
     """

@@ -3,8 +3,8 @@
 For a noise of two-sided spectrum S(f) the covariance of means over T_r and T_s, centred at t_r and
 t_s, is ∫ S(f) sinc(f T_r) sinc(f T_s) cos 2πf(t_r − t_s) df with sinc x = sin πx / πx. Bias
 instability has S = B²/(2πf) (IEEE Std 952, annex B), cut off below 1/(4 × the recording's length):
-what is slower than that is the bias that is looked for. A random walk K is counted from the
-recording's start; its covariance at times t and t' is K² min(t, t').
+slower noise is part of the estimated bias. A random walk K starts with the recording; its
+covariance at times t and t' is K² min(t, t').
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from inercal.arrays import Array
 from inercal.sensors import Noise
 
 _POINTS_A_DECADE = 400  # the cosine's fastest cycles are then damped by the sincs
-_BEYOND = 30.0  # cycles in the shortest section, where the sincs have died out
+_BEYOND = 30.0  # cycles in the shortest section, where the sincs are negligible
 
 
 def drift_covariance(
@@ -26,11 +26,12 @@ def drift_covariance(
     Parameters
     ----------
     noises : sequence of m Noise
-        Of the channels.
+        Noise of each channel.
     middles, durations : (r,) arrays
-        Of the sections, s from the recording's start; sections do not overlap.
+        Middle of each section from the recording's start, and its duration, s; sections do not
+        overlap.
     length : float
-        Of the recording, s.
+        Duration of the recording, s.
     """
     flickers = np.array([noise.bias_instability for noise in noises])
     walks = np.array([noise.random_walk for noise in noises])
@@ -46,6 +47,6 @@ def drift_covariance(
     steps = np.diff(np.log(f))
     flicker = 0.5 * (integrand[..., 1:] + integrand[..., :-1]) @ steps
     walk = np.minimum(middles[:, None], middles)
-    # Within one section min(t, t') averages to its start plus a third of its length.
+    # Within a section min(t, t') averages to its start plus a third of its length.
     np.fill_diagonal(walk, middles - durations / 6)
     return flicker[..., None] * flickers**2 + walk[..., None] * walks**2

@@ -1,17 +1,17 @@
-"""Dwells of a centrifuge's arm: found by its steady rate, and averaged over whole turns.
+"""Dwells of a centrifuge's arm: detected by their steady rate, and averaged over whole turns.
 
-A recording of an arm run spins up, dwells, spins on or down. A dwell is where the rate that the
-bench reads back stays within a part in 500; it is cut to whole turns, so that what comes once a
-turn (the lean of the spindle) averages out. Turns are then the batches of its noise: a turn's mean
-holds no part of the turn, and the scatter of turns is the noise of the mean, whatever is correlated
-within one; what lasts longer is drift, taken as the sensor's noise states it. Dwells at one rate
-share their noise, as vibration follows the rate.
+A recording of an arm run spins up, dwells, and spins up further or down. A dwell is a range in
+which the rate of the readback stays within a part in 500. It is cut to whole turns, so that errors
+with the period of a turn (the lean of the spindle) average out. Turns are the batches of its noise:
+the mean of a turn does not depend on the turn, and the scatter of turns is the noise of the mean
+with any correlation within a turn. Slower noise is drift, which the sensor's noise states. Dwells
+at one rate share their noise, because vibration depends on the rate.
 
-On a platform that turns against the arm the sensor feels the arm go round, and a nonlinear sensor
-answers with harmonics. Mean and harmonics up to the h-th of each turn are 2h + 1 numbers; they are
-given as what the fitted curve reads at 2h + 1 even azimuths, each a row like a dwell of its own. By
-the orthogonality of the harmonics these readings are as independent as the samples are. The first
-harmonic of the readings themselves keeps the azimuth in step with the arm.
+On a platform that turns against the arm the sensor measures the rotation of the arm, and the output
+of a nonlinear sensor has harmonics. Mean and harmonics up to the h-th of each turn are 2h + 1
+numbers; they are returned as the values of the fitted curve at 2h + 1 even azimuths, each a row
+like a separate dwell. The harmonics are orthogonal, so these values are as independent as the
+samples. The first harmonic of the readings themselves corrects the azimuth of the readback.
 """
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from inercal.arrays import Array
+from inercal.arrays import Array, true_ranges
 from inercal.errors import InputError
 from inercal.plan import Attitude, Spin, arm_attitude
 from inercal.recording import Finding, Mark, Observations, Recording
@@ -36,16 +36,16 @@ from inercal.sensors import Sensor
 ARM_RATE, PSI, THETA = "arm_rate", "psi", "theta"  # readback, SI
 _STEADY = 2e-3  # of the rate
 _WINDOW = 0.5  # s
-TURNING_SHARE = 0.02  # of the fastest rate; slower is at rest
+TURNING_SHARE = 0.02  # of the largest rate; slower is at rest
 SETTLING_TIME = 1.0  # s after the rate is reached
 LEAST_TURNS = 3
-_ALIKE = 0.01  # relative difference of rates that count as one
-_SAME = 5e-4  # rad between the angles read back of one attitude
+_ALIKE = 0.01  # relative difference of rates that count as equal
+_SAME = 5e-4  # rad; directions of the readback closer than this are one attitude
 
 
 @dataclass(frozen=True)
 class Dwell:
-    """Samples of whole turns at a steady rate: the root mean square as read back, rad/s, signed."""
+    """Samples of whole turns at a steady rate, rad/s: root mean square of the readback, signed."""
 
     mark: Mark
     rate: float
@@ -56,15 +56,15 @@ class Dwell:
 def find_dwells(
     recording: Recording, turning_device: str = "arm"
 ) -> tuple[tuple[Dwell, ...], tuple[Finding, ...]]:
-    """Return the dwells of an arm run, and what was left out of them.
+    """Return the dwells of an arm run, and findings on dwells left out.
 
     Parameters
     ----------
     recording : Recording
-        With readback "arm_rate", rad/s; labels, where there are any, name positions, and readback
-        "psi" and "theta", rad, the attitudes of a two-axis head.
+        With readback "arm_rate", rad/s; labels, if any, name positions, and readback "psi" and
+        "theta", rad, if any, are the attitudes of a two-axis head.
     turning_device : str
-        What turns, for messages.
+        Name of the turning device in messages.
 
     Raises
     ------
@@ -75,10 +75,9 @@ def find_dwells(
     cuts = [int(before) + 1 for before in recording.gaps[:, 0]]
     if recording.labels is not None:
         cuts += (np.flatnonzero(recording.labels[1:] != recording.labels[:-1]) + 1).tolist()
-    edges = np.flatnonzero(np.diff(steady.astype(np.int8), prepend=0, append=0)).tolist()
     dwells: list[Dwell] = []
     left_out: list[Finding] = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in true_ranges(steady).tolist():
         inner = sorted({first, last, *(cut for cut in cuts if first < cut < last)})
         for start, stop in pairwise(inner):
             dwell = _whole_turns(recording, start, stop, dwells)
@@ -87,7 +86,7 @@ def find_dwells(
             inside = smooth[dwell.mark.start : dwell.mark.stop]
             flaw = flaw_text(recording, dwell.mark)
             if np.ptp(inside) > _STEADY * abs(dwell.rate):
-                flaw = f"the rate creeps by {1e6 * np.ptp(inside) / abs(dwell.rate):.0f} ppm"
+                flaw = f"the rate changes by {1e6 * np.ptp(inside) / abs(dwell.rate):.0f} ppm"
             if flaw is None:
                 dwells.append(dwell)
             else:
@@ -98,9 +97,10 @@ def find_dwells(
         reasons = f" ({left_out[0].message})" if left_out else ""
         fastest = float(np.abs(smooth).max()) * 30 / pi
         raise InputError(
-            f"{recording.source or 'recording'}: no dwell: the {turning_device}'s rate, up to "
-            f"{fastest:.4g} rpm, is nowhere steady for {LEAST_TURNS} turns and {SETTLING_TIME:g} s "
-            f"before{reasons}"
+            f"{recording.source or 'recording'}: no dwell: a dwell needs a steady rate for "
+            f"{SETTLING_TIME:g} s and {LEAST_TURNS} turns more, and the {turning_device} has none "
+            f"up to {fastest:.4g} rpm{reasons}",
+            names=(ARM_RATE,),
         )
     return tuple(dwells), tuple(left_out)
 
@@ -108,7 +108,7 @@ def find_dwells(
 def _whole_turns(
     recording: Recording, start: int, stop: int, before: Sequence[Dwell]
 ) -> Dwell | None:
-    """Return what lies within steady samples in whole turns, once the arm has settled."""
+    """Return the dwell of whole turns within steady samples, after the arm has settled."""
     start += round(SETTLING_TIME * recording.rate_hz)
     if stop - start < 2:
         return None
@@ -135,7 +135,7 @@ def _whole_turns(
 
 
 def _earlier_attitude(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
-    """Return the attitude as an earlier dwell had it: read back anew it differs in last digits.
+    """Return the equal attitude of an earlier dwell: readbacks of it differ in their last digits.
 
     Dwells in one attitude share the errors of its angles.
     """
@@ -148,7 +148,7 @@ def _earlier_attitude(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
 
 
 def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the rate over half a second, (n,) rad/s, and where it turns and keeps steady."""
+    """Return the mean rate over half a second, (n,) rad/s, and a mask of steady turning."""
     width = max(round(_WINDOW * recording.rate_hz), 3)
     smooth: Array = uniform_filter1d(recording.readback[ARM_RATE], width)
     spread: Array = maximum_filter1d(smooth, width) - minimum_filter1d(smooth, width)
@@ -157,7 +157,7 @@ def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def flaw_text(recording: Recording, mark: Mark) -> str | None:
-    """Return what the audit says of the samples of a mark, if they saturate or are stuck."""
+    """Return the audit's message on saturated or stuck samples of a mark, if any."""
     for finding in recording.findings:
         if finding.what not in INVALID_SAMPLES or finding.start is None or finding.stop is None:
             continue
@@ -181,10 +181,10 @@ def average_dwells(
     sensor : Sensor
     dwells : sequence of Dwell
     harmonics : int
-        0 on a platform locked to the arm; else the highest harmonic that is kept.
+        0 on a platform locked to the arm; else the highest harmonic of the fit.
     sense : 1 or -1
-        In which a positive rate turns, counter-clockwise or clockwise: azimuths are counted from
-        the start of the recording.
+        Sense of a positive rate, counter-clockwise or clockwise; azimuths are counted from the
+        start of the recording.
 
     Raises
     ------
@@ -225,11 +225,10 @@ def average_dwells(
         for d in dwells
         for j in range(k)
     )
-    warmth = recording.temperature
-    if warmth is not None:
-        spans = [slice(d.mark.start, d.mark.stop) for d in dwells]
-        warmth = np.repeat([float(warmth[span].mean()) for span in spans], k)
-    seen = Observations(
+    kelvin = recording.temperature
+    if kelvin is not None:
+        kelvin = np.repeat([float(kelvin[d.mark.start : d.mark.stop].mean()) for d in dwells], k)
+    observations = Observations(
         labels=tuple(step.label for step in steps),
         mean=np.concatenate(means),
         covariance=np.repeat(covariance + np.diag(coarse), k, axis=0),
@@ -240,15 +239,15 @@ def average_dwells(
         dof=dof,
         drift=drift,
         rounding=coarse,
-        temperature=warmth,
+        temperature=kelvin,
     )
-    return seen, steps
+    return observations, steps
 
 
 def _turn_boundaries(angle: Array, turns: Sequence[int]) -> list[int]:
-    """Return the samples at which an angle, (n,) rad from 0, has gone through whole turns."""
-    whole = 2 * pi * np.array(turns) - 0.5 * angle[1]
-    return [int(np.count_nonzero(angle < turn)) for turn in whole.tolist()]
+    """Return the samples at which an angle, (n,) rad from 0, completes turns."""
+    limits = 2 * pi * np.array(turns) - 0.5 * angle[1]
+    return [int(np.count_nonzero(angle < limit)) for limit in limits.tolist()]
 
 
 def swept_angle(rate: Array, time: Array) -> Array:
@@ -258,13 +257,13 @@ def swept_angle(rate: Array, time: Array) -> Array:
 
 
 def _turn_readings(y: Array, azimuth: Array, turns: int, harmonics: int) -> Array:
-    """Return the readings of each turn, (turns, 2h + 1, m): its mean, or its harmonics' curve."""
+    """Return the values of each turn, (turns, 2h + 1, m): its mean, or the curve of harmonics."""
     along = np.abs(azimuth - azimuth[0])
     edges = [0, *_turn_boundaries(along, range(1, turns)), len(y)]
     if harmonics == 0:
         return np.add.reduceat(y, edges[:-1])[:, None] / np.diff(edges)[:, None, None]
-    # An error of 1e-6 in the rate read back turns the phase, and with it tens of g, from turn to
-    # turn: the dwell's own first harmonic tells the arm's azimuth far better.
+    # An error of 1e-6 in the readback rate shifts the phase of tens of g from turn to turn: the
+    # first harmonic of the dwell measures the arm's azimuth far better.
     first = _harmonics(y, azimuth, edges, 1)
     wave = first[:, 1] - 1j * first[:, 2]
     phase = np.unwrap(np.angle((wave * wave[:1].conj()).sum(axis=-1)))
@@ -301,7 +300,7 @@ def _pooled_covariance(
     """Return the covariance of each dwell's rows, (d, m, m), and the least degrees of freedom.
 
     Dwells at one rate share the density of their noise, the scatter of turns times their length;
-    where they have too few turns all dwells share it.
+    where a rate has too few turns, all dwells share it.
     """
     m = scatters[0].shape[0]
     rates = np.array([abs(dwell.rate) for dwell in dwells])
@@ -314,7 +313,7 @@ def _pooled_covariance(
     if freedom.min() < 10 * m:
         raise InputError(
             f"{recording.source or 'recording'}: {int(turns.sum())} turns in {len(dwells)} dwells "
-            f"are too few to estimate the noise of {m} channels; dwell longer"
+            f"are too few to estimate the noise of {m} channels; record longer dwells"
         )
     densities = np.stack(scatters) * (seconds / turns)[:, None, None]
     total = np.einsum("de,eij->dij", alike, densities)

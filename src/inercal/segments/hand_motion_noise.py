@@ -1,19 +1,20 @@
-"""The accelerometers' noise under a hand that trembles.
+"""The accelerometers' noise while a hand holds the sensor and trembles.
 
-A wobble θ moves gravity across the axes by g θ, and its batch means would count as noise. The mean
-attitude of a rest is what its mean reading says, so the wobble is no error of it; and along gravity
-nothing moves to first order. The scatter of that part alone, over rests in many attitudes, gives
-each axis its noise: with w the part of each axis along gravity at rest i and d the axes' densities
+A wobble θ moves gravity across the axes by g θ, and batch means would count it as noise. The mean
+reading of a rest defines its mean attitude, so the wobble is no error of it; along gravity the
+wobble has no effect to first order. The scatter of that component, over rests in many attitudes,
+gives the noise of each axis: with w the part of each axis along gravity at rest i and d the axes'
+densities
 
     D_i = Σ_a w_ia² d_a
 
 solved by non-negative least squares with weights 1/D_i², the variance of a variance.
 
-The push of a tremor has a mean that falls with a section's length, faster than noise. D_i is the
-density at zero frequency by Welch's method (1967, IEEE Trans. AU-15, 70–73): means over overlapping
-halves under a Hann window, by which a tremor above some Hz does not leak in. Of a rest whose
-halves differ beyond the 99 % bound of their noise, which is tested for itself, only the halves' own
-scatter counts: a step in one rest is no noise of the others.
+The mean acceleration of a tremor decreases with the length of a section, faster than noise. D_i is
+the density at zero frequency by Welch's method (1967, IEEE Trans. AU-15, 70–73): means over
+overlapping halves under a Hann window, which suppresses a tremor above some Hz. Where the halves of
+a rest differ beyond the 99 % bound of their noise, which another test reports, only the scatter
+within the halves counts: a step in one rest is not noise of the others.
 """
 
 # SciPy has no stubs.
@@ -27,21 +28,21 @@ from scipy.optimize import nnls
 from inercal.arrays import Array
 from inercal.sensors import Sensor, inverse
 
-_WINDOWS = 11  # in a rest: of 3 s they pass what is below 4 Hz, where the tremor of a hand begins
+_WINDOWS = 11  # in a rest; in 3 s they pass frequencies below 4 Hz, where a hand's tremor begins
 _CHANGED = 6.63  # χ² of one degree of freedom, 99 %
-# E (z² − 1) above that bound: what is taken from a halves' density by chance, over its mean.
+# E (z² − 1) above that bound: share of a density that the choice of halves removes by chance.
 _TAKEN = 0.0745
 _ROUNDS = 5  # of weighting; the third changes a per cent
-_LEAST = 0.05  # of the mean density: fewer rests than axes along gravity leave some unseen
+_LEAST = 0.05  # of the mean density: with few rests some axes are never along gravity
 
 
 def density_without_hand_motion(density: Array, sensor: Sensor, sections: Iterable[Array]) -> Array:
-    """Return the noise density with the accelerometers' replaced by what is seen along gravity.
+    """Return the noise density, for the accelerometers as estimated along gravity.
 
     Parameters
     ----------
     density : (m, m) array
-        By batch means of all channels, SI² times samples.
+        From batch means of all channels, SI² times samples.
     sensor : Sensor
         Its accelerometers come first.
     sections : iterable of (n, m) arrays
@@ -71,17 +72,17 @@ def density_without_hand_motion(density: Array, sensor: Sensor, sections: Iterab
 
 
 def noise_degrees_of_freedom(rests: int) -> int:
-    """Return the degrees of freedom behind the accelerometers' noise, as of axes that are alike."""
+    """Return the degrees of freedom of the accelerometers' noise, if their axes are equal."""
     return (_WINDOWS - 1) * rests
 
 
 def _shrink_densities(own: Array, weighted: Array) -> Array:
-    """Return densities (a,) drawn to one another as far as chance alone sets them apart.
+    """Return densities (a,) moved to their mean as far as chance explains their differences.
 
-    Attitudes that mix the axes tell their sum well and their differences less: with the rows (r, a)
-    weighted as for `own`, whose errors have variance 2/ν each, their covariance is that of least
-    squares. Logarithms that scatter by more than it says keep the rest: the shrinkage of
-    Smyth 2004 (`inercal.estimate.correlation`) without its prior's own freedom.
+    Attitudes that mix the axes determine the sum of the densities well and their differences less:
+    with the rows (r, a) weighted as for `own`, whose errors have variance 2/ν each, their
+    covariance is that of least squares. Logarithms that scatter by more keep the excess: the
+    shrinkage of Smyth 2004 (`inercal.estimate.correlation`) without the freedom of its prior.
     """
     a = own.size
     if a < 2:
@@ -122,10 +123,10 @@ def _gravity_projections(
 
 
 def _densities(y: Array) -> tuple[float, float, float]:
-    """Return the density of (n,) samples at zero frequency, their mean apart, in three ways.
+    """Return the density of (n,) samples at zero frequency, without their mean, in three ways.
 
-    As it is; without the change from half to half; by that change alone. The first two are raised
-    by what choosing between them takes from white noise on the average.
+    From all of the scatter; without the change from half to half; from that change alone. The first
+    two are raised by the average loss of white noise from choosing between them.
     """
     n, y = y.size, y - y[0]  # exactly zero where nothing changes
     step = np.where(np.arange(n) < n // 2, 1 / (n // 2), -1 / (n - n // 2))
@@ -137,12 +138,12 @@ def _densities(y: Array) -> tuple[float, float, float]:
 
 
 def _density(y: Array) -> float:
-    """Return the density of (n,) samples at zero frequency, their mean apart."""
+    """Return the density of (n,) samples at zero frequency, without their mean."""
     hop = max(y.size // (_WINDOWS + 1), 2)
     starts = np.arange(0, y.size - 2 * hop + 1, hop)
     window = np.hanning(2 * hop + 1)[:-1]
     weight = window / window.sum()
     means = np.array([weight @ y[start : start + 2 * hop] for start in starts.tolist()])
-    # Neighbours share half their samples, and are correlated by 1/6.
+    # Neighbouring windows share half their samples; their correlation is 1/6.
     shared = 1 - 1 / (3 * means.size)
     return float(means.var(ddof=1)) / (float(weight @ weight) * shared)

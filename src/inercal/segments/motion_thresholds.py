@@ -1,4 +1,4 @@
-"""How much a sensor scatters at rest and in motion, and the threshold between the two.
+"""Scatter of a sensor at rest and in motion, and the threshold between the two.
 
 For each kind of axis (accelerometers, gyros) the statistic is v, the variance over a sliding
 window of half a second summed over the axes. The kind's threshold splits a histogram of log v into
@@ -7,20 +7,22 @@ variance between the classes,
 
     n₁(t) n₂(t) (m₁(t) − m₂(t))²,   n the number and m the mean of log v below and above t;
 
-where the bins between two classes are empty, their middle. log v makes it free of units, and puts
-the threshold about half-way, in decades, between rest and motion. Minimum-error thresholding
+where the bins between two classes are empty, their middle. With log v the threshold does not depend
+on units and is about half-way, in decades, between rest and motion. Minimum-error thresholding
 (Kittler & Illingworth 1986, Pattern Recognition 19, 41–47) was tried first. It puts the threshold
-where the narrow peak of rest ends, and so breaks rests at the least tremor: 44 rests instead of 38
-in a log of an Xsens MTi, 17 instead of 22 of an MPU-9150 held now by hand, now by a table. In 48
+where the narrow peak of rest ends, so that the least tremor splits a rest: 44 rests instead of 38
+in a log of an Xsens MTi, 17 instead of 22 of an MPU-9150 held by hand or by a table. In 48
 simulated sessions (at rest for 10–95 % of the time, tremor, coarse steps, a noisy axis) it missed
-rests in 8, Otsu's in 3: those with a heavy tremor after a rest on a table. What guards Otsu's:
+rests in 8, Otsu's in 3: those with a heavy tremor after a rest on a table. Three rules protect
+Otsu's criterion:
 
 - Where v stays within a ratio of 4, it is counted for two seconds only, and the outer twentieths
-  of the counts are moved inwards: neither one long rest nor one shock makes a class.
-- v counts as at least that of the rounding, Σ q²/12 with q the smallest step of an axis: a coarse
-  axis may stand dead still.
+  of the counts are moved inwards: neither a long rest nor a shock forms a class.
+- v is at least the variance of rounding, Σ q²/12 with q the smallest step of an axis: a coarse
+  axis may be constant.
 - Classes whose mean scatters differ by less than a ratio of 1.75 are one class. White noise gives
-  1.1, a hand's sway in one position 1.5. That kind has no say; if none has, there is no threshold.
+  1.1, a hand's sway in one position 1.5. Such a kind of axis is ignored; without another kind there
+  is no threshold.
 """
 
 from dataclasses import dataclass
@@ -39,19 +41,19 @@ from inercal.sensors import Sensor
 Indices = NDArray[np.int64]
 Kind = Literal["f", "w"]
 
-WINDOW = 0.5  # s over which scatter is judged
+WINDOW = 0.5  # s over which scatter is computed
 CLASS_RATIO = 1.75  # ratio of the classes' mean scatters
 KIND_NAMES: dict[Kind, str] = {"f": "accelerometers", "w": "gyros"}
-_STAY = 2.0  # s for which a level is counted
+_STAY = 2.0  # s for which an unchanged level is counted
 _OUTER = 0.05
 _BINS = 512
-_SPAN = 1e14  # of v; rounding of the sums is below, and 24 bits are within
-_MOVING = 0.01  # of its samples differ from the last one: else an axis is dead, not coarse
+_SPAN = 1e14  # range of v: rounding of the sums is below, and readings of 24 bits are within
+_MOVING = 0.01  # share of samples that differ from the sample before: below it an axis is dead
 
 
 @dataclass(frozen=True)
 class MotionThreshold:
-    """How much one kind of axis scatters over a window: root mean square over its axes.
+    """Scatter of one kind of axis over a window: root mean square over its axes.
 
     Parameters
     ----------
@@ -59,10 +61,9 @@ class MotionThreshold:
     unit : str
         Output unit of the numbers.
     quiet, moving : float
-        Median at rest and in motion, or the median and largest of all where they are not told
-        apart.
+        Median at rest and in motion; without a threshold the median and the largest of all.
     threshold : float
-        Infinite where rest and motion of this kind cannot be told apart.
+        Infinite where rest and motion of this kind are not distinct.
     """
 
     kind: Kind
@@ -74,7 +75,7 @@ class MotionThreshold:
 
 @dataclass(frozen=True, eq=False)
 class WeightedAxes:
-    """The columns of one kind of axis, with weights that put them on the first one's scale."""
+    """The columns of one kind of axis, with weights to the scale of the first column."""
 
     kind: Kind
     unit: str
@@ -83,7 +84,7 @@ class WeightedAxes:
 
 
 def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
-    """Return the kinds of axes that the sensor has.
+    """Return the kinds of axes of the sensor.
 
     Raises
     ------
@@ -92,8 +93,8 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
     """
     if recording.data.ndim != 2:
         raise InputError(
-            f"{recording.source}: rests are detected in one recording, not in data of shape "
-            f"{recording.data.shape}"
+            f"{recording.source}: rests are detected in a single run, data (n, m), but the data "
+            f"are {recording.data.shape}; detect them in each trial"
         )
     found: list[WeightedAxes] = []
     for kind in KIND_NAMES:
@@ -104,7 +105,7 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
             unit = recording.units[int(columns[0])]
             found.append(WeightedAxes(kind, unit, columns, (scale[0] / scale) ** 2))
     if not found:
-        raise InputError(f"sensor {sensor.name} has no axes to find rests by")
+        raise InputError(f"sensor {sensor.name} has no axes from which to detect rests")
     return found
 
 
@@ -120,9 +121,9 @@ def gapless_segments(recording: Recording) -> Indices:
 
 
 def scatter(recording: Recording, sensor: Sensor, kind: Kind) -> Array:
-    """Return what the thresholds are held against, at each sample: (n,), output units.
+    """Return the scatter that is compared with the thresholds, of each sample: (n,), output units.
 
-    The standard deviation over a window, root mean square over the axes of one kind.
+    It is the standard deviation over a window, root mean square over the axes of one kind.
 
     Parameters
     ----------
@@ -142,16 +143,15 @@ def scatter(recording: Recording, sensor: Sensor, kind: Kind) -> Array:
             v = _kernels.window_variances(recording.data, one.columns, one.weight, segments, window)
             v /= one.columns.size
             return np.sqrt(v, out=v)
-    raise InputError(f"sensor {sensor.name} has no {KIND_NAMES[kind]}")
+    raise InputError(f"sensor {sensor.name} has no {KIND_NAMES[kind]}", names=(kind,))
 
 
 def motion_threshold(
     recording: Recording, axes: WeightedAxes, segments: Indices, window: int
 ) -> tuple[MotionThreshold, float]:
-    """Return how one kind of axis scatters, and which part of the windows is quiet.
+    """Return the scatter of one kind of axis, and the quiet share of the windows.
 
-    `segments` are (s, 2), `window` is in samples. The threshold is infinite where there are no
-    two classes.
+    `segments` are (s, 2), `window` is in samples. Without two classes the threshold is infinite.
     """
     given = (recording.data, axes.columns, axes.weight, segments, window)
     top, step, changes = _kernels.variance_extent(*given)
@@ -202,7 +202,7 @@ def _median(counts: Indices) -> float:
 
 
 def _winsorise(counts: Indices) -> Array:
-    """Return counts whose outer twentieths are moved to the bins where the rest begins."""
+    """Return counts whose outer twentieths are moved to the next bins inside."""
     total = np.cumsum(counts)
     low, high = np.searchsorted(total, [_OUTER * total[-1], (1 - _OUTER) * total[-1]])
     n = counts.astype(np.float64)

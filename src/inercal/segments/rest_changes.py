@@ -1,15 +1,16 @@
-"""How readings change within sections at rest, and which turn the gyros see meanwhile.
+"""Changes of readings within sections at rest, and the rotation that the gyros measure meanwhile.
 
-Of a sensor in a hand a change across gravity may be a tilt, which the gyros see. The mean attitude
-of the second half differs from that of the first by the rate integrated with a weight w that rises
-from 0 to 1 across the first half and falls across the second: to first order in the turn,
+For a sensor in a hand, a change across gravity may be a tilt, which the gyros measure. The mean
+attitude of the second half differs from that of the first by the rate integrated with a weight w
+that rises from 0 to 1 across the first half and falls across the second: to first order in the
+rotation,
 
     mean₂ θ − mean₁ θ = ∫ w ω dt
 
-Two parts of unequal length with a gap between them have the same with weights that stay 1 between.
+For two parts of unequal length with a gap between them the weight stays 1 between the parts.
 
-A search for rests cuts a rest at a step of a bias and takes the longer part: the result is as it
-should be, but the sensor is not. Such parts of one still run are compared in the same way.
+The detection of rests cuts a rest at a step of a bias and takes the longer part: the result is
+right, but the sensor is not in order. Such parts of a still run are compared in the same way.
 """
 
 from collections.abc import Sequence
@@ -23,13 +24,13 @@ from inercal.recording import HalfSectionChanges, Mark, Recording
 from inercal.sensors import Sensor, inverse
 
 _BLOCK = 0.25  # s
-_KNOWN = 0.1  # of a turn, by which nominal gyros may be wrong
+_KNOWN = 0.1  # relative error of a rotation by nominal gyros
 
 
 def changes_within_rests(
     recording: Recording, sensor: Sensor, marks: Sequence[Mark]
 ) -> HalfSectionChanges:
-    """Return how readings change from the first half of each rest to the second.
+    """Return the change of readings from the first half of each rest to the second.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ def changes_within_rests(
     sensor : Sensor
         Its axes name the channels.
     marks : sequence of r Mark
-        Of two samples or more each.
+        Each of two samples or more.
     """
     parts = [(m.start, (m.start + m.stop) // 2, (m.start + m.stop) // 2, m.stop) for m in marks]
     return changes_between_parts(recording, sensor, parts)
@@ -47,7 +48,7 @@ def changes_within_rests(
 def changes_between_parts(
     recording: Recording, sensor: Sensor, parts: Sequence[tuple[int, int, int, int]]
 ) -> HalfSectionChanges:
-    """Return how readings change from one part to a later one.
+    """Return the change of readings from each part to a later part.
 
     Parameters
     ----------
@@ -79,18 +80,18 @@ def bias_jump_test(
     marks: Sequence[Mark],
     other_parts: Sequence[tuple[int, tuple[int, int]]],
 ) -> tuple[ModelTest, ...]:
-    """Return the test of rests that were cut where the readings change without a turn.
+    """Return the test of rests that were cut where the readings change without a rotation.
 
     Parameters
     ----------
     recording : Recording
         Without a trial axis.
     sensor : Sensor
-        Three or more accelerometers, and gyros; its nominal model is enough.
+        Three or more accelerometers, and gyros, by the nominal model.
     marks : sequence of Mark
         All rests.
     other_parts : sequence of (rest, (start, stop))
-        The other still part of the run that a rest is a part of.
+        Rests by number, each with the other still part of its run.
     """
     force, rate = sensor.select_axes("f"), sensor.select_axes("w")
     if not (other_parts and rate.axes):
@@ -113,7 +114,7 @@ def bias_jump_test(
         parts.append((*own, start, stop) if own[0] < start else (start, stop, *own))
         variance[k] = usual * block * (1 / (stop - start) + 1 / (own[1] - own[0]))
     halves = changes_between_parts(recording, sensor, parts)
-    # Differences and integrals have no offset but that of the readout, which is in the bias too.
+    # The only offset of differences and integrals is the readout's, which the bias has too.
     scale = np.array([axis.readout.scale for axis in sensor.axes])
     zero = np.array([axis.readout.offset for axis in sensor.axes])
     integral = (halves.integral - halves.seconds[:, None] * zero) / scale
@@ -131,7 +132,7 @@ def bias_jump_test(
 
 
 def _block_mean_variance(f: Array, block: int) -> float:
-    """Return the mean variance of the means of whole blocks, zero of fewer than two."""
+    """Return the mean variance of the means of complete blocks; zero for fewer than two."""
     count = len(f) // block
     if count < 2:
         return 0.0

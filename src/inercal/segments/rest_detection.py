@@ -1,14 +1,14 @@
-"""Rests of a sensor that is moved by hand, found in the signal alone: no plan, no unit, no setting.
+"""Rests of a sensor moved by hand, detected in the signal alone: without plan, unit or setting.
 
 A sample is at rest where the scatter of each kind of axis is below the kind's threshold
 (`inercal.segments.motion_thresholds`).
 
-The runs at rest are cut at both ends, for the hand lets go. A slow steady turn is quiet too, hence
-runs are kept only as far as the means of quarter seconds stay near: the accelerometers' around the
-run's median within five of their deviations from it, pooled over the runs by their median (at least
-the scatter of rest, at most the threshold), the gyros' around their usual mean within their
-threshold. A run that keeps less than half is left out. Rests that hold less than a twentieth of
-what is quiet are none.
+Runs of such samples are cut at both ends, where the hand grips and lets go. A slow steady turn is
+quiet too: of each run the longest part remains in which the means of quarter seconds are stable.
+Those of the accelerometers must be within five deviations of the run's median; the deviation is
+pooled over the runs by its median, and is at least the scatter of rest and at most the threshold.
+Those of the gyros must be within their threshold of their usual mean. A run with less than half
+remaining is left out. Rests with less than a twentieth of the quiet samples are not accepted.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.arrays import Array, true_ranges
 from inercal.errors import InputError
 from inercal.recording import Finding, Mark, Recording
 from inercal.segments import _kernels
@@ -38,28 +38,28 @@ from inercal.sensors import Sensor
 Indices = NDArray[np.int64]
 
 MARGIN = (0.25, 0.4)  # s cut off both ends of a run: a tenth of it, within these limits
-SHORTEST = 0.5  # s that are left at least; a rest of 1.5 s leaves that much
-_HELD = 0.05  # of the quiet time: in steady motion a still moment here and there is no rest
+SHORTEST = 0.5  # s that must remain; of a rest of 1.5 s that much remains
+_HELD = 0.05  # of the quiet time: in steady motion single still moments are not rests
 _SETTLED = 5.0  # deviations of the means; white noise and a hand's sway stay within 3.5
 
 
 @dataclass(frozen=True)
 class RestDetection:
-    """Rests that were found, and by what.
+    """Detected rests, and the thresholds.
 
     Parameters
     ----------
     marks : tuple of Mark
-        "r01", "r02", … in the order of time.
+        "r01", "r02", … sorted by time.
     levels : tuple of MotionThreshold
-        Of each kind that the sensor has.
+        Scatter and threshold of each kind of axis.
     window : float
         s.
     finding : Finding
-        A note that says how many, how long and how quiet.
+        A note with number, lengths and scatter.
     other_parts : tuple of (rest, (start, stop))
-        Of rests, by their number from 0, that are a part of a still run: samples of the other part
-        that is still by itself.
+        For rests, by their number from 0, that are a part of a still run: samples of the other part
+        of the run, which is still in itself.
     """
 
     marks: tuple[Mark, ...]
@@ -77,13 +77,13 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     recording : Recording
         Without a trial axis.
     sensor : Sensor
-        Its axes name the channels; the scales of a kind's axes weigh them against one another.
+        Its axes name the channels; their scales weight the axes of a kind.
 
     Raises
     ------
     InputError
-        A trial axis, no axis, a recording too short to judge, rest and motion that cannot be told
-        apart, or no rest.
+        A trial axis, no axis, a recording that is too short, no distinction of rest and motion, or
+        no rest.
     """
     kinds = axis_kinds(recording, sensor)
     window, segments = window_samples(recording), gapless_segments(recording)
@@ -91,8 +91,8 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     longest = int((segments[:, 1] - segments[:, 0]).max())
     if longest < 4 * window:
         raise InputError(
-            f"{recording.source}: {longest / rate:.2g} s without a gap are too short to find rests "
-            f"in; {4 * window / rate:.2g} s are needed"
+            f"{recording.source}: {longest / rate:.2g} s without a gap are too short to detect "
+            f"rests; record {4 * window / rate:.2g} s at least"
         )
     judged = [motion_threshold(recording, kind, segments, window) for kind in kinds]
     levels = tuple(level for level, _ in judged)
@@ -101,9 +101,8 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
             f"{level.quiet:.2g} {level.unit} ({KIND_NAMES[level.kind]})" for level in levels
         )
         raise InputError(
-            f"{recording.source}: rest and motion cannot be distinguished: "
-            f"all samples scatter equally, "
-            f"{scatters}; rests in several positions are needed"
+            f"{recording.source}: rest and motion cannot be distinguished: all samples scatter "
+            f"equally, {scatters}; record rests in several positions"
         )
     margin, most = (max(round(limit * rate), 1) for limit in MARGIN)
     shortest = max(round(SHORTEST * rate), MIN_SAMPLES)
@@ -135,9 +134,10 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     if held <= _HELD * min(share for _, share in judged):
         raise InputError(
             f"{recording.source}: no rest of {(shortest + 2 * margin) / rate + WINDOW:.2g} s is "
-            "found: what is quiet lies scattered between moves"
+            "found: there are only single quiet moments between moves"
             + (f", and in {crept} quiet sections the sensor turned slowly" if crept else "")
             + "".join(f"; {_threshold_text(level)}" for level in levels)
+            + "; hold each position longer"
         )
     width = max(len(str(len(kept))), 2)
     marks = tuple(
@@ -160,7 +160,7 @@ def _other_parts(
     block: int,
     shortest: int,
 ) -> tuple[tuple[int, tuple[int, int]], ...]:
-    """Return the longer rest of each run that was cut, where it is still by itself."""
+    """Return the longer remaining part of each run that was cut, where it is still in itself."""
     places: list[int] = []
     rests: list[tuple[int, int]] = []
     for k, ((start, stop), (first, last)) in enumerate(
@@ -188,9 +188,9 @@ def _stationary_parts(
     levels: Sequence[MotionThreshold],
     block: int,
 ) -> Indices:
-    """Return the longest part of each run without a creep or a steady turn, (r, 2).
+    """Return the longest part of each run without a slow turn, (r, 2).
 
-    Empty where that is less than half of the run.
+    It is empty where less than half of the run remains.
     """
     good = [np.ones((stop - start) // block, np.bool_) for start, stop in found.tolist()]
     for kind, level in zip(kinds, levels, strict=True):
@@ -213,8 +213,7 @@ def _stationary_parts(
     settled = found.copy()
     for k, near in enumerate(good):
         if not near.all():
-            edges = np.flatnonzero(np.diff(np.r_[False, near, False].astype(np.int8)))
-            parts = edges.reshape(-1, 2)
+            parts = true_ranges(near)
             longest = parts[np.argmax(parts[:, 1] - parts[:, 0])] if len(parts) else (0, 0)
             enough = 2 * (longest[1] - longest[0]) >= near.size
             settled[k] = found[k, 0] + block * np.array(longest if enough else (0, 0))
@@ -222,10 +221,10 @@ def _stationary_parts(
 
 
 def _block_means(data: Array, run: Sequence[int], kind: WeightedAxes, block: int) -> Array:
-    """Return the means of the whole blocks of a run, (blocks, axes); nothing is copied."""
+    """Return the means of the complete blocks of a run, (blocks, axes), without a copy."""
     start, stop = run
-    whole = start + (stop - start) // block * block
-    parts = [data[start:whole, column].reshape(-1, block) for column in kind.columns.tolist()]
+    end = start + (stop - start) // block * block
+    parts = [data[start:end, column].reshape(-1, block) for column in kind.columns.tolist()]
     return np.stack([part.mean(axis=1) for part in parts], axis=1)
 
 
@@ -243,21 +242,21 @@ def _detection_text(
     parts = [f"{len(marks)} rest{'s' * (len(marks) > 1)} of {length} found, {share:.0f} % of time"]
     parts += map(_threshold_text, levels)
     if crept:
-        parts.append(f"{crept} in which the sensor turned slowly left out")
+        parts.append(f"{crept} left out because the sensor turned slowly")
     if shortened:
-        parts.append(f"{shortened} shortened, as the sensor turned slowly at an end")
+        parts.append(f"{shortened} shortened because the sensor turned slowly at an end")
     return "; ".join(parts)
 
 
 def _threshold_text(level: MotionThreshold) -> str:
     limit = f"threshold {level.threshold:.3g} {level.unit}"
     if not np.isfinite(level.threshold):
-        limit = "no threshold, as rest and motion scatter alike"
+        limit = "no threshold because rest and motion scatter equally"
     return f"scatter at rest {level.quiet:.3g} {level.unit}, {limit} ({KIND_NAMES[level.kind]})"
 
 
 def find_thresholds(recording: Recording, sensor: Sensor) -> tuple[MotionThreshold, ...]:
-    """Return how each kind of axis scatters, and by which threshold rests would be found."""
+    """Return the scatter of each kind of axis, and the threshold by which rests are detected."""
     window, segments = window_samples(recording), gapless_segments(recording)
     kinds = axis_kinds(recording, sensor)
     return tuple(motion_threshold(recording, kind, segments, window)[0] for kind in kinds)

@@ -1,10 +1,10 @@
-"""Find the sections of a plan in the signal: rests by their quiet, turns by their angle.
+"""Detection of the sections of a plan in the signal: rests by their scatter, turns by their angle.
 
-The signal's scatter over half a second is compared with its own quietest level, so that no
-threshold depends on units or on the sensor. Where positions scatter so differently that some stand
-above three times that level, the threshold between the two classes of scatter, rest and motion,
-takes its place (`inercal.segments.motion_thresholds`). Rests are told apart by the direction of
-their mean specific force, turns by the axis and the angle of their integrated rate.
+The scatter of the signal over half a second is compared with its quietest level, so that no
+threshold depends on units or on the sensor. Where some positions scatter by more than three times
+that level, the threshold between the two classes of scatter, rest and motion, replaces it
+(`inercal.segments.motion_thresholds`). The direction of the mean specific force identifies a rest,
+axis and angle of the integrated rate identify a turn.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.arrays import Array, true_ranges
 from inercal.errors import InputError
 from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Finding, Mark, Recording
@@ -27,24 +27,25 @@ from inercal.segments.motion_thresholds import (
 )
 from inercal.sensors import Sensor
 
-WINDOW = 0.5  # s over which scatter is judged
-MARGIN = 0.25  # s cut off both ends of a rest: the hand lets go
+WINDOW = 0.5  # s over which scatter is computed
+MARGIN = 0.25  # s cut off both ends of a rest, where the hand grips and lets go
 SHORTEST = 1.0  # s
 # Ratio to the quietest tenth: white noise over a window of 50 samples stays below 1.5, a hand's
 # movement is tens to thousands.
 _RESTLESS = 3.0
-_TURNING = 10.0  # quietest scatters that a resting rate may differ between attitudes, and
-_SLOWEST = 0.01  # rad/s: no hand turns slower, and neither the earth nor gravity does as much
+# A resting rate may differ between attitudes by so many quietest scatters, and by so many rad/s:
+# no hand turns slower, and the earth and gravity have smaller effects.
+_TURNING, _SLOWEST = 10.0, 0.01
 _ALIGNED = 0.9  # cosine between a mean specific force (a turn's axis) and the nominal direction
-_LONGER = 2.0  # times, of a position's rest: the shorter one was a quiet moment of it
-_ROUGHLY = 0.7  # the same before biases are taken out
+_LONGER = 2.0  # times another rest of its position: the shorter rest is a quiet moment of it
+_ROUGHLY = 0.7  # the cosine before biases are subtracted
 _EVEN = 1e-6  # length of the mean direction of attitudes in opposite pairs
-_TURN_TOLERANCE = 0.25  # a turn's angle may be wrong by this part and still be meant
+_TURN_TOLERANCE = 0.25  # relative error of a turn's angle within which it fits the plan
 
 
 @dataclass(frozen=True)
 class SectionDetection:
-    """The sections of a plan that were found, and by what.
+    """The detected sections of a plan, and the thresholds.
 
     Parameters
     ----------
@@ -53,9 +54,9 @@ class SectionDetection:
     missing : tuple of str
         Labels of the plan's holds that no rest fits.
     rests : tuple of Mark
-        All rests, "rest 1", "rest 2", … in the order of time.
+        All rests, "rest 1", "rest 2", … sorted by time.
     levels : tuple of MotionThreshold
-        Scatter at rest and in motion, with the threshold that was held against it, by kind of axis.
+        Scatter at rest and in motion, and the threshold, of each kind of axis.
     """
 
     marks: tuple[Mark, ...]
@@ -65,7 +66,7 @@ class SectionDetection:
 
     @property
     def words(self) -> str:
-        """What was found and by which threshold, in one line."""
+        """Number of rests and thresholds, in one line."""
         found = f"{len(self.rests)} rests of {SHORTEST:g} s or more are found"
         return "; ".join([found, *(_threshold_text(level) for level in self.levels)])
 
@@ -86,26 +87,27 @@ def _threshold_text(level: MotionThreshold) -> str:
 
 
 def find_marks(recording: Recording, sensor: Sensor, steps: Sequence[HandStep]) -> tuple[Mark, ...]:
-    """Return a mark for each step that is found: the marks of `find_sections`."""
+    """Return a mark for each detected step: the marks of `find_sections`."""
     return find_sections(recording, sensor, steps).marks
 
 
 def find_sections(
     recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
 ) -> SectionDetection:
-    """Return what is found of a plan, as `search_sections` does.
+    """Return the detected sections of a plan, as `search_sections` does.
 
     Raises
     ------
     InputError
-        Nothing at rest, or the sensor is not a triad.
+        No rest, or the sensor is not a triad.
     """
     found = search_sections(recording, sensor, steps)
     if not found.rests:
         raise InputError(
             f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s is found "
             f"({'; '.join(map(_threshold_text, found.levels))}); mark the sections in a file or a "
-            "column"
+            "column",
+            names=tuple(step.label for step in steps),
         )
     return found
 
@@ -113,20 +115,20 @@ def find_sections(
 def search_sections(
     recording: Recording, sensor: Sensor, steps: Sequence[HandStep]
 ) -> SectionDetection:
-    """Return what is found of a plan, or that nothing is.
+    """Return the detected sections of a plan, perhaps none.
 
     Parameters
     ----------
     recording : Recording
         Without a trial axis.
     sensor : Sensor
-        Triads with nominal readouts; gyros are needed for turns and help to tell rests.
+        Triads with nominal readouts; turns need gyros, and gyros improve the detection of rests.
     steps : sequence of HandStep
 
     Raises
     ------
     InputError
-        A recording too short to judge, or the sensor is not a triad.
+        A recording that is too short, or the sensor is not a triad.
     """
     columns = [recording.channels.index(name) for name in sensor.channels]
     y = sensor.to_si(recording.data[:, columns])
@@ -134,20 +136,22 @@ def search_sections(
     rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     if len(force) != 3 or len(rate) not in (0, 3):
         raise InputError(
-            "sections can be detected for triads only; mark them in a file or a column"
+            "sections can be detected for triads only; mark them in a file or a column",
+            names=sensor.channels,
         )
     window = max(round(WINDOW * recording.rate_hz), 4)
     if y.shape[0] < 4 * window:
         raise InputError(
-            f"{recording.source}: {recording.duration:.2g} s are too short to find sections in"
+            f"{recording.source}: {recording.duration:.2g} s are too short to detect sections; "
+            f"record {4 * WINDOW:g} s at least"
         )
     channels = [_Channel(y[:, k], window) for k in range(y.shape[1])]
     quietest = [channel.limit for channel in channels]
     found = _sections(recording, sensor, steps, y, channels, quietest)
-    apart = _class_thresholds(recording, sensor, window)
+    thresholds = _class_thresholds(recording, sensor, window)
     wider = [
-        max(own, apart.get(axis.measures, 0.0))
-        for own, axis in zip(quietest, sensor.axes, strict=True)
+        max(limit, thresholds.get(axis.measures, 0.0))
+        for limit, axis in zip(quietest, sensor.axes, strict=True)
     ]
     if wider != quietest:
         other = _sections(recording, sensor, steps, y, channels, wider)
@@ -156,9 +160,9 @@ def search_sections(
 
 
 class _Channel:
-    """Scatter and mean of a channel over a sliding window; and the scatter that is rest, at most.
+    """Scatter and mean of a channel over a sliding window, and the largest scatter of rest.
 
-    The limit is three times the quietest tenth's scatter.
+    This limit is three times the scatter of the quietest tenth.
     """
 
     def __init__(self, x: Array, window: int):
@@ -170,24 +174,24 @@ class _Channel:
         mean, square = ((s[start + window] - s[start]) / window for s in sums)
         self.mean = mean
         self.deviation = np.sqrt(np.maximum(square - mean**2, 0.0))
-        # A coarsely quantised channel may stand still: its smallest step is then the least scatter.
+        # A coarsely quantised channel may be constant: its smallest step limits the scatter below.
         steps = np.abs(np.diff(x))
         least = float(steps[steps > 0].min()) if (steps > 0).any() else 1.0
         self.floor = max(float(np.quantile(self.deviation, 0.1)), 0.3 * least)
         self.limit = _RESTLESS * self.floor
 
     def at_rest(self, limit: float, *, rate: bool) -> NDArray[np.bool_]:
-        """Return where the channel scatters less than the limit and, a rate, does not turn."""
+        """Return where the channel scatters less than the limit and, if a rate, does not turn."""
         quiet = self.deviation < limit
         if rate and quiet.any():
-            # In the middle of a turn the rate may be as steady as at rest, but it is not the same.
+            # In the middle of a turn the rate may be as steady as at rest, but it differs.
             away = np.abs(self.mean - np.median(self.mean[quiet]))
             quiet &= away < max(_TURNING * self.floor, _SLOWEST)
         return quiet
 
 
 def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict[str, float]:
-    """Return the scatter between rest and motion, SI, of the kinds of axis that tell them apart."""
+    """Return the threshold between rest and motion, SI, of the kinds of axis that have one."""
     segments = gapless_segments(recording)
     found: dict[str, float] = {}
     for kind in axis_kinds(recording, sensor):
@@ -201,7 +205,7 @@ def _class_thresholds(recording: Recording, sensor: Sensor, window: int) -> dict
 
 
 def _finds_more(one: SectionDetection, other: SectionDetection) -> bool:
-    """Whether one search finds all that another one does and a position more, or one of twice."""
+    """Return whether a search finds all steps of another, and a further or a far longer one."""
     if not set(other.missing) >= set(one.missing):
         return False
     labels = {mark.label for mark in one.marks}
@@ -222,7 +226,7 @@ def _sections(
     channels: Sequence["_Channel"],
     limits: Sequence[float],
 ) -> SectionDetection:
-    """Return what is found of a plan where rests scatter less than limits, one of each channel."""
+    """Return the detected sections of a plan; rests scatter less than the limit of each channel."""
     force = [k for k, axis in enumerate(sensor.axes) if axis.measures == "f"]
     rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     quiet = np.ones(len(y), dtype=np.bool_)
@@ -231,7 +235,11 @@ def _sections(
     for before, after in recording.gaps:
         quiet[before : after + 1] = False
     margin, shortest = (round(s * recording.rate_hz) for s in (MARGIN, SHORTEST))
-    rests = [(a + margin, b - margin) for a, b in _runs(quiet) if b - a - 2 * margin >= shortest]
+    rests = [
+        (a + margin, b - margin)
+        for a, b in true_ranges(quiet).tolist()
+        if b - a - 2 * margin >= shortest
+    ]
     kinds: list[tuple[Literal["f", "w"], list[int]]] = [("f", force), ("w", rate)]
     levels = tuple(
         _level(sensor, kind, [channels[k] for k in own], [limits[k] for k in own], quiet)
@@ -260,7 +268,7 @@ def _level(
     limits: Sequence[float],
     quiet: NDArray[np.bool_],
 ) -> MotionThreshold:
-    """Return how a kind of axis scatters, in output units: root mean square over its axes."""
+    """Return the scatter of a kind of axis, in output units: root mean square over its axes."""
     axis = next(axis for axis in sensor.axes if axis.measures == kind)
     scale = abs(axis.readout.scale)
     scatter = np.sqrt(np.mean([channel.deviation**2 for channel in channels], axis=0)) * scale
@@ -271,12 +279,6 @@ def _level(
         float(np.median(scatter[~quiet])) if not quiet.all() else float(np.max(scatter)),
         float(np.sqrt(np.mean(np.square(limits)))) * scale,
     )
-
-
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the half-open ranges where `flags` is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]) -> list[Mark]:
@@ -295,16 +297,16 @@ def _holds(f: Array, rests: Sequence[tuple[int, int]], steps: Sequence[HandStep]
 
 
 def _offset(means: Array, ups: Array) -> Array:
-    """Return rough biases, (3,): what rests in opposite attitudes have in common, else zero.
+    """Return rough biases, (3,): the mean over rests in opposite attitudes, else zero.
 
-    A bias of 0.4 g turns the reading of a face by more than the cosine that tells faces apart.
+    A bias of 0.4 g changes the direction of a face by more than the cosine between faces allows.
     """
     directions = means / np.linalg.norm(means, axis=1, keepdims=True)
     near = directions @ ups.T
-    found = np.flatnonzero((near > _ROUGHLY).any(axis=0))
-    if len(found) < len(ups) or not len(ups) or np.linalg.norm(ups.mean(axis=0)) > _EVEN:
+    every = (near > _ROUGHLY).any(axis=0).all()
+    if not every or not len(ups) or np.linalg.norm(ups.mean(axis=0)) > _EVEN:
         return np.zeros(3)
-    faces = [means[near[:, k] > _ROUGHLY].mean(axis=0) for k in found.tolist()]
+    faces = [means[near[:, k] > _ROUGHLY].mean(axis=0) for k in range(len(ups))]
     return np.asarray(np.mean(faces, axis=0), dtype=float)
 
 
@@ -316,11 +318,13 @@ def _turns(
     rests: Sequence[tuple[int, int]],
     steps: Sequence[HandStep],
 ) -> list[Mark]:
-    """Return the turns: about the vertical, so that gravity stays in place, by the right angle."""
+    """Return the turns by the planned angle about the vertical, where gravity does not move."""
     bias = np.median(np.concatenate([w[a:b] for a, b in rests]), axis=0)
     window = round(WINDOW * recording.rate_hz)
     candidates: list[tuple[int, int, Array]] = []
-    for a, b in (run for run in _runs(~quiet) if run[1] - run[0] > 1):
+    for a, b in true_ranges(~quiet).tolist():
+        if b - a < 2:
+            continue
         before, after = (
             f[max(a - window, 0) : a + 1].mean(axis=0),
             f[b - 1 : b + window].mean(axis=0),
@@ -331,7 +335,7 @@ def _turns(
     for step in steps:
         if not isinstance(step, Turn):
             continue
-        # The sense is left open: a turn the other way is found, and said by the check of the plan.
+        # In either sense: the check of the plan reports a turn in the opposite direction.
         nominal = np.abs(step.angle * np.array(step.axis))
         apart = [float(np.linalg.norm(np.abs(angle) - nominal)) for _, _, angle in candidates]
         if apart and min(apart) < _TURN_TOLERANCE * abs(step.angle):

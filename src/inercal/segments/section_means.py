@@ -1,14 +1,23 @@
-"""From marked sections to observations: means with an honest covariance.
+"""From marked sections to observations: means with their covariance.
 
 The noise of the resting sections is pooled: its density at zero frequency, by batch means, gives
-the covariance of every mean, that of the turns included (a turn's own scatter is motion, not
-noise). A correlation that is longer than a batch enlarges it, and a section that scatters by more
-or less than the others has a variance of its own (`inercal.segments.section_noise`). Bias
-instability and random walk, which show between sections, are not found but taken as the sensor's
-noise states them.
+the covariance of each mean, also of the turns (the scatter within a turn is motion, not noise). A
+correlation longer than a batch enlarges the covariance, and a section with another scatter than the
+others gets a separate variance (`inercal.segments.section_noise`). Bias instability and random
+walk, which act between sections, are not estimated: the sensor's noise states them.
+
+A slow ramp of temperature moves a bias within a section, which is not noise. Over all sections each
+channel has two slopes, of its bias and of its scale factor, by least squares::
+
+    y − ȳ = (a + b ȳ)(T − T̄) + noise
+
+and their effect is subtracted before the noise is estimated. The means are not changed: the
+temperature coefficients describe the effect of T̄. A section whose temperature varies by less than
+0.02 K counts as constant: the noise of the temperature sensor would explain as much of the
+readings' noise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -22,11 +31,13 @@ from inercal.segments.drift import drift_covariance
 from inercal.segments.hand_motion_noise import density_without_hand_motion, noise_degrees_of_freedom
 from inercal.segments.section_noise import SectionNoise, drift_notes, section_noise_statistics
 from inercal.segments.stillness import require_still
-from inercal.segments.temperature_trend import Sections, remove_temperature_trend
 from inercal.sensors import Sensor
 from inercal.uncertainty import BATCHES, pooled_mean_covariances
 
-MIN_SAMPLES = 20  # fewer leave no batches to judge the noise by
+Sections = Callable[[], Iterable[Array]]
+"""Returns the sections anew with each call, (..., n, m) each."""
+MIN_SAMPLES = 20  # fewer leave no batches from which to estimate the noise
+_CONSTANT = 0.02  # K
 _FREEDOM = 342  # degrees of freedom behind the noise: those of 18 rests of 20 batches
 
 
@@ -40,23 +51,23 @@ def observe(
     found: bool = False,
     drifting: bool = False,
 ) -> Observations:
-    """Return one row for each step that is marked, in the order of `steps`.
+    """Return one row for each marked step, in the order of `steps`.
 
     Parameters
     ----------
     recording : Recording
     sensor : Sensor
-        Its axes name the channels that are used; its readout gives SI.
+        Its axes name the used channels; its readout converts to SI.
     marks : sequence of Mark
     steps : sequence of Step
     by_hand : bool
-        The sensor trembles: the accelerometers' noise is judged along gravity
+        Whether the sensor trembles: the accelerometers' noise is then estimated along gravity
         (`inercal.segments.hand_motion_noise`). Without a trial axis.
     found : bool
-        The sections were judged to be at rest already: they were found by how they scatter, or
-        `require_still` has judged them.
+        Whether the sections are known to be at rest: they were detected by their scatter, or
+        `require_still` has checked them.
     drifting : bool
-        A drift linear in time that the sections' slopes show beyond their noise is part of
+        Whether a drift linear in time, significant in the slopes of the sections, is added to
         `drift`, about the middle of the rests: for plans that read each axis too seldom to show it
         otherwise. Without a trial axis.
 
@@ -70,7 +81,7 @@ def observe(
     columns = [recording.channels.index(name) for name in sensor.channels]
 
     def section(step: Step, data: Array = recording.data) -> Array:
-        # Made anew each time: all sections together may be as large as the recording.
+        # Converted with each call: all sections together may be as large as the recording.
         mark = by_label[step.label]
         return sensor.to_si(data[..., mark.start : mark.stop, columns])
 
@@ -80,26 +91,27 @@ def observe(
         if mark.stop - mark.start < MIN_SAMPLES:
             raise InputError(
                 f"{recording.source}: section {mark.label} has {mark.stop - mark.start} "
-                f"sample{'s' * (mark.stop - mark.start > 1)}; at least {MIN_SAMPLES} are needed"
+                f"sample{'s' * (mark.stop - mark.start > 1)}; at least {MIN_SAMPLES} are needed",
+                names=(mark.label,),
             )
     holds = [step for step in used if not isinstance(step, Turn | Rotation)]
     if not holds:
-        raise InputError(f"{recording.source}: no position at rest is marked")
+        raise InputError(f"{recording.source}: no position at rest is marked; mark one at least")
     scatter = np.stack([section(step).std(axis=-2) for step in holds])
     if not found:
         require_still(recording, sensor, [by_label[step.label] for step in holds])
     batches = max(4, min(BATCHES, -(-_FREEDOM // len(holds)) + 1))
-    warmth = recording.temperature
+    temperature = recording.temperature
 
     def resting(data: Array, kelvin: Array | None) -> Sections:
-        """Return the sections at rest, without what a changing temperature does within them."""
+        """Return the sections at rest, without the effect of a temperature change within them."""
         raw = partial(map, partial(section, data=data), holds)
         if kelvin is None or not sensor.uses("dT"):
             return raw
         spans = [slice(by_label[s.label].start, by_label[s.label].stop) for s in holds]
         return remove_temperature_trend(raw, [kelvin[..., span] for span in spans])
 
-    at_rest_all = resting(recording.data, warmth)
+    at_rest_all = resting(recording.data, temperature)
     of_holds, dof = pooled_mean_covariances(at_rest_all(), batches)
     samples = np.array([by_label[step.label].stop - by_label[step.label].start for step in used])
     density = of_holds[0] * samples[used.index(holds[0])]
@@ -115,15 +127,15 @@ def observe(
     names = [step.label for step in holds]
 
     def judged(of: Sections) -> tuple[Array, SectionNoise]:
-        """Return the factors on the deviations of all rows, (r, m), and what they come from."""
-        found = section_noise_statistics(
+        """Return the factors on the deviations of all rows, (r, m), and their statistics."""
+        noise = section_noise_statistics(
             sensor, of, durations[at_rest], names, coarse, by_hand=by_hand
         )
-        variance = found.factor(durations, durations[at_rest], batches)
-        variance[at_rest] *= found.scale
-        return np.sqrt(variance), found
+        variance = noise.factor(durations, durations[at_rest], batches)
+        variance[at_rest] *= noise.scale
+        return np.sqrt(variance), noise
 
-    tests, notes, found_within = (), (), None
+    tests, notes, noise = (), (), None
     drift = drift_covariance(
         [axis.noise for axis in sensor.axes],
         middles - recording.time[0],
@@ -131,24 +143,24 @@ def observe(
         recording.duration,
     )
     if recording.data.ndim == 2:
-        factor, found_within = judged(at_rest_all)
-        tests, notes = found_within.tests, found_within.notes
-        if drifting and found_within.trend.any():
+        factor, noise = judged(at_rest_all)
+        tests, notes = noise.tests, noise.notes
+        if drifting and noise.trend.any():
             since = middles - middles[at_rest].mean()
-            shared = np.outer(since, since)[..., None] * found_within.trend**2
+            shared = np.outer(since, since)[..., None] * noise.trend**2
             drift = shared if drift is None else drift + shared
-            notes = (*notes, *drift_notes(sensor, found_within.trend * recording.duration))
+            notes = (*notes, *drift_notes(sensor, noise.trend * recording.duration))
     else:
         trials: Array = np.reshape(recording.data, (-1, *recording.data.shape[-2:]))
-        kelvins: list[Array | None] = [warmth] * len(trials)
-        if warmth is not None and warmth.ndim > 1:
-            kelvins = list(np.broadcast_to(warmth, trials.shape[:-1]).reshape(len(trials), -1))
+        kelvins: list[Array | None] = [temperature] * len(trials)
+        if temperature is not None and temperature.ndim > 1:
+            kelvins = list(np.broadcast_to(temperature, trials.shape[:-1]).reshape(len(trials), -1))
         each = zip(trials, kelvins, strict=True)
         factor = np.stack([judged(resting(one, kelvin))[0] for one, kelvin in each])
         factor = factor.reshape(*recording.data.shape[:-2], *factor.shape[1:])
     covariance = covariance * factor[..., :, None] * factor[..., None, :]
-    if found_within is not None:
-        covariance[at_rest] += found_within.disturbance_variance[:, :, None] * np.eye(len(columns))
+    if noise is not None:
+        covariance[at_rest] += noise.disturbance_variance[:, :, None] * np.eye(len(columns))
     return Observations(
         labels=tuple(step.label for step in used),
         mean=np.stack([section(step).mean(axis=-2) for step in used], axis=-2),
@@ -163,23 +175,23 @@ def observe(
         tests=tests,
         notes=notes,
         temperature=None
-        if warmth is None
-        else np.stack([warmth[..., start:stop].mean(axis=-1) for start, stop in ranges], axis=-1),
+        if temperature is None
+        else np.stack([temperature[..., a:b].mean(axis=-1) for a, b in ranges], axis=-1),
     )
 
 
 def coarse_steps(data: Array, columns: Sequence[int], sensor: Sensor, scatter: Array) -> Array:
     """Return the variance that coarse steps add to each mean, (m,): q²/12, GUM F.2.2.1.
 
-    Noise of more than half a step makes a mean as good as without steps, and less does not: all
-    samples of a hold then share one rounding error. The step is the stated one, or the data's.
+    Noise of more than half a step averages the rounding errors; with less noise all samples of a
+    hold share one rounding error. The step is the larger of the stated step and that of the data.
 
     Parameters
     ----------
     data : (..., n, k) array
-        Of the recording, output units.
+        Data of the recording, output units.
     columns : sequence of m int
-        Of the sensor's axes.
+        Columns of the sensor's axes.
     sensor : Sensor
     scatter : (holds, ..., m) array
         Standard deviations within the holds, SI.
@@ -187,16 +199,16 @@ def coarse_steps(data: Array, columns: Sequence[int], sensor: Sensor, scatter: A
     variance = np.zeros(len(sensor.axes))
     for k, (column, axis) in enumerate(zip(columns, sensor.axes, strict=True)):
         steps = np.abs(np.diff(data[..., column], axis=-1))
-        found = float(np.min(steps, initial=np.inf, where=steps > 0))
-        found = found if np.isfinite(found) else 0.0
-        step = max(axis.noise.quantisation, found / abs(axis.readout.scale))
+        smallest = float(np.min(steps, initial=np.inf, where=steps > 0))
+        smallest = smallest if np.isfinite(smallest) else 0.0
+        step = max(axis.noise.quantisation, smallest / abs(axis.readout.scale))
         if np.mean(scatter[..., k] ** 2) < (0.5 * step) ** 2:
             variance[k] = step**2 / 12
     return variance
 
 
 def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequence[str]) -> None:
-    """Refuse a section that holds saturated or stuck samples, or a turn with samples lost."""
+    """Refuse a section with saturated or stuck samples, or a turn with lost samples."""
     where = f"{recording.source}: section {mark.label} (samples {mark.start} to {mark.stop})"
     for flaw in recording.findings:
         if flaw.what not in INVALID_SAMPLES or flaw.start is None or flaw.stop is None:
@@ -204,12 +216,51 @@ def _refuse_flaws(recording: Recording, mark: Mark, step: Step, channels: Sequen
         relevant = flaw.channel is None or flaw.channel in channels
         if relevant and flaw.start < mark.stop and flaw.stop > mark.start:
             raise InputError(
-                f"{where} cannot be used: {flaw.message}; mark a section without it or record again"
+                f"{where} cannot be used: {flaw.message}; mark a section without it or record "
+                "again",
+                names=(mark.label,),
             )
     lost = (recording.gaps[:, 0] >= mark.start) & (recording.gaps[:, 1] < mark.stop)
     if isinstance(step, Turn) and lost.any():
         after = int(recording.gaps[np.argmax(lost), 0])
         raise InputError(
             f"{where} cannot be used: samples are lost after sample {after}, and with them part of "
-            "the turn's angle; record it again"
+            "the turn's angle; record it again",
+            names=(mark.label,),
         )
+
+
+def remove_temperature_trend(sections: Sections, temperature: Sequence[Array]) -> Sections:
+    """Return r sections without the effect of the temperature change within them.
+
+    Parameters
+    ----------
+    sections : Sections
+    temperature : sequence of r (..., n) array
+        Temperature of each sample, K.
+    """
+    away = [_temperature_departure(kelvin) for kelvin in temperature]
+    if not any(t.any() for t in away):
+        return sections
+    gram: Array = np.zeros((2, 2))
+    product: Array = np.zeros(2)
+    for y, t in zip(sections(), away, strict=True):
+        mean = y.mean(axis=-2)
+        by = np.stack([np.ones_like(mean), mean], axis=-1)  # (..., m, 2)
+        square = (t**2).sum(axis=-1)[..., None, None, None]
+        gram = gram + square * by[..., :, None] * by[..., None, :]
+        product = product + (t[..., None] * (y - mean[..., None, :])).sum(axis=-2)[..., None] * by
+    slopes = (np.linalg.pinv(gram) @ product[..., None])[..., 0]  # (..., m, 2)
+
+    def without() -> Iterable[Array]:
+        for y, t in zip(sections(), away, strict=True):
+            slope = slopes[..., 0] + slopes[..., 1] * y.mean(axis=-2)
+            yield y - t[..., None] * slope[..., None, :]
+
+    return without
+
+
+def _temperature_departure(kelvin: Array) -> Array:
+    """Return the departure from the mean, (..., n) K; zero for sections of constant temperature."""
+    away = kelvin - kelvin.mean(axis=-1, keepdims=True)
+    return np.where(np.ptp(kelvin, axis=-1, keepdims=True) > _CONSTANT, away, 0.0)

@@ -1,9 +1,8 @@
-"""What sections at rest say of their own noise: its correlation, its scatter, changes within.
+"""The noise of sections at rest: its correlation, its scatter, and changes within sections.
 
-The statistics are those of `inercal.estimate.section_statistics`, for accelerometers and gyros
-apart. Of a sensor in a hand only the accelerometers along gravity are judged: all else is the
-hand's motion, and what scatter it has is judged by the residuals
-(`inercal.estimate.residual_scatter`).
+The statistics are those of `inercal.estimate.section_statistics`, separately for accelerometers and
+gyros. For a sensor in a hand only the accelerometers along gravity are analysed: all else is motion
+of the hand, whose scatter the residuals show (`inercal.estimate.residual_scatter`).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -23,19 +22,17 @@ _ALIKE = 3.0  # times in scatter: rests that differ by more are reported
 
 
 class SectionNoise(NamedTuple):
-    """What r sections of m channels say of their noise."""
+    """Noise of r sections of m channels."""
 
-    scale: Array  # (r, m), of each section's variance over the mean of all
+    scale: Array  # (r, m), each section's variance over the mean of all
     correlation: tuple[NoiseCorrelation, ...]  # of each channel
-    trend: Array  # (m,) per second, sd of what channels of a kind drift beyond noise
+    trend: Array  # (m,) per second, sd of the drift of a kind's channels beyond noise
     tests: tuple[ModelTest, ...]
     notes: tuple[str, ...]
-    disturbance_variance: (
-        Array  # (r, m), variance of each mean by a change found within its section
-    )
+    disturbance_variance: Array  # (r, m), variance of each mean by a change within its section
 
     def factor(self, seconds: Array, lengths: Array, batches: int) -> Array:
-        """Return the variance of means over that by the pooled batch means, (s, m).
+        """Return the variance of means over that from the pooled batch means, (s, m).
 
         Parameters
         ----------
@@ -44,12 +41,12 @@ class SectionNoise(NamedTuple):
         lengths : (r,) array
             Durations of the sections whose batch means were pooled.
         batches : int
-            In each.
+            Number in each section.
         """
         parts = [
-            found.mean_variance_ratio(seconds)
-            / float(np.mean(found.batch_variance_ratio(lengths, batches)))
-            for found in self.correlation
+            noise.mean_variance_ratio(seconds)
+            / float(np.mean(noise.batch_variance_ratio(lengths, batches)))
+            for noise in self.correlation
         ]
         return np.stack(parts, axis=-1)
 
@@ -63,7 +60,7 @@ def section_noise_statistics(
     *,
     by_hand: bool,
 ) -> SectionNoise:
-    """Return what sections say of their noise.
+    """Return the noise of sections.
 
     Parameters
     ----------
@@ -87,9 +84,9 @@ def section_noise_statistics(
         series = readings_along_gravity(sensor, sections())
         cut = [haar_contrasts(s[:, None], t) for s, t in zip(series, seconds.tolist(), strict=True)]
         judged = analyse_sections(cut, labels, ["accelerometers along gravity"], steps)
-        # A drift changes its sign with the attitude: the norms of all rests show it.
-        found = (judged.within,) if judged.within and judged.shape == "change" else ()
-        return SectionNoise(scale, (WHITE,) * m, trend, found, (), disturbance_variance)
+        # The effect of a drift changes its sign with the attitude: the norms of all rests show it.
+        within = (judged.within,) if judged.within and judged.shape == "change" else ()
+        return SectionNoise(scale, (WHITE,) * m, trend, within, (), disturbance_variance)
     for kind, words in _KINDS.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if not own:
@@ -99,7 +96,7 @@ def section_noise_statistics(
             for section, t in zip(sections(), seconds.tolist(), strict=True)
         ]
         names = [sensor.axes[k].name for k in own]
-        # Slow noise that the sensor's table states is counted as stated.
+        # Slow noise that the sensor's table states enters as stated.
         stated = any(_has_slow_noise(sensor.axes[k].noise) for k in own)
         judged = analyse_sections(cut, labels, names, rounding[own], coloured=stated)
         scale[:, own] = judged.scale[:, None]
@@ -108,8 +105,8 @@ def section_noise_statistics(
         if not stated:
             trend[own] = judged.significant_trend_sd
             if kind == "f":
-                # Each gyro's bias is read in all sections, whose residuals show its drift. That of
-                # an accelerometer is read in two of six, and a drift that no test shows moves it.
+                # All sections measure the bias of a gyro, and their residuals show its drift. Two
+                # of six measure that of an accelerometer: a drift below any test changes it.
                 trend[own] = np.maximum(trend[own], judged.undetectable_trend_sd)
             for k in own:
                 correlation[k] = judged.correlation
@@ -120,17 +117,17 @@ def section_noise_statistics(
 
 
 def drift_notes(sensor: Sensor, reach: Array) -> list[str]:
-    """Return what is counted of a drift over the run, (m,) SI, in words for each kind of axis."""
-    found: list[str] = []
+    """Return notes on the drift over the run that the uncertainty contains, (m,) SI."""
+    notes: list[str] = []
     for kind, words in _KINDS.items():
         own = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
         if own and (most := float(reach[own].max())) > 0:
             text = f"{most / G0 * 1e3:.2g} mg" if kind == "f" else f"{np.degrees(most):.2g} °/s"
-            found.append(
+            notes.append(
                 f"the slopes within the rests leave a drift of about {text} over the run open "
                 f"({words}, k = 1): it is in the uncertainty of the biases"
             )
-    return found
+    return notes
 
 
 def _has_slow_noise(noise: Noise) -> bool:
@@ -141,23 +138,23 @@ def _notes(
     words: str, judged: SectionStatistics, seconds: Array, labels: Sequence[str], stated: bool
 ) -> list[str]:
     notes = [
-        f"{labels[k]} changes within: how far that moves its mean is in the uncertainty of the "
-        "mean; repeat the position"
+        f"the readings change within {labels[k]}: the uncertainty of its mean includes the "
+        "effect; repeat the position"
         for k in np.flatnonzero(judged.disturbance_variance.any(axis=1)).tolist()
     ]
-    found = judged.correlation
-    if found is not WHITE and not stated:
-        times = float(np.sqrt(np.median(found.mean_variance_ratio(seconds))))
+    noise = judged.correlation
+    if noise is not WHITE and not stated:
+        times = float(np.sqrt(np.median(noise.mean_variance_ratio(seconds))))
         notes.append(
             f"the noise of the {words} within rests is correlated over about "
-            f"{found.seconds:.1g} s: the uncertainty of a mean is {times:.2g} times that of its "
+            f"{noise.seconds:.1g} s: the uncertainty of a mean is {times:.2g} times that of its "
             "uncorrelated part"
         )
     worst = int(np.argmax(judged.scale))
     ratio = float(np.sqrt(judged.scale[worst] / np.median(judged.scale)))
     if ratio > _ALIKE:
         notes.append(
-            f"the {words} scatter {ratio:.2g} times as much in {labels[worst]} as in the usual "
-            "rest: its mean has a larger uncertainty accordingly"
+            f"the {words} scatter {ratio:.2g} times as much in {labels[worst]} as in the median "
+            "rest: the uncertainty of its mean is larger accordingly"
         )
     return notes

@@ -1,4 +1,4 @@
-"""States of a rate table's recording beside its dwells: rests, and what is left out of both."""
+"""States of a rate table's recording besides its dwells: rests, and findings on states left out."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.arrays import Array
+from inercal.arrays import Array, true_ranges
 from inercal.recording import Finding, Mark, Recording
 from inercal.segments.dwells import (
     ARM_RATE,
@@ -25,7 +25,7 @@ _LEAST_REST = 3.0  # s
 
 
 def find_stationary_states(recording: Recording) -> tuple[tuple[Mark, ...], tuple[Finding, ...]]:
-    """Return where a table stands still under one label, "XY at rest", and what was left out.
+    """Return the rests of a table under each label, "XY at rest", and findings on rests left out.
 
     Parameters
     ----------
@@ -33,39 +33,39 @@ def find_stationary_states(recording: Recording) -> tuple[tuple[Mark, ...], tupl
         With readback "arm_rate", rad/s, and labels.
     """
     still = _is_stationary(recording)
-    found: list[Mark] = []
+    rests: list[Mark] = []
     left_out: list[Finding] = []
     for name, start, stop in _labelled_sections(recording):
         for first, last in _runs(still, start, stop):
             mark = Mark(f"{name} at rest", *_trim_settling(recording, first, last))
             if mark.stop - mark.start < round(_LEAST_REST * recording.rate_hz):
                 continue
-            again = sum(other.label.startswith(mark.label) for other in found)
+            again = sum(other.label.startswith(mark.label) for other in rests)
             mark = replace(mark, label=f"{mark.label} ({again + 1})") if again else mark
             if (flaw := flaw_text(recording, mark)) is None:
-                found.append(mark)
+                rests.append(mark)
                 continue
             text = f"{mark.label} is left out: {flaw}"
             left_out.append(Finding("warning", "dwell", text, None, mark.start, mark.stop))
-    return tuple(found), tuple(left_out)
+    return tuple(rests), tuple(left_out)
 
 
 def omitted_state_findings(
     recording: Recording, marks: Sequence[Mark], findings: Sequence[Finding]
 ) -> tuple[Finding, ...]:
-    """Return what a recording holds of states that are none, each with its reason.
+    """Return findings on parts of a recording that are no states, each with its reason.
 
-    These are steady rates without whole turns enough under a label, rests that are too short,
-    labels without any state, and what comes where the recording breaks off amid the turning.
+    These are steady rates with too few whole turns under a label, rests that are too short, labels
+    without any state, and ranges at which the recording breaks off while the table turns.
 
     Parameters
     ----------
     recording : Recording
         With readback "arm_rate", rad/s, and labels.
     marks : sequence of Mark
-        Of its states.
+        Its states.
     findings : sequence of Finding
-        Of states that were left out for another reason, with their samples.
+        Findings on states left out for other reasons, with their samples.
     """
     used = [(mark.start, mark.stop) for mark in marks]
     used += [(f.start, f.stop) for f in findings if f.start is not None and f.stop is not None]
@@ -89,13 +89,13 @@ def omitted_state_findings(
             short = [_OmittedState(name, "nowhere steady or at rest")]
         lost += short
     kinds = dict.fromkeys(one.kind for one in lost)
-    said = [_omission_text([one for one in lost if one.kind == kind]) for kind in kinds]
-    said += _lost_motion_texts(recording)
-    return tuple(Finding("warning", "states", text) for text in said)
+    texts = [_omission_text([one for one in lost if one.kind == kind]) for kind in kinds]
+    texts += _lost_motion_texts(recording)
+    return tuple(Finding("warning", "states", text) for text in texts)
 
 
 class _OmittedState(NamedTuple):
-    """A state that is none: why, and how much there is of what is needed."""
+    """A part that is no state: the reason, the size, and the needed size."""
 
     label: str
     kind: str
@@ -120,7 +120,7 @@ def _omission_text(lost: Sequence[_OmittedState]) -> str:
 
 
 def _short_dwell(recording: Recording, label: str, start: int, stop: int) -> _OmittedState | None:
-    """Return a steady rate that makes no state; None of a moment."""
+    """Return a steady rate that is no state; None for a short moment."""
     if recording.span(start, stop) < SETTLING_TIME:
         return None
     cuts = [int(after) for after in recording.gaps[:, 1] if start < after < stop]
@@ -139,9 +139,9 @@ def _short_dwell(recording: Recording, label: str, start: int, stop: int) -> _Om
 def _short_rest(
     recording: Recording, name: str, runs: Sequence[tuple[int, int]], others: bool
 ) -> list[_OmittedState]:
-    """Return the longest of the rests under a label, where it was to be a state.
+    """Return the longest rest under a label, where it was intended as a state.
 
-    Between other states a table stands still for a moment without being meant to.
+    Between other states a table may stop for a moment without such an intention.
     """
     longest = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
     if (longest[1] - longest[0]) / recording.rate_hz < (_LEAST_REST if others else SETTLING_TIME):
@@ -153,30 +153,30 @@ def _short_rest(
 
 
 def _interruption_text(recording: Recording, start: int, stop: int) -> str:
-    """Say what cut a state short, if it was not its own end."""
+    """Return words for what ended a state, if it did not end by itself."""
     if any(start <= after <= stop for after in recording.gaps[:, 1].tolist()):
-        return " beside a gap"
-    return " to the recording's end" if stop == recording.time.size else ""
+        return " next to a gap"
+    return " up to the end of the recording" if stop == recording.time.size else ""
 
 
 def _lost_motion_texts(recording: Recording) -> list[str]:
-    """Say where a table that turned is lost from sight: what came then is unknown."""
+    """Return texts on gaps, and an end, while the table turns: its states there are unknown."""
     labels, rate = recording.labels, recording.readback[ARM_RATE]
     assert labels is not None
     turning = ~_is_stationary(recording)
-    said: list[str] = []
+    texts: list[str] = []
     for before, after in recording.gaps.tolist():
         same = labels[before] == labels[after] and np.isclose(rate[before], rate[after], rtol=0.01)
         if (turning[before] or turning[after]) and not same:
             lost = recording.time[after] - recording.time[before]
             side = f"{labels[before]} when" if turning[before] else f"{labels[after]} after"
-            said.append(
+            texts.append(
                 f"the table turns under {side} {lost:.4g} s are lost ({recording.where(before)}): "
-                "so may be states"
+                "states may be lost with them"
             )
     if turning[-1]:
-        said.append(f"the recording ends while the table turns under {labels[-1]}")
-    return said
+        texts.append(f"the recording ends while the table turns under {labels[-1]}")
+    return texts
 
 
 def _is_stationary(recording: Recording) -> NDArray[np.bool_]:
@@ -190,7 +190,7 @@ def _trim_settling(recording: Recording, start: int, stop: int) -> tuple[int, in
 
 
 def _labelled_sections(recording: Recording) -> Iterator[tuple[str, int, int]]:
-    """Yield the sections of one label each: its name, the first sample, the one after the last."""
+    """Yield the label of each section and its half-open range of samples."""
     labels = recording.labels
     if labels is None:
         return
@@ -201,9 +201,8 @@ def _labelled_sections(recording: Recording) -> Iterator[tuple[str, int, int]]:
 
 
 def _runs(held: NDArray[np.bool_], start: int, stop: int) -> list[tuple[int, int]]:
-    """Return the stretches of samples start to stop along which `held` is true."""
-    edges = np.flatnonzero(np.diff(held[start:stop].astype(np.int8), prepend=0, append=0))
-    return [(first, last) for first, last in (edges.reshape(-1, 2) + start).tolist()]
+    """Return the ranges of samples start to stop along which `held` is true."""
+    return [(first, last) for first, last in (true_ranges(held[start:stop]) + start).tolist()]
 
 
 def _rpm_text(smooth: Array, start: int, stop: int) -> str:

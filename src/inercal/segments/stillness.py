@@ -1,14 +1,14 @@
-"""Whether a section is at rest: by the change of its mean, not by how much it scatters.
+"""Whether a section is at rest, by the change of its mean and not by its scatter.
 
 A section is cut into ten blocks. It moves where the means of its blocks, in some channel, range
-over more than what noise, quantisation and slow changes of a sensor at rest make:
+over more than noise, quantisation and slow changes of a sensor at rest explain:
 
     ptp(means) > max(20 s, 10 s₁/√n, min(10 s₁, 100 s), 3 r, 2.5 q, floor)
 
-with s₁ the scatter within the section's own blocks of n samples (their median), s the median of s₁
-over all sections, r the median of the range over them (a drift common to all is no move) and q the
-channel's smallest step. White noise keeps the range below 5 s₁/√n however large it is, and noise
-correlated over a whole block below 5 s₁.
+with s₁ the median scatter within the section's blocks of n samples, s the median of s₁ over all
+sections, r the median range over all sections (a drift common to all is not a move) and q the
+channel's smallest step. With white noise of any size the range stays below 5 s₁/√n, and with noise
+correlated over a block below 5 s₁.
 """
 
 from collections.abc import Collection, Sequence
@@ -24,7 +24,7 @@ from inercal.sensors import G0, Sensor
 _BLOCKS = 10
 _USUAL = 20.0  # a step of so many scatters half-way adds ten times the variance of noise squared
 _OWN_SCATTER_FACTOR = 10.0
-_LARGE = 100.0  # usual scatters; no noise of one position is so much larger than all others'
+_LARGE = 100.0  # usual scatters; the noise of a position does not exceed that of others so much
 _COMMON, _MIN_SECTIONS = 3.0, 4  # times the usual range, where so many sections show what is usual
 _QUANTA = 2.5
 # Changes below these are no move, however quiet the sensor: 0.1 mrad of tilt, 2 °/h.
@@ -47,24 +47,26 @@ def require_still(
     sensor : Sensor
         Its readout gives SI.
     marks : sequence of Mark
-        Of rests; those with fewer than 20 samples are not judged.
+        Marks of rests; rests with fewer than 20 samples are not checked.
     accepted : collection of str
-        Labels of sections that the user vouches for.
+        Labels of sections that the user accepts although they move.
 
     Returns
     -------
     tuple of Finding
-        A warning for each section that is accepted though it moves.
+        A warning for each accepted section that moves.
 
     Raises
     ------
     InputError
-        A section moves; or an accepted label is that of no section, or of one that is still.
+        A section moves, or an accepted label marks no section, or a section that is still.
     """
     if unknown := [label for label in accepted if label not in {mark.label for mark in marks}]:
         raise InputError(
             f"{recording.source}: [data] accept_moving names {unknown[0]!r}, which is no rest; "
-            f"rests are {', '.join(mark.label for mark in marks)}"
+            f"the rests are {', '.join(mark.label for mark in marks)}",
+            key="[data] accept_moving",
+            names=tuple(unknown),
         )
     marks = [mark for mark in marks if mark.stop - mark.start >= 2 * _BLOCKS]
     if not marks:
@@ -87,7 +89,7 @@ def require_still(
     if len(marks) >= _MIN_SECTIONS:
         limit = np.maximum(limit, _COMMON * np.median(reach, axis=0))
     findings: list[Finding] = []
-    refused: list[tuple[float, str]] = []
+    refused: list[tuple[float, str, str]] = []
     for mark, changes, most in zip(marks, reach, limit, strict=True):
         trial, k = np.unravel_index(int(np.argmax(changes / most)), changes.shape)
         change, allowed = float(changes[trial, k]), float(most[trial, k])
@@ -95,25 +97,28 @@ def require_still(
             if mark.label in accepted:
                 raise InputError(
                     f"{recording.source}: [data] accept_moving names {mark.label!r}, which does "
-                    "not move: leave it out"
+                    "not move: remove it",
+                    key="[data] accept_moving",
+                    names=(mark.label,),
                 )
             continue
         axis = sensor.axes[int(k)]
         text = (
             f"section {mark.label} moves: its mean changes by {change:.3g} "
-            f"{_UNITS[axis.measures]} ({axis.name}) within it, where noise and quantisation make "
+            f"{_UNITS[axis.measures]} ({axis.name}) within it, and noise and quantisation explain "
             f"{allowed:.3g} {_UNITS[axis.measures]} at most"
         )
         if mark.label in accepted:
-            message = f"{text}; accepted, as [data] accept_moving says"
+            message = f"{text}; [data] accept_moving accepts it"
             findings.append(Finding("warning", "moving", message, None, mark.start, mark.stop))
         else:
-            refused.append((change / allowed, text))
+            refused.append((change / allowed, text, mark.label))
     if refused:
-        _, text = max(refused)
+        _, text, label = max(refused)
         raise InputError(
             f"{recording.source}: {text}; mark only the time at rest, or name the section in "
-            "[data] accept_moving"
+            "[data] accept_moving",
+            names=(label,),
         )
     return tuple(findings)
 
@@ -121,9 +126,9 @@ def require_still(
 def _blocks(
     recording: Recording, sensor: Sensor, columns: Sequence[int], mark: Mark, n: int
 ) -> tuple[Array, Array]:
-    """Return over a section's blocks the range of their means and the median of their scatters.
+    """Return the range of the means of a section's blocks, and the median of their scatters.
 
-    Both (trials, m), SI; one trial where there is no such axis.
+    Both are (trials, m), SI; without a trial axis there is one trial.
     """
     data = recording.data[..., mark.start : mark.start + _BLOCKS * n, columns]
     parts = sensor.to_si(data).reshape(-1, _BLOCKS, n, len(columns))
@@ -133,7 +138,7 @@ def _blocks(
 
 
 def _step(recording: Recording, column: int) -> float:
-    """Return the smallest change between samples of a channel, output units; 0 without any."""
+    """Return the smallest change between samples of a channel, output units; 0 if constant."""
     least = np.inf
     for k in row_blocks(recording.time.size - 1):
         steps = np.abs(np.diff(recording.data[..., k.start : k.stop + 1, column], axis=-1))

@@ -1,9 +1,9 @@
-"""What a turntable did, by its readback: where it held, and where one axis turned.
+"""Holds of a turntable, and turns of a single axis, from its readback.
 
-The table holds where no axis moves by more than its noise within a second. Such stretches are cut
-where samples are missing and where a label changes to another, and settling goes at both ends. An
-axis turns where it has a rate for itself; a turn is told from a way to the next position by its
-label, or by being more than half a turn: to a position the table takes the shorter way.
+The table holds where no axis moves by more than its noise within a second. Holds are cut where
+samples are missing and where one label follows another, and the settling is removed at both ends.
+An axis turns where only this axis has a rate. A label, or an angle of more than half a turn,
+distinguishes a turn from a move to the next position, for which the table takes the shorter way.
 """
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
 
@@ -18,20 +18,20 @@ from inercal.arrays import Array
 Indices = NDArray[np.int64]
 _WINDOW = 1.0  # s
 _LEAST = 1.0  # s, of a hold without its settling
-_APART = 0.5  # s without a sample that end a hold
-_NOISE = 10.0  # standard deviations between least and largest of a second's readings
+_APART = 0.5  # s without a sample after which a hold ends
+_NOISE = 10.0  # standard deviations of noise within which the readings of a second range
 _STILL = 4.8e-5  # rad, 10″: less in a second is the table's control; the earth turns by 15″
 _QUANTA = 2.5
 _COARSEST = 5e-4  # rad, 0.03°, step of a readback
 _DUST = 1e-9  # rad; smaller steps come from rounding
-_SPAN = 0.1  # s to both sides, over which a rate is taken
+_SPAN = 0.1  # s before and after a sample, over which its rate is computed
 _SLOWEST = 9e-4  # rad/s, 0.05 °/s
-_HALF = 3.15  # rad; a turn that nobody names is more than a way between two positions
-_SETTLES = 0.02  # rad, 1°: one that is named is more than what a servo does when it arrives
+_HALF = 3.15  # rad; an unlabelled turn is larger than a move between two positions
+_SETTLES = 0.02  # rad, 1°; a labelled turn is larger than the overshoot of a servo
 
 
 class AxisTurn(NamedTuple):
-    """One axis turning, samples `start` to `stop`, half open."""
+    """A turn of a single axis, samples `start` to `stop`, half open."""
 
     axis: int
     start: int
@@ -41,40 +41,40 @@ class AxisTurn(NamedTuple):
 
 
 def hold_limits(angles: Array) -> Array:
-    """Return by how much each axis may move within a second and yet hold, (k,) rad.
+    """Return the largest motion of each axis within a second of a hold, (k,) rad.
 
     Parameters
     ----------
     angles : (n, k) array
-        Readback, rad, turns counted on.
+        Readback, rad, unwrapped.
     """
-    found: list[float] = []
+    limits: list[float] = []
     for column in angles.T:
-        # Second differences are those of noise wherever the rate is steady: 1 + 4 + 1 variances.
+        # At a steady rate second differences are noise, of 1 + 4 + 1 variances.
         bent = np.abs(np.diff(column, 2))
         noise = float(np.median(bent)) / (0.6745 * 6**0.5) if bent.size else 0.0
         steps = np.abs(np.diff(column))
         resolution = float(steps[steps > _DUST].min(initial=np.inf))
         coarse = _QUANTA * resolution if resolution < _COARSEST else 0.0
-        found.append(max(_STILL, _NOISE * noise, coarse))
-    return np.array(found)
+        limits.append(max(_STILL, _NOISE * noise, coarse))
+    return np.array(limits)
 
 
 def find_holds(
     time: Array, angles: Array, labels: NDArray[np.str_] | None, settling: float
 ) -> Indices:
-    """Return the holds, (h, 2): samples from and to, half open.
+    """Return the holds, (h, 2): half-open ranges of samples.
 
     Parameters
     ----------
     time : (n,) array
         s.
     angles : (n, k) array
-        Readback, rad, turns counted on.
+        Readback, rad, unwrapped.
     labels : (n,) array of str or None
         A hold ends where one label follows another.
     settling : float
-        s that go at both ends, not at the recording's own.
+        s removed at both ends of a hold, but not at the ends of the recording.
     """
     n = time.size
     if n < 2:
@@ -98,25 +98,25 @@ def find_holds(
 
 
 def select_long_holds(time: Array, holds: Indices) -> Indices:
-    """Return the holds (h, 2), samples from and to, that last a second."""
+    """Return the holds, (h, 2), that last a second or more."""
     return holds[time[holds[:, 1] - 1] - time[holds[:, 0]] >= _LEAST * (1 - 1e-3)]
 
 
 def holds_from_numbers(time: Array, number: Array) -> Indices:
-    """Return the holds, (h, 2), of samples (n,) that state theirs; negative is none."""
+    """Return the holds, (h, 2), from the hold number of each sample, (n,); negative for none."""
     parted = (np.diff(time) > _APART) | (number[1:] != number[:-1])
     return _runs(number >= 0, parted)
 
 
 def _runs(wanted: NDArray[np.bool_], parted: NDArray[np.bool_]) -> Indices:
-    """Return the unbroken runs of what is wanted, (r, 2), half open; each parting ends one."""
+    """Return the half-open runs of wanted samples, (r, 2), cut where `parted` is true."""
     cut = np.flatnonzero((wanted[1:] != wanted[:-1]) | parted) + 1
     bounds = np.stack([np.append(0, cut), np.append(cut, wanted.size)], axis=-1)
     return bounds[wanted[bounds[:, 0]]].astype(np.int64)
 
 
 def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> tuple[AxisTurn, ...]:
-    """Return the turns of one axis each, in the order of time; arguments as of `find_holds`."""
+    """Return the turns of a single axis, sorted by time; arguments as of `find_holds`."""
     if time.size < 2:
         return ()
     rate = _rates(time, angles)
@@ -125,25 +125,25 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
     cut = np.flatnonzero((sense[1:] != sense[:-1]).any(axis=1)) + 1
     start, stop = np.append(0, cut), np.append(cut, time.size)
     alone = (sense[start] != 0).sum(axis=1) == 1
-    found: list[AxisTurn] = []
+    turns: list[AxisTurn] = []
     margin = _samples(time, _SPAN)
     for a, b in zip(start[alone].tolist(), stop[alone].tolist(), strict=True):
         axis = int(np.argmax(sense[a] != 0))
         a, b = _extend_to_rest(sense[:, axis], a, b, 2 * margin + 1)
-        # Where an axis starts, stops or turns back its rate is too small to tell.
+        # Near a start, a stop or a reversal the rate is too small to be detected.
         reach = float(np.ptp(angles[max(a - margin, 0) : b + margin, axis]))
-        way = float(sense[a, axis]) * reach
+        angle = float(sense[a, axis]) * reach
         named = labels is not None and bool(labels[(a + b) // 2])
-        if abs(way) > (_SETTLES if named else _HALF):
-            found.append(AxisTurn(axis, a, b, way, float(np.median(rate[a:b, axis]))))
-    return tuple(found)
+        if abs(angle) > (_SETTLES if named else _HALF):
+            turns.append(AxisTurn(axis, a, b, angle, float(np.median(rate[a:b, axis]))))
+    return tuple(turns)
 
 
 def _extend_to_rest(sense: Array, start: int, stop: int, most: int) -> tuple[int, int]:
-    """Return a turn up to where it comes to rest, if another axis starts there or has just stopped.
+    """Return a turn extended to rest, where another axis starts soon after or has just stopped.
 
-    Rates over a span see that axis too soon, and this one too long: rest is halfway. A row of means
-    goes from rest to rest, or it depends on the latency.
+    A rate over a span begins too early and ends too late, so the rest is halfway between the axes.
+    A mean over a turn must extend from rest to rest, or it depends on the latency.
     """
     other = sense != sense[start]
     begin = max(start - most, 0)

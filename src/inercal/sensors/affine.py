@@ -1,12 +1,12 @@
-"""The source's inverse model of a triad, f = M a + p, against the sensor's own coefficients.
+"""The inverse model of a triad, f = M a + p, from the sensor's coefficients and back.
 
-A triad of bias, scale factor and both misalignments an axis reads a = H f + b, where H and b are
-affine in the twelve coefficients (reference form). So M = H⁻¹, p = −H⁻¹ b, one to one, with
+A triad with bias, scale factor and both misalignments of each axis reads a = H f + b, where H and b
+are affine in the twelve coefficients (reference form). So M = H⁻¹, p = −H⁻¹ b, one to one, with
 
     dM = −M dH M,   dp = −M (dH p + db);   dH = −H dM H,   db = −H (dM b + dp)
 
-Inside, everything is in g. θ lists M row after row, then p: Sx Exy Exz, Eyx Sy Eyz, Ezx Ezy Sz,
-Axp Ayp Azp in the source's names.
+All values are in g. θ lists M row after row, then p: Sx Exy Exz, Eyx Sy Eyz, Ezx Ezy Sz,
+Axp Ayp Azp in the notation of the source.
 
 Source: Xiao Changrun, Liu Yang, Liu Ruijie, Transducer and Microsystem Technologies 33(10), 2014,
 equation 1.
@@ -49,13 +49,13 @@ class AffineModel(NamedTuple):
 
     @property
     def inverse(self) -> "AffineModel":
-        """The other way: H and b of M and p, or M and p of H and b."""
+        """The inverse: H and b of M and p, or M and p of H and b."""
         back = np.asarray(np.linalg.inv(self.matrix), dtype=float)
         return AffineModel(back, -(back @ self.offset[..., None])[..., 0])
 
     @property
     def slope(self) -> Array:
-        """Derivative of the inverse's θ by this one's, (..., 12, 12)."""
+        """Derivative of the inverse's θ by this model's θ, (..., 12, 12)."""
         back, offset = self.inverse
         lead = self.matrix.shape[:-2]
         # −H dM H of dM with one entry (j, k) is −(column j of H)(row k of H).
@@ -78,8 +78,9 @@ def require_affine_triad(sensor: Sensor) -> None:
     if kinds != ["f"] * 3 or set(sensor.coefficients) != wanted or sensor.form != "reference":
         raise InputError(
             f"f = M a + p has k0, k1, delta_o and delta_p of three accelerometers in the reference "
-            f"form; sensor {sensor.name} has {', '.join(sensor.coefficients) or 'none'} in the "
-            f"{sensor.form} form; joint finds what is chosen"
+            f"form, but sensor {sensor.name} has {', '.join(sensor.coefficients) or 'none'} in the "
+            f"{sensor.form} form: choose these, or the estimator joint",
+            names=sensor.coefficients,
         )
 
 

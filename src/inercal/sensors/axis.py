@@ -1,4 +1,4 @@
-"""One measuring axis: where it points, how it states its reading, and the motion it sees."""
+"""A measuring axis: its direction, its readout, and the motion along it."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from inercal.sensors.noise import Noise
 
 @dataclass(frozen=True)
 class Readout:
-    """How an axis states its reading: output = offset + scale · (reading in SI).
+    """Readout of an axis: output = offset + scale · (reading in SI).
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class Readout:
     unit : str
         Name of the output unit.
     full_scale : float or None
-        Largest magnitude of output − offset that the axis can state, output units.
+        Largest magnitude of output − offset within the range of the axis, output units.
     """
 
     scale: float = 1.0
@@ -37,7 +37,8 @@ class Readout:
         if not (np.isfinite(self.scale) and self.scale != 0 and np.isfinite(self.offset)):
             raise InputError(
                 f"readout: scale {self.scale} and offset {self.offset}: both must be finite, and "
-                "the scale not zero"
+                "the scale not zero",
+                names=("scale", "offset"),
             )
 
 
@@ -54,7 +55,7 @@ class Axis:
     i, p : tuple of 3 floats
         Nominal input and pendulous axes, orthogonal unit vectors in the sensor's frame; O = I × P.
     readout, noise
-        How it states its reading, and the noise in it.
+        Conversion of its reading to output, and the noise of the reading.
     """
 
     name: str
@@ -68,7 +69,8 @@ class Axis:
         frame = self.frame
         if not np.allclose(frame @ frame.T, np.eye(3), atol=1e-9):
             raise InputError(
-                f"axis {self.name}: I {self.i} and P {self.p} are not orthogonal units"
+                f"axis {self.name}: I {self.i} and P {self.p} must be orthogonal unit vectors",
+                names=(self.name,),
             )
 
     @cached_property

@@ -5,8 +5,8 @@ linear in the coefficients::
 
     y = f_I + Σ c φ(seen)
 
-In the tilted form the misalignments turn the input axis itself and the nonlinear terms act along
-the turned, unit axis h (with the lever arm's part in what it feels)::
+In the tilted form the misalignments rotate the input axis itself and the nonlinear terms act along
+the rotated unit axis h (with the specific force at the end of the lever arm)::
 
     a = h·(f + dω/dt × r + ω × (ω × r)),   h = (1, tan δ_O, −tan δ_P) / norm   along (I, P, O)
     y = a + Σ c φ(seen, with f_I replaced by a)
@@ -46,13 +46,13 @@ def axis_response(
     *,
     derive: bool,
 ) -> AxisResponse:
-    """Return one axis's reading and, on wish, its derivatives.
+    """Return the reading of an axis and, if wanted, its derivatives.
 
     Parameters
     ----------
     axis : Axis
     lines : sequence of ErrorTerm
-        The terms that are modelled.
+        The terms of the model.
     values : mapping of str to (..., 1) array
         Their coefficients in SI by short name.
     motion : Motion
@@ -87,7 +87,7 @@ def axis_response(
                 motion_derivatives[name] += values[line.name] * product.value(seen)
     if geometry is None:
         return AxisResponse(reading, coefficient_derivatives, motion_derivatives)
-    # Chain rule through the turned axis: what acts on `along` acts on a(δ, r, f, ω).
+    # Chain rule through the rotated axis: the terms of `along` are functions of a(δ, r, f, ω).
     outer = motion_derivatives.pop(along)
     motion_derivatives[along] = np.zeros(shape)
     for name, inner in geometry.motion_derivatives.items():
@@ -100,7 +100,7 @@ def axis_response(
 def _tilted_axis_response(
     values: Mapping[str, Array], seen: Mapping[str, Array], along: str
 ) -> AxisResponse:
-    """Return what the turned, displaced axis feels along itself, a, and its derivatives."""
+    """Return the force or rate along the rotated, displaced axis, a, and its derivatives."""
     tan_o = np.tan(values.get("delta_o", np.zeros(1)))
     tan_p = np.tan(values.get("delta_p", np.zeros(1)))
     norm = np.sqrt(1 + tan_o**2 + tan_p**2)

@@ -1,8 +1,8 @@
-"""Basis functions as data: sums of products of the motion that an axis sees.
+"""Basis functions as data: sums of products of the components of motion at an axis.
 
-An axis sees the components of the motion along its own input (I), pendulous (P) and output (O)
-axes. A basis function is written as text, `"fi fp"`, `"-wp wp - wo wo"`, `"0.5 si fi"`, so that
-one declaration gives its value, its exact derivatives and its formula in a report.
+The components are those along its input (I), pendulous (P) and output (O) axes. A basis function is
+written as text, `"fi fp"`, `"-wp wp - wo wo"`, `"0.5 si fi"`: this declaration gives its value, its
+exact derivatives and its formula in a report.
 """
 
 from collections.abc import Mapping
@@ -59,7 +59,7 @@ class Basis:
     @cached_property
     def products(self) -> tuple[Product, ...]:
         """The products of the sum."""
-        found: list[Product] = []
+        products: list[Product] = []
         for part in self.text.replace("- ", "+ -").split("+ "):
             factor = 1.0
             components: list[str] = []
@@ -70,8 +70,8 @@ class Basis:
                     components.append(name)
                 elif name:
                     factor *= float(name)
-            found.append(Product(factor, tuple(components)))
-        return tuple(found)
+            products.append(Product(factor, tuple(components)))
+        return tuple(products)
 
     def value(self, seen: Mapping[str, Array]) -> Array | float:
         """Return the basis function at the motion `seen`."""

@@ -47,7 +47,7 @@ def imu(
 
 
 def single(name: str = "accelerometer", measures: Literal["f", "w"] = "f") -> Sensor:
-    """Return one axis "i" with I along x and P along y."""
+    """Return a single axis "i" with I along x and P along y."""
     return Sensor(name, (Axis("i", measures, *CYCLIC_AXES["x"]),))
 
 
@@ -57,9 +57,9 @@ def pair(name: str = "pair") -> Sensor:
 
 
 def cluster(name: str, input_axes: Sequence[Sequence[float]], measures: Literal["f", "w"] = "f"):
-    """Return a redundant cluster: one axis s1, s2, … along each row of `input_axes`, (m, 3).
+    """Return a redundant cluster: an axis s1, s2, … along each row of `input_axes`, (m, 3).
 
-    P is the horizontal direction at right angles to I (y where I is along z).
+    P is the horizontal direction orthogonal to I (y where I is along z).
 
     Raises
     ------
@@ -70,7 +70,10 @@ def cluster(name: str, input_axes: Sequence[Sequence[float]], measures: Literal[
     for k, row in enumerate(np.asarray(input_axes, dtype=float), start=1):
         length = np.linalg.norm(row)
         if not np.isfinite(length) or length == 0:
-            raise InputError(f"cluster {name}: input axis {k} is {row.tolist()}; give a direction")
+            raise InputError(
+                f"cluster {name}: input axis {k} is {row.tolist()}; state a direction",
+                names=(f"s{k}",),
+            )
         i = row / length
         p = np.cross((0.0, 0.0, 1.0), i)
         p = p / np.linalg.norm(p) if np.linalg.norm(p) > 1e-9 else np.array([0.0, 1.0, 0.0])

@@ -22,20 +22,20 @@ def select_coefficients(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[st
     Raises
     ------
     InputError
-        A word names nothing on these axes; the message lists what they have.
+        A word names no coefficient of these axes; the message lists the known names.
     """
     picked: set[str] = set()
     for word in chosen:
         axis_name, short = CoefficientName(word).parts
-        found = {
+        matching = {
             CoefficientName.of(axis.name, c)
             for k, axis in enumerate(axes)
             if word == short or axis.name == axis_name
             for c in _expand_word(axes, k, short)
         }
-        if not found:
-            raise InputError(_unknown_word_error(axes, word))
-        picked |= found
+        if not matching:
+            raise _unknown_word_error(axes, word)
+        picked |= matching
     return tuple(
         full
         for axis in axes
@@ -45,7 +45,7 @@ def select_coefficients(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[st
 
 
 def _expand_word(axes: Sequence[Axis], k: int, word: str) -> list[str]:
-    """Return the short names on axis k that `word` stands for."""
+    """Return the short names of axis k that `word` selects."""
     table = TABLES[axes[k].measures]
     if word == "nonorthogonality":
         return _nonorthogonality(axes, k)
@@ -55,8 +55,8 @@ def _expand_word(axes: Sequence[Axis], k: int, word: str) -> list[str]:
 def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
     """Return the misalignments of axis k towards the axes of its kind before it.
 
-    Kept alone they make the matrix of a triad lower triangular: the frame is then the sensor's own
-    (x along the first input axis, y in the plane of the first two), with no mounting angles left.
+    With these alone the matrix of a triad is lower triangular: the frame is then that of the sensor
+    (x along the first input axis, y in the plane of the first two), without mounting angles.
     """
     _, pendulous, output = axes[k].frame
     earlier = [a.frame[0] for a in axes[:k] if a.measures == axes[k].measures]
@@ -68,13 +68,14 @@ def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
     return [name for name, direction in toward.items() if is_earlier(direction)]
 
 
-def _unknown_word_error(axes: Sequence[Axis], word: str) -> str:
+def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
     short = sorted({c.name for axis in axes for c in TABLES[axis.measures]})
     words = [*short, *GROUPS, "nonorthogonality", *(axis.name + ".…" for axis in axes)]
     near = get_close_matches(CoefficientName(word).term, dict.fromkeys(words), n=2)
-    hint = f"; did you mean {' or '.join(near)}?" if near else ""
+    hint = f"did you mean {' or '.join(near)}? " if near else ""
     names = ", ".join(axis.name for axis in axes)
-    return (
-        f"no coefficient or group {word!r}{hint} Axes: {names}; coefficients: {', '.join(short)}; "
-        f"groups: {', '.join((*GROUPS, 'nonorthogonality'))}"
+    return InputError(
+        f"no coefficient or group {word!r}; {hint}axes: {names}; coefficients: {', '.join(short)}; "
+        f"groups: {', '.join((*GROUPS, 'nonorthogonality'))}",
+        names=(word,),
     )

@@ -1,4 +1,4 @@
-"""The error models, one coefficient a line.
+"""The error models, a coefficient in each line.
 
 The reading y of an axis, divided by its nominal scale, is the quantity along its input axis I plus
 each coefficient times its basis function::
@@ -6,9 +6,9 @@ each coefficient times its basis function::
     accelerometer   y = f_I + Σ c φ(f, ω, dω/dt, ΔT)        m/s²
     gyro            y = ω_I + Σ c φ(f, ω, ΔT)                rad/s
 
-Seen from an axis, P is its pendulous and O its output axis, O = I × P. `k1` is the departure of
+P is the pendulous axis and O the output axis of an axis, O = I × P. `k1` is the departure of
 the scale factor from nominal (0 is nominal). Signs of the misalignments as in IEEE Std 1293:
-`delta_o` turns I about O and so picks up +f_P; `delta_p` turns I about P and picks up −f_O.
+`delta_o` rotates I about O and adds +f_P; `delta_p` rotates I about P and adds −f_O.
 
 Sources: accelerometer, the model equation of IEEE Std 1293-2018 (clause 8 of its Part I: K0, K0′,
 K1, K1′, Koq, K2, K3, δo, δp, Kip, Kio, Kpo, Kpp, Koo, Kspin, Kang.acc); gyro, IEEE Std 952 and
@@ -25,8 +25,8 @@ G0 = 9.80665  # m/s², exact (CGPM 1901)
 _UG, _PPM, _ARCSEC, _MM = 1e-6 * G0, 1e-6, pi / 648_000, 1e-3
 _DEG_PER_H = pi / 180 / 3600
 _FORCE = ("fi", "fp", "fo")
-LARGEST_RELATIVE_SIZE = 0.1  # of the natural size: a coefficient is hardly larger
-TEMPERATURE_SPAN = 100.0  # K from the reference temperature, that natural sizes are counted with
+LARGEST_RELATIVE_SIZE = 0.1  # of the natural size: larger coefficients are implausible
+TEMPERATURE_SPAN = 100.0  # K from the reference temperature, at which natural sizes are defined
 
 
 @dataclass(frozen=True)

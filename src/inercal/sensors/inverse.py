@@ -1,7 +1,7 @@
 """From readings back to the sensed motion, by Newton's method on the exact model.
 
-Accelerometers and gyros are solved together; with more than three axes of a kind in the sense of
-least squares. An affine model needs one matrix; others iterate, in chunks of bounded memory.
+Accelerometers and gyros are solved together; more than three axes of a kind by least squares. An
+affine model needs a single matrix; other models iterate, in chunks of bounded memory.
 """
 
 import numpy as np
@@ -13,7 +13,9 @@ from inercal.sensors.sensor import Sensor
 
 _CHUNK = 1 << 16  # samples at a time: the slopes of a chunk fit the cache's outer levels
 _MAX_STEPS = 40
-_SINGULAR_TEXT = "the coefficients make the sensor blind along some direction"
+_SINGULAR_TEXT = (
+    "with these coefficients the readings do not depend on the motion in some direction"
+)
 
 
 def inverse(
@@ -27,7 +29,7 @@ def inverse(
     dT: Array | float = 0.0,
     refuse: bool = True,
 ) -> Motion:
-    """Return the motion that reads `y`.
+    """Return the motion whose reading is `y`.
 
     Parameters
     ----------
@@ -37,22 +39,23 @@ def inverse(
     c : (..., p) array
         Coefficients in SI, the order of `sensor.coefficients`.
     f, w : (..., n, 3) arrays, optional
-        What the sensor cannot see for itself. With fewer than three independent input axes of a
-        kind, the components across them are taken from here (those along them are ignored).
-        A sensor without gyros takes ω, one without accelerometers takes f, as zero if not given.
+        Motion that the sensor does not measure. With fewer than three independent input axes of a
+        kind, the components across them are taken from here; those along them are ignored. For a
+        sensor without gyros ω, and without accelerometers f, is zero by default.
     dw : (..., n, 3) array, optional
         Angular acceleration, rad/s², where lever arms are modelled.
     dT : (..., n) array or float
         Temperature minus reference, K.
     refuse : bool
-        Otherwise readings beyond the fold of the model give NaN, as a search may try them.
+        Whether to refuse readings beyond the fold of the model; otherwise they give NaN, as an
+        optimiser needs.
 
     Raises
     ------
     InputError
-        One or two input axes of a kind and no cross components given.
+        One or two input axes of a kind, without the components across them.
     NotInvertible
-        Some reading lies beyond the fold of the model.
+        A reading is beyond the fold of the model.
     """
     basis = _observed_directions(sensor)
     for measures, given, word in (("f", f, "specific force"), ("w", w, "angular rate")):
@@ -60,7 +63,8 @@ def inverse(
         if 0 < rank < 3 and given is None:
             raise InputError(
                 f"sensor {sensor.name} has {rank} independent input axis directions for {word}: "
-                f"give the components across them ({measures}=…), or zeros if there are none"
+                f"pass the components across them as {measures}, or zeros if there are none",
+                key=measures,
             )
     shape = (*y.shape[:-1], 3)
     zero = np.zeros((1, 3))
@@ -90,7 +94,7 @@ def _rank(sensor: Sensor, measures: str) -> int:
 
 
 def _observed_directions(sensor: Sensor) -> Array:
-    """Return an orthonormal basis, (6, k), of the (f, ω) that the input axes can see."""
+    """Return an orthonormal basis, (6, k), of the (f, ω) that the input axes measure."""
     columns: list[Array] = []
     for offset, measures in ((0, "f"), (3, "w")):
         rank = _rank(sensor, measures)
@@ -138,7 +142,7 @@ def _newton(
     first: int,
     refuse: bool,
 ) -> Array:
-    """Return (f, ω), (..., n, 6), for one chunk that begins at sample `first`."""
+    """Return (f, ω), (..., n, 6), of a chunk that begins at sample `first`."""
     origin = _motion(across, rates, dT)
     at_origin = sensor.slope(origin, c) @ basis
     x = _solve(at_origin, y - sensor.forward(origin, c))
@@ -151,14 +155,15 @@ def _newton(
         x, step = x + new, new
         if settled.all():
             break
-    # A bias asymmetry leaves a gap at zero: readings inside it come from no motion, and the steps
-    # hop from one side of it to the other. Zero, between them, is the nearest motion.
-    hopping = (
+    # A bias asymmetry leaves a gap at zero: no motion gives a reading inside it, and the steps
+    # alternate between both sides. Zero, between them, is the nearest motion.
+    alternating = (
         (np.abs(step) > 1e-12 * size)
         & (np.abs(step) <= _asymmetry_gap(sensor, c))
         & (x * (x - step) < 0)
     )
-    x, step = np.where(hopping, 0.0, x), np.where(hopping.any(-1, keepdims=True), 0.0, step)
+    x = np.where(alternating, 0.0, x)
+    step = np.where(alternating.any(-1, keepdims=True), 0.0, step)
     motion = _motion(across + x @ basis.T, rates, dT)
     slope = sensor.slope(motion, c) @ basis
     unsettled = (np.abs(step) > 1e-12 * size).any(axis=-1)
@@ -170,8 +175,9 @@ def _newton(
         row = int(np.flatnonzero(bad.any(axis=tuple(range(bad.ndim - 1))))[0])
         worst = y[..., row, :].reshape(-1, y.shape[-1])[0]
         raise NotInvertible(
-            f"sensor {sensor.name}: the model does not invert at sample {first + row}, reading "
-            f"{np.array2string(worst, precision=4)} SI: beyond the fold of its nonlinear terms"
+            f"sensor {sensor.name}: the model cannot be inverted at sample {first + row}: the "
+            f"reading {np.array2string(worst, precision=4)} SI is beyond the fold of its nonlinear "
+            "terms"
         )
     return across + x @ basis.T
 

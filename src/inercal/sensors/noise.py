@@ -1,4 +1,4 @@
-"""Random errors of one axis: what its Allan deviation shows.
+"""Random errors of an axis, as its Allan deviation shows them.
 
 Symbols and the two-sided spectra of IEEE Std 952, annex B::
 
@@ -7,8 +7,8 @@ Symbols and the two-sided spectra of IEEE Std 952, annex B::
     random walk      K    S(f) = (K/(2π f))²    increments over dt have variance K² dt
     quantisation     step the output is rounded to a multiple of it
 
-With a correlation time τ the bias drifts otherwise, as the Gauss–Markov process of sd B that many
-filters and papers take it for: S(f) = 2 B² τ/(1 + (2π f τ)²), a hump about 1/(2π τ) and no flicker.
+With a correlation time τ the bias drift is not flicker but a Gauss–Markov process of sd B, which
+many filters and papers assume: S(f) = 2 B² τ/(1 + (2π f τ)²).
 """
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
@@ -41,7 +41,7 @@ class Noise:
     Raises
     ------
     InputError
-        One of them is negative or not finite.
+        A value that is negative or not finite.
     """
 
     white: float = 0.0
@@ -53,10 +53,12 @@ class Noise:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"noise {name} = {value}: must be a finite number, 0 or more")
+                raise InputError(
+                    f"noise {name} = {value}: must be a finite number, 0 or more", names=(name,)
+                )
 
     def rounded(self, rate_hz: float) -> "Noise":
-        """Return the noise of samples whose rounding to steps counts as white: q²/12 each."""
+        """Return the noise with the rounding of samples to steps as white noise, q²/12 each."""
         return replace(self, white=np.hypot(self.white, self.quantisation / (12 * rate_hz) ** 0.5))
 
     def draw(self, rng: np.random.Generator, shape: tuple[int, ...], rate_hz: float) -> Array:
@@ -72,7 +74,7 @@ class Noise:
                 noise += self.bias_instability * _flicker(rng, shape)
         if self.random_walk:
             steps = rng.standard_normal(shape)
-            steps[..., 0] = 0.0  # the walk starts from the bias that is to be found
+            steps[..., 0] = 0.0  # the walk starts from the bias to be estimated
             noise += self.random_walk * dt**0.5 * np.cumsum(steps, axis=-1)
         return noise
 
@@ -85,20 +87,21 @@ class Noise:
 
 def _markov(rng: np.random.Generator, shape: tuple[int, ...], step: float) -> Array:
     """Return a unit Gauss–Markov process, stationary from the start; step in correlation times."""
-    # It brings all of SciPy's statistics: 1.6 s, for a noise that few simulations have.
+    # The import takes 1.6 s, with all of SciPy's statistics, and few simulations need it.
     from scipy.signal import lfilter
 
-    kept = np.exp(-step)
-    drawn = rng.standard_normal(shape)
-    drawn[..., 1:] *= np.sqrt(1 - kept**2)
-    return np.asarray(lfilter([1.0], [1.0, -kept], drawn, axis=-1), dtype=float)
+    factor = np.exp(-step)
+    white = rng.standard_normal(shape)
+    white[..., 1:] *= np.sqrt(1 - factor**2)
+    return np.asarray(lfilter([1.0], [1.0, -factor], white, axis=-1), dtype=float)
 
 
 def _flicker(rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
     """Return unit flicker noise, S(f) = 1/(2π f), by shaping white noise in frequency.
 
-    Twice the length is drawn and half of it kept: the transform is periodic, the noise is not.
-    Nothing below the inverse of that length is drawn: a constant is the bias, not its instability.
+    The noise is generated with twice the length, and half of it is returned: the transform is
+    periodic, the noise is not. It has no frequency below the inverse of that length: a constant is
+    the bias, not its instability.
     """
     n = 2 * shape[-1]
     spectrum = np.fft.rfft(rng.standard_normal((*shape[:-1], n)), axis=-1)

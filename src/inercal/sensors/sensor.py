@@ -1,8 +1,7 @@
 """A sensor: named axes, the coefficients that describe their errors, and the exact forward model.
 
-The terms stand in `tables`, what one axis makes of them in `response`; a sensor puts its axes
-together. Everything broadcasts over leading axes of trials: motion `(..., n, 3)`, coefficients
-`(..., p)`.
+`coefficient_tables` has the terms, `axis_model` the response of an axis; a sensor joins its axes.
+All functions broadcast over leading axes of trials: motion `(..., n, 3)`, coefficients `(..., p)`.
 """
 
 from collections.abc import Mapping
@@ -37,18 +36,18 @@ class Sensor:
     Parameters
     ----------
     name : str
-        What the laboratory calls it.
+        The laboratory's name of the sensor.
     axes : tuple of Axis
         Accelerometers and gyros, in the order of the recording's channels.
     coefficients : tuple of str
         Full names, "ax.k0"; see `with_coefficients`.
     form : "reference" or "tilted"
-        Where nonlinear terms act (see `inercal.sensors.axis_model`).
+        Axis along which nonlinear terms act (see `inercal.sensors.axis_model`).
     reference_temperature : float
         K; the model's ΔT is counted from it.
     frame : "mount" or "symmetric"
-        What the misalignments refer to: the mounting's own axes, or the axes in which the matrix of
-        the misalignments is symmetric, for observations that see no rotation.
+        Frame of the misalignments: that of the mounting, or the frame in which their matrix is
+        symmetric, for observations that do not determine a rotation.
 
     Raises
     ------
@@ -67,7 +66,10 @@ class Sensor:
     def __post_init__(self) -> None:
         names = [axis.name for axis in self.axes]
         if len(set(names)) != len(names):
-            raise InputError(f"sensor {self.name}: two axes have one name in {names}")
+            raise InputError(
+                f"sensor {self.name}: axes must have distinct names, not {', '.join(names)}",
+                names=tuple(names),
+            )
         by_axis: dict[str, list[ErrorTerm]] = {name: [] for name in names}
         for full in self.coefficients:
             axis, short = CoefficientName(full).parts
@@ -75,8 +77,9 @@ class Sensor:
             known = {c.name: c for c in tables.get(axis, ())}
             if short not in known:
                 raise InputError(
-                    f"no coefficient {full!r}; axes are {', '.join(names)}"
-                    + (f" and {axis} has {', '.join(known)}" if known else "")
+                    f"no coefficient {full!r}; the axes are {', '.join(names)}"
+                    + (f", and {axis} has {', '.join(known)}" if known else ""),
+                    names=(full,),
                 )
             by_axis[axis].append(known[short])
         object.__setattr__(self, "_by_axis", {k: tuple(v) for k, v in by_axis.items()})
@@ -85,7 +88,7 @@ class Sensor:
         """Return the sensor with coefficients chosen by name, group or axis.
 
         `"bias"`, `"scale"`, `"misalignment"`, `"nonorthogonality"`, … choose for all axes,
-        `"k2"` one coefficient for all axes that have it, `"x.k2"` or `"x.bias"` for one.
+        `"k2"` a coefficient for all axes that have it, `"x.k2"` or `"x.bias"` for a single axis.
         """
         return replace(self, coefficients=select_coefficients(self.axes, chosen))
 
@@ -102,15 +105,15 @@ class Sensor:
         return tuple(axis.name for axis in self.axes)
 
     def coefficient(self, full: str) -> ErrorTerm:
-        """Return the line of the table behind a full name such as "x.k0"."""
+        """Return the table entry of a full name such as "x.k0"."""
         axis, short = CoefficientName(full).parts
         return next(c for c in self._by_axis[axis] if c.name == short)
 
     @cached_property
     def unit_scale(self) -> Array:
-        """Natural size of each coefficient, SI, (p,): it reads 1 g or 1 rad/s at 1 g, 1 rad/s.
+        """Natural size of each coefficient, SI, (p,): its effect is 1 g or 1 rad/s at 1 g, 1 rad/s.
 
-        Of a coefficient of temperature, 100 K from the reference temperature.
+        For coefficients of temperature the effect is that at 100 K from the reference temperature.
         """
         return np.array([self.coefficient(name).unit_scale for name in self.coefficients])
 
@@ -171,17 +174,17 @@ class Sensor:
         return Linearisation(reading, design, slope)
 
     def _linearise_affine(self, motion: Motion, c: Array) -> Linearisation:
-        """Do the same by two products of matrices: y = (A₀ + Σ c B) (f, ω, 1)."""
+        """Return the same from two products of matrices: y = (A₀ + Σ c B) (f, ω, 1)."""
         nominal, change = self._affine_maps
         shape = np.broadcast_shapes(motion.f.shape, motion.w.shape)
         sensed = np.ones((*shape[:-1], 7))
         sensed[..., :3], sensed[..., 3:6] = motion.f, motion.w
         m, p = len(self.axes), len(self.coefficients)
-        whole = nominal + (c @ change.reshape(p, m * 7)).reshape(*c.shape[:-1], m, 7)
-        reading = sensed @ np.swapaxes(whole, -1, -2)
+        maps = nominal + (c @ change.reshape(p, m * 7)).reshape(*c.shape[:-1], m, 7)
+        reading = sensed @ np.swapaxes(maps, -1, -2)
         design = sensed @ np.moveaxis(change, -1, 0).swapaxes(-1, -2).reshape(7, m * p)
         return Linearisation(
-            reading, design.reshape(*design.shape[:-1], m, p), whole[..., None, :, :6]
+            reading, design.reshape(*design.shape[:-1], m, p), maps[..., None, :, :6]
         )
 
     @cached_property

@@ -1,10 +1,10 @@
-"""Units as people write them, "µg/g²" or "°/√h": their size in SI and their dimension.
+"""Units as text, "µg/g²" or "°/√h": their size in SI and their dimension.
 
-A unit is read by this small grammar, so that junk is refused at once and only names reach pint::
+This small grammar refuses junk at once, so that only names reach pint::
 
     product = factor { ["·" | "*" | "/"] factor }
     factor  = ("√" | "sqrt") factor | (name | "1" | "(" product ")") [power]
-    power   = ("^" | "**") exponent | superscripts | a digit right behind the name, as in "m/s2"
+    power   = ("^" | "**") exponent | superscripts | a digit directly after the name, as in "m/s2"
 """
 
 import math
@@ -74,7 +74,7 @@ ZERO_CELSIUS = 273.15  # K, exact (SI brochure, 9th edition, 2.3.1)
 # Characters that look alike or that keyboards lack; µ and μ are two letters to Unicode.
 _LOOK_ALIKE = str.maketrans("μ−–º˚⋅×\u00a0\u2009\u202f\t", "µ--°°··    ")
 _SUPERSCRIPT = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-_LONGEST = 100  # characters; nobody writes more, and it bounds the work on junk
+_LONGEST = 100  # characters; more is junk, and the limit bounds the work on it
 _TOKEN = re.compile(
     r" *(?:(?P<name>[A-Za-zµ]*(?:°C|[°′″%])|[A-Za-zµ]+)"
     r"|(?:\^|\*\*) *(?:(?P<power>-?[0-9](?:\.5)?)|\( *(?P<halves>-?[1-9]) */ *2 *\))"
@@ -85,11 +85,11 @@ _NOT_A_UNIT = "is not a unit; units look like 'm/s²', 'µg/g²' or '°/√h'"
 
 
 class NotationError(Exception):
-    """What is wrong with a text, in words that follow the text itself in the message."""
+    """What is wrong with a text; in the message these words follow the text."""
 
 
 class Unit(NamedTuple):
-    """What one unit is."""
+    """SI size and dimension of a unit."""
 
     size: float  # in SI
     dimension: frozenset[tuple[str, float]]  # such as {("length", 1), ("time", -2)}
@@ -109,7 +109,7 @@ def si_factor(unit: str, like: str | None = None) -> float:
     Raises
     ------
     InputError
-        Not a unit, of another dimension than `like`, or "°C", which is no mere factor (`to_si`).
+        Not a unit, of another dimension than `like`, or "°C", which has an offset (`to_si`).
 
     Examples
     --------
@@ -123,7 +123,7 @@ def si_factor(unit: str, like: str | None = None) -> float:
     with error_context(unit):
         read = require_dimension(unit, like)
         if read.offset:
-            raise NotationError(f"counts from {read.offset:g} K and has no factor; expected 'K'")
+            raise NotationError(f"has its zero at {read.offset:g} K, not at 0 K; use 'K'")
     return read.size
 
 
@@ -142,22 +142,23 @@ def to_si(values: Array, unit: str, like: str) -> Array:
 
 @contextmanager
 def error_context(text: object) -> Generator[None]:
-    """Put `text` before what is found to be wrong with it."""
+    """Raise a `NotationError` as an `InputError` whose message begins with `text`."""
     try:
         yield
     except NotationError as what:
-        raise InputError(f"{_quote(text)} {what}") from None
+        names = (text,) if isinstance(text, str) else ()
+        raise InputError(f"{_quote(text)} {what}", names=names) from None
 
 
 def _quote(text: object) -> str:
-    """Return `text` as messages show it: on one line and not too long."""
+    """Return `text` in quotation marks, in one line and at most 60 characters."""
     # repr() refuses integers beyond sys.get_int_max_str_digits().
     shown = "a huge integer" if isinstance(text, int) and abs(text) > 1e300 else repr(text)
     return shown if len(shown) <= 60 else f"{shown[:56]}…{shown[-1]}"
 
 
 def plain_text(text: str) -> str:
-    """Return `text` without look-alike characters and superscripts."""
+    """Return `text` with plain characters in place of look-alikes and superscripts."""
     if len(text) > _LONGEST:
         raise NotationError(f"is longer than {_LONGEST} characters")
     text = text.translate(_LOOK_ALIKE).replace("℃", "°C")
@@ -165,7 +166,7 @@ def plain_text(text: str) -> str:
 
 
 def require_dimension(unit: str, like: str | None) -> Unit:
-    """Read a unit and hold it to the dimension of `like`."""
+    """Read a unit and refuse it where its dimension is not that of `like`."""
     read = read_unit(unit)
     if like is not None and read.dimension != read_unit(like).dimension:
         raise NotationError(f"is {_dimension_name(read)}; expected {dimension_text(like, like)}")
@@ -173,7 +174,7 @@ def require_dimension(unit: str, like: str | None) -> Unit:
 
 
 def dimension_text(like: str, example: str) -> str:
-    """Return words for the quantities of the dimension of `like`."""
+    """Return the quantity that has the dimension of `like`, in words with an example."""
     return f"{_dimension_name(read_unit(like))}, such as {example!r}"
 
 
@@ -187,8 +188,8 @@ def _dimension_name(unit: Unit) -> str:
 
 @lru_cache(maxsize=1024)
 def read_unit(unit: str) -> Unit:
-    """Return what one unit is; anything that is not a unit is an InputError."""
-    from pint.util import UnitsContainer  # here, not above: see _registry
+    """Return SI size and dimension of a unit; refuse a text that is not a unit."""
+    from pint.util import UnitsContainer  # imported here: see _registry
 
     with error_context(unit):
         powers = _powers(plain_text(unit))
@@ -205,15 +206,15 @@ def read_unit(unit: str) -> Unit:
 
 @cache
 def _registry() -> Any:
-    """Return a registry that knows the units above and nothing else; pint's types are partial."""
-    import pint  # takes 0.2 s: only a program that reads units pays for it
+    """Return a registry of the units above and no others; pint's types are partial."""
+    import pint  # takes 0.2 s, which a program that reads no unit saves
 
-    registry: Any = pint.UnitRegistry  # its constructor takes lines too, against its annotation
+    registry: Any = pint.UnitRegistry  # its constructor takes lines too, unlike its annotation
     return registry([*_PREFIXES, *(definition for definition, _ in _UNITS)])
 
 
 def _powers(plain: str) -> dict[str, float]:
-    """Return the power of each unit by name, reading the grammar at the top of the module."""
+    """Return the power of each unit by name, by the grammar at the top of the module."""
     tokens, end = deque[str | float](), 0  # a float is a power
     while end < len(plain):
         if not (found := _TOKEN.match(plain, end)):
@@ -263,15 +264,14 @@ def _parse_factor(tokens: deque[str | float]) -> dict[str, float]:
 
 
 def _canonical_unit(name: str) -> str:
-    """Return pint's name of a unit that may carry a prefix, or refuse it with near ones."""
+    """Return pint's name of a unit with or without prefix, or refuse it with similar names."""
     for prefix, unit, _ in _registry().parse_unit_name(name):
         if not prefix or prefix in _TAKES.get(unit, ""):
             return prefix + unit
     names = [name for names in _NAMES.values() for name in names]
     names += [prefix + unit for unit, prefixes in _TAKES.items() for prefix in prefixes]
     near = [n for n in names if n.lower() == name.lower()] or get_close_matches(name, names)
-    if near:
-        raise InputError(
-            f"unknown unit {_quote(name)}; did you mean {' or '.join(map(repr, near))}?"
-        )
-    raise InputError(f"unknown unit {_quote(name)}; known are {', '.join(_NAMES)}")
+    advice = f"did you mean {' or '.join(map(repr, near))}?"
+    if not near:
+        advice = f"known are {', '.join(_NAMES)}"
+    raise InputError(f"unknown unit {_quote(name)}; {advice}", names=(name,))

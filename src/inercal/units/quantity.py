@@ -1,4 +1,4 @@
-"""Quantities as people write them, "0.5 m ± 5 µm (k=2)", and back."""
+"""Quantities as text, "0.5 m ± 5 µm (k=2)": reading and writing."""
 
 import math
 import re
@@ -31,7 +31,7 @@ class Measured:
     sd : float
         Standard uncertainty (k = 1), SI; 0 is exact.
     assumed : bool
-        Whether `sd` was not stated, but taken from the last digit of the value as written.
+        Whether `sd` comes from the last written digit of the value, because none was stated.
     """
 
     value: float
@@ -39,30 +39,31 @@ class Measured:
     assumed: bool = field(default=False, repr=False)
 
     def key_if_assumed(self, key: str) -> str:
-        """Return the key where `sd` is of the last digit, and nothing where it was stated."""
+        """Return the key where `sd` comes from the last digit, and "" where it was stated."""
         return key if self.assumed else ""
 
 
 def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) -> Measured:
-    """Return what a person wrote as a quantity, in SI.
+    """Return the value and the standard uncertainty of a written quantity, in SI.
 
     Forms: "0.5 m", "0.5 m ± 5 µm", "(12 ± 3) µg", "9.81 m/s² ± 40 ppm" (relative), "0 ± 0.5 %",
-    "23 °C ± 0.5 K", and any of these followed by "(k=2)"; "+/-" does for "±".
+    "23 °C ± 0.5 K", and any of these followed by "(k=2)"; "+/-" is read as "±".
 
     Parameters
     ----------
     text : str or float
-        A number, or a text without a unit, only where `like` is "1".
+        A number, or a text without a unit, is allowed only where `like` is "1".
     like : str
-        A unit of the dimension that is expected.
+        A unit of the expected dimension.
     last_digit : bool
-        Whether a value without "±" has the uncertainty of its last digit: half a unit of it either
-        way, rectangular (GUM 4.3.7), so that u is that over √3. Else it is exact, as "± 0" is.
+        Whether a value without "±" has the uncertainty of its last digit: a rectangular
+        distribution of half a unit to both sides (GUM 4.3.7), so that u is half a unit over √3.
+        Otherwise such a value is exact, like "± 0".
 
     Raises
     ------
     InputError
-        Anything that is not plainly one finite quantity of that dimension.
+        The text is not an unambiguous, finite quantity of that dimension.
 
     Examples
     --------
@@ -78,7 +79,9 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
         first, *rest = body.split("±")
         number, unit = _split_number_and_unit(first, like)
         if not rest and k:
-            raise NotationError("states k without an uncertainty, such as '0.5 m ± 10 µm (k=2)'")
+            raise NotationError(
+                "states k without an uncertainty; write both as in '0.5 m ± 10 µm (k=2)'"
+            )
         if not rest:
             value = _value(number, unit, like)
             if not last_digit:
@@ -97,12 +100,12 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
 
 
 def format_quantity(value: float, sd: float, unit: str) -> str:
-    """Return a quantity for people, rounded to two significant digits of its uncertainty.
+    """Return a quantity as text, rounded to two significant digits of its uncertainty.
 
     Parameters
     ----------
     value, sd : float
-        SI. An `sd` of 0 is not printed; one that is not finite is printed as it is.
+        SI. An `sd` of 0 is not printed; an `sd` that is not finite is printed unrounded.
     unit : str
         The unit to print in; "1" prints none.
 
@@ -151,7 +154,7 @@ def _plain_quantity(text: object, like: str) -> str:
     if isinstance(text, str) and text.strip():
         return re.sub(r"\+ ?/? ?-", "±", plain_text(text))
     if isinstance(text, bool) or not isinstance(text, (int, float)):
-        raise NotationError(f"is not a quantity; write one such as {_example_text(1, like)}")
+        raise NotationError(f"is not a quantity such as {_example_text(1, like)}")
     if not abs(text) <= sys.float_info.max:
         raise NotationError("is not a finite number")
     return repr(float(text))
@@ -171,7 +174,7 @@ def _coverage(body: str) -> tuple[str, float | None]:
 def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
     """Split "-12 mg" into number and unit."""
     if "," in text:
-        raise NotationError("has a comma; decimals take a point")
+        raise NotationError("has a comma; write decimals with a point")
     found = _QUANTITY.fullmatch(text.strip())
     if not found or not math.isfinite(float(found[1])):
         if like == "1":
@@ -185,20 +188,20 @@ def _split_number_and_unit(text: str, like: str) -> tuple[float, str]:
 def _last_digit_uncertainty(text: str) -> float:
     """Return half a unit of the last digit over √3, in the unit of the number that begins text."""
     found = _QUANTITY.fullmatch(text.strip())
-    assert found is not None  # it was read before
+    assert found is not None  # the caller has parsed this text
     mantissa, _, power = found[1].lower().partition("e")
     decimals = len(mantissa.partition(".")[2])
     return 0.5 * 10.0 ** (int(power or 0) - decimals) / math.sqrt(3)
 
 
 def _shared_unit(number: float, sd_unit: str, like: str) -> str:
-    """Return the unit of a value that has none itself: "12 ± 3 µg" gives it once."""
+    """Return the unit of a value written without: "12 ± 3 µg" states the unit for both."""
     if read_unit(sd_unit or "1").dimension:
         return sd_unit
     # "1 ± 40 ppm" may mean 1 or 1 ppm; only at zero both agree.
     if sd_unit and number and not read_unit(like).dimension:
         raise NotationError(
-            f"can mean {number:g} or {number:g} {sd_unit}; write '(… ± …) {sd_unit}'"
+            f"can mean {number:g} or {number:g} {sd_unit}; write both as in '(5 ± 3) {sd_unit}'"
         )
     return ""
 
@@ -218,16 +221,16 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
     if unit and not sd_unit and sd == 0:
         return 0.0  # "9.81 m/s² ± 0": exact in any unit
     if unit and not sd_unit:
-        raise NotationError(f"states an uncertainty without a unit, such as '{sd:g} {unit}'")
+        raise NotationError(f"states an uncertainty without a unit; write '± {sd:g} {unit}'")
     unit, sd_unit = unit or "1", sd_unit or "1"
     plain = not read_unit(like).dimension
     if plain and value and unit != sd_unit:
-        raise NotationError(f"can be read in two ways; state the uncertainty in {unit!r} too")
+        raise NotationError(f"is ambiguous; state the uncertainty in {unit!r} too")
     if plain or read_unit(sd_unit).dimension:
         with error_context(f"± {sd:g} {sd_unit}"):
             sd *= require_dimension(sd_unit, like).size
     elif value == 0 or read_unit(unit).offset:
-        raise NotationError(f"has no meaning as a ratio; state the uncertainty in {like!r}")
+        raise NotationError(f"states a relative uncertainty, undefined here; state it in {like!r}")
     else:
         sd *= read_unit(sd_unit).size * abs(value)
     if not math.isfinite(sd):
