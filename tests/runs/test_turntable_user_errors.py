@@ -237,7 +237,7 @@ def time_in_milliseconds(one: Recording) -> Recording:
     [
         (at_row("outer", 9999.0), "sample 5000 (50 s)", {"names": ("outer",)}),
         (zero_channel, "", {"names": ("inner",)}),
-        (freeze_channel, " 13", {"names": ("outer",)}),
+        (freeze_channel, " 131 s", {"names": ("outer", "middle", "inner")}),
         (clip_channel, "gx holds 25", {"names": ("gx",)}),
         (cut_gap, "9.99 s", {}),
         (halve_time, "0.005 s", {"key": "[data] gyro"}),

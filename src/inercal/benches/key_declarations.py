@@ -4,10 +4,10 @@ In the frozen dataclass of a bench::
 
     seat: float = deviation("m", "0.5 mm", "radius of a mounting", scope="mounting")
 
-is a field, 0 where Python states nothing. `add_bench_keys` makes the key of the section from it,
-with the text as its default, `build_bench` reads its value in SI, and `declared_parameters` are its
-parameters. What no such line can say stands by hand beside it: the key in the section, the value in
-the call of `build_bench`, the parameter in the bench.
+is a field, 0 where Python states nothing. `add_bench_keys` derives the key of the section from it,
+with the text as its default, `build_bench` reads its value in SI, and `declared_parameters` returns
+its parameters. Other keys are written by hand: the key in the section, the value in the call of
+`build_bench`, the parameter in the bench.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -31,20 +31,20 @@ from inercal.units import Measured
 B = TypeVar("B")
 S = TypeVar("S", bound=BenchSection)
 _EXACT = Measured(0.0, 0.0)
-_SI = {"°": "rad", "1/(m/s²)": "(m/s²)⁻¹"}  # as parameters name it; others stand as they are
+_SI = {"°": "rad", "1/(m/s²)": "(m/s²)⁻¹"}  # units of parameters; other units are unchanged
 _METADATA = "key of [bench]"
 
 
 @dataclass(frozen=True)
 class KeyDeclaration:
-    """What a field of a bench declares.
+    """The declaration of a key of [bench] by a field of a bench.
 
     Parameters
     ----------
     like : str
         A unit of its dimension.
     text, example : str
-        Default of the key, and an example where the default says nothing, with their units.
+        Default of the key, and an example where the default shows nothing, with their units.
     read : callable
         From the section, the key and `like` to the value of the field, SI.
     parameters : str or mapping of str to str
@@ -96,16 +96,16 @@ def deviation(
     text : str
         Default of the key, with its unit: "0.5 mm".
     parameters : str or mapping of str to str
-        Of what it is the deviation: the meaning of the one parameter, which has the field's name,
-        or name and meaning of each, none being possible.
+        The parameters with this deviation: the meaning of one parameter, which has the field's
+        name, or name and meaning of each; there may be none.
     scope, attitude
         Of the parameters, as of `Parameter`.
     key : str
         Its name where it is not the field's.
     example : str
-        Of the key, where the default says nothing.
+        Of the key, where the default shows nothing.
     limit : Limit, optional
-        What it cannot exceed.
+        Its largest possible value.
     default : float
         Of the field where Python states nothing, SI.
     """
@@ -134,8 +134,8 @@ def constant(like: str, text: str, meaning: str, *, example: str = "") -> Measur
 
 @cache
 def declarations(bench: Any) -> Mapping[str, KeyDeclaration]:
-    """Return what the fields of a bench, given by its class, declare: by field."""
-    return {one.name: one.metadata[_METADATA] for one in fields(bench) if _METADATA in one.metadata}
+    """Return the declarations of the fields of a bench, given by its class, by field."""
+    return {own.name: own.metadata[_METADATA] for own in fields(bench) if _METADATA in own.metadata}
 
 
 def declared_parameters(bench: Any, *names: str) -> list[Parameter]:
@@ -158,8 +158,8 @@ def add_bench_keys(
     bench : type
         A dataclass.
     after : mapping of str to str, optional
-        The order of keys in complaints: those written in the section come first. A key that is
-        named here, with those written below it, comes after that declared key.
+        The order of keys in messages: those written in the section come first. A key named here,
+        and those written below it, come after the declared key.
     """
 
     def complete(section: type[S]) -> type[S]:
@@ -173,7 +173,7 @@ def add_bench_keys(
         for name, one in declarations(bench).items():
             key, shown = one.key or name, [one.example] if one.example else None
             keys |= {key: (str, Field(one.text, examples=shown))} | written.get(key, {})
-        # Fields stand in the order of the last base, and are what the first one has them to be.
+        # The last base sets the order of the fields, the first base their definitions.
         ordered = create_model(section.__name__, __base__=BenchSection, **keys)
         result: Any = create_model(
             section.__name__,
@@ -201,7 +201,7 @@ def build_bench(bench: Callable[..., B], section: BenchSection, **by_hand: Any) 
     Raises
     ------
     InputError
-        A quantity that is not of its dimension, or not possible; it names the key.
+        A quantity of another dimension, or not possible; it names the key.
     """
     declared = {
         name: one.read(section, one.key or name, one.like)

@@ -1,7 +1,7 @@
-"""A kind of bench: all that the rest of the package knows of it.
+"""A kind of bench: its interface to the rest of the package.
 
 One object of this type, registered under `inercal.benches`, is a kind of bench. Its functions
-return data: what is drawn and printed, report and terminal draw and print.
+return data, which report and terminal draw and print.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,10 +23,9 @@ from inercal.benches.report_data import (
     specific_force_directions,
 )
 from inercal.data import DataSection, EstimatorInput, Source
-from inercal.errors import InputError
 from inercal.plan import Step
 from inercal.recording import Recording
-from inercal.section_settings import BenchSection
+from inercal.section_settings import BenchSection, key_error
 from inercal.sensors import Noise, Readout, Sensor, imu, triad
 from inercal.units import Measured
 
@@ -56,7 +55,7 @@ class Effect:
     unit, per : str and float
         The value as printed: unit, and how many of it one SI unit is.
     affects_rates : bool
-        Whether gyros alone feel it.
+        Whether it acts only on gyros.
     """
 
     name: str
@@ -69,22 +68,22 @@ class Effect:
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """What reports and messages call things on a kind of bench.
+    """Words of reports and messages for a kind of bench.
 
     Parameters
     ----------
     row : str
         One row of the observations, "state or mounting".
     turning_device : str
-        What turns the sensor, "table".
+        The device that turns the sensor, "table".
     rows : str
         The rows at rates, "states".
     attitudes : str
         Heading of the table of rows.
     components : str
-        What components of the bench's errors are, where that is to be said.
+        Definition of the components of the bench's errors, for the report; may be empty.
     unjudged : str
-        What residuals show where the rows leave no degrees of freedom.
+        Meaning of the residuals where the rows leave no degrees of freedom.
     """
 
     row: str = "position or turn"
@@ -101,14 +100,14 @@ def accept_any_budget(bench: Any, steps: Sequence[Any]) -> str:
 
 
 def total_step_duration(bench: Any, steps: Sequence[Step]) -> float:
-    """Return how long steps last one after the other, s."""
+    """Return the sum of the durations of the steps, s."""
     return sum(step.seconds for step in steps)
 
 
 def import_when_called(module: str, function: str) -> Callable[..., Any]:
     """Return a function of a module that is imported when the function is called.
 
-    What finds sections in recordings comes with compiled kernels, which plans do without.
+    Section detection needs compiled kernels, which plans do not use.
 
     Parameters
     ----------
@@ -125,14 +124,14 @@ def import_when_called(module: str, function: str) -> Callable[..., Any]:
 def simulate_without_sensor(
     perform: Callable[..., SimulatedMotion], *, in_hand: bool = False
 ) -> Simulate[Any]:
-    """Return `Kind.simulate` of a bench whose simulation asks for no sensor.
+    """Return `Kind.simulate` of a bench whose simulation needs no sensor.
 
     Parameters
     ----------
     perform : callable
         From bench, steps, samples per second, generator and number of trials to the motion.
     in_hand : bool
-        Whether `perform` takes the keyword `carried` too: the sensor may stay in a hand.
+        Whether `perform` also takes the keyword `carried`: the sensor may stay in a hand.
     """
 
     def simulate(
@@ -169,17 +168,17 @@ def three_axis_sensor(
         Another number of columns than three.
     """
     if len(columns) != len("xyz"):
-        raise InputError(f"[data] accelerometer: {len(columns)} columns; name three, of x, y, z")
+        raise key_error("[data] accelerometer", f"{len(columns)} columns; name three, of x, y, z")
     return triad(name, "f", "a", *accelerometer) if gyro is None else imu(name, accelerometer, gyro)
 
 
 def keep_plan(options: Mapping[str, Any], bench: Any, folder: Path, plan: Plan) -> Plan:
-    """Return the method's plan as it is."""
+    """Return the method's plan unchanged."""
     return plan
 
 
 def keep_recording(recording: Recording, sensor: Sensor, bench: Any) -> Recording:
-    """Return the recording as it is."""
+    """Return the recording unchanged."""
     return recording
 
 
@@ -213,47 +212,47 @@ class Kind(Generic[B, D]):
     data : type
         [data] of a run file, a `DataSection`.
     build : callable
-        From the section, and the folder in which files lie that it names, to the bench.
+        From the section, and the folder of the files that it names, to the bench.
     steps : tuple of type
-        The kinds of steps that it carries out.
+        The types of steps that it carries out.
     observe : callable
-        From a run to what an estimator needs: a recording or a table of means is read.
+        From a run to the input of an estimator: it reads a recording or a table of means.
     simulate : callable
         From bench, steps, samples per second, generator, number of trials, sensor, and whether the
         sensor stays in the hand between steps.
     seconds : callable
-        From bench and steps to how long they last at most, s; by default one after the other.
+        From bench and steps to their longest duration, s; by default the sum of the steps.
     words : Vocabulary
     effects : tuple of Effect
-        That a budget lists.
+        Effects that a budget lists.
     refuses_budget : callable
-        Returns why a budget of a plan is not possible; "" where it is.
+        Returns the reason why a budget of a plan is not possible; "" where it is possible.
     rows_of_table : bool
-        Whether a table of means says which states there are, not the method's plan: a budget then
-        asks for a plan.
+        Whether the table of means defines the states, not the method's plan: a budget then needs a
+        plan.
     sampled : bool
-        Whether methods follow every sample on it, and do not take means of steps.
+        Whether methods use every sample, not means of steps.
     sensor : callable
-        What stands on the bench, from its name, [data] accelerometer, readout and noise.
+        The sensor on the bench, from its name, [data] accelerometer, readout and noise.
     plan : callable
-        From the keys of [method] that say something of the plan, the bench and the run file's
-        folder, and the method's plan, to the plan of a run.
+        From the keys of [method] that concern the plan, the bench, the run file's folder and the
+        method's plan, to the plan of a run.
     audit : callable
-        What is to be noticed in a recording before anything is made of it.
+        Adds findings to a recording before it is used.
     files : callable
-        Recordings that a simulation writes beside the first, by the names in [data].
+        Further recordings that a simulation writes, by the names in [data].
     sheet : callable or None
-        What the operator does; None where plans are fixed.
+        The worksheet of the operator; None where plans are fixed.
     rests : callable or None
-        The rests that were found in a recording that was refused; None of a bench without rests.
+        The rests in a refused recording; None for a bench without rests.
     directions : callable
-        The measured direction of each row; none are drawn where there is none.
+        The measured direction of each row; may be empty.
     plots : callable
         Further figures of the report.
     row : callable
-        What a row was, in words.
+        A row in words.
     tables : callable
-        Tables beside the calibration, by what they hold: "states".
+        Tables written with the calibration, by their content: "states".
     """
 
     name: str

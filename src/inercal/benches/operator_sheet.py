@@ -1,4 +1,4 @@
-"""What the operator of a bench does, as data: rows to carry out, and a table to be filled."""
+"""The worksheet of a bench's operator, as data: rows to carry out, and a table to be filled."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,8 +16,8 @@ class Heading:
     align_right : bool
         Whether the terminal aligns its cells to the right.
     page : str or None
-        On the printed page; None is `text`. An empty one is left out there: a box or the heading of
-        the group says the same.
+        On the printed page; None is `text`. A column with an empty heading is omitted there: a box
+        or the heading of the group has its content.
     label : bool
         Whether its cells are the headings of the rows of the page.
     wraps : bool
@@ -45,15 +45,15 @@ class SheetRow:
     label : str
         Of the step.
     cells : tuple of str
-        As they are printed, one a heading.
+        As printed, one per heading.
     seconds : float
-        How long it lasts.
+        Duration.
     group : str
-        Rows of one group stand together: a mounting, a pass.
+        Rows of one group are printed together: a mounting, a pass.
     given : tuple of str
-        What is set, in the first columns of the table to be filled.
+        Stated values, in the first columns of the table to be filled.
     facts : mapping of str to Any
-        For JSON, beside label and seconds.
+        For JSON, in addition to label and seconds.
     idle : frozenset of int
         Places, from 0, of the boxes that are not filled in here; the page shades them.
     """
@@ -69,7 +69,7 @@ class SheetRow:
 
 @dataclass(frozen=True)
 class EntryField:
-    """What is filled in by hand on the printed page: its name and unit."""
+    """A box of the printed page that the operator fills in: its name and unit."""
 
     name: str
     unit: str
@@ -86,15 +86,15 @@ class Sheet:
     headings : tuple of Heading
     rows : tuple of SheetRow
     notes : tuple of str
-        What holds for all rows, in words.
+        Instructions for all rows.
     columns : tuple of str, int or None
-        Of the table to be filled, as [data] names them; None is left out.
+        Of the table to be filled, as [data] names them; None is omitted.
     boxes : tuple of EntryField
         Of the printed page; without boxes there is none.
     facts : tuple of str
-        Of plan and bench, for the head of the page; without facts the title stands there.
+        Of plan and bench, for the head of the page; without facts the title is printed there.
     stated : str
-        What the run file states of the bench, in words: uncertainties to expect follow from it.
+        The bench's stated errors, in words: the expected uncertainties follow from them.
     sums : bool
         Whether sums of coefficients, which are known far better than their terms, are listed too.
     """

@@ -1,6 +1,6 @@
-"""What a kind of bench shows of a calibration, as data: directions, plots and tables.
+"""The part of a report that a kind of bench contributes, as data: directions, plots and tables.
 
-Drawing and printing are the report's: a bench gives numbers and words.
+A bench returns numbers and words; the report draws and prints them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ Columns = Mapping[str, Sequence[str] | Sequence[float] | Sequence[int]]
 
 
 class ReportInput(Protocol):
-    """A calibration as a bench sees it; the pipeline's outcome is one."""
+    """The calibration that a bench reports; the outcome of the pipeline has this type."""
 
     @property
     def calibration(self) -> Calibration:
@@ -47,7 +47,7 @@ class ReportInput(Protocol):
 
     @property
     def bench(self) -> Any:
-        """Of the kind that shows."""
+        """Of the kind that reports."""
         ...
 
     @property
@@ -66,13 +66,13 @@ class ReportInput(Protocol):
         ...
 
     def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return what the means say was sensed, by the calibration."""
+        """Return the motion that the calibration computes from the means."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredDirection:
-    """One row as it was measured.
+    """The measured direction of one row.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class MeasuredDirection:
         Unit vector in the sensor's frame: up in a hold, the axis of a turn, the specific force
         where the bench turns.
     deviation_angle : float
-        Angle from the nominal direction, rad; NaN where that is not known.
+        Angle from the nominal direction, rad; NaN where it is unknown.
     """
 
     step: Step
@@ -90,7 +90,7 @@ class MeasuredDirection:
 
 
 def measured_direction(step: Step, vector: Array, nominal: Array | None) -> MeasuredDirection:
-    """Return the direction of a vector, and how far it is off the nominal one, if that is known."""
+    """Return the direction of a vector and its angle from the nominal direction, if known."""
     unit = vector / np.linalg.norm(vector)
     if nominal is None:
         return MeasuredDirection(step, unit, nan)
@@ -99,11 +99,9 @@ def measured_direction(step: Step, vector: Array, nominal: Array | None) -> Meas
 
 
 def specific_force_directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the direction of the specific force in each row, against that of the bench as set."""
-    result, sensed = shown.bench.mean_motion(shown.steps, {}).motion, shown.sensed_motion()
-    return tuple(
-        measured_direction(step, sensed.f[k], result.f[k]) for k, step in enumerate(shown.steps)
-    )
+    """Return the direction of the specific force in each row, against the nominal direction."""
+    nominal, sensed = shown.bench.mean_motion(shown.steps, {}).f, shown.sensed_motion().f
+    return tuple(map(measured_direction, shown.steps, sensed, nominal))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +116,7 @@ class Series:
     sd : (n,) array, optional
         Drawn as ±2.
     hollow : bool
-        Drawn as what is compared with.
+        Drawn as the reference of the comparison.
     """
 
     x: Array
@@ -147,9 +145,9 @@ class Plot:
     name : str
         Of the figure, one word.
     title : str
-        What it shows, for those who do not see it.
+        Description for readers who do not see it.
     text : str
-        What stands above it.
+        Caption.
     y : str
         Label of the panels' common axis.
     panels : tuple of Panel
@@ -163,11 +161,11 @@ class Plot:
 
 
 def describe_row(step: Step, shown: ReportInput, row: int) -> str:
-    """Return what a step was."""
+    """Return a step in words."""
     return step.describe()
 
 
 def describe_spin(step: Step, shown: ReportInput, row: int) -> str:
-    """Return what a state at a rate was, and the norm that was read in it."""
+    """Return a state at a rate, and the norm of its readings, in words."""
     force = float(np.linalg.norm(shown.observations.mean[row, :3])) / G0
     return f"{step.describe()}; reads {force:.4g} g"

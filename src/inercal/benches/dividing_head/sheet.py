@@ -292,7 +292,7 @@ def _autocollimator_notes(bench: DividingHead, data: DividingHeadData) -> list[s
         )
     if bench.polygon:
         found.append(
-            "Do not correct the readings by the polygon's certificate: the calibration applies the "
-            "deviations of its faces."
+            "Take the readings as read, and do not add the polygon's certificate: the calibration "
+            "applies the deviations of its faces."
         )
     return found
