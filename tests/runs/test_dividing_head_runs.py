@@ -407,7 +407,7 @@ def test_a_reading_of_the_autocollimator_that_is_missing_is_refused(tmp_path: Pa
         ('drift = "0 µg"', 'drift = "5 g"', "more than a bias can drift"),
         ('"pairs"', '"some"', "autocollimation: 'some'; it is pairs, every or none"),
         ('"pairs"', '"none"\npolygon = "p.csv"', "reads no face"),
-        ('name = "pair"', 'name = "pair"\nform = "reference"', "state form = \"tilted\""),
+        ('name = "pair"', 'name = "pair"\nform = "reference"', "form = \"tilted\""),
         ('name = "dual_orthogonal"', 'name = "six_position"', "takes 'hand', not 'dividing_head'"),
         ('[bench]', '[sensor.gyro]\nunit = "°/s"\n\n[bench]', "is at rest during a reading"),
         ('kind = "dividing_head"', 'kind = "dividing_head"\nradius = "1 m"', "unknown key bench"),
@@ -619,7 +619,7 @@ def test_the_tumble_of_the_laboratory_gives_its_accelerometer(tmp_path: Path):
             error = calibration.value(f"a.{term}") - value * SCALE[term]
             assert abs(error) < 3 * calibration.uncertainty(f"a.{term}")
     (folder / "tilted.toml").write_text(formulas, encoding="utf-8")
-    refused(folder / "tilted.toml", 'state form = "reference", or take least_squares')
+    refused(folder / "tilted.toml", 'form = "reference", or use estimator least_squares')
 
 
 def test_a_face_at_every_position_gains_what_the_page_says(tmp_path: Path):
