@@ -34,7 +34,7 @@ LARGE = SIZES | {"k0": 1e-3, "k1": 1e-3, "delta": 300 * ARCSEC}
 
 @dataclass(frozen=True)
 class Bench:
-    """Standard deviations of a head and what stands on it; angles in ″, readings in g."""
+    """Standard deviations of a head and the instruments on it; angles in ″, readings in g."""
 
     head: float = 3.0
     shares: tuple[float, float, float] = (0.4, 0.3, 0.3)  # of its variance: harmonics 1, 2, white
@@ -61,7 +61,7 @@ def angles(n: int, *, reverse: bool = False) -> Array:
 
 
 def ramps(rows: int, n: int) -> Array:
-    """Return what a drift of one in each pass of n rows has made, (passes, rows), less its mean."""
+    """Return the effect of a unit drift in each pass of n rows, (passes, rows), less its mean."""
     made = np.clip(np.arange(rows) / n - np.arange(rows // n)[:, None], 0, 1)
     return made - made.mean(axis=1, keepdims=True)
 

@@ -1,4 +1,4 @@
-"""What the generator made, handed to inercal: its recording, marks, bench and plan."""
+"""Generated sessions as inputs of inercal: recording, marks, bench and plan."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 NAMES = ("time", "ax", "ay", "az", "gx", "gy", "gz")
 MOVE = 1.5  # s from a rest to the next
 STEPS = np.repeat([16 * G0, 2000 * DEGREE], 3) / 2**15  # 16 bits for ±16 g and ±2000 °/s
-TOGETHER = 12  # rests made at a time
+TOGETHER = 12  # rests simulated at a time
 RUN = """
 [sensor.accelerometer]
 unit = "m/s²"
@@ -74,7 +74,7 @@ def generate_pieces(n: int, rate_hz: float, every: float) -> Iterator[Array]:
 
 
 def write_raw_file(path: Path, n: int, rate_hz: float, every: float) -> Array:
-    """Return time and readings, (7, n), in a file that stands for memory."""
+    """Return time and readings, (7, n), mapped to a file in place of memory."""
     columns = np.lib.format.open_memmap(path, mode="w+", dtype=np.float64, shape=(len(NAMES), n))
     start = 0
     for part in generate_pieces(n, rate_hz, every):
@@ -114,7 +114,7 @@ SAVE = {".npz": save_npz, ".parquet": save_parquet, ".h5": save_h5}
 
 
 def run_file(path: Path) -> Path:
-    """Return a run file that names the recording, beside it."""
+    """Return the run file of the recording, in the same folder."""
     beside = path.with_suffix(f"{path.suffix}.toml")
     beside.write_text(RUN.format(file=path.name), encoding="utf-8")
     return beside
@@ -123,7 +123,7 @@ def run_file(path: Path) -> Path:
 def measure_command(run: Path) -> Cost:
     """Run the command once."""
     command = ["calibrate", str(run), "--out", str(run.parent)]
-    # Modules are compiled by the first run, not by each, whatever the environment says.
+    # The first run compiles modules, not each run, in any environment.
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     environment["PYTHONPYCACHEPREFIX"] = str(run.parent / "compiled")
     done = subprocess.run(

@@ -54,7 +54,7 @@ class Bench:
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """Devices H (trials, 3, 3) and b (trials, 3); readings and what was felt, (trials, r, 3)."""
+    """Devices H (trials, 3, 3) and b (trials, 3); readings and specific force, (trials, r, 3)."""
 
     matrix: Array
     bias: Array
@@ -104,7 +104,7 @@ def columns(plane: str, tilt: float, second: float | None, reading: str) -> Arra
 
 
 def nominal_force(states: tuple[State, ...], reading: str = "azimuth") -> Array:
-    """Return what is felt without any error, (r, 3)."""
+    """Return the specific force without any error, (r, 3)."""
     rows = [columns(p, t, s, reading) @ [centripetal(w), 0, 1] for p, t, s, w in states]
     return np.array(rows)
 
@@ -121,7 +121,7 @@ def draw(
     states: tuple[State, ...] = PLANAR + TILTED,
     reading: str = "azimuth",
 ) -> Draw:
-    """Return devices and their readings; the same seed makes the same draws."""
+    """Return devices and their readings; equal seeds give equal draws."""
     rng = np.random.default_rng([seed, 201410])
     scale = bench.scale * rng.standard_normal((trials, 3))
     matrix = bench.cross * rng.standard_normal((trials, 3, 3))
@@ -162,7 +162,7 @@ def draw(
 
 
 def random_pose_forces(seed: int, count: int = 300) -> Array:
-    """Return what is felt in any attitude at any speed up to 86 r/min, (count, 3) g."""
+    """Return the specific force in any attitude at speeds up to 86 r/min, (count, 3) g."""
     rng = np.random.default_rng([seed, 300])
     q = rng.standard_normal((count, 4))
     a = centripetal(1.0) * rng.uniform(0, 86, count) ** 2

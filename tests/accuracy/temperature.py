@@ -1,4 +1,4 @@
-"""What temperature does to sensors, beside the other generators: nothing of inercal is imported.
+"""The effect of temperature on sensors, for the other generators: imports nothing of inercal.
 
 A device's bias and scale factor are lines in T − 20 °C; its readings are those of another generator
 with the difference added, y + b_T ΔT + s_T ΔT u, u being what the axis felt. In a chamber the
@@ -50,13 +50,13 @@ def draw(rng: np.random.Generator, trials: int) -> TemperatureSensitivity:
 
 
 def soak_temperatures(n: int, temperatures: tuple[float, ...]) -> Array:
-    """Return the temperature of n samples that stands still at one value after the other, K."""
+    """Return the temperature of n samples, constant at one value after the other, K."""
     at = np.arange(n) * len(temperatures) // n
     return ZERO + np.array(temperatures)[at]
 
 
 def temperature_ramp(n: int, first: float, last: float) -> Array:
-    """Return the temperature of n samples that goes evenly from one value (°C) to another, K."""
+    """Return the temperature of n samples, linear from one value (°C) to another, K."""
     return ZERO + np.linspace(first, last, n)
 
 
@@ -139,7 +139,7 @@ def warm_turntable_recordings(made: Draw, warm: TemperatureSensitivity, temperat
 
 
 def _corrected_motion(readings: Array, truth: Array) -> Array:
-    """Return what was felt, but for noise, of readings (trials, n, 3) and 3 biases, then S."""
+    """Return the specific force, but for noise, of readings (trials, n, 3) and 3 biases, then S."""
     matrix = np.eye(3) + truth[:, 3:].reshape(-1, 3, 3)
     back = np.linalg.inv(matrix).swapaxes(1, 2)
     return (readings - truth[:, None, :3]) @ back

@@ -1,4 +1,4 @@
-"""The whole path, from files to a calibration, on sessions that inercal has not made."""
+"""The full path, from files to a calibration, on sessions simulated without inercal."""
 
 import json
 from pathlib import Path

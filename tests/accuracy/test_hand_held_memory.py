@@ -1,4 +1,4 @@
-"""The whole command on long hand-held recordings: how its memory grows."""
+"""The memory of the command on long hand-held recordings."""
 
 from pathlib import Path
 

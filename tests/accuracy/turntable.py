@@ -45,7 +45,7 @@ def positions(seconds: float = 90.0) -> list[Stand]:
 
 
 def turns(angle: float = 720.0, rate: float = 10.0, *, back: bool = False) -> list[Stand | Turn]:
-    """Return the gyros' part: about x, y and z, and back where that is asked, then rest."""
+    """Return the gyros' part: about x, y and z, optionally back, then rest."""
     home: Stand = ("home", (0, 0, 0), 3.0)
     path: list[Stand | Turn] = [home]
     for name, axis in (("x", 1), ("y", 2), ("z", 0)):
@@ -69,7 +69,7 @@ class Grade:
     vrw: float
     acc_drift: float
     correlation: float = 200.0
-    flicker: bool = False  # of such a bias instability, in place of the drifts
+    flicker: bool = False  # with this bias instability in place of the drifts
 
 
 def grade(arw: float, gyro: float, vrw: float, acc: float, *, flicker: bool = False) -> Grade:
@@ -213,7 +213,7 @@ def simulate_travel(
         if len(step) == 3:
             label, there, seconds = step
             goal = np.radians(there)
-            # A table may count on: the nearest of all equal angles is where it goes.
+            # A table may count whole turns: it moves to the nearest of all equal angles.
             goal = goal + 2 * pi * np.round((now - goal) / (2 * pi))
             each = [(k, d, table.fastest) for k, d in enumerate(goal - now) if abs(d) > 1e-12]
             name, rest = "", round(seconds * hz)
@@ -289,7 +289,7 @@ def draw(
     device: Device = Device(),
     hz: float = 100.0,
 ) -> Draw:
-    """Return recordings; the same seed makes the same draws."""
+    """Return recordings; equal seeds give equal draws."""
     rng = np.random.default_rng([seed, 2308])
     true, speed, late, labels = simulate_travel(path, table, hz)
     n = len(true)
@@ -381,7 +381,7 @@ def _matrix(rng: np.random.Generator, device: Device, trials: int) -> Array:
 
 
 def attitude(angles: Array) -> Array:
-    """Return what readback (..., 3) says the attitude is, (..., 3, 3)."""
+    """Return the attitude by readback (..., 3), (..., 3, 3)."""
     return (
         rotation_about(2, angles[..., 0])
         @ rotation_about(0, angles[..., 1])

@@ -129,7 +129,7 @@ def gyro(
         h[:, :, :3] = np.eye(3)
         z = small_rotation_vector(attitude(angles[:, k + every - 1]) @ c.swapaxes(1, 2))
         if n == 19:
-            # The readback is late: it says where the table was.
+            # The readback is late: it states an earlier angle of the table.
             h[:, :, 18] = earth - (c @ w[:, -1, :, None])[..., 0]
             z = z - h[:, :, 18] * late[:, None]
         ahead = p

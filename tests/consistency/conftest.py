@@ -1,4 +1,4 @@
-"""Three hundred sessions for each base seed, judged by both methods' `ml`, kept as errors."""
+"""Errors of both methods' `ml` in three hundred sessions for each base seed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -32,7 +32,7 @@ TRIMMED = 20  # samples at either end of a true rest
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """What a run of sessions made; χ² of norms, rates and rotations."""
+    """The results of a run of sessions; χ² of norms, rates and rotations."""
 
     error: Array  # (trials, p)
     covariance: Array  # (trials, p, p)
@@ -129,7 +129,7 @@ def test_many_sessions_err_as_stated(seed: int, estimator: str):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_three_hundred_sessions_of_a_trembling_hand_err_as_stated(seed: int):
-    """Taken for noise, the wobble made the stated deviations more than twice too large."""
+    """With the wobble taken as noise, the stated deviations were more than twice too large."""
     judged = judge(seed, TREMBLING, "joint", 300)
     assert_consistent_by_its_own_spread(judged)
     assert_unbiased(judged)

@@ -1,4 +1,4 @@
-"""The same asked of inercal's own simulation: its bench and estimator share one declaration."""
+"""The same for inercal's simulation, whose bench and estimator share one declaration."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Whether `ml` errs by as much as it says: many sessions made by another route than inercal's.
+"""Whether errors of `ml` agree with its uncertainties: sessions simulated without inercal.
 
 Every band is four standard deviations of what is averaged, at three hundred trials.
 """
@@ -55,7 +55,7 @@ def test_no_unbiased_estimator_could_err_less(sessions: Sessions, method: str):
     bound = np.array([bound[name] for name in judged.names])
     rms = np.sqrt(np.mean(judged.error**2, axis=0))
     np.testing.assert_allclose(rms / bound, 1, rtol=0, atol=4 / np.sqrt(2 * TRIALS))
-    # The noise is not told but found, with 114 degrees of freedom: 7 % a trial, 0.4 % in the mean.
+    # The noise is estimated, with 114 degrees of freedom: 7 % a trial, 0.4 % in the mean.
     stated = np.sqrt(np.mean(judged.std**2, axis=0))
     np.testing.assert_allclose(stated / bound, 1, rtol=0, atol=0.02)
 

@@ -135,7 +135,7 @@ def test_classical_is_right_with_perfect_fixtures_and_no_earth():
 
 
 def test_classical_leaves_out_the_fixture_and_the_turn_angle():
-    """The defect claimed of it: with hands' errors it errs by far more than it states."""
+    """The claimed defect: with errors of hands its errors far exceed its uncertainties."""
     rng = np.random.default_rng(36)
     names, error, covariance = classical(mems(rng), replace(HANDS, latitude=None), rng)
     assert nees(error, covariance) > 100
@@ -147,7 +147,7 @@ def test_classical_leaves_out_the_fixture_and_the_turn_angle():
 
 
 def test_classical_takes_the_earth_for_sensitivity_to_gravity_and_ml_does_not():
-    """At rest the vertical part of the earth's rate goes with f: Ω sin φ / g on every gyro."""
+    """At rest the vertical part of the earth's rate is along f: Ω sin φ / g on every gyro."""
     rng = np.random.default_rng(37)
     device = mems(rng, white_g=0.0005 * DEGREE)
     hands = replace(HANDS, latitude=70 * DEGREE)

@@ -77,7 +77,7 @@ class Case(NamedTuple):
     priors: tuple[Gaussian, ...]
 
     def found(self, q: dict[str, float] | None = None, bench: Bench | None = None) -> Estimate:
-        """Return the estimate by another bench than made the data, with its errors at q."""
+        """Return the estimate by a bench with its errors at q, of data of another bench."""
         made = observed(self, q or {})
         return self.by(made, bench or self.bench)
 

@@ -37,7 +37,7 @@ WHOLE = Bench(
 
 
 class Case(NamedTuple):
-    """Calibrations of one bench: what they are made from, and the truth by term, (trials, 2)."""
+    """Calibrations of one bench: their data, and the truth by term, (trials, 2)."""
 
     seen: Observations
     bench: DividingHead
@@ -65,7 +65,7 @@ def observed(y: Array, steps: tuple[Index, ...], noise: float = 0.2e-6) -> Obser
 
 
 def declared(bench: Bench) -> DividingHead:
-    """Return the bench as stated; of `drift`, alike in all passes, nothing is."""
+    """Return the bench as stated; a `drift` common to all passes is not stated."""
     first, second, rest = ARCSEC * bench.head * np.sqrt(bench.shares)
     assert bench.collimated in ("pairs", "every", "none")
     return DividingHead(

@@ -1,4 +1,4 @@
-"""How estimates move with an error of the bench is what they say of it.
+"""Estimates change with an error of the bench by their stated sensitivities.
 
 Of a value that is stated, such as gravity, the statement is shifted and the same data calibrated
 anew: the coefficients move by J times the shift. Of an error that is stated as none ± u, such as a
@@ -88,7 +88,7 @@ def require_alike(given: Case, name: str) -> None:
     expected = moved(given, name, given.bench) * q.sd
     u = np.sqrt(np.diagonal(estimate.covariance))[:p]
     off = np.abs(by[:p] * q.sd - expected)
-    # Nothing that is shared makes a coefficient worse known than it is.
+    # No shared error contributes more than the uncertainty of the coefficient.
     assert (np.abs(by[:p]) * q.sd <= u * (1 + 1e-6)).all()
     assert (off <= NEAR.get(given.estimator, EXACT) * u + 1e-3 * np.abs(expected) + 1e-15).all()
 

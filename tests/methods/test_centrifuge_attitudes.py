@@ -88,7 +88,7 @@ def test_arms_and_symmetric_misalignments_are_recovered_together():
 
 
 def test_arms_are_known_to_a_few_micrometres():
-    """By the note 0.25 to 3 µm, beside scale, bias and bending alone."""
+    """By the note 0.25 to 3 µm, with scale, bias and bending alone."""
     output, rates = reading(TRUTH, printed_attitudes())
     seen, made, spins = table(output, rates, *ARMS)
     found = ml(seen, made, BENCH, in_attitudes(spins, attitudes(printed_attitudes())))

@@ -105,7 +105,7 @@ def test_screening_names_the_coefficient_that_explains_the_scatter(triad: Triad,
     found = find_omitted_coefficients(seen, sensor, BENCH, spins)
     assert found.words == (word,)
     assert screen_rows(seen, found.sensor, BENCH, spins, (), found.agreement) == ()
-    # A slip of the pen besides is found with the coefficient, not blamed on it.
+    # A wrong sign in addition is detected together with the coefficient.
     output[17, 0] *= -1
     seen, sensor, spins = table(output, rates)
     found = find_omitted_coefficients(seen, sensor, BENCH, spins)

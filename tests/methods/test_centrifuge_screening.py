@@ -1,4 +1,4 @@
-"""Rows of a table that violate the norm are found and repaired without being told the truth."""
+"""Rows of a table that violate the norm are detected and repaired without the truth."""
 
 from pathlib import Path
 
@@ -65,7 +65,7 @@ def test_signs_exchanges_and_digits_are_found(seed: int):
     wrong = output.copy()
     wrong[3, 0] *= -1
     wrong[17, [0, 2]] = wrong[17, [2, 0]]
-    wrong[40, 1] += 0.3  # one digit, where no carry is made
+    wrong[40, 1] += 0.3  # one digit, without a carry
     while f"{wrong[40, 1]:.6f}"[:-6] != f"{output[40, 1]:.6f}"[:-6]:
         wrong[40, 1] -= 0.1
     if wrong[40, 1] == output[40, 1]:

@@ -95,7 +95,7 @@ def test_false_alarms_of_joint_are_few():
 
 
 def tumbled(estimator: Callable[..., Estimate], devices: int, third: float = 0.0) -> Counter[str]:
-    """Return what is named of tumble tests whose head has a third harmonic, ″, besides."""
+    """Return the suspects of tumble tests whose head also has a third harmonic, ″."""
     plan, sensor = tumble.positions(12, back=True), tumble.sensor()
     bench = DividingHead(
         Measured(tumble.G * G0, 0.0), (2 * ARCSEC, ARCSEC), collimated="none", base=5 * ARCSEC

@@ -1,4 +1,4 @@
-"""Drifting biases: what forward and reverse cancel, what is stated, and what the note has of it.
+"""Drifting biases: cancellation of forward and reverse, stated uncertainty, the note's figures.
 
 RMS of K0 in µg and mean normalised squared error (NEES) of `joint` with priors of K3 ± 5 and
 Kip ± 20, at a drift of 2 µg (1σ) of each accelerometer in each pass::

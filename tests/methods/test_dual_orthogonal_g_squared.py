@@ -34,7 +34,7 @@ def test_the_design_is_the_slope_of_the_exact_observation():
     assert np.abs(by_name["a.delta_o"] + by_name["b.delta_o"]).max() < 1e-15
     by_name["delta"] = by_name["b.delta_o"]
     slope = np.stack([by_name[name] for name in g_squared.TERMS], axis=-1)
-    # A reading that is larger by a coefficient has felt less.
+    # A larger coefficient means a smaller force behind the same reading.
     assert -slope == pytest.approx(g_squared.design_matrix(made.angles(12)), abs=1e-14)
 
 

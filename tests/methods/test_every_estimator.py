@@ -127,7 +127,7 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
     atol = left_out.get(estimator, 1e-6)
     if chosen.bench is Turntable:
         # Rates are linear between samples, which is not so where an axis starts; the others have
-        # room for that beside the readback.
+        # room for that besides the readback.
         atol = 2e-5 if estimator == "paper" else 1e-6
     np.testing.assert_allclose(
         found.value[:p] / sensor.unit_scale, c / sensor.unit_scale, atol=atol

@@ -1,4 +1,4 @@
-"""What methods by hand leave out: named from sessions that inercal has not made."""
+"""Coefficients that methods by hand omit are named, in sessions simulated without inercal."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -50,7 +50,7 @@ def six(change: Change | None, seed: int = 1, estimator: str = "ml") -> Estimate
 
 
 def suspect_of(estimate: Estimate) -> tuple[str, tuple[str, ...]]:
-    """Return the suspect's components and what cannot be told from it."""
+    """Return the suspect's components and the suspects that are not separated from it."""
     found = assess(estimate, len(estimate.wanted)).suspect
     assert found is not None
     return ",".join(found.components), found.indistinguishable

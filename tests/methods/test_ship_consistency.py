@@ -126,7 +126,7 @@ def test_a_row_that_is_wrong_has_the_name_of_its_row(name: str):
         readings = given.seen.mean[0].copy()
         readings[k] += 0.05 * G0
         suspect = assess(of_one(name, given, readings=readings), len(SENSOR.coefficients)).suspect
-        # Untilted states alone do not tell the two speeds of one mounting apart.
+        # Untilted states alone do not separate the two speeds of one mounting.
         assert suspect is not None
         assert STEPS[k].label in (suspect.name, *suspect.indistinguishable)
         assert suspect.kind == "row"
@@ -151,7 +151,7 @@ def test_scores_say_how_the_estimate_shifts(name: str):
 
 
 def centripetal(given: Case, trial: int, radius: float, rate: float) -> Array:
-    """Return readings where radius and rate are other than the bench is told."""
+    """Return readings where radius and rate differ from those that the bench states."""
     told = given.bench
     turned = [replace(step, rate=step.rate * (1 + rate)) for step in given.steps]
     other = replace(told, radius=replace(told.radius, value=RADIUS + radius))
@@ -201,7 +201,7 @@ def test_what_is_visible_is_not_called_consistent(name: str):
     given = case(21, 40)
     for what, effect in EFFECTS.items():
         if name == "planar" and what == "k1_prime":
-            continue  # untilted, no axis feels anything negative: it cannot be told from k1
+            continue  # untilted, no axis senses a negative force: it is not separated from k1
         size = visible(name, given, what)
         judged = [
             assess(of_one(name, given, k, effect(given, k, size)), len(SENSOR.coefficients))

@@ -1,4 +1,4 @@
-"""`ship_planar` against its method note: exact, as far off as the note says, and as it states."""
+"""`ship_planar` against its method note: exact, with the note's errors, and as it states."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -40,7 +40,7 @@ NINE = planar_plan()
 def test_the_nine_states_have_the_papers_rank_and_the_notes_condition():
     rows = np.insert(nominal_force(PLANAR), 3, 1.0, axis=1)
     assert np.linalg.matrix_rank(rows) == 4
-    # The note says 5.2: of what an ideal sensor reads at 0.25 m it is 5.08.
+    # The note states 5.2: an ideal sensor at 0.25 m has 5.08.
     assert np.linalg.cond(rows) == pytest.approx(5.08, abs=0.005)
     assert centripetal(86) == pytest.approx(2.068, abs=1e-3)
 

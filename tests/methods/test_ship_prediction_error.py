@@ -1,4 +1,4 @@
-"""What a calibration says of fresh poses, against how far its corrected readings are off there."""
+"""The stated error of fresh poses against the true error of corrected readings there."""
 
 from dataclasses import replace
 

@@ -53,7 +53,7 @@ def test_error_free_norms_give_the_sensor_in_the_stated_frame():
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_damped_states_what_it_reaches_in_the_stated_frame(seed: int):
     trials = 400
-    # XY 135 + 45 alone tells x from y, to 1°, whose square counts: 1.09, by 12 000 devices.
+    # XY 135 + 45 alone separates x from y, to 1°, whose square counts: 1.09, by 12 000 devices.
     for size, most in ((0.25, 1.0), (1.0, 1.09)):
         bench = Bench(seat=size * Bench.seat, speed=size * Bench.speed, noise=size * Bench.noise)
         given = case(seed, trials, bench)

@@ -1,4 +1,4 @@
-"""The tumble test against an accelerometer and a dividing head made apart from inercal."""
+"""The tumble test on an accelerometer and a dividing head simulated without inercal."""
 
 from dataclasses import replace
 from math import pi, radians

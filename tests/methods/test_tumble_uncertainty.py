@@ -183,9 +183,9 @@ def assert_consistent(errors: Array, covariance: Array) -> None:
 
 
 def test_a_head_of_three_arcseconds_makes_of_a_single_accelerometer_what_the_method_note_says():
-    """Worked out apart from this project; 3″, harmonic shares .4 and .3 of variance, .3 white."""
+    """Computed outside this project; 3″, harmonic shares .4 and .3 of variance, .3 white."""
     rng, trials, size = np.random.default_rng(5), 4000, 3 * ARCSEC
-    # A sine of amplitude a has variance a²/2, and there is a cosine beside it.
+    # A sine of amplitude a has variance a²/2, and so has its cosine.
     waves = (size * 0.4**0.5, size * 0.3**0.5)
     bench = DividingHead(EXACT.gravity, waves, collimated="none", pier=size * np.sqrt(0.3))
     made, plan = sensor(), positions(12)

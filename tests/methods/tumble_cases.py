@@ -1,4 +1,4 @@
-"""Tumble tests of one device, made apart from inercal, and how far their estimates are off."""
+"""Tumble tests of one device, simulated without inercal, and the errors of their estimates."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""One run of each study for all tests of it."""
+"""One run of each study, shared by all its tests."""
 
 import pytest
 
@@ -26,7 +26,7 @@ def ship_model_study() -> Study:
 
 @pytest.fixture(scope="session")
 def two_devices() -> turntable_trials.TurntableTrials:
-    """Return what the fourth study's filters made of two devices, each of half an hour."""
+    """Return the results of the fourth study's filters on two devices, each of half an hour."""
     return turntable_trials.run_filters(2, 7, lambda _: None)
 
 

@@ -132,7 +132,7 @@ def run_reproduce(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 def reproduce_calls(
     monkeypatch: pytest.MonkeyPatch, centrifuge_study: Study
 ) -> list[tuple[str, int, int]]:
-    """Have the verb find the study ready; hold what it asked for."""
+    """Replace `reproduce` by a finished study; return the list of its calls."""
     found: list[tuple[str, int, int]] = []
 
     def at_once(name: str, trials: int, seed: int, say: Callable[[str], object]) -> Study:

@@ -187,8 +187,9 @@ class ClosedFormulas:
             lost = np.array(sensor.coefficients)[rootless].tolist()
             axes = tuple(sorted({CoefficientName(name).axis for name in lost}))
             raise InputError(
-                f"estimator {self.name} takes the square root of the fourth-power coefficients of "
-                f"{', '.join(axes)}, which noise makes negative; use estimator series or ml",
+                f"estimator {self.name}: the noise makes the fourth-power coefficients of "
+                f"{', '.join(axes)} negative, and k2 is their square root; use estimator series or "
+                "ml",
                 names=axes,
             )
         notes = (NOISE_ONLY_NOTE, SIGN_NOTE)

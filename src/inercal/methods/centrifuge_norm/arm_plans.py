@@ -52,7 +52,7 @@ def plan(
     """
     if attitudes not in ATTITUDES:
         raise InputError(
-            f"there are no attitudes {attitudes!r}; choose {' or '.join(ATTITUDES)}",
+            f"attitudes {attitudes!r} are unknown; choose {' or '.join(ATTITUDES)}",
             key="attitudes",
             names=(attitudes,),
         )

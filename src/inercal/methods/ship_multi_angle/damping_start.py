@@ -95,8 +95,8 @@ def require_convergence(
     )
     if blind:
         raise NotObserved(
-            f"not observed: norms of these {len(groups)} tilted states do not show rotations or "
-            f"{'; '.join(blind)}, so the damped iteration does not converge; add tilts of a second "
+            f"not observed: norms of these {len(groups)} tilted states do not show "
+            f"{'; '.join(blind)}: the damped iteration does not converge; add tilts of a second "
             "kind, such as XY 135 + 45, or use estimator joint",
             blind,
         )

@@ -28,7 +28,7 @@ def run(trials: int, seed: int, say: MessageCallback) -> Study:
     sections = [
         planar.section(found),
         equation_rank.section(),
-        equation_rank.damping_section(found),
+        equation_rank.damped_section(found),
     ]
     say(f"global searches of {searches} devices")
     searched = optimiser.compare_searches(found.case, searches, seed)

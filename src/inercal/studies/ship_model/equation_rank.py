@@ -98,7 +98,7 @@ def section() -> StudySection:
     )  # fmt: skip
 
 
-def damping_section(found: EstimatorComparison) -> StudySection:
+def damped_section(found: EstimatorComparison) -> StudySection:
     """Return the section of the damped least squares."""
     norms, vectors = (
         [median_estimate(of(name) / MILLI) for name in ("damped", "planar")]
