@@ -15,7 +15,7 @@ from inercal.benches.report_data import describe_spin
 from inercal.plan import Spin
 
 _UNJUDGED = (
-    "the nominal motion, of a tilted state its norm, minus that by the model from one mean reading"
+    "the nominal motion, or norm of a tilted state, minus that by the model from one reading"
 )
 
 

@@ -63,13 +63,11 @@ def observe(run: Source[RateTableData]) -> EstimatorInput:
 
 
 def _table(run: Source[RateTableData]) -> EstimatorInput:
-    named, units = readback_columns(run), readback_units(run)
-    wanted = reader_columns(run)
-    path = run.file(run.data.file)
+    rate, unit = readback_columns(run)["arm_rate"], readback_units(run)["arm_rate"]
+    wanted, path = reader_columns(run), run.file(run.data.file)
     where = str(run.data.mounting)
-    table = read_columns(path, wanted, [where, named["arm_rate"]])
-    rates = number_column(path, table, named["arm_rate"], "give the rate, 0 at rest,")
-    rates = rates * units["arm_rate"]
+    table = read_columns(path, wanted, [where, rate])
+    rates = number_column(path, table, rate, "give the rate, 0 at rest,") * unit
     poses = [
         _parse_mounting(
             position_name(text), f"{path} line {table.first_line + k}: column {where!r}", where
@@ -77,17 +75,17 @@ def _table(run: Source[RateTableData]) -> EstimatorInput:
         for k, text in enumerate(table.columns[where].tolist())
     ]
     rpm = (rates * 30 / pi).tolist()
-    names = [f"{pose.name} at {rate:.6g} rpm" for pose, rate in zip(poses, rpm, strict=True)]
+    names = [f"{pose.name} at {turning:.6g} rpm" for pose, turning in zip(poses, rpm, strict=True)]
     labels = tuple(number_repeated_names(names))
     durations = np.ones(len(labels))  # nothing depends on them
     observations = observations_from_table(
         path, table, labels, wanted, run.sensor, stated_deviations(run), durations
     )
     steps = tuple(
-        Spin(label, rate, 0.0, pose)
-        for label, rate, pose in zip(labels, rates.tolist(), poses, strict=True)
+        Spin(label, turning, 0.0, pose)
+        for label, turning, pose in zip(labels, rates.tolist(), poses, strict=True)
     )
-    used = [where, named["arm_rate"], *(name for _, name, _ in wanted.channels)]
+    used = [where, rate, *(name for _, name, _ in wanted.channels)]
     return EstimatorInput(
         None, (), observations, steps, steps, _duplicate_row_findings(path, table, used)
     )
@@ -125,8 +123,7 @@ def reduce_recording(run: Source[RateTableData], recording: Recording) -> Estima
     dwells, flawed = find_dwells(recording, "table")
     turning, spun = average_dwells(recording, run.sensor, dwells)
     rests, also = find_stationary_states(recording)
-    names = [mark.label for mark in rests]
-    held = [Spin(name, 0.0) for name in names]
+    held = [Spin(mark.label, 0.0) for mark in rests]
     both = averaged(recording, run.sensor, rests, held, found=True) if rests else None
     observations = turning if both is None else join_observations(turning, both)
     marks = (*(dwell.mark for dwell in dwells), *rests)

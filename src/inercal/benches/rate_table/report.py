@@ -24,21 +24,12 @@ from inercal.sensors import G0
 _MG = 1e-3 * G0
 
 
-def deviations(shown: ReportInput) -> tuple[Array, Array, Array]:
-    """Return the rates, (r,) r/min, and the errors of raw and corrected readings, (r, 3) m/s².
-
-    Errors against the nominal motion: both include the errors of the mountings.
-    """
-    spins = [step for step in shown.steps if isinstance(step, Spin)]
-    result = sensed_motion(shown.bench, spins, {}).f
-    mean, corrected = shown.observations.mean, shown.sensed_motion().f
-    rates = np.array([abs(step.rate) for step in spins]) * 30 / pi
-    return rates, mean - result, corrected - result
-
-
 def plots(shown: ReportInput) -> tuple[Plot, ...]:
-    """Return the deviations of each axis against the rate, as in the source's Figs. 3 to 9."""
-    rates, before, after = deviations(shown)
+    """Return deviations from the nominal motion by rate, as in the source's Figs. 3 to 9."""
+    spins = [step for step in shown.steps if isinstance(step, Spin)]
+    nominal = sensed_motion(shown.bench, spins, {}).f
+    before, after = shown.observations.mean - nominal, shown.sensed_motion().f - nominal
+    rates = np.array([abs(step.rate) for step in spins]) * 30 / pi
     panels = tuple(
         Panel(
             channel,
@@ -84,17 +75,15 @@ def output_tables(run: Source[RateTableData], outcome: ReportInput) -> dict[str,
     axes = [unsigned_column(column) for column in data.accelerometer]
     columns: dict[str, Sequence[str] | Sequence[float] | Sequence[int]] = {
         str(data.mounting): [mounting[k] for k in order],
-        readback_columns(run)["arm_rate"]: _round_values([rates[k] / size for k in order]),
+        readback_columns(run)["arm_rate"]: _rounded(np.array(rates)[order] / size),
     }
     for suffix, values in (("", mean), (SD_SUFFIX, sd)):
-        columns |= {
-            a + suffix: _round_values(values[order, k].tolist()) for k, a in enumerate(axes)
-        }
+        columns |= {a + suffix: _rounded(values[order, k]) for k, a in enumerate(axes)}
     columns["turns"] = [turns[k] for k in order]
-    columns["seconds"] = _round_values(seen.duration[order].tolist())
+    columns["seconds"] = _rounded(seen.duration[order])
     return {"states": columns}
 
 
-def _round_values(values: Sequence[float]) -> list[float]:
+def _rounded(values: Array) -> list[float]:
     """Return numbers of twelve digits, which avoids "45.99999999999999"."""
     return [float(f"{value:.12g}") for value in values]

@@ -36,9 +36,8 @@ def sheet(run: Source[RateTableData]) -> Sheet:
                 {"mounting": name, "up": up, "rpm": rpm, "felt": f.tolist()},
             )
         )
-    minutes = sum(step.seconds for step in steps) / 60
     return Sheet(
-        f"{len(rows)} states, {minutes:.3g} min in all",
+        f"{len(rows)} states, {sum(step.seconds for step in steps) / 60:.3g} min in all",
         (
             Heading("row", align_right=True),
             Heading("mounting"),
