@@ -5,9 +5,9 @@ from math import atan, atan2, cos, hypot, pi, sin, sqrt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.refusals import refused
 
 from inercal.earth import EARTH_RATE, earth_rate_up_north, normal_gravity
-from inercal.errors import InputError
 
 A, F, GM, OMEGA = 6378137.0, 1 / 298.257223563, 3986004.418e8, 7.292115e-5  # WGS 84, defining
 
@@ -85,15 +85,15 @@ def test_computed_gravity_is_uncertain_by_the_local_anomaly():
 
 @pytest.mark.parametrize("degrees", [90.001, -91, 4500, float("nan"), float("inf")])
 def test_latitudes_beyond_the_poles_are_refused(degrees: float):
-    with pytest.raises(InputError, match=r"latitude .*° is outside −90° … 90°"):
+    with refused(key="latitude"):
         normal_gravity(degrees * pi / 180, 0.0)
-    with pytest.raises(InputError, match=r"latitude .*° is outside −90° … 90°"):
+    with refused(key="latitude"):
         earth_rate_up_north(degrees * pi / 180)
 
 
 @pytest.mark.parametrize("height", [-1001, 20001, 4e5, float("nan")])
 def test_heights_off_the_series_are_refused(height: float):
-    with pytest.raises(InputError, match=r"height .* m is outside −1 km … 20 km"):
+    with refused(key="height"):
         normal_gravity(0.0, height)
 
 

@@ -29,7 +29,7 @@ class DataSection(Section):
     gyro: tuple[str | int, str | int, str | int] = ("gyr_x", "gyr_y", "gyr_z")
     gyro_file: str | None = Field(
         None,
-        description="the gyros' columns, where they stand in a file of their own, same rows",
+        description="file with the gyros' columns and the same rows, if it is not file",
         examples=["gyro.mat"],
     )
     time: str | int | None = None
