@@ -214,8 +214,8 @@ def check_time_order(recording: Recording, where: SampleLocator) -> _CheckResult
     worst = int(back[0])
     others = f", and at {back.size - 1} more places" if back.size > 1 else ""
     text = (
-        f"time decreases by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: the "
-        "clock was reset or two files were joined; split the file there"
+        f"time decreases by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: "
+        "the clock was reset or two files were joined; split the file there"
     )
     return _CheckResult([Finding("refused", "order", text, None, worst + 1, worst + 2)])
 
