@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.frames import (
     attitude_from_vertical,
     decompose_symmetric,
@@ -127,7 +127,7 @@ def test_azimuth_turns_a_tilted_body_about_the_vertical():
 
 @pytest.mark.parametrize("up", [[0, 0, 0], [np.nan, 0, 1], [np.inf, 0, 0]])
 def test_from_up_refuses_a_direction_without_length(up: list[float]):
-    with pytest.raises(InputError, match="upward direction"):
+    with refused(key="up"):
         attitude_from_vertical(up)
 
 
@@ -195,18 +195,16 @@ def test_rows_of_very_different_sensitivity_keep_their_own_precision():
 
 @pytest.mark.parametrize("decompose", [decompose_triangular, decompose_symmetric])
 @pytest.mark.parametrize(
-    ("mat", "what"),
+    "mat",
     [
-        (np.zeros((3, 3)), "the matrix is singular"),
-        (np.arange(9.0).reshape(3, 3), "the matrix is singular"),
-        (np.diag([1.0, 1.0, 0.0]), "the matrix is singular"),
-        (np.diag([1.0, 1.0, -1.0]), "the matrix is mirrored"),
-        (np.full((3, 3), np.nan), "not finite"),
-        (np.stack([np.eye(3), np.ones((3, 3))]), r"the matrix \[1\] is singular"),
+        np.zeros((3, 3)),
+        np.arange(9.0).reshape(3, 3),
+        np.diag([1.0, 1.0, 0.0]),
+        np.diag([1.0, 1.0, -1.0]),
+        np.full((3, 3), np.nan),
+        np.stack([np.eye(3), np.ones((3, 3))]),
     ],
 )
-def test_matrices_without_a_unique_decomposition_are_refused(
-    decompose: Decompose, mat: Array, what: str
-):
-    with pytest.raises(InputError, match=what):
+def test_matrices_without_a_unique_decomposition_are_refused(decompose: Decompose, mat: Array):
+    with refused(key="mat"):
         decompose(mat)

@@ -1,12 +1,12 @@
-"""Things by name, of this package and of others."""
+"""Objects by name, of this package and of others."""
 
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.methods import METHODS
 from inercal.registry import Registry
 
@@ -52,25 +52,25 @@ def test_an_entry_point_registers_an_object(site: Path) -> None:
 
 def test_a_package_may_not_take_a_name_of_this_one(site: Path) -> None:
     install_metadata(site, "theirs", plain="json:loads")
-    with pytest.raises(InputError, match=r"theirs.*'plain'.*inercal"):
+    with refused(names=["plain"]):
         registry().find("loads")
 
 
 def test_two_packages_with_one_name_are_refused(site: Path) -> None:
     install_metadata(site, "first", loads="json:loads")
     install_metadata(site, "second", loads="json:load")
-    with pytest.raises(InputError, match=r"'loads'"):
+    with refused(names=["loads"]):
         registry().find("loads")
 
 
-def test_an_entry_point_that_cannot_be_loaded_names_its_package(site: Path) -> None:
+def test_an_entry_point_that_cannot_be_loaded_is_refused(site: Path) -> None:
     install_metadata(site, "theirs", broken="json:nothing")
-    with pytest.raises(InputError, match=r"'broken' of package theirs"):
+    with refused(names=["broken"]):
         registry().find("broken")
 
 
-def test_an_unknown_name_lists_the_known_names() -> None:
-    with pytest.raises(InputError, match=r"no thing 'other'; there are plain, missing"):
+def test_an_unknown_name_is_refused() -> None:
+    with refused(names=["other"]):
         registry().find("other")
 
 
@@ -79,7 +79,7 @@ def test_with_registers_an_entry_temporarily() -> None:
     with things.with_("more", 3):
         assert things.find("more") == 3
     assert "more" not in things
-    with pytest.raises(InputError), things.with_("plain", 3):
+    with refused(names=["plain"]), things.with_("plain", 3):
         pass
 
 

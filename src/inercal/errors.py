@@ -79,14 +79,14 @@ class InputError(InercalError):
 
 
 class NotObserved(InercalError):
-    """The data do not determine what was asked for.
+    """The data do not determine the wanted parameters.
 
     Parameters
     ----------
     message : str
         One line for a person.
     directions : tuple of str, optional
-        Each combination of coefficients that the data leave free, in words.
+        Each combination of coefficients that the data do not determine, in words.
     key, names : optional
         As of `InercalError`.
     """
@@ -104,25 +104,26 @@ class NotObserved(InercalError):
 
 
 class NotInvertible(InercalError):
-    """A reading that the error model cannot have produced, or that it folds back on."""
+    """The error model has no motion, or no unique motion, for a reading."""
 
 
 @contextmanager
 def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator[None]:
-    """Say which extra to install where one of the packages that it brings is missing.
+    """Raise an error that names the extra to install where one of its packages is missing.
 
     Parameters
     ----------
     extra : str
-        As pip takes it, "report".
+        Name of the extra for pip, "report".
     what : str
-        What needs it, "reports need matplotlib and jinja2".
+        Begin of the message, "reports need matplotlib and jinja2".
     packages : tuple of str
+        The packages of the extra.
 
     Raises
     ------
     InputError
-        One of them cannot be imported. What is wrong with any other module is raised as it is.
+        One of the packages cannot be imported. Import errors of other modules are not changed.
     """
     try:
         yield

@@ -1,16 +1,16 @@
-"""Rotations between frames, and the two ways to split a triad's matrix into shape and attitude.
+"""Rotations between frames, and two decompositions of a triad's matrix into shape and attitude.
 
 `vec_a` is a vector's components in frame a; `mat_ab` takes them from b to a: vec_a = mat_ab vec_b.
-Every function is batched: it takes `(..., 3)` or `(..., 3, 3)` and treats the leading axes alike.
+Every function is batched over leading axes: it takes `(..., 3)` or `(..., 3, 3)`.
 
-A rotation vector ρ turns by the angle θ = |ρ| about ρ/θ, right-handed (Rodrigues)::
+A rotation vector ρ rotates by the angle θ = |ρ| about ρ/θ, right-handed (Rodrigues)::
 
     exp(ρ) = I + (sin θ/θ) [ρ×] + ((1 − cos θ)/θ²) [ρ×]²
 
-A triad's matrix M (sensor axes as rows) is shape times attitude in two ways: M = L Q with L lower
-triangular, which ties the first sensor axis to the frame, and M = S Q with S symmetric (the polar
-decomposition), which favours no axis. Q is a rotation in both. Sources: Golub and Van Loan, Matrix
-Computations, 4th edition, 5.2 (QR) and 9.4.3 (polar).
+A triad's matrix M (sensor axes as rows) is decomposed into shape and attitude as M = L Q with L
+lower triangular, which ties the first sensor axis to the frame, or as M = S Q with S symmetric (the
+polar decomposition), which favours no axis. Q is a rotation in both. Sources: Golub and Van Loan,
+Matrix Computations, 4th edition, 5.2 (QR) and 9.4.3 (polar).
 """
 
 import numpy as np
@@ -94,9 +94,9 @@ def left_jacobian(rotvec: ArrayLike) -> Array:
 def log_so3(mat: ArrayLike) -> Array:
     """Return the rotation vector of a rotation, of length 0 … π; the inverse of `exp_so3`.
 
-    Goes through the unit quaternion taken from its largest component, so that it keeps full
-    precision near 0 and near π (Shepperd, J. Guidance and Control 1 (1978) 223). At π exactly,
-    where ρ and −ρ are one rotation, either may be returned.
+    The unit quaternion is computed from its largest component, with full precision near 0 and near
+    π (Shepperd, J. Guidance and Control 1 (1978) 223). At π, where ρ and −ρ are the same rotation,
+    either may be returned.
 
     Parameters
     ----------
@@ -130,11 +130,11 @@ def log_so3(mat: ArrayLike) -> Array:
 
 
 def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
-    """Return an attitude of a body whose upward direction is given.
+    """Return an attitude of a body with a given upward direction.
 
-    The frame n is level: east, north, up. At `azimuth` 0 the body is the level frame n tipped over
-    (by the shortest way where up's z is not negative); `azimuth` then turns it about the vertical,
-    clockwise seen from above, as a compass counts.
+    The frame n is level: east, north, up. At `azimuth` 0 the body is the level frame n, tilted (by
+    the shortest rotation where up's z is not negative); `azimuth` then rotates it about the
+    vertical, clockwise seen from above, as a compass counts.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     up_b = np.asarray(up, dtype=float)
     length = np.linalg.norm(up_b, axis=-1, keepdims=True)
     if not np.all((length > 0) & np.isfinite(length)):
-        raise InputError("an upward direction needs a finite length greater than 0")
+        raise InputError("an upward direction needs a finite length greater than 0", key="up")
     x, y, z = np.moveaxis(up_b / length, -1, 0)
     # Duff et al., J. Computer Graphics Techniques 6 (2017) 1: orthonormal for every direction.
     sign = np.copysign(1.0, z)
@@ -174,7 +174,7 @@ def decompose_triangular(mat: ArrayLike) -> tuple[Array, Array]:
     Parameters
     ----------
     mat : (..., 3, 3) array
-        However far from identity; its rows may be of very different lengths.
+        Any invertible matrix; its rows may have very different lengths.
 
     Returns
     -------
@@ -199,7 +199,7 @@ def decompose_symmetric(mat: ArrayLike) -> tuple[Array, Array]:
     Parameters
     ----------
     mat : (..., 3, 3) array
-        However far from identity.
+        Any invertible matrix.
 
     Returns
     -------
@@ -216,11 +216,11 @@ def decompose_symmetric(mat: ArrayLike) -> tuple[Array, Array]:
 
 
 def _require_decomposable(mat: ArrayLike) -> Array:
-    """Return `mat`, or refuse what has no unique decomposition with a rotation."""
+    """Return `mat`; refuse a matrix without a unique decomposition with a rotation."""
     mat = np.asarray(mat, dtype=float)
     if not np.isfinite(mat).all():
-        raise InputError("a matrix with values that are not finite has no decomposition")
-    # Rows scaled to length 1: only their directions make them dependent, not their sensitivities.
+        raise InputError("a matrix with values that are not finite has no decomposition", key="mat")
+    # With rows scaled to length 1 their directions decide on dependence, not their sensitivities.
     length = np.linalg.norm(mat, axis=-1, keepdims=True)
     rows = mat / np.where(length == 0, 1.0, length)
     values = np.linalg.svd(rows, compute_uv=False)
@@ -231,5 +231,5 @@ def _require_decomposable(mat: ArrayLike) -> Array:
     for what, where in wrong.items():
         if where.any():
             index = ", ".join(map(str, np.argwhere(where)[0]))
-            raise InputError(f"the matrix{f' [{index}]' if index else ''} {what}")
+            raise InputError(f"the matrix{f' [{index}]' if index else ''} {what}", key="mat")
     return mat

@@ -1,7 +1,7 @@
 """The terms of the interface, the reports and the public names, with symbols, units and sources.
 
-`glossary.toml` holds them, but for the coefficients, which are those of the sensors' tables.
-docs/reference/glossary.md is this text: ``python -m inercal.glossary`` prints it.
+`glossary.toml` has the terms, and the tables of the sensors have the coefficients.
+docs/reference/glossary.md is the output of ``python -m inercal.glossary``.
 """
 
 import re
@@ -30,7 +30,7 @@ class Term(NamedTuple):
     name, text : str
         The term and its definition.
     symbol, unit, source : str
-        Empty where there is none.
+        Empty if none.
     """
 
     name: str
@@ -46,7 +46,7 @@ class Term(NamedTuple):
 
 
 class TermGroup(NamedTuple):
-    """The terms of one field; `prefix` tells the anchors of the coefficients' groups apart."""
+    """The terms of a field; `prefix` makes the anchors of the coefficients' groups distinct."""
 
     title: str
     terms: tuple[Term, ...]

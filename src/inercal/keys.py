@@ -1,7 +1,7 @@
-"""Structured names: a coefficient of an axis, an error of the bench somewhere, an observation.
+"""Structured names: a coefficient of an axis, an error of the bench at a place, an observation.
 
-Each is text: equal to, hashed, sorted and written as what a run file or a calibration file says.
-Nothing else takes such text apart.
+Each is the text of run files and calibration files, and compares, hashes and sorts as such. Only
+this module splits these texts.
 """
 
 from typing import Self
@@ -26,7 +26,7 @@ class CoefficientName(str):
 
     @property
     def term(self) -> str:
-        """The coefficient's name in its table, "k0", or a group's."""
+        """The name of the coefficient in its table, "k0", or of a group."""
         return self.rpartition(".")[2]
 
     @property
@@ -36,7 +36,7 @@ class CoefficientName(str):
 
 
 class ErrorName(str):
-    """An error of the bench: of the whole run, "radius", or of a place, "pose_x[XY30]".
+    """An error of the bench: over the run, "radius", or at a place, "pose_x[XY30]".
 
     A place is a mounting, a position, a set speed, a turn or another scope of `Parameter`.
     """
@@ -55,7 +55,7 @@ class ErrorName(str):
 
     @property
     def place(self) -> str:
-        """Where it acts, "XY30"; empty of the whole run."""
+        """The place, "XY30"; empty for an error over the run."""
         return self.partition("[")[2].removesuffix("]")
 
     @property
@@ -65,14 +65,14 @@ class ErrorName(str):
 
     @property
     def vector(self) -> "ErrorName":
-        """The vector at a place that it is of, "pose[XY30]" of "pose_x[XY30]"; itself if none."""
+        """The vector of which it is a component, "pose[XY30]" for "pose_x[XY30]", or itself."""
         stem, _, component = self.name.rpartition("_")
         split = stem and self.place and component in _COMPONENTS
         return ErrorName.at(stem, self.place) if split else self
 
 
 class ObservationName(str):
-    """One observation: of a channel in a row, "ax[XY30 at 90 rpm]", or of a row as a whole."""
+    """An observation of a channel in a row, "ax[XY30 at 90 rpm]", or of a complete row."""
 
     __slots__ = ()
 

@@ -1,12 +1,12 @@
-"""Registries: kinds by name, of this package and of others by entry points.
+"""Registries: objects by name, of this package and of other packages by entry points.
 
-A package brings one by an entry point of the group, in its `pyproject.toml`::
+A package registers an object by an entry point of the group, in its `pyproject.toml`::
 
     [project.entry-points."inercal.methods"]
     tilt_means = "their_package.tilt:METHOD"
 
-What is named is imported when it is first asked for. Names of this package are found without a
-look at the installed packages, which takes some 20 ms.
+The object is imported on first access. Names of this package are resolved without reading the
+metadata of installed packages, which takes some 20 ms.
 """
 
 from collections.abc import Generator, Iterator, Mapping
@@ -22,16 +22,16 @@ T = TypeVar("T")
 
 
 class Registry(Mapping[str, T]):
-    """Things of one sort by name; iterating gives the names, this package's first.
+    """Objects of one sort by name; iterating gives the names, those of this package first.
 
     Parameters
     ----------
     group : str
-        Of entry points, "inercal.methods".
+        Group of entry points, "inercal.methods".
     what : str
-        What a message calls one of them, "method".
+        Word for such an object in messages, "method".
     own : mapping of str to str
-        Where those of this package are, "module:attribute".
+        Objects of this package, "module:attribute" by name.
     """
 
     def __init__(self, group: str, what: str, own: Mapping[str, str]) -> None:
@@ -64,23 +64,23 @@ class Registry(Mapping[str, T]):
         return name in self._own or name in self._added or name in self._foreign
 
     def find(self, name: str) -> T:
-        """Return what has this name.
+        """Return the object of this name.
 
         Raises
         ------
         InputError
-            Nothing has it; the message lists the names there are. Or a package names one as this
-            package does, two packages name one alike, or what is named cannot be imported.
+            The name is unknown (the message lists the known names), two packages register it, or
+            the object cannot be imported.
         """
         if name not in self:
-            raise InputError(f"no {self.what} {name!r}; there are {', '.join(self)}")
+            raise InputError(f"no {self.what} {name!r}; there are {', '.join(self)}", names=(name,))
         return self[name]
 
     @contextmanager
     def with_(self, name: str, one: T) -> Generator[None]:
-        """Have one more for a while, as a package would bring it."""
+        """Register an object temporarily, as a package would."""
         if name in self:
-            raise InputError(f"there is a {self.what} {name!r} already")
+            raise InputError(f"there is a {self.what} {name!r} already", names=(name,))
         self._added[name] = one
         try:
             yield
@@ -89,17 +89,18 @@ class Registry(Mapping[str, T]):
 
     @cached_property
     def _foreign(self) -> Mapping[str, EntryPoint]:
-        found: dict[str, EntryPoint] = {}
+        points: dict[str, EntryPoint] = {}
         for point in entry_points(group=self.group):
-            other = found.get(point.name)
+            other = points.get(point.name)
             if point.name in self._own or (other is not None and other.value != point.value):
                 taken = "inercal" if other is None else _distribution_name(other)
                 raise InputError(
-                    f"package {_distribution_name(point)} brings a {self.what} {point.name!r}, a "
-                    f"name that {taken} has; one of both must be renamed or uninstalled"
+                    f"packages {_distribution_name(point)} and {taken} both have a {self.what} "
+                    f"{point.name!r}; rename it or uninstall one of the two",
+                    names=(point.name,),
                 )
-            found[point.name] = point
-        return found
+            points[point.name] = point
+        return points
 
     def _load(self, point: EntryPoint) -> T:
         try:
@@ -107,7 +108,8 @@ class Registry(Mapping[str, T]):
         except (ImportError, AttributeError) as error:
             raise InputError(
                 f"{self.what} {point.name!r} of package {_distribution_name(point)} cannot be "
-                f"loaded from {point.value}: {error}"
+                f"loaded from {point.value}: {error}",
+                names=(point.name,),
             ) from error
 
 

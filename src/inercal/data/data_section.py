@@ -29,7 +29,7 @@ class DataSection(Section):
     gyro: tuple[str | int, str | int, str | int] = ("gyr_x", "gyr_y", "gyr_z")
     gyro_file: str | None = Field(
         None,
-        description="the gyros' columns, where they stand in a file of their own, same rows",
+        description="the gyros' file, with the same rows, where it differs from [data] file",
         examples=["gyro.mat"],
     )
     time: str | int | None = None

@@ -157,7 +157,7 @@ def require_accepted(recording: Recording) -> Recording:
     refused = [finding for finding in recording.findings if finding.severity == "refused"]
     if refused:
         first = refused[0]
-        more = f" (and {len(refused) - 1} more)" if refused[1:] else ""
+        more = f" (and {len(refused) - 1} more findings)" if refused[1:] else ""
         known = recording.first_row and first.start is not None
         raise InputError(
             f"{recording.source or 'recording'}: {first.message}{more}",
@@ -195,7 +195,7 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> _
 
 
 def check_time_order(recording: Recording, where: SampleLocator) -> _CheckResult:
-    """Refuse time that goes back, but sort sections stored by label by time."""
+    """Refuse time that decreases, but sort sections stored by label by time."""
     time = recording.time
     back = np.flatnonzero(time[1:] < time[:-1])
     if recording.time.size < 2:
@@ -214,8 +214,8 @@ def check_time_order(recording: Recording, where: SampleLocator) -> _CheckResult
     worst = int(back[0])
     others = f", and at {back.size - 1} more places" if back.size > 1 else ""
     text = (
-        f"time goes back by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: "
-        "was the clock reset, or are two files joined? Split the file there"
+        f"time decreases by {time[worst] - time[worst + 1]:.6g} s at {where(worst + 1)}{others}: "
+        "the clock was reset or two files were joined; split the file there"
     )
     return _CheckResult([Finding("refused", "order", text, None, worst + 1, worst + 2)])
 

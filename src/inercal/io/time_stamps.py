@@ -262,6 +262,6 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
         what = "comes twice" if step[k] == 0 else f"follows {read[k]:g}: packets out of order"
         raise InputError(
             f"counter: {read[k + 1]:g} at sample {k + 1} {what}, or {modulus // 2} packets or more "
-            f"were lost ({bad.size} places); remove repeated packets and sort late packets"
+            f"were lost; remove repeated packets and sort late packets ({bad.size} in all)"
         )
     return np.concatenate([[0.0], np.cumsum(step)]) / rate_hz

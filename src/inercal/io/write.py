@@ -72,7 +72,7 @@ def _arrays(recording: Recording) -> dict[str, Column]:
     if recording.data.ndim != 2:
         raise InputError(
             f"a file holds a single run, data (n, m), but the data are {recording.data.shape}; "
-            "write each trial to its own file"
+            "write each trial to a separate file"
         )
     pairs: list[tuple[str, Column]] = [(recording.time_name, recording.time)]
     pairs += [(name, recording.data[:, k]) for k, name in enumerate(recording.channels)]

@@ -72,10 +72,7 @@ def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
     short = sorted({c.name for axis in axes for c in TABLES[axis.measures]})
     words = [*short, *GROUPS, "nonorthogonality", *(axis.name + ".…" for axis in axes)]
     near = get_close_matches(CoefficientName(word).term, dict.fromkeys(words), n=2)
-    hint = f"did you mean {' or '.join(near)}? " if near else ""
-    names = ", ".join(axis.name for axis in axes)
-    return InputError(
-        f"no coefficient or group {word!r}; {hint}axes: {names}; coefficients: {', '.join(short)}; "
-        f"groups: {', '.join((*GROUPS, 'nonorthogonality'))}",
-        names=(word,),
-    )
+    groups = ", ".join((*GROUPS, "nonorthogonality"))
+    known = f"coefficients: {', '.join(short)}; groups: {groups}"
+    advice = f"did you mean {' or '.join(near)}?" if near else known
+    return InputError(f"no coefficient or group {word!r}; {advice}", names=(word,))

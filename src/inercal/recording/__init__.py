@@ -1,0 +1,31 @@
+"""The data of a bench run: its samples, findings of the audit, and means over its sections.
+
+A `Recording` has the sensor's output units; `Observations` are in SI. Both may have leading axes of
+trials, `(..., n, m)`; trials share times and labels.
+"""
+
+from inercal.recording.findings import Finding, Severity
+from inercal.recording.observations import (
+    TEMPERATURE_VARIATION,
+    HalfSectionChanges,
+    Observations,
+    Track,
+    Transitions,
+    join_observations,
+)
+from inercal.recording.samples import GAP_FACTOR, Indices, Mark, Recording
+
+__all__ = [
+    "GAP_FACTOR",
+    "TEMPERATURE_VARIATION",
+    "Finding",
+    "HalfSectionChanges",
+    "Indices",
+    "Mark",
+    "Observations",
+    "Recording",
+    "Severity",
+    "Track",
+    "Transitions",
+    "join_observations",
+]
