@@ -78,7 +78,10 @@ class BenchSection(Section):
         if self.gravity is None and self.latitude is None:
             raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
         if self.height is not None and self.latitude is None:
-            raise ValueError("height goes with latitude: gravity is computed from both, or checked")
+            raise ValueError(
+                "height also needs latitude: gravity is computed from both; add latitude or remove "
+                "height"
+            )
         return self
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
@@ -97,9 +100,13 @@ def si_value(text: str, like: str, key: str) -> float:
     try:
         found = parse_quantity(text, like)
     except InputError as error:
-        raise InputError(f"{key}: {error}") from None
+        raise error.located(key, key=key) from None
     if found.sd:
-        raise InputError(f"{key}: {text!r}: no uncertainty of it enters the result; leave ± out")
+        raise InputError(
+            f"{key}: the result does not depend on the uncertainty in {text!r}; remove ± and the "
+            "number after it",
+            key=key,
+        )
     return found.value
 
 
@@ -111,7 +118,7 @@ def measured_constant(text: str, like: str, key: str, *, last_digit: bool = True
     try:
         return parse_quantity(text, like, last_digit=last_digit)
     except InputError as error:
-        raise InputError(f"{key}: {error}") from None
+        raise error.located(key, key=key) from None
 
 
 def section_constant(section: BenchSection, name: str, like: str) -> Measured:
@@ -123,7 +130,9 @@ def section_length(section: BenchSection, name: str) -> Measured:
     """Return a measured length that must be positive, m."""
     length = section_constant(section, name, "m")
     if length.value <= 0:
-        raise InputError(f"[bench] {name}: {getattr(section, name)!r} must be positive")
+        raise InputError(
+            f"[bench] {name}: {getattr(section, name)!r} must be positive", key=f"[bench] {name}"
+        )
     return length
 
 
@@ -134,9 +143,11 @@ def section_deviation(
     text = getattr(section, name)
     value = si_value(text, like, f"[bench] {name}")
     if value < 0:
-        raise InputError(f"[bench] {name}: {text!r} must not be negative")
+        raise InputError(f"[bench] {name}: {text!r} must not be negative", key=f"[bench] {name}")
     if limit is not None and value > limit.value:
-        raise InputError(f"[bench] {name}: {text!r} is more than {limit.meaning}")
+        raise InputError(
+            f"[bench] {name}: {text!r} is more than {limit.meaning}", key=f"[bench] {name}"
+        )
     return value
 
 
@@ -145,7 +156,7 @@ def section_harmonics(section: BenchSection, name: str) -> tuple[float, ...]:
     key, texts = f"[bench] {name}", getattr(section, name)
     values = tuple(si_value(text, "°", key) for text in texts)
     if not all(0 <= sd <= SMALL_ANGLE.value for sd in values):
-        raise InputError(f"{key}: {', '.join(texts)}: give each from 0 to 1°")
+        raise InputError(f"{key}: {', '.join(texts)}: give each from 0 to 1°", key=key)
     return values
 
 
@@ -160,6 +171,7 @@ def section_gravity(section: BenchSection) -> Measured:
     gravity = measured_constant(section.gravity, "m/s²", "[bench] gravity")
     if not 9.5 < gravity.value < 10.0:
         raise InputError(
-            f"[bench] gravity: {section.gravity!r} is not gravity on earth, 9.76 to 9.84 m/s²"
+            f"[bench] gravity: {section.gravity!r} is not gravity on earth, 9.76 to 9.84 m/s²",
+            key="[bench] gravity",
         )
     return gravity
