@@ -103,7 +103,7 @@ class Run:
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
 
-    @cached_property
+    @property
     def steps(self) -> tuple[Step, ...]:
         """The nominal plan, designed when it is first read: a plan by hand takes seconds.
 
@@ -112,6 +112,10 @@ class Run:
         InputError
             The options of [method] allow no plan.
         """
+        return self._steps
+
+    @cached_property
+    def _steps(self) -> tuple[Step, ...]:
         try:
             return self.plan()
         except InputError as error:
