@@ -247,7 +247,7 @@ def test_plan_says_whose_plans_it_makes(
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 2
-    assert "are fixed, by [method] in the run file" in capsys.readouterr().err
+    assert "multi-position" in capsys.readouterr().err
 
 
 def test_a_recording_on_a_rate_table_leaves_its_states_as_a_table(
