@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from inercal.cli.bench_serve import serve
+from inercal.cli.bench_commands import serve
 from inercal.errors import InputError
 from inercal.host.options import RunOptions
 from inercal.host.web import server
