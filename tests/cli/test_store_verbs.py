@@ -149,7 +149,7 @@ def test_the_history_says_what_drifts_and_by_how_much(program: Program, tmp_path
     drift, expanded = float(rows["ax.k0"][5]), float(rows["ax.k0"][6])
     assert abs(drift - 60) < expanded == 8.8
     assert rows["gz.scale"][-1] == "drifts"
-    assert "where nothing changes chance gives about 9.8" in out
+    assert "chance gives about 9.8" in out
     assert "counted as if they were independent" in out
     whole = program("store", "history", NAME, "ax.k0").out
     assert whole.count("│ #") == 10
@@ -221,7 +221,7 @@ def test_what_is_compared_of_two_sensors_is_said_to_be(program: Program, tmp_pat
     other["sensor"]["name"] = "another [bold]"
     write(second, hashed(other))
     out = program("store", "diff", first, second).out
-    assert "they are of two sensors: MIMU № 17 and another [bold]" in out
+    assert "MIMU № 17 and another [bold]" in out
 
 
 def test_a_damaged_file_is_named_and_what_came_before_stays(program: Program, tmp_path: Path):

@@ -42,14 +42,14 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     Parameters
     ----------
     text : str, optional
-        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE". None or "default" is what
-        $INERCAL_REGISTER says, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share, whose
-        folder is made.
+        A path, "sqlite:///PATH" or "postgresql://USER@HOST/DATABASE". None or "default" is the
+        address in $INERCAL_REGISTER, else inercal/register.db in $XDG_DATA_HOME or ~/.local/share,
+        whose folder is created.
 
     Raises
     ------
     InputError
-        An address of another kind, or the folder cannot be made.
+        An address of another kind, or the folder cannot be created.
     """
     if text in (None, DEFAULT):
         text = os.environ.get(ENVIRONMENT_VARIABLE) or None
@@ -62,7 +62,9 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
         return _file_address(Path(text.removeprefix(_SQLITE)))
     if scheme in _SERVERS:
         return _server_address(text)
-    raise InputError(f"a register's address that begins with {scheme}://: give {_ADDRESS_FORMS}")
+    raise InputError(
+        f"a register cannot have an address {scheme}://; give {_ADDRESS_FORMS}", key="--register"
+    )
 
 
 def _default_path() -> Path:
@@ -74,15 +76,18 @@ def _default_path() -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError) as error:
         raise InputError(
-            f"the register's folder cannot be made: {error}; name another by --register or "
-            f"${ENVIRONMENT_VARIABLE}"
+            f"the register's folder cannot be created: {error}; name another register by "
+            f"--register or ${ENVIRONMENT_VARIABLE}",
+            key="--register",
         ) from None
     return path
 
 
 def _file_address(path: Path) -> RegisterAddress:
     if not str(path) or path == Path():
-        raise InputError(f"a register's address is empty: give {_ADDRESS_FORMS}")
+        raise InputError(
+            f"the address of the register is empty; give {_ADDRESS_FORMS}", key="--register"
+        )
     file = Path(os.path.abspath(path.expanduser()))
     # Not read from a text: a path may hold any character.
     return RegisterAddress(
@@ -91,11 +96,12 @@ def _file_address(path: Path) -> RegisterAddress:
 
 
 def _server_address(text: str) -> RegisterAddress:
-    # Nothing of a text that cannot be read is printed: a password may stand anywhere in it.
+    # An address that cannot be parsed is not printed: any part of it may be a password.
     refusal = InputError(
         "the address of a PostgreSQL register cannot be read: write "
-        "postgresql://USER:PASSWORD@HOST:PORT/DATABASE, %40 for @, %2F for / and %3A for : in a "
-        "password"
+        "postgresql://USER:PASSWORD@HOST:PORT/DATABASE, with %40 for @, %2F for / and %3A for : in "
+        "the password",
+        key="--register",
     )
     try:
         url = make_url(text)
