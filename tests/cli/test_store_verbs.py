@@ -150,7 +150,7 @@ def test_the_history_says_what_drifts_and_by_how_much(program: Program, tmp_path
     assert abs(drift - 60) < expanded == 8.8
     assert rows["gz.scale"][-1] == "drifts"
     assert "chance gives about 9.8" in out
-    assert "counted as if they were independent" in out
+    assert "treated as independent" in out
     whole = program("store", "history", NAME, "ax.k0").out
     assert whole.count("│ #") == 10
     assert "ax.k0: drifts; drift" in whole

@@ -30,7 +30,7 @@ def run(
     from json import dumps
 
     from inercal.budget import budget
-    from inercal.budget.budget_json import budget_as_dict
+    from inercal.budget.contribution_table import budget_as_dict
     from inercal.budget.experiment_from_runfile import experiment_from_run
     from inercal.errors import InputError
     from inercal.io.atomic_files import write_text
