@@ -11,8 +11,7 @@ from tests.methods.test_centrifuge_norm import NOISE, NOMINAL, sensor
 
 from inercal.benches import Centrifuge
 from inercal.budget import Budget, Experiment, budget
-from inercal.budget.contributions import first_order_contributions
-from inercal.budget.effect_shifts import effect_shifts
+from inercal.budget.contributions import effect_shifts, first_order_contributions
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods.centrifuge_norm import ml, series

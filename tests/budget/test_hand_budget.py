@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.benches import Hand
 from inercal.budget import Experiment, budget
-from inercal.budget.budget_json import budget_as_dict
-from inercal.budget.contribution_table import contribution_rows
-from inercal.budget.contributions import first_order_contributions, sample_deviation
-from inercal.budget.effect_shifts import effect_shifts
+from inercal.budget.contribution_table import budget_as_dict, contribution_rows
+from inercal.budget.contributions import effect_shifts, first_order_contributions, sample_deviation
 from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.errors import InputError
 from inercal.methods import method
@@ -146,12 +145,12 @@ def test_the_standard_error_of_a_deviation_is_that_of_gauss_and_of_heavier_tails
 
 
 def test_impossible_budgets_are_refused_with_a_reason():
-    with pytest.raises(InputError, match="1 trials have no spread"):
+    with refused(InputError, key="trials"):
         budget(six_position_experiment("ml"), 1)
     made = six_position_experiment("ml")
-    with pytest.raises(InputError, match="noise of the readings"):
+    with refused(InputError, key="noise"):
         replace(made, noise=np.zeros((6, 3, 3)))
-    with pytest.raises(InputError, match="no steps"):
+    with refused(InputError, key="steps"):
         replace(made, steps=(), noise=np.zeros((0, 3, 3)))
-    with pytest.raises(InputError, match="noise has shape"):
+    with refused(InputError, key="noise"):
         replace(made, noise=np.eye(3))

@@ -62,18 +62,14 @@ def test_tables_a_page_and_an_object(tmp_path: Path, program: Program):
 
 
 @pytest.mark.parametrize(
-    ("changes", "options", "words"),
+    ("changes", "options", "where"),
     [
-        ((), ("--trials", "1"), "--trials 1: a spread takes 2 or more"),
-        ((), ("--seed", "-1"), "--seed -1: must not be negative"),
-        ((), ("--out", "nowhere"), "nowhere: no such folder"),
-        (
-            (HAND_HELD, ('tilt = "0.3 °"\n', "")),
-            (),
-            "a budget needs a plan with attitudes; method multi_position",
-        ),
-        ((('white = "100 µg/√Hz"\n', ""),), (), "[sensor.accelerometer] white is missing"),
-        ((('name = "six_position"', 'name = "seven"'),), (), "no method 'seven'"),
+        ((), ("--trials", "1"), "--trials 1"),
+        ((), ("--seed", "-1"), "--seed -1"),
+        ((), ("--out", "nowhere"), "--out nowhere"),
+        ((HAND_HELD, ('tilt = "0.3 °"\n', "")), (), "multi_position"),
+        ((('white = "100 µg/√Hz"\n', ""),), (), "[sensor.accelerometer] white"),
+        ((('name = "six_position"', 'name = "seven"'),), (), "'seven'"),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_writes_nothing(
@@ -81,12 +77,12 @@ def test_what_cannot_be_done_is_one_line_and_writes_nothing(
     program: Program,
     changes: tuple[tuple[str, str], ...],
     options: tuple[str, ...],
-    words: str,
+    where: str,
 ):
     path = run_file(tmp_path, SIX_POSITIONS, *changes)
     status, printed, errors = program(path, "--out", tmp_path, *options)
     assert (status, printed) == (2, "")
-    assert words in errors
+    assert where in errors
     assert errors.count("\n") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["run.toml"]
 
@@ -96,11 +92,12 @@ def test_a_search_is_refused_in_the_place_of_hours(tmp_path: Path, program: Prog
     (tmp_path / "ship.toml").write_text(text, encoding="utf-8")
     status, printed, errors = program(tmp_path / "ship.toml", "--out", tmp_path)
     assert (status, printed) == (2, "")
-    assert "estimator global searches" in errors
-    assert "state damped" in errors
+    assert "global" in errors
+    assert "damped" in errors
     assert errors.count("\n") == 1
 
 
 def test_no_run_file_is_one_line(tmp_path: Path, program: Program):
     status, _, errors = program(tmp_path / "none.toml", "--out", tmp_path)
-    assert (status, errors) == (2, f"inercal: {tmp_path / 'none.toml'}: no such run file\n")
+    assert (status, errors.count("\n")) == (2, 1)
+    assert str(tmp_path / "none.toml") in errors

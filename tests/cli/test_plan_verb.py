@@ -125,7 +125,8 @@ def test_what_was_filled_in_is_not_written_over(
     out = tmp_path / "sheet.csv"
     status, _, errors = program("dual-orthogonal", "--run", pair, "--out", out)
     assert status == 2
-    assert f"{there} exists: name another with --out, or write over it with --force" in errors
+    assert f"{there} exists" in errors
+    assert "--force" in errors
     assert (tmp_path / there).read_text(encoding="utf-8") == "filled"
     assert program("dual-orthogonal", "--run", pair, "--out", out, "--force")[0] == 0
 
@@ -138,31 +139,27 @@ def test_nothing_is_written_where_the_plan_leaves_coefficients_open(
         "dual-orthogonal", "--run", pair, "--positions", "4", "--out", out
     )
     assert (status, printed) == (2, "")
-    assert (
-        "the plan of 8 positions does not determine the coefficients: 4 different positions"
-        in errors
-    )
+    assert "plan of 8 positions" in errors
     assert errors.count("\n") == 1
     assert not out.exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "where"),
     [
-        (("dual-orthogonal",), "a plan of dual_orthogonal needs the run file: --run"),
-        (
-            ("dual-orthogonal", "-r", "RUN", "-o", "a.html"),
-            "--out a.html: name a .csv; the page is written beside it",
-        ),
-        (("dual-orthogonal", "-r", "RUN", "--seconds", "0"), "'0.0 s' must be positive"),
-        (("multi-position", "-o", "a.csv"), "worksheets are of a dividing head"),
+        (("dual-orthogonal",), "--run"),
+        (("dual-orthogonal", "-r", "RUN", "-o", "a.html"), "--out a.html"),
+        (("dual-orthogonal", "-r", "RUN", "--seconds", "0"), "[method] seconds: '0.0 s'"),
+        (("multi-position", "-o", "a.csv"), "--out"),
     ],
 )
-def test_refusals_are_one_line(pair: Path, program: Program, arguments: tuple[str, ...], said: str):
+def test_refusals_are_one_line(
+    pair: Path, program: Program, arguments: tuple[str, ...], where: str
+):
     given = [str(pair) if word == "RUN" else word for word in arguments]
     status, printed, errors = program(*given)
     assert (status, printed, errors.count("\n")) == (2, "", 1)
-    assert said in errors
+    assert where in errors
 
 
 def test_plans_by_hand_have_their_own_defaults(program: Program):
@@ -213,17 +210,17 @@ def test_the_table_of_a_rate_table_is_written_once(program: Program, tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "where"),
     [
-        (("ship-multi-angle",), "a plan of ship_multi_angle needs the run file: --run"),
-        (("ship-planar", "-r", str(SHIP), "-o", "a.txt"), "--out a.txt: name a .csv"),
-        (("ship-planar", "-r", str(SHIP), "--positions", "3"), "the plan of ship_planar has none"),
-        (("six-position",), "methods on a dividing head, a rate table or a"),
+        (("ship-multi-angle",), "--run"),
+        (("ship-planar", "-r", str(SHIP), "-o", "a.txt"), "--out a.txt"),
+        (("ship-planar", "-r", str(SHIP), "--positions", "3"), "[method] positions"),
+        (("six-position",), "six-position"),
     ],
 )
 def test_refusals_of_a_rate_table_are_one_line(
-    program: Program, arguments: tuple[str, ...], said: str
+    program: Program, arguments: tuple[str, ...], where: str
 ):
     status, printed, errors = program(*arguments)
     assert (status, printed, errors.count("\n")) == (2, "", 1)
-    assert said in errors
+    assert where in errors

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 from inercal.cli.app import main
 from inercal.errors import InercalError
@@ -142,19 +143,19 @@ def moved(folder: Path, more: str) -> Path:
 
 
 def test_a_section_that_moves_is_accepted_on_the_users_word_with_a_warning(tmp_path: Path):
-    with pytest.raises(InercalError, match=r"section y_p moves.*accept_moving"):
+    with refused(InercalError) as refusal:
         calibrate(moved(tmp_path, ""))
+    assert "accept_moving" in str(refusal.value)
+    assert "y_p" in str(refusal.value)
     outcome = calibrate(moved(tmp_path, '\naccept_moving = ["y_p"]'))
     assert [f.what for f in outcome.findings if f.severity == "warning"] == ["moving"]
 
 
-@pytest.mark.parametrize(
-    ("stated", "words"),
-    [('["p11"]', "'p11', which is no rest"), ('["y_p", "x_p"]', "'x_p', which does not move")],
-)
-def test_accepting_what_is_no_moving_rest_is_refused(tmp_path: Path, stated: str, words: str):
-    with pytest.raises(InercalError, match=words):
+@pytest.mark.parametrize(("stated", "wrong"), [('["p11"]', "'p11'"), ('["y_p", "x_p"]', "'x_p'")])
+def test_accepting_what_is_no_moving_rest_is_refused(tmp_path: Path, stated: str, wrong: str):
+    with refused(InercalError) as refusal:
         calibrate(moved(tmp_path, f"\naccept_moving = {stated}"))
+    assert wrong in str(refusal.value)
 
 
 def test_accepting_rests_that_are_found_is_refused(tmp_path: Path):
@@ -164,8 +165,9 @@ def test_accepting_rests_that_are_found_is_refused(tmp_path: Path):
         ("six_position", "multi_position"),
         ('time = "time"', 'time = "time"\naccept_moving = ["r01"]'),
     )
-    with pytest.raises(InercalError, match="accept_moving is for marks that you give"):
+    with refused(InercalError) as refusal:
         calibrate(run)
+    assert "accept_moving" in str(refusal.value)
 
 
 @pytest.mark.parametrize("method", ["six_position", "multi_position"])
@@ -177,8 +179,9 @@ def test_accelerometers_in_another_unit_are_refused_with_the_key(
     for name in ("ax", "ay", "az"):
         columns[name] = columns[name] * factor
     run = write(tmp_path, columns, ('"g"', f'"{stated}"'), ("six_position", method))
-    with pytest.raises(InercalError, match=f'state unit = "{unit}"'):
+    with refused(InercalError) as refusal:
         calibrate(run)
+    assert f'unit = "{unit}"' in str(refusal.value)
 
 
 def test_means_in_another_unit_are_refused_with_the_key(tmp_path: Path):
@@ -188,8 +191,9 @@ def test_means_in_another_unit_are_refused_with_the_key(tmp_path: Path):
     (tmp_path / "positions.csv").write_bytes((example / "positions.csv").read_bytes())
     run = tmp_path / "run.toml"
     run.write_text(text.replace('unit = "g"', 'unit = "m/s²"'), encoding="utf-8")
-    with pytest.raises(InercalError, match='state unit = "g"'):
+    with refused(InercalError) as refusal:
         calibrate(run)
+    assert 'unit = "g"' in str(refusal.value)
 
 
 def test_a_dead_column_of_means_is_refused(tmp_path: Path):
@@ -203,8 +207,9 @@ def test_a_dead_column_of_means_is_refused(tmp_path: Path):
     (tmp_path / "positions.csv").write_text(
         "\n".join(",".join(row) for row in rows) + "\n", encoding="utf-8"
     )
-    with pytest.raises(InercalError, match=f"column '{rows[0][2]}' is 0 in all rows"):
+    with refused(InercalError) as refusal:
         calibrate(tmp_path / "run.toml")
+    assert f"'{rows[0][2]}'" in str(refusal.value)
 
 
 def test_a_centrifuge_s_readings_in_another_unit_are_refused(tmp_path: Path):
@@ -213,15 +218,17 @@ def test_a_centrifuge_s_readings_in_another_unit_are_refused(tmp_path: Path):
     assert "0.1 V/g" in text
     (tmp_path / "lab.csv").write_bytes((example / "lab.csv").read_bytes())
     (tmp_path / "lab.toml").write_text(text.replace("0.1 V/g", "0.98 V/g"), encoding="utf-8")
-    with pytest.raises(InercalError, match="look like g declared as m/s²"):
+    with refused(InercalError) as refusal:
         calibrate(tmp_path / "lab.toml")
+    assert "m/s²" in str(refusal.value)
 
 
 def test_a_column_of_milliseconds_is_refused_in_a_run_file_until_its_unit_is_stated(tmp_path: Path):
     columns = session({"others": 1e-3})
     columns = {"t_ms": 1e3 * columns.pop("time"), **columns}
-    with pytest.raises(InercalError, match='time_unit = "ms"'):
+    with refused(InercalError) as refusal:
         calibrate(write(tmp_path, columns, ('"time"', '"t_ms"')))
+    assert 'time_unit = "ms"' in str(refusal.value)
     run = read(write(tmp_path, columns, ('"time"', '"t_ms"\ntime_unit = "ms"')))
     recording = calibrate(run).recording
     assert recording is not None

@@ -88,10 +88,10 @@ def test_a_page_that_cannot_be_drawn_leaves_the_calibration(
     run: Path, tmp_path: Path, said: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ):
     def fails(*_: object) -> None:
-        raise ValueError("no page")
+        raise ZeroDivisionError
 
     monkeypatch.setattr("inercal.report.write_report", fails)
-    with pytest.raises(ValueError, match="no page"):
+    with pytest.raises(ZeroDivisionError):
         said("calibrate", run, "--out", tmp_path)
     assert names(tmp_path) == {"run.toml", "log.csv", "run.calibration.json"}
 
@@ -166,8 +166,10 @@ def test_apply_corrects_a_recording_to_specific_force_and_rates(
     said("calibrate", path, "--out", tmp_path, "--no-report")
     calibration, out = tmp_path / "run.calibration.json", tmp_path / "corrected.csv"
     printed = json.loads(said("apply", calibration, path, "--out", out, "--json"))
-    with pytest.raises(AssertionError, match=r"corrected\.csv exists: .* --force"):
+    before = out.read_bytes()
+    with pytest.raises(AssertionError):
         said("apply", calibration, path, "--out", out)
+    assert out.read_bytes() == before
     said("apply", calibration, path, "--out", out, "--force")
     table = np.genfromtxt(out, delimiter=",", names=True)
     assert printed == {"recording": str(out), "samples": table.size, "warnings": []}
@@ -247,7 +249,7 @@ def test_plan_says_whose_plans_it_makes(
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 2
-    assert "are fixed, by [method] in the run file" in capsys.readouterr().err
+    assert "multi-position" in capsys.readouterr().err
 
 
 def test_a_recording_on_a_rate_table_leaves_its_states_as_a_table(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 from inercal.benches.operator_sheet import SheetRow
 from inercal.design.worksheet import Worksheet, build_worksheet, worksheet_csv
@@ -236,22 +237,25 @@ def test_sums_known_far_better_than_their_terms_are_said_as_the_calibration_says
 
 
 def test_a_plan_that_leaves_coefficients_open_says_which(tmp_path: Path):
-    with pytest.raises(NotObserved, match=r"plan of 8 positions does not determine.* 4 different"):
+    with refused(NotObserved, file="run.toml") as refusal:
         planned(tmp_path, ("seconds =", "positions = 4\nseconds ="))
+    assert "8 positions" in str(refusal.value)
 
 
 def test_pairs_need_all_four_positions(tmp_path: Path):
-    with pytest.raises(InputError, match=r"pass 1 has no 90°, 270°.* multiple of 4"):
+    with refused(InputError) as refusal:
         planned(tmp_path, ("seconds =", "positions = 10\nseconds ="))
+    assert "90°, 270°" in str(refusal.value)
 
 
 def test_positions_on_no_face_are_refused(tmp_path: Path):
-    with pytest.raises(InputError, match=r"run.toml: position f02: 15° is on no face"):
+    with refused(InputError) as refusal:
         planned(tmp_path, EVERY, ("seconds =", "positions = 24\nseconds ="))
+    assert "f02" in str(refusal.value)
 
 
 def test_noise_that_is_not_stated_is_asked_for(tmp_path: Path):
-    with pytest.raises(InputError, match=r"\[sensor.accelerometer\] white is missing"):
+    with refused(InputError, key="[sensor.accelerometer] white"):
         planned(tmp_path, ('[data.sd]\naccelerometer = "0.05 µg"\n', ""))
 
 
@@ -259,7 +263,7 @@ def test_columns_by_number_have_no_name_to_write(tmp_path: Path):
     sheet = planned(tmp_path)
     data = sheet.run.data.model_copy(update={"angle": 2})
     numbered = build_worksheet(replace(sheet.run, data=data))
-    with pytest.raises(InputError, match="column 2 by its number"):
+    with refused(InputError, key="[data]", names=("2",)):
         worksheet_csv(numbered)
 
 

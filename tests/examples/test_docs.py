@@ -18,7 +18,7 @@ import inercal
 from inercal.benches import Hand
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
-from inercal.cli import store_json
+from inercal.cli import store_view
 from inercal.errors import InputError
 from inercal.io.write import write_recordings
 from inercal.methods import METHODS, Method
@@ -280,10 +280,10 @@ def test_the_register_page_names_every_field_of_what_is_printed(tmp_path: Path):
         (sensor,) = register.sensors()
     first, second = (one.calibration for one in history.entries[:2])
     objects = (
-        store_json.entry_object(sensor),
-        store_json.calibration_object(entry, rows) | {"content": {}},
-        store_json.history_object(history),
-        store_json.comparison_object(compare(first, second), ("1", "2")),
+        store_view.entry_object(sensor),
+        store_view.calibration_object(entry, rows) | {"content": {}},
+        store_view.history_object(history),
+        store_view.comparison_object(compare(first, second), ("1", "2")),
         dict.fromkeys(one.name for one in fields(RunEntry)),
         dict.fromkeys(FileEntry._fields),
     )

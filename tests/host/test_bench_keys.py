@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from inercal.cli.keyboard import listen_to_keys
+from inercal.cli.bench_view import listen_to_keys
 
 PATIENCE = 20.0  # s
 
@@ -49,7 +49,7 @@ def test_a_terminal_that_ends_is_listened_to_no_more(monkeypatch: pytest.MonkeyP
     asked = Asked()
     with os.fdopen(host, encoding="utf-8") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        monkeypatch.setattr("inercal.cli.keyboard.os.read", ended)
+        monkeypatch.setattr("inercal.cli.bench_view.os.read", ended)
         with listen_to_keys(cast("Any", asked)):
             os.write(terminal, b"p")
             end = monotonic() + PATIENCE

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.report.page_tags import parsed
 
 from inercal.benches import Hand
@@ -215,7 +216,7 @@ def test_means_without_a_recording_make_a_page(outcome: Outcome):
 
 def test_an_estimate_without_residuals_says_what_its_uncertainty_lacks(run: Run):
     text = page(calibrate(replace(run, estimator="classical")), None)
-    assert "U holds only the noise of the means" in " ".join(text.split())
+    assert "U includes only the noise of the means" in " ".join(text.split())
     assert "Consistent" in text  # by the problem of ml: the formulas leave no residuals
     assert "takes the bench as exact" in text
 
@@ -286,17 +287,18 @@ def test_missing_extras_are_named(
             monkeypatch.delitem(sys.modules, name)
         if name.partition(".")[0] == missing:
             monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(InputError, match=r"pip install 'inercal\[report\]'"):
+    with refused(InputError) as refusal:
         write_report(outcome, tmp_path / "one.html")
+    assert "inercal[report]" in str(refusal.value)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_page_that_fails_leaves_the_old_file(outcome: Outcome, tmp_path: Path):
     path = tmp_path / "one.html"
     path.write_text("old")
-    with pytest.raises(ValueError, match="reshape"):
-        write_report(
-            replace(outcome, estimate=replace(outcome.estimate, whitened=np.ones(5))), path
-        )
+    broken = replace(outcome, estimate=replace(outcome.estimate, whitened=np.ones(5)))
+    with pytest.raises(ValueError) as failure:  # noqa: PT011
+        write_report(broken, path)
+    assert not isinstance(failure.value, InputError)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.benches import Centrifuge
@@ -40,16 +41,16 @@ def test_half_a_unit_of_the_last_digit_counts_as_if_it_were_stated(tmp_path: Pat
         standard_uncertainty(assumed), standard_uncertainty(stated), rtol=1e-6
     )
     assert (standard_uncertainty(assumed) > standard_uncertainty(exact)).any()
-    said = [line for line in assumed.verdict.lines if "without ±" in line]
-    assert len(said) == 1
-    assert "gravity" in said[0]
+    (line,) = [line for line in assumed.verdict.lines if "without ±" in line]
+    assert "gravity" in line
     assert not any("without ±" in x for one in (stated, exact) for x in one.verdict.lines)
 
 
 def test_an_assumed_part_larger_than_the_rest_is_refused_and_named(tmp_path: Path):
     # u of k1 from noise and tilt alone is some 1e-5; half a centimetre per s² is 3e-4 of gravity.
-    with pytest.raises(InputError, match=r"\[bench\] gravity .* of u of a[xyz]\.k1"):
+    with refused(InputError, key="[bench] gravity") as refusal:
         calibrate_with_gravity(tmp_path, 'gravity = "9.81 m/s²"')
+    assert set(refusal.value.names) < {"ax.k1", "ay.k1", "az.k1"}
     exact = calibrate_with_gravity(tmp_path, 'gravity = "9.81 m/s² ± 0"')
     relative = standard_uncertainty(exact)[
         list(exact.calibration.sensor.coefficients).index("ax.k1")
@@ -59,7 +60,7 @@ def test_an_assumed_part_larger_than_the_rest_is_refused_and_named(tmp_path: Pat
         part = 0.5 * 10.0**-digits / sqrt(3) / 9.81
         gravity = f'gravity = "{9.81:.{digits}f} m/s²"'
         if part > 1.2 * relative:
-            with pytest.raises(InputError, match="state its ±"):
+            with refused(InputError, key="[bench] gravity"):
                 calibrate_with_gravity(tmp_path, gravity)
         elif part < 0.8 * relative:
             calibrate_with_gravity(tmp_path, gravity)
@@ -74,7 +75,7 @@ def test_a_radius_without_deviation_is_refused_where_it_makes_the_result(tmp_pat
     bench = read(path).bench
     assert isinstance(bench, Centrifuge)
     assert bench.radius.sd == pytest.approx(0.05 / sqrt(3))
-    with pytest.raises(InputError, match=r"\[bench\] radius 1\.5 m is stated without ±"):
+    with refused(InputError, file=path, key="[bench] radius"):
         calibrate(path)
 
 
@@ -88,7 +89,7 @@ def test_a_deviation_takes_no_deviation(tmp_path: Path, key: str):
     changes = (("[bench]", section), ('tilt = "0.3 °"\n', ""))
     if key == "tilt":
         changes = (('tilt = "0.3 °"', 'tilt = "0.3 ° ± 0.1 °"'),)
-    with pytest.raises(InputError, match=rf"\[bench\] {key}: .* leave ± out"):
+    with refused(InputError, key=f"[bench] {key}"):
         read(run_file(tmp_path, SIX_POSITIONS, *changes))
 
 
@@ -130,7 +131,7 @@ def test_the_comparison_is_in_the_outcome(tmp_path: Path):
 def test_noise_far_from_its_stated_value_is_reported(tmp_path: Path):
     assert not any(f.what == "noise" for f in calibrate_with_gravity(tmp_path, GRAVITY).findings)
     for white in ("10 µg/√Hz", "1000 µg/√Hz"):  # made with 100
-        told = calibrate_with_gravity(tmp_path, GRAVITY, ("100 µg/√Hz", white)).findings
-        (finding,) = [f for f in told if f.what == "noise"]
+        findings = calibrate_with_gravity(tmp_path, GRAVITY, ("100 µg/√Hz", white)).findings
+        (finding,) = [f for f in findings if f.what == "noise"]
         assert finding.severity == "warning"
         assert white in finding.message

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS, SIX_POSITIONS, run_file
 
 from inercal.benches import Hand
@@ -127,8 +128,9 @@ def test_a_calibration_of_other_units_is_not_applied(tmp_path: Path):
     (tmp_path / "log.csv").unlink()
     run = read(other)
     write_recording(apply_data_columns(run, simulate(run, 1)), run.file(run.data.file))
-    with pytest.raises(InputError, match="channel ax is in m/s²; this calibration is for g"):
+    with refused(InputError) as refusal:
         apply(known, run)
+    assert "channel ax" in str(refusal.value)
 
 
 def test_one_seed_gives_one_recording_and_trials_are_independent(tmp_path: Path):
@@ -138,13 +140,13 @@ def test_one_seed_gives_one_recording_and_trials_are_independent(tmp_path: Path)
     many = simulate(run, 3, trials=3)
     assert many.data.shape == (3, *first.data.shape)
     assert not np.array_equal(many.data[0], many.data[1])
-    with pytest.raises(InputError, match="axis of trials"):
+    with refused(InputError):
         write_recording(many, tmp_path / "many.npz")
 
 
 def test_a_simulation_without_a_rate_is_refused(tmp_path: Path):
     path = run_file(tmp_path, FERRARIS, ('rate = "50 Hz"\n', ""))
-    with pytest.raises(InputError, match=r"\[data\] rate is missing; a simulation needs it"):
+    with refused(InputError, file=path, key="[data] rate"):
         simulate(path)
 
 
@@ -166,23 +168,23 @@ def recording_without_sections(run: Run, *labels: str) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("missing", "words"),
+    ("missing", "names"),
     [
-        (["z_a"], ["az.k0 and az.k1 are not separated", "−az up", "z_a (−z up)"]),
-        (["z_p", "z_a"], ["ax.delta_p, ay.delta_o, az.k1", "z_p (+z up), z_a (−z up)"]),
-        (["y_p", "z_p"], ["ay.k0 and ay.k1", "az.k0 and az.k1", "+ay up", "+az up"]),
+        (["z_a"], ["az.k0", "az.k1"]),
+        (["z_p", "z_a"], ["ax.delta_p", "ay.delta_o", "az.k1"]),
+        (["y_p", "z_p"], ["ay.k0", "ay.k1", "az.k0", "az.k1"]),
     ],
 )
 def test_positions_that_are_missing_leave_coefficients_not_observed_by_name(
-    tmp_path: Path, missing: list[str], words: list[str]
+    tmp_path: Path, missing: list[str], names: list[str]
 ):
     labels = ('time = "time"', 'time = "time"\nmarks = "labels"\nlabel = "label"')
     run = read(run_file(tmp_path, SIX_POSITIONS, labels))
     write_recording(recording_without_sections(run, *missing), run.file(run.data.file))
-    with pytest.raises(NotObserved) as refused:
+    with refused(NotObserved, file=run.path) as refusal:
         calibrate(run)
-    message = str(refused.value)
-    assert all(word in message for word in words), message
+    message = str(refusal.value)
+    assert all(name in message for name in (*names, *missing)), message
     assert "\n" not in message
 
 
@@ -190,10 +192,10 @@ def test_a_turn_that_is_missing_is_not_observed_by_name(tmp_path: Path):
     labels = ('marks = "found"', 'marks = "labels"\nlabel = "label"')
     run = read(run_file(tmp_path, FERRARIS, labels))
     write_recording(recording_without_sections(run, "z_rot"), run.file(run.data.file))
-    with pytest.raises(NotObserved) as refused:
+    with refused(NotObserved, file=run.path) as refusal:
         calibrate(run)
-    assert "gz.scale" in str(refused.value)
-    assert "z_rot (turn by +360° about +z)" in str(refused.value)
+    assert "gz.scale" in str(refusal.value)
+    assert "z_rot" in str(refusal.value)
 
 
 def test_a_prior_supplies_the_coefficients_that_the_positions_do_not_observe(tmp_path: Path):
@@ -238,25 +240,25 @@ def test_means_typed_by_hand_are_calibrated_without_a_recording(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "wrong"),
     [
-        ("y_a,0.0330", "y_p,0.0330", "position 'y_p' comes in several rows"),
-        ("y_a,0.0330", "Y_A,0.0330", "no step 'Y_A' in the plan; it has x_p, x_a"),
-        ("acc_z\n", "az\n", "'acc_z'"),
-        ("-1.0000", "nan", "log.csv line 7: column 'acc_z' is empty or not finite"),
-        ("-1.0000", "low", "'acc_z'"),
+        ("y_a,0.0330", "y_p,0.0330", "y_p"),
+        ("y_a,0.0330", "Y_A,0.0330", "Y_A"),
+        ("acc_z\n", "az\n", "acc_z"),
+        ("-1.0000", "nan", "acc_z"),
+        ("-1.0000", "low", "acc_z"),
     ],
 )
 def test_a_table_of_means_that_cannot_be_used_is_refused(
-    tmp_path: Path, old: str, new: str, words: str
+    tmp_path: Path, old: str, new: str, wrong: str
 ):
     assert MEANS.count(old) == 1
     (tmp_path / "log.csv").write_text(MEANS.replace(old, new), encoding="utf-8")
-    with pytest.raises(InputError) as refused:
+    with refused(InputError) as refusal:
         calibrate(run_file(tmp_path, SIX_POSITIONS, *OF_MEANS))
-    message = str(refused.value)
+    message = str(refusal.value)
     assert "log.csv" in message
-    assert words in message
+    assert f"'{wrong}'" in message
     assert "\n" not in message
 
 
@@ -266,5 +268,6 @@ def test_means_without_a_stated_deviation_are_refused(tmp_path: Path):
         ('time = "time"\n', 'kind = "means"\nlabel = "position"\n'),
         *OF_MEANS[1:],
     )
-    with pytest.raises(InputError, match=r"\[data\.sd\] accelerometer is missing"):
+    with refused(InputError) as refusal:
         calibrate(run_file(tmp_path, SIX_POSITIONS, *changes))
+    assert "[data.sd] accelerometer" in str(refusal.value)

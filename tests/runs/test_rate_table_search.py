@@ -19,7 +19,7 @@ from inercal.methods.ship_multi_angle.global_search import (
 )
 from inercal.pipeline import Outcome, calibrate
 from inercal.report import write_report
-from inercal.report.search_history import search_figure
+from inercal.report.filter_figures import search_figure
 from inercal.runfile import read
 from inercal.sensors import G0
 

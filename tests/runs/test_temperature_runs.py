@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy import ferraris
 from tests.accuracy import temperature as thermal
+from tests.refusals import refused
 
 import inercal
 from inercal.budget.experiment_from_runfile import experiment_from_run
@@ -76,48 +77,54 @@ def test_the_example_recovers_the_truth_of_its_table(tmp_path: Path):
 
 def test_attitudes_in_the_report_are_those_at_the_rows_temperatures():
     outcome = calibrate(EXAMPLE / "soaks.toml")
-    felt = outcome.sensed_motion().f
+    force = outcome.sensed_motion().f
     # Tilts of 0.1° turn gravity and leave its size.
-    assert np.abs(np.linalg.norm(felt, axis=1) / 9.80747 - 1).max() < 2e-4
+    assert np.abs(np.linalg.norm(force, axis=1) / 9.80747 - 1).max() < 2e-4
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "wrong"),
     [
-        ({'temperature = "temp"': ""}, "position 'x_a' comes in several rows"),
-        ({'temperature = "temp"': 'temperature = "t"'}, "no column 't'; it has position"),
-        ({'also = ["k0_dT", "k1_dT"]': 'estimator = "classical"'}, "takes each position"),
-        ({'also = ["k0_dT",': 'estimator = "classical"\nalso = ["k0_dT",'}, "k0_dT, .*take ml"),
+        ({'temperature = "temp"': ""}, "'x_a'"),
+        ({'temperature = "temp"': 'temperature = "t"'}, "'t'"),
+        ({'also = ["k0_dT", "k1_dT"]': 'estimator = "classical"'}, "position"),
+        ({'also = ["k0_dT",': 'estimator = "classical"\nalso = ["k0_dT",'}, "k0_dT"),
     ],
 )
 def test_a_table_with_missing_data_gives_one_line(
-    changes: dict[str, str], words: str, tmp_path: Path
+    changes: dict[str, str], wrong: str, tmp_path: Path
 ):
-    with pytest.raises(InputError, match=words) as raised:
+    with refused(InputError) as refusal:
         calibrate(copy_example(tmp_path, changes))
-    assert "\n" not in str(raised.value)
+    assert wrong in str(refusal.value)
+    assert "\n" not in str(refusal.value)
 
 
 def test_coefficients_without_a_column_name_the_key(tmp_path: Path):
     rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
     once = "\n".join(rows[2:9])
-    with pytest.raises(InputError, match=r"\[data\] temperature is missing: ax.k0_dT"):
+    with refused(InputError) as refusal:
         calibrate(copy_example(tmp_path, {'temperature = "temp"': ""}, once))
+    assert "[data] temperature" in str(refusal.value)
+    assert "ax.k0_dT" in str(refusal.value)
 
 
 def test_one_temperature_names_the_null_direction_and_what_to_do(tmp_path: Path):
     rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
     alike = "\n".join([rows[2], *(row.rpartition(",")[0] + ",21.30" for row in rows[3:])])
-    with pytest.raises(NotObserved, match=r"the rows are at 21\.30 to 21\.30 °C") as raised:
+    with refused(NotObserved, file="soaks.toml") as refusal:
         calibrate(copy_example(tmp_path, {}, alike))
-    assert any("ax.k0_dT" in words and "ax.k0" in words for words in raised.value.directions)
+    assert isinstance(refusal.value, NotObserved)
+    assert any({"ax.k0_dT", "ax.k0"} <= set(free.split()) for free in refusal.value.directions)
+    assert "21.30 to 21.30 °C" in str(refusal.value)
 
 
 def test_a_cell_without_a_temperature_is_refused_with_its_line(tmp_path: Path):
     rows = (EXAMPLE / "soaks.csv").read_text(encoding="utf-8").splitlines()
     rows[4] = rows[4].rpartition(",")[0] + ","
-    with pytest.raises(InputError, match="line 5: column 'temp' is empty or not finite"):
+    with refused(InputError) as refusal:
         calibrate(copy_example(tmp_path, {}, "\n".join(rows)))
+    assert "line 5: column 'temp'" in str(refusal.value)
 
 
 def recorded(folder: Path) -> tuple[Path, ferraris.Imu, thermal.TemperatureSensitivity]:
@@ -170,5 +177,6 @@ def calibrate_plain(run: Path) -> Outcome:
 
 def test_a_budget_of_a_plan_has_no_temperatures(tmp_path: Path):
     run = copy_example(tmp_path, {})
-    with pytest.raises(InputError, match=r"ax\.k0_dT.*a plan states no temperatures"):
+    with refused(InputError) as refusal:
         experiment_from_run(read(run))
+    assert "ax.k0_dT" in str(refusal.value)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.store.calibration_generator import (
     DRIFTING,
     G0,
@@ -157,9 +158,7 @@ def test_another_frame_is_brought_to_that_of_the_newest(register: Register, tmp_
     held = {"ax.delta_o", "ax.delta_p", "ay.delta_o"}
     kept = {course.name for course in history.trends}
     assert kept & held == set()
-    assert any(
-        "no data stand behind" in line and "ax.delta_o" in line for line in history.exclusions
-    )
+    assert any("not measured" in line and "ax.delta_o" in line for line in history.exclusions)
     expected = load(paths[0]).in_frame("triangular")
     for name in kept & set(expected.sensor.coefficients):
         assert history.trend(name).values[0] == pytest.approx(expected.value(name), abs=1e-15)
@@ -180,7 +179,7 @@ def test_a_frame_that_cannot_be_brought_is_left_out_by_name(register: Register, 
     [
         (lambda c: c["sensor"]["axes"][0]["readout"].update(scale=2.0), "nominally 2 m/s² per SI"),
         (lambda c: c["sensor"]["axes"][1]["readout"].update(unit="g"), "1 g per SI unit"),
-        (lambda c: c["sensor"]["axes"][2].update(i=[0, 0, -1]), "lies another way"),
+        (lambda c: c["sensor"]["axes"][2].update(i=[0, 0, -1]), "axis az"),
     ],
 )
 def test_other_terms_are_left_out_with_the_reason(
@@ -190,7 +189,7 @@ def test_other_terms_are_left_out_with_the_reason(
     assert len(history.entries) == 1
     assert words in history.exclusions[0]
     first, second = two(tmp_path, change)
-    with pytest.raises(InputError, match="the first cannot be compared with the second"):
+    with refused(InputError):
         compare(load(first), load(second))
 
 
@@ -236,11 +235,12 @@ def test_coefficients_are_chosen_by_name_group_and_axis(register: Register, tmp_
         "gx.delta_p",
     ]
     assert history.select([]) is history
-    with pytest.raises(InputError, match="no coefficient or group 'k9'"):
+    with refused(InputError) as refusal:
         history.select(["k9"])
-    with pytest.raises(InputError, match=r"k2: not in this history; it has ax\.k0"):
+    assert "'k9'" in str(refusal.value)
+    with refused(InputError, names=("k2",)):
         history.select(["k2"])
-    with pytest.raises(InputError, match=r"no coefficient 'x\.k0' in this history"):
+    with refused(InputError, names=("x.k0",)):
         history.trend("x.k0")
 
 

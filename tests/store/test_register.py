@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, content, hashed, ten, write
 
 from inercal.errors import InputError
@@ -90,7 +91,7 @@ def test_axes_that_come_later_are_added_and_others_are_refused(address: str):
         assert register.enter_sensor(accelerometers) == register.enter_sensor(both) == 1
         assert register.sensor("board").axes == ("ax", "ay", "az", "gx", "gy", "gz")
         turned = tuple(replace(axis, measures="w") for axis in accelerometers.axes)
-        with pytest.raises(InputError, match=r"axis ax measures angular rate, .* specific force"):
+        with refused(InputError, names=("ax",)):
             register.enter_sensor(replace(accelerometers, axes=turned))
         assert len(register.sensors()) == 1
 
@@ -160,8 +161,9 @@ def test_a_run_and_its_calibration_are_entered_together_or_not_at_all(address: s
     path = write(tmp_path / "a.calibration.json", made())
     path.write_text(path.read_text(encoding="utf-8").replace("generator", "forger"))
     with Register(address) as register:
-        with pytest.raises(InputError, match="changed since it was written"):
+        with refused(InputError) as refusal:
             register.enter_run(facts(), path)
+        assert str(path) in str(refusal.value)
         assert register.runs() == register.sensors() == ()
         write(path, made())
         register.enter_run(facts(), path)
@@ -172,8 +174,9 @@ def test_several_files_are_entered_all_or_none(address: str, tmp_path: Path):
     good, bad = ten(tmp_path)[:2]
     bad.write_text("{}")
     with Register(address) as register:
-        with pytest.raises(InputError, match=rf"{bad.name}: schema None"):
+        with refused(InputError) as refusal:
             register.enter_calibrations([good, bad])
+        assert str(bad) in str(refusal.value)
         assert register.calibrations() == ()
 
 
@@ -218,19 +221,19 @@ def test_a_folder_of_all_kinds_of_characters_holds_a_register(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "wrong"),
     [
-        ({"conditions": 7}, "conditions: texts by name"),
-        ({"provenance": {"created": 3}}, "provenance: texts by name"),
-        ({"provenance": {"created": "yesterday"}}, "'yesterday' is not a time in ISO 8601"),
-        ({"provenance": {}}, "it has no date of measurement; give --measured"),
-        ({"method": 7}, "7 is not a text"),
-        ({"covariance": (-np.eye(24)).tolist()}, "a variance is negative"),
-        ({"notes": ["\ud800"]}, "a text is not Unicode"),
+        ({"conditions": 7}, "conditions"),
+        ({"provenance": {"created": 3}}, "provenance"),
+        ({"provenance": {"created": "yesterday"}}, "'yesterday'"),
+        ({"provenance": {}}, "--measured"),
+        ({"method": 7}, "7"),
+        ({"covariance": (-np.eye(24)).tolist()}, "variance"),
+        ({"notes": ["\ud800"]}, "Unicode"),
     ],
 )
 def test_content_that_a_register_cannot_keep_is_refused(
-    tmp_path: Path, change: dict[str, Any], words: str
+    tmp_path: Path, change: dict[str, Any], wrong: str
 ):
     path = tmp_path / "a.calibration.json"
     written = made() | change
@@ -239,9 +242,10 @@ def test_content_that_a_register_cannot_keep_is_refused(
     else:
         write(path, hashed(written))
     with Register(str(tmp_path / "r.db")) as register:
-        with pytest.raises(InputError, match=words) as refused:
+        with refused(InputError) as refusal:
             register.enter_calibration(path)
-        assert str(refused.value).startswith(str(path))
+        assert str(refusal.value).startswith(str(path))
+        assert wrong in str(refusal.value)
         assert register.calibrations() == register.sensors() == ()
 
 
@@ -249,7 +253,7 @@ def test_a_text_with_a_zero_is_refused_by_a_server_in_one_line(database: str, tm
     written = made()
     written["sensor"]["name"] = "a\0b"
     path = write(tmp_path / "a.calibration.json", hashed(written))
-    with Register(database) as register, pytest.raises(InputError, match="NUL"):
+    with Register(database) as register, refused(InputError, key="--register"):
         register.enter_calibration(path)
 
 
@@ -262,15 +266,16 @@ def test_a_method_of_another_version_leaves_the_bench_unknown(address: str, tmp_
 
 def test_what_is_not_there_is_said_with_what_is(address: str, tmp_path: Path):
     with Register(address) as register:
-        with pytest.raises(InputError, match="no sensor 'x' in the register; it is empty"):
+        with refused(InputError, names=("x",)):
             register.sensor("x")
-        with pytest.raises(InputError, match="no calibration #1 in the register; it has none"):
+        with refused(InputError, names=("#1",)):
             register.calibration(1)
         register.enter_calibrations(ten(tmp_path))
         register.enter_sensor(triad("bare", "f", "a", *PLAIN))
-        with pytest.raises(InputError, match="it has 'MIMU № 17', 'bare'"):
+        with refused(InputError, names=("x",)) as refusal:
             register.history("x")
-        with pytest.raises(InputError, match="the last is #10"):
+        assert "'MIMU № 17', 'bare'" in str(refusal.value)
+        with refused(InputError, names=("#11",)):
             register.calibration(11)
-        with pytest.raises(InputError, match="sensor 'bare' has no calibration in the register"):
+        with refused(InputError, names=("bare",)):
             register.history("bare")

@@ -1,7 +1,7 @@
-"""The error budget: what each imperfection contributes to each coefficient.
+"""The error budget: the contribution of each imperfection to each coefficient.
 
-A budget is of an estimator as it is configured, on a bench as it is stated: one that carries an
-error as an unknown with a prior takes a part of it out, or spreads it over other coefficients.
+A budget is for an estimator as configured, on a bench as stated: an estimator that estimates an
+error with a prior removes a part of it, or spreads it over other coefficients.
 """
 
 from dataclasses import dataclass
@@ -10,12 +10,13 @@ from inercal.arrays import Array
 from inercal.budget.contributions import (
     ALL_IMPERFECTIONS,
     ProgressCallback,
+    Shift,
+    effect_shifts,
     first_order_contributions,
     monte_carlo_estimates,
     root_sum_of_squares,
     sample_deviation,
 )
-from inercal.budget.effect_shifts import Shift, effect_shifts
 from inercal.budget.imperfections import Imperfection
 from inercal.budget.virtual_experiment import Experiment
 from inercal.errors import InputError
@@ -42,7 +43,7 @@ class BudgetDeviations:
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """What everything contributes to p coefficients.
+    """The contributions of all imperfections to p coefficients.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class Budget:
     stated : (p,) array
         Standard uncertainties that the estimator states itself, SI.
     shifts : tuple of Shift
-        Known effects, if they are left uncorrected.
+        By known effects that are left uncorrected.
     """
 
     experiment: Experiment
@@ -71,7 +72,7 @@ class Budget:
     shifts: tuple[Shift, ...]
 
     def sorted_contributions(self, coefficient: int) -> list[tuple[Imperfection, BudgetDeviations]]:
-        """Return the lines by what they contribute to one coefficient, largest first."""
+        """Return the imperfections with their contribution to one coefficient, largest first."""
         return sorted(
             self.contributions.items(), key=lambda line: -float(line[1].monte_carlo[coefficient])
         )
@@ -83,18 +84,18 @@ def budget(
     seed: int = 0,
     progress: ProgressCallback | None = None,
 ) -> Budget:
-    """Work out the budget of an experiment.
+    """Compute the budget of an experiment.
 
     Parameters
     ----------
     experiment : Experiment
     trials : int
-        Of the Monte Carlo, for each imperfection alone and for all together; the deviations found
+        Of the Monte Carlo, for each imperfection alone and for all together; the deviations
         have a relative standard error of 1/√(2 trials).
     seed : int
         Equal seeds give equal budgets.
     progress : callable, optional
-        Told the trials done and those in all.
+        Called with the number of trials done, and of all trials.
 
     Raises
     ------
@@ -102,14 +103,17 @@ def budget(
         Fewer than two trials, an estimator that refuses the plan or does not converge.
     """
     if trials < 2:
-        raise InputError(f"{trials} trials have no spread: take 2 or more, such as 1000")
+        raise InputError(
+            f"{trials} trials have no standard deviation: use 2 trials or more, such as 1000",
+            key="trials",
+        )
     linear = first_order_contributions(experiment)
-    found = monte_carlo_estimates(experiment, trials, seed, progress)
+    estimates = monte_carlo_estimates(experiment, trials, seed, progress)
     lines = {
-        one: BudgetDeviations(linear[one.name], *sample_deviation(found[one.name]))
-        for one in experiment.imperfections
+        each: BudgetDeviations(linear[each.name], *sample_deviation(estimates[each.name]))
+        for each in experiment.imperfections
     }
-    together = found[ALL_IMPERFECTIONS]
+    together = estimates[ALL_IMPERFECTIONS]
     return Budget(
         experiment,
         trials,

@@ -1,4 +1,4 @@
-"""From a run file to the experiment whose budget is asked for. Its data are not looked at."""
+"""From a run file to the virtual experiment of its budget. Its data are not read."""
 
 from collections.abc import Mapping
 
@@ -20,7 +20,7 @@ def experiment_from_run(run: Run) -> Experiment:
     """Return the experiment that a run file describes.
 
     The noise of a mean is its stated deviation ([data.sd]), else the white noise of the axis over
-    the step. A coefficient with a prior and no [sensor.truth] is truly what the prior says.
+    the step. A coefficient with a prior and no [sensor.truth] truly has the value of the prior.
 
     Raises
     ------
@@ -29,13 +29,17 @@ def experiment_from_run(run: Run) -> Experiment:
     """
     if run.method.unknown_attitudes:
         raise InputError(
-            f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} finds "
-            "them in the recording, and inercal plan rehearses it"
+            f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} estimates "
+            "them from the recording: use inercal plan, which simulates it",
+            file=run.path,
+            key="[method] name",
         )
     if run.kind.rows_of_table and run.data.kind == "means" and not run.has_plan_keys:
         raise InputError(
-            f"{run.path}: a budget is of a plan, not of a table: state [method] attitudes, rates "
-            "or turns"
+            f"{run.path}: a budget needs a plan, and the run file names a table: state [method] "
+            "attitudes, rates or turns",
+            file=run.path,
+            key="[method]",
         )
     try:
         refuse_temperature_terms_in_plan(run.sensor)
@@ -55,7 +59,7 @@ def experiment_from_run(run: Run) -> Experiment:
             believed | dict(run.truth),
         )
     except InputError as error:
-        raise InputError(f"{run.path}: {error}") from None
+        raise error.located(run.path) from None
 
 
 def _noise_covariance(run: Run) -> Array:
@@ -73,9 +77,14 @@ def _mean_variance(stated: Mapping[str, float], axis: Axis, seconds: float) -> f
         return stated[axis.measures] ** 2
     if not axis.noise.white:
         raise InputError(
-            f"[sensor.{kind}] white is missing: a budget needs the noise, of the sensor or of "
-            f"each mean ([data.sd] {kind})"
+            f"[sensor.{kind}] white is missing: a budget needs it; state it, or the standard "
+            f"deviation of a mean, [data.sd] {kind}",
+            key=f"[sensor.{kind}] white",
         )
     if not seconds:
-        raise InputError("the plan does not say how long its steps last: white noise needs it")
+        raise InputError(
+            "the plan states no duration of its steps, which white noise needs; state [method] "
+            "seconds",
+            key="[method] seconds",
+        )
     return axis.noise.white**2 / seconds

@@ -1,4 +1,4 @@
-"""What is not perfect: the bench as it declares itself, the readings' noise, what is carried in.
+"""The imperfections of a calibration: errors of the bench, noise of the readings, and priors.
 
 Each imperfection is a number of independent draws. One that a bench declares for every position,
 turn or dwell, or about every axis, is one line of a budget: its draws are added in squares.
@@ -58,7 +58,7 @@ class Imperfection:
     Parameters
     ----------
     name : str
-        In one or two words.
+        One or two words.
     meaning : str
         One line for a report.
     stated : str
@@ -75,7 +75,7 @@ class Imperfection:
 
 
 def bench_imperfections(declared: Mapping[str, Parameter]) -> list[Imperfection]:
-    """Return the imperfections of a bench, those that are stated to be exact left out.
+    """Return the imperfections of a bench, without those that are stated as exact.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def noise_imperfection(sensor: Sensor, labels: Sequence[str], noise: Array) -> I
 
 
 def prior_imperfection(sensor: Sensor, prior: Gaussian) -> Imperfection:
-    """Return what is carried in with coefficients that are known from elsewhere."""
+    """Return the uncertainty of a prior on coefficients."""
     names = ", ".join(prior.names)
     sd = np.sqrt(np.diagonal(prior.covariance)).tolist()
     lines = [sensor.coefficient(name) for name in prior.names]

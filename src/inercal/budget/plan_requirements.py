@@ -1,4 +1,4 @@
-"""What a budget asks of a plan: each step is one mean reading whose motion is known."""
+"""Requirements of a budget on a plan: each step is one mean reading of known motion."""
 
 from collections.abc import Sequence
 
@@ -9,26 +9,35 @@ from inercal.plan import Spin, Step
 
 
 def require_budget_plan(bench: Bench, steps: Sequence[Step]) -> MeanBench:
-    """Return the bench; refuse a plan that does not say what the sensor feels.
+    """Return the bench; refuse a plan that does not determine the motion of the sensor.
 
     Raises
     ------
     InputError
-        No steps, steps of another bench, attitudes on the arm that are not known, or what the kind
-        of bench says.
+        No steps, steps of another bench, unknown attitudes on the arm, or a refusal by the kind of
+        bench.
     """
     kind = kind_for_bench(bench)
     if steps and not all(isinstance(step, kind.steps) for step in steps):
-        raise InputError("the plan's steps are for another bench than the one that is stated")
+        raise InputError(
+            f"the steps of the plan are for another bench than {kind.name}; change [bench] kind or "
+            "the plan",
+            key="[bench] kind",
+        )
     if reason := kind.refuses_budget(bench, steps):
         raise InputError(reason)
     if not isinstance(bench, MeanBench):
-        raise InputError(f"a budget is of means, which a bench of kind {kind.name} does not have")
+        raise InputError(
+            f"a bench of kind {kind.name} has no mean readings, which a budget needs; use another "
+            "bench",
+            key="[bench] kind",
+        )
     if not steps:
-        raise InputError("a budget needs a plan; this one has no steps")
+        raise InputError("the plan has no steps, which a budget needs; add steps", key="steps")
     if any(isinstance(step, Spin) and step.attitude is None for step in steps):
         raise InputError(
             "a budget needs a plan with attitudes ([method] attitudes and rates): a table of means "
-            "does not say in which ones it was taken"
+            "states no attitudes",
+            key="[method] attitudes",
         )
     return bench

@@ -1,9 +1,9 @@
-"""A calibration as a function of everything that is not perfect about it.
+"""A calibration as a function of all imperfections.
 
 The estimator is a black box. All imperfections together are a vector z of independent standard
 normal numbers, and the calibration is one function of it::
 
-    z  ->  bench's errors, readings' noise, what was known from elsewhere
+    z  ->  errors of the bench, noise of the readings, errors of the priors
        ->  readings = forward(motion(bench's errors), truth) + noise
        ->  estimate(readings; the bench as stated, with its priors)  =  E(z)
 
@@ -57,7 +57,7 @@ class Experiment:
         On coefficients, from elsewhere: their means are drawn about the truth.
     truth : mapping of str to float
         Coefficients by full name, SI; those missing are zero. Those that are not estimated are
-        known effects, and play no part here (see `inercal.budget.effect_shifts`).
+        known effects, and play no part here (see `inercal.budget.contributions`).
 
     Raises
     ------
@@ -77,10 +77,12 @@ class Experiment:
         require_budget_plan(self.bench, self.steps)
         shape = (len(self.steps), *[len(self.sensor.axes)] * 2)
         if self.noise.shape != shape:
-            raise InputError(f"noise has shape {self.noise.shape}, expected {shape}")
+            raise InputError(f"noise has shape {self.noise.shape}; give shape {shape}", key="noise")
         variance = np.diagonal(self.noise, axis1=-2, axis2=-1)
         if not (np.isfinite(self.noise).all() and (variance > 0).all()):
-            raise InputError("a budget needs the noise of the readings, finite and not zero")
+            raise InputError(
+                "the noise of the readings must be finite and positive for a budget", key="noise"
+            )
 
     @cached_property
     def true_values(self) -> Array:
@@ -124,16 +126,16 @@ class Experiment:
         Raises
         ------
         InputError
-            The estimator did not converge, or refuses the readings.
+            The estimator did not converge, or refused the readings.
         """
         return self.estimates(*self.simulated_readings(z))
 
     @cached_property
     def expansion_point(self) -> Array:
-        """Return the point that a budget is worked out about, (size,): one draw of the noise.
+        """Return the point of expansion, (size,): no errors of the bench, one draw of the noise.
 
-        A bench without errors, but no readings without noise: a search that weighs by residuals
-        and ends by their size would only meet rounding there.
+        Without noise an estimator that weighs by residuals, or ends by their size, would see only
+        rounding errors.
         """
         z = np.zeros(self.size)
         noise = self.draw_columns[NOISE]
@@ -198,7 +200,7 @@ class Experiment:
         if not np.all(converged):
             raise InputError(
                 f"the estimator did not converge in {int(np.sum(~converged))} of {len(readings)} "
-                "trials: look at the plan and at the noise as stated"
+                "trials; check the plan and the stated noise"
             )
         return values[:, : len(self.sensor.coefficients)]
 
@@ -209,7 +211,7 @@ class Experiment:
         try:
             self._run_estimator(readings, priors)
         except InputError:
-            return False  # what else is wrong with the readings, one table will tell
+            return False  # any other error is raised again for a single table
         return True
 
     def stated(self) -> Array:
@@ -218,12 +220,12 @@ class Experiment:
         return np.sqrt(variance[: len(self.sensor.coefficients)])
 
     def estimate(self) -> Estimate:
-        """Return what the estimator makes of the typical readings.
+        """Return the estimate from the readings at the point of expansion.
 
         Raises
         ------
         InputError
-            The estimator refuses the readings.
+            The estimator refused the readings.
         NotObserved
             Coefficients that the plan leaves open.
         """
@@ -232,7 +234,7 @@ class Experiment:
         return self._run_estimator(readings[0], single)
 
     def observations(self, readings: Array) -> Observations:
-        """Return readings, (..., r, m) SI, as the estimator is given them."""
+        """Return readings, (..., r, m) SI, as observations for the estimator."""
         r = len(self.steps)
         return Observations(
             labels=tuple(step.label for step in self.steps),

@@ -22,7 +22,7 @@ from inercal.errors import InercalError
 
 app = typer.Typer(
     name="inercal",
-    help="Calibrate accelerometers and IMUs, and say how well the result is known.",
+    help="Calibrate accelerometers and IMUs, with the uncertainty of every coefficient.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -54,21 +54,21 @@ def _options(
 
 
 def main() -> None:
-    """Run the program: a mistake of the user's is one line on standard error and status 2."""
-    # Matrices are small here: threads of linear algebra would only wait for one another.
+    """Run the program; an error of the input is one line on standard error and status 2."""
+    # Matrices are small: threads of linear algebra would only wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         status: int | None = app(standalone_mode=False)
         sys.exit(status or 0)
     except TyperException as error:
-        if words := error.format_message():  # else it has shown the help
-            print(f"inercal: {words} (see --help)", file=sys.stderr)
+        if text := error.format_message():  # else it has printed the help
+            print(f"inercal: {text} (see --help)", file=sys.stderr)
         sys.exit(error.exit_code)
     except InercalError as error:
         print(f"inercal: {error}", file=sys.stderr)
         sys.exit(2)
     except BrokenPipeError:
-        sys.exit(0)  # whoever read our output has seen enough
+        sys.exit(0)  # the reader of the output closed the pipe
     except KeyboardInterrupt:
         print("inercal: stopped", file=sys.stderr)
         sys.exit(130)

@@ -29,7 +29,11 @@ def run(
     calibration = load(calibration_file)
     plan = read(run_file)
     if out.resolve() == plan.file(plan.data.file).resolve():
-        raise InputError(f"{out} is the recording itself: give the corrected one another name")
+        raise InputError(
+            f"--out {out} is the recording itself: give the corrected recording another name",
+            file=out,
+            key="--out",
+        )
     refuse_overwrite(out, force=force)
     with progress_status(f"correcting {plan.data.file}"):
         corrected = apply(calibration, plan)
@@ -48,5 +52,5 @@ def run(
     else:
         units = ", ".join(dict.fromkeys(corrected.units))
         across = sum(name.startswith("f") for name in corrected.channels) in (1, 2)
-        alone = "; what acts across these axes was taken as nothing" * across
+        alone = "; specific force across these axes was taken as zero" * across
         print(f"wrote {out}: {corrected.time.size} samples in {units}{alone}")

@@ -1,4 +1,4 @@
-"""`inercal bench`: drive a three-axis table, read an IMU, calibrate live; simulated or on iron."""
+"""`inercal bench`: drive a real or simulated three-axis table, read an IMU, calibrate live."""
 
 import sys
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from inercal.cli import bench_devices, bench_serve
+from inercal.cli import bench_devices
 from inercal.cli.bench_options import (
     CLOCK_HELP,
     PATIENCE_HELP,
@@ -46,7 +46,7 @@ _Temperature = Annotated[str, typer.Option("--temperature", help=TEMPERATURE_HEL
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 _Register = Annotated[
     str | None,
-    typer.Option(help="Enter the run in the register there, or in the 'default' one."),
+    typer.Option(help="Register to enter the run in: an address, or default."),
 ]
 _IMU_HELP = "serial:/dev/ttyUSB0?preset=xsens&baud=921600 or tcp://HOST:PORT?preset=…"
 
@@ -57,7 +57,8 @@ def run(
     table: Annotated[str, typer.Option(help=TABLE_HELP)],
     imu: Annotated[str, typer.Option(help=_IMU_HELP)],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="New folder of the run; by its time.")
+        Path | None,
+        typer.Option("--out", "-o", help="New folder of the run; by default named by the time."),
     ] = None,
     clock: _Clock = "",
     speed: _Speed = None,
@@ -66,7 +67,7 @@ def run(
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Carry out the plan of a run file, and calibrate from what it leaves."""
+    """Carry out the plan of a run file, and calibrate from its recording."""
     from datetime import datetime
 
     from inercal.host.run_folder import create_run
@@ -84,10 +85,8 @@ def run(
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(help="The folder of a run that was interrupted.")],
-    table: Annotated[
-        str, typer.Option(help=f"Where it has another address now: {TABLE_HELP}")
-    ] = "",
-    imu: Annotated[str, typer.Option(help=f"The same: {_IMU_HELP}")] = "",
+    table: Annotated[str, typer.Option(help=f"If the address changed: {TABLE_HELP}")] = "",
+    imu: Annotated[str, typer.Option(help=f"If the address changed: {_IMU_HELP}")] = "",
     clock: _Clock = "",
     speed: _Speed = None,
     patience: _Patience = 120.0,
@@ -95,7 +94,7 @@ def resume(
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Go on with a run that was interrupted: the step that was in hand is repeated whole."""
+    """Continue a run that was interrupted; the interrupted step is repeated from its start."""
     from inercal.host.run_folder import reopen_run
 
     options = run_options(speed, patience, temperature)
@@ -112,7 +111,7 @@ def _complete_run(
     json: bool,
     register: "Register | None",
 ) -> None:
-    """Carry out what is left of a run, and finish it; a register is told of it, if there is one."""
+    """Carry out the remaining steps of a run, finish it, and enter it in a register, if any."""
     from inercal.calibration.files import as_object
     from inercal.host.registration import RegisterSync
     from inercal.host.run_completion import finish_run
@@ -138,7 +137,7 @@ def _complete_run(
 
 
 def _enter_run(register_sync: "RegisterSync") -> None:
-    """Enter a run as it is now; what fails is said, and how to do it later."""
+    """Enter a run in its present state; print what failed, and how to enter it later."""
     register_sync.update()
     if register_sync.trouble:
         print(f"inercal: {register_sync.trouble}", file=sys.stderr)
@@ -147,14 +146,13 @@ def _enter_run(register_sync: "RegisterSync") -> None:
 def _carry_out_plan(
     folder: "RunFolder", journal: "Journal", options: "RunOptions", register_sync: "RegisterSync"
 ) -> "LiveEstimator | None":
-    """Have the plan carried out; return what was found while it was."""
-    from inercal.cli.bench_view import run_display
-    from inercal.cli.keyboard import listen_to_keys
+    """Carry out the plan; return the live estimator."""
+    from inercal.cli.bench_view import listen_to_keys, run_display
     from inercal.host.addresses import layout_of_address
     from inercal.host.precompilation import precompile_run
     from inercal.host.run_execution import RunInterrupted, execute_run
 
-    with progress_status("compiling what a run needs, once on each machine"):
+    with progress_status("compiling, once on each machine"):
         precompile_run(folder.run, layout_of_address(journal.header().imu))
     try:
         with run_display() as show:
@@ -169,7 +167,7 @@ def _carry_out_plan(
     except RunInterrupted as error:
         _enter_run(register_sync)
         print(f"inercal: interrupted: {error}", file=sys.stderr)
-        print(f"go on by: inercal bench resume {folder.path}", file=sys.stderr)
+        print(f"continue by: inercal bench resume {folder.path}", file=sys.stderr)
         raise typer.Exit(130) from None
     return run.recorder.live_estimator
 
@@ -177,19 +175,22 @@ def _carry_out_plan(
 @app.command()
 def simulate(
     run_file: _RunFile,
-    seed: Annotated[int, typer.Option(help="Of noise, and of what is imperfect.")] = 0,
-    preset: Annotated[str, typer.Option(help="Of the IMU's packets.")] = "fixed",
+    seed: Annotated[int, typer.Option(help="Seed of the noise and of the bench's errors.")] = 0,
+    preset: Annotated[str, typer.Option(help="Preset of the IMU's packets.")] = "fixed",
     rate: Annotated[
-        float | None, typer.Option(help="Packets a second; else as the run file has it.")
+        float | None, typer.Option(help="Packets per second; by default the run file's rate.")
     ] = None,
     pace: Annotated[
-        str, typer.Option(help="Bench seconds in one of the wall's; or granted: by the host.")
+        str,
+        typer.Option(help="Simulated seconds per second, or granted: as fast as the host permits."),
     ] = "granted",
-    tcp: Annotated[bool, typer.Option("--tcp", help="The IMU on TCP, not on a terminal.")] = False,
+    tcp: Annotated[
+        bool, typer.Option("--tcp", help="Put the IMU on TCP instead of a terminal.")
+    ] = False,
 ) -> None:
     """Simulate the bench of a run file, until Ctrl-C: a Turbo PMAC, and an IMU on a terminal.
 
-    Lines typed here make things go wrong: `imu fault loss 0.01`, `table fault amplifier 2`.
+    Lines typed here inject faults: `imu fault loss 0.01`, `table fault amplifier 2`.
     """
     from inercal.errors import InputError
     from inercal.host.bench_simulator import BenchSimulator
@@ -203,12 +204,53 @@ def simulate(
             which, _, words = line.strip().partition(" ")
             try:
                 if which not in ("table", "imu"):
-                    raise InputError(f"{line.strip()!r}; possible: table WORDS or imu WORDS")
+                    raise InputError(
+                        f"{line.strip()!r} is no command; type table WORDS or imu WORDS"
+                    )
                 bench.inject_fault(which, words)
                 print("ok", flush=True)
             except InputError as error:
                 print(f"no: {error}", flush=True)
 
 
-for verb in (bench_devices.devices, bench_serve.serve):
-    app.command()(verb)
+@app.command()
+def serve(
+    plans: Annotated[Path, typer.Option(help="Folder of run files to choose from.")] = Path(),
+    runs: Annotated[Path, typer.Option(help="Folder for the folders of the runs.")] = Path("runs"),
+    register: Annotated[
+        str | None, typer.Option(help="The register: a path, sqlite:///… or postgresql://…")
+    ] = None,
+    table: Annotated[str, typer.Option(help="Address of a table to offer, as of `run`.")] = "",
+    imu: Annotated[str, typer.Option(help="Address of an IMU to offer, as of `run`.")] = "",
+    clock: _Clock = "",
+    speed: _Speed = None,
+    patience: _Patience = 120.0,
+    temperature: _Temperature = "",
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; any but 127.0.0.1 needs a token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen at; 0 is any free port.")] = 8765,
+    token: Annotated[
+        str | None,
+        typer.Option(
+            envvar="INERCAL_TOKEN", help="Token that a browser must show; created if needed."
+        ),
+    ] = None,
+) -> None:
+    """Serve the live page: set up, watch, pause, stop and resume runs in a browser.
+
+    A run survives the page and this server. A software stop is no safety function.
+    """
+    from inercal.errors import InputError, require_extra
+
+    runs_options = run_options(speed, patience, temperature)
+    if not 0 <= port < 65536:
+        raise InputError(f"--port {port}: give a port from 0 to 65535", key="--port")
+    packages = ("starlette", "uvicorn", "websockets", "tomlkit")
+    with require_extra("host", f"the live page needs {', '.join(packages)}", packages):
+        from inercal.host.web.server import ServerOptions
+        from inercal.host.web.server import serve as served
+    served(ServerOptions(plans, runs, register, table, imu, clock, runs_options, host, port, token))
+
+
+app.command()(bench_devices.devices)

@@ -1,4 +1,4 @@
-"""`inercal bench devices`: what is connected, and what it says of itself."""
+"""`inercal bench devices`: the connected ports, tables and IMUs."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,53 +13,54 @@ if TYPE_CHECKING:
 
 
 def devices(
-    table: Annotated[str, typer.Option(help=f"Ask a table: {TABLE_HELP}")] = "",
+    table: Annotated[str, typer.Option(help=f"Query a table: {TABLE_HELP}")] = "",
     imu: Annotated[
-        str, typer.Option(help="Listen to an IMU for a second; without preset= all are tried.")
+        str,
+        typer.Option(help="Listen to an IMU for a second; without preset= every preset is tried."),
     ] = "",
     run_file: Annotated[
-        Path | None, typer.Option("--run", "-r", help="Run file whose bench names the axes.")
+        Path | None,
+        typer.Option("--run", "-r", help="Run file whose bench names the axes of the table."),
     ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object instead of a table.")
     ] = False,
 ) -> None:
-    """Say what is connected: serial ports, what an IMU sends, how a table is set. Nothing moves."""
+    """List serial ports, packets of an IMU and settings of a table. Nothing moves."""
     from dataclasses import asdict
 
     from inercal.host import devices
     from inercal.host.device_description import imu_lines, port_lines, table_lines
 
-    found: dict[str, object] = {}
+    content: dict[str, object] = {}
+    lines: list[str] = []
     if not (table or imu):
         ports = devices.list_serial_ports()
-        found["ports"] = [asdict(port) for port in ports]
-        lines = port_lines(ports)
-    else:
-        lines = []
+        content["ports"] = [asdict(port) for port in ports]
+        lines += port_lines(ports)
     if table:
         seen = devices.probe_table(table, _read_bench(run_file))
-        found["table"] = asdict(seen)
+        content["table"] = asdict(seen)
         lines += table_lines(seen)
     if imu:
-        heard = devices.probe_imu(imu)
-        found["imu"] = {
-            "address": heard.address,
-            "bytes": heard.size,
-            "seconds": heard.seconds,
+        reply = devices.probe_imu(imu)
+        content["imu"] = {
+            "address": reply.address,
+            "bytes": reply.size,
+            "seconds": reply.seconds,
             "packets": [
                 {
-                    "preset": one.layout.name,
-                    "protection": one.layout.protection,
-                    "taken": one.decoded_fraction,
-                    "rate_hz": one.rate_hz,
+                    "preset": decoding.layout.name,
+                    "protection": decoding.layout.protection,
+                    "taken": decoding.decoded_fraction,
+                    "rate_hz": decoding.rate_hz,
                 }
-                for one in heard.decodings
+                for decoding in reply.decodings
             ],
         }
-        lines += imu_lines(heard)
+        lines += imu_lines(reply)
     if json:
-        print_json(found)
+        print_json(content)
         return
     for line in lines:
         print(line)

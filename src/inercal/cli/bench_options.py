@@ -1,4 +1,4 @@
-"""What several verbs of `inercal bench` take."""
+"""Options that several verbs of `inercal bench` have."""
 
 from math import inf
 from typing import TYPE_CHECKING
@@ -9,27 +9,27 @@ if TYPE_CHECKING:
 TABLE_HELP = (
     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://…?axes=1,2,3 or motor:serial:…"
 )
-CLOCK_HELP = "Of a simulated bench, as `simulate` says it."
-SPEED_HELP = "Most seconds of a simulated bench in one of the wall's."
-PATIENCE_HELP = "s that the IMU may be gone before the run ends."
-TEMPERATURE_HELP = "°C that the IMU must stay within, as 15:40."
+CLOCK_HELP = "Clock of a simulated bench, as `simulate` prints it."
+SPEED_HELP = "Most simulated seconds per second, on a simulated bench."
+PATIENCE_HELP = "Seconds without IMU data before the run ends."
+TEMPERATURE_HELP = "Permitted range of the IMU's temperature, °C, such as 15:40."
 
 
 def positive_number(option: str, given: float | str, otherwise: str = "") -> float:
-    """Return the number that was given to an option.
+    """Return the number of an option.
 
     Parameters
     ----------
     option : str
-        As it is written.
+        Its name, "--pace".
     given : float or str
     otherwise : str
-        What else is possible, said where it is not a number above 0.
+        What else is possible, for the message.
 
     Raises
     ------
     InputError
-        It is none.
+        Not a number above 0.
     """
     from inercal.errors import InputError
 
@@ -38,17 +38,17 @@ def positive_number(option: str, given: float | str, otherwise: str = "") -> flo
     except ValueError:
         value = 0.0
     if not 0 < value < inf:
-        raise InputError(f"{option} {given}; give a number above 0{otherwise}")
+        raise InputError(f"{option} {given}: give a number above 0{otherwise}", key=option)
     return value
 
 
 def run_options(speed: float | None, patience: float, temperature: str) -> "RunOptions":
-    """Return what was given to `--speed`, `--patience` and `--temperature`.
+    """Return the options `--speed`, `--patience` and `--temperature`.
 
     Raises
     ------
     InputError
-        No number above 0, or no two temperatures of which the lower one comes first.
+        Not a number above 0, or not two temperatures in rising order.
     """
     from inercal.errors import InputError
     from inercal.host.options import RunOptions
@@ -62,7 +62,10 @@ def run_options(speed: float | None, patience: float, temperature: str) -> "RunO
         except ValueError:
             within = (1.0, 0.0)
         if not within[0] < within[1]:
-            raise InputError(f"--temperature {temperature!r}; give lowest and highest °C, as 15:40")
+            raise InputError(
+                f"--temperature {temperature!r}: give lowest and highest °C, such as 15:40",
+                key="--temperature",
+            )
     for name, value in (("--speed", speed), ("--patience", patience)):
         if value is not None:
             positive_number(name, value)

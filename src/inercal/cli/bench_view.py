@@ -1,4 +1,4 @@
-"""What a run on a bench looks like in a terminal while it goes on."""
+"""A run on a bench in a terminal, while it lasts: its display, and the keys to pause it."""
 
 import os
 import sys
@@ -15,43 +15,43 @@ if TYPE_CHECKING:
 
     from inercal.host.bench_run import BenchRun
 
+_POLL_INTERVAL = 0.2  # s
 _COLOURS = {"info": "default", "warning": "yellow", "alarm": "bold red"}
 KEY_HELP, STOP_HELP = "p pause · g go on · Ctrl-C stop", "Ctrl-C stop"
 
 
 @contextmanager
 def run_display(keys: str = KEY_HELP) -> Generator[Callable[["BenchRun"], None]]:
-    """Give what shows a run on standard error: a panel on a terminal, else a line an event.
+    """Yield a function that shows a run on standard error: a panel on a terminal, else event lines.
 
-    `keys` is what the panel says of those that are listened to.
+    `keys` is the line of the panel about the keys.
     """
     from rich.console import Console
     from rich.live import Live
 
     class Unseen(Console):
-        """A console that a run survives when nobody reads it any more."""
+        """A console whose closed pipe does not end the run."""
 
         def on_broken_pipe(self) -> None:
-            # Rich ends the program here; what is written from now on goes nowhere.
+            # Rich ends the program here; further output is discarded instead.
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, sys.stderr.fileno())
             os.close(nowhere)
 
     console = Unseen(stderr=True, highlight=False)
     if not console.is_terminal:
-        told = 0
+        printed = 0
 
-        def say(run: "BenchRun") -> None:
-            nonlocal told
-            fresh = min(run.recorder.events - told, len(run.recorder.recent_messages))
-            for level, words in list(run.recorder.recent_messages)[
-                len(run.recorder.recent_messages) - fresh :
-            ]:
+        def print_new_events(run: "BenchRun") -> None:
+            nonlocal printed
+            recent = list(run.recorder.recent_messages)
+            fresh = min(run.recorder.events - printed, len(recent))
+            for level, words in recent[len(recent) - fresh :]:
                 line = f"{run.time:8.1f} s  {level:7}  {words}"
                 console.print(line, markup=False, soft_wrap=True)
-            told = run.recorder.events
+            printed = run.recorder.events
 
-        yield say
+        yield print_new_events
         return
     with Live(console=console, auto_refresh=False, transient=True) as live:
 
@@ -62,7 +62,7 @@ def run_display(keys: str = KEY_HELP) -> Generator[Callable[["BenchRun"], None]]
 
 
 def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
-    """Return the picture of a run, with what is said of keys."""
+    """Return the panel of a run: progress, axes, IMU, estimate, messages and keys."""
     from rich.console import Group
     from rich.panel import Panel
     from rich.table import Table
@@ -80,10 +80,17 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
                 f"{3600 * degrees(axis.following_error):.1f} ″",
                 axis.status_text,
             )
-    said = Text()
+    messages = Text()
     for level, words in run.recorder.recent_messages:
-        said.append(f"{words}\n", style=_COLOURS[level])
-    parts = [head, axes, Text(_imu_line(run)), *_live_estimate(run), said, Text(keys, style="dim")]
+        messages.append(f"{words}\n", style=_COLOURS[level])
+    parts = [
+        head,
+        axes,
+        Text(_imu_line(run)),
+        *_live_estimate(run),
+        messages,
+        Text(keys, style="dim"),
+    ]
     return Panel(Group(*parts), title=run.name)
 
 
@@ -91,9 +98,9 @@ def _progress_line(run: "BenchRun") -> str:
     result, task = run.sequencer, run.sequencer.task
     left = result.remaining_time(run.state.time) if run.state is not None else 0.0
     where = f"step {result.number + 1} of {len(run.tasks)}: {task.label}, " if task else ""
-    what = f"pauses: {run.pause_reason}" if run.pause_reason else result.phase
+    what = f"paused: {run.pause_reason}" if run.pause_reason else result.phase
     return (
-        f"{where}{what} · {_clock_text(run.time)} gone, {_clock_text(left)} to go"
+        f"{where}{what} · {_clock_text(run.time)} elapsed, {_clock_text(left)} left"
         f"{f' · {run.speed:.0f} × real time' if run.speed > 1.5 else ''}"
     )
 
@@ -107,13 +114,13 @@ def _imu_line(run: "BenchRun") -> str:
     counts = tally.bytes
     return (
         f"IMU: {counts.packets} packets, {counts.lost} lost, {counts.failed} with a wrong check, "
-        f"{counts.discarded} bytes thrown away; {tally.samples} samples with an angle, "
+        f"{counts.discarded} bytes discarded; {tally.samples} samples with an angle, "
         f"{tally.samples_without_angle} without"
     )
 
 
 def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
-    """Return where the IMU is, and the estimate so far."""
+    """Return the attitude of the IMU, and the estimate so far."""
     from rich.table import Table
     from rich.text import Text
 
@@ -121,12 +128,12 @@ def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
     if live is None:
         return []
     if not live.has_estimate:
-        return [Text("nothing is estimated yet: the method needs more samples")]
+        return [Text("no estimate yet: the method needs more samples")]
     result: list[RenderableType] = []
     if (at := run.recorder.navigation) is not None:
         result.append(Text(
             f"attitude: roll {at.roll:.3f} °, pitch {at.pitch:.3f} °, heading {at.heading:.3f} °; "
-            "from the table's "
+            "error against the table "
             + " ".join(f"{x:+.1f} ″" for x in at.rotation_error)
             + "; velocity " + " ".join(f"{v:+.3f}" for v in at.velocity) + " m/s"
         ))  # fmt: skip
@@ -157,3 +164,44 @@ def _coefficient_cell(
     value, std = values[name]
     size = run.sensor.coefficient(name).si
     return " ± ".join(format_value_and_uncertainty(value / size, 2 * std / size))
+
+
+@contextmanager
+def listen_to_keys(run: "BenchRun") -> Generator[None]:
+    """Pause a run by the key p and continue it by g, where standard input is a terminal."""
+    if not sys.stdin.isatty():
+        yield
+        return
+    import termios
+    import tty
+    from select import select
+    from threading import Thread
+
+    ended = False
+    terminal = sys.stdin.fileno()
+
+    def listen() -> None:
+        while not ended:
+            if not select([terminal], [], [], _POLL_INTERVAL)[0]:
+                continue
+            # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
+            typed = os.read(terminal, 64)
+            if not typed:
+                return
+            for key in typed:
+                if key == ord("p"):
+                    run.request("pause")
+                elif key == ord("g"):
+                    run.request("go on")
+
+    before = termios.tcgetattr(sys.stdin)
+    # Ctrl-C remains a signal, which the watchdog receives too.
+    tty.setcbreak(sys.stdin)
+    thread = Thread(target=listen, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended = True
+        thread.join()
+        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

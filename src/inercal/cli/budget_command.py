@@ -1,11 +1,17 @@
-"""`inercal budget`: what each imperfection of bench and sensor contributes to each coefficient."""
+"""`inercal budget`: what each imperfection of bench and sensor contributes to a coefficient."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.console import number_column, print_json, print_written_files, progress_status
+from inercal.cli.console import (
+    number_column,
+    print_json,
+    print_written_files,
+    progress_status,
+    require_output_folder,
+)
 
 if TYPE_CHECKING:
     from inercal.budget import Budget
@@ -14,17 +20,17 @@ NAME = "budget"
 
 
 def run(
-    run_file: Path = typer.Argument(help="The run file (TOML); its data are not looked at."),
+    run_file: Path = typer.Argument(help="The run file (TOML); its data are not read."),
     trials: int = typer.Option(1000, help="Monte Carlo trials of each imperfection."),
     seed: int = typer.Option(0, help="Seed of the trials."),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
 ) -> None:
-    """Say what each imperfection contributes to each coefficient: the error budget."""
+    """Compute the error budget: the contribution of each imperfection to each coefficient."""
     from json import dumps
 
     from inercal.budget import budget
-    from inercal.budget.budget_json import budget_as_dict
+    from inercal.budget.contribution_table import budget_as_dict
     from inercal.budget.experiment_from_runfile import experiment_from_run
     from inercal.errors import InputError
     from inercal.io.atomic_files import write_text
@@ -32,45 +38,49 @@ def run(
     from inercal.runfile import read
 
     if trials < 2:
-        raise InputError(f"--trials {trials}: a spread takes 2 or more, such as 1000")
+        raise InputError(
+            f"--trials {trials}: a standard deviation needs 2 trials or more, such as 1000",
+            key="--trials",
+        )
     if seed < 0:
-        raise InputError(f"--seed {seed}: must not be negative")
-    if not out.is_dir():
-        raise InputError(f"{out}: no such folder to write to")
+        raise InputError(f"--seed {seed}: must not be negative", key="--seed")
+    require_output_folder(out)
     plan = read(run_file)
     if plan.search is not None:
         raise InputError(
-            f"{run_file}: estimator {plan.estimator} searches, and a budget repeats it thousands "
-            "of times, for hours; state damped, which solves the same norms, or joint"
+            f"{run_file}: a budget repeats the search of estimator {plan.estimator} for hours; "
+            "use estimator damped, which solves the same norms, or joint",
+            file=run_file,
+            key="[method] estimator",
         )
     with progress_status(f"first order of {plan.sensor.name}") as update:
-        found = budget(
+        result = budget(
             experiment_from_run(plan),
             trials,
             seed,
             lambda done, all_: update(f"{done} of {all_} trials of each imperfection"),
         )
         page = out / f"{run_file.stem}.budget.html"
-        result = out / f"{run_file.stem}.budget.json"
+        table = out / f"{run_file.stem}.budget.json"
         method = {"method": plan.method.name, "estimator": plan.estimator}
-        content = budget_as_dict(found) | method
-        write_budget(found, page, f"method {plan.method.name} · estimator {plan.estimator}")
-        write_text(result, dumps(content, indent=1, ensure_ascii=False) + "\n")
-    files = {"budget_file": str(result), "page": str(page)}
+        content = budget_as_dict(result) | method
+        write_budget(result, page, f"method {plan.method.name} · estimator {plan.estimator}")
+        write_text(table, dumps(content, indent=1, ensure_ascii=False) + "\n")
+    files = {"budget_file": str(table), "page": str(page)}
     if json:
         print_json(content | files)
         return
-    _print(found)
+    _print(result)
     print_written_files(files)
 
 
-def _print(found: "Budget") -> None:
+def _print(result: "Budget") -> None:
     from rich.console import Console
     from rich.table import Table
 
     from inercal.budget.contribution_table import contribution_rows, shift_cells
 
-    sensor, console = found.experiment.sensor, Console()
+    sensor, console = result.experiment.sensor, Console()
     numbers = map(number_column, ("first order", "Monte Carlo", "±"))
     title = f"error budget of {sensor.name}: standard deviations"
     table = Table(
@@ -78,17 +88,17 @@ def _print(found: "Budget") -> None:
     )
     for k, name in enumerate(sensor.coefficients):
         unit = sensor.coefficient(name).unit
-        for j, row in enumerate(contribution_rows(found, k)):
+        for j, row in enumerate(contribution_rows(result, k)):
             table.add_row(
                 name * (j == 0), row.name, row.first_order, row.monte_carlo, row.error, unit,
                 f"{100 * row.share:.0f} %", style="bold" if row.kind == "total" else "",
             )  # fmt: skip
         table.add_section()
     console.print(table)
-    if not found.shifts:
+    if not result.shifts:
         return
-    shifts = [number_column(f"{one.name}\n{one.value}") for one in found.shifts]
+    shifts = [number_column(f"{one.name}\n{one.value}") for one in result.shifts]
     moved = Table("coefficient", *shifts, "unit", title="if left uncorrected")
     for k, name in enumerate(sensor.coefficients):
-        moved.add_row(name, *shift_cells(found, k), sensor.coefficient(name).unit)
+        moved.add_row(name, *shift_cells(result, k), sensor.coefficient(name).unit)
     console.print(moved)

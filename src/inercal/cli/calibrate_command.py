@@ -14,6 +14,7 @@ from inercal.cli.console import (
     print_json,
     print_written_files,
     progress_status,
+    require_output_folder,
 )
 
 if TYPE_CHECKING:
@@ -29,14 +30,14 @@ def run(
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
     with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
     register: str | None = typer.Option(
-        None, help="Enter the calibration in the register there, or in the 'default' one."
+        None, help="Register to enter the calibration in: an address, or default."
     ),
     strict: bool = typer.Option(
-        False, "--strict", help="Exit with status 3 also where there are reservations."
+        False, "--strict", help="Exit with status 3 also for a result with reservations."
     ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
 ) -> None:
-    """Find a sensor's coefficients and their uncertainties from a recording.
+    """Estimate a sensor's coefficients and their uncertainties from a recording.
 
     The exit status is 0, 2 for input that cannot be used, 3 where the result is written but is not
     to be relied on, or 130 when interrupted.
@@ -44,20 +45,18 @@ def run(
     from contextlib import nullcontext
 
     from inercal.calibration.files import as_object, save
-    from inercal.errors import InputError
     from inercal.io.atomic_files import atomic_write_all
     from inercal.io.mean_tables import write_means
     from inercal.pipeline import calibrate
     from inercal.runfile import read
 
-    if not out.is_dir():
-        raise InputError(f"{out}: no such folder to write to")
+    require_output_folder(out)
     plan = read(run_file)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
-    with open_register(register) or nullcontext() as kept, progress_status(doing) as say:
+    with open_register(register) or nullcontext() as opened, progress_status(doing) as update:
         with draw_refusal(plan, out / f"{run_file.stem}.refused.html" if with_report else None):
             outcome = calibrate(
-                plan, lambda generation: say(f"{doing}: {generation_text(generation)}")
+                plan, lambda generation: update(f"{doing}: {generation_text(generation)}")
             )
         names = {"calibration_file": "calibration.json", "report": "report.html"}
         tables = plan.kind.tables(plan, outcome)
@@ -73,10 +72,10 @@ def run(
             for what, columns in tables.items():
                 write_means(part[what], columns)
         history = None
-        if kept is not None:
-            kept.enter_calibration(outcome.calibration)
-            history = kept.history(plan.sensor.name)
-        # Whatever a page may lack, the result stands before it is drawn.
+        if opened is not None:
+            opened.enter_calibration(outcome.calibration)
+            history = opened.history(plan.sensor.name)
+        # The calibration file is written first: an error of the page does not lose it.
         if with_report:
             from inercal.report import write_report
 
@@ -92,12 +91,13 @@ def run(
 
 
 def _refuse_recording_overwrite(plan: "Run", tables: "Sequence[Path]") -> None:
-    """Refuse to write a table over the recording that it is made of."""
+    """Refuse to write a table over the recording that it is computed from."""
     from inercal.errors import InputError
 
     for path in tables:
         if path.resolve() == plan.file(plan.data.file).resolve():
             raise InputError(
-                f"{path} is the recording, and a table of it would be written over it: rename one "
-                "of recording and run file"
+                f"{path} is the recording, and the table of its means has the same name: rename "
+                "the recording or the run file",
+                file=path,
             )

@@ -1,4 +1,4 @@
-"""What the verbs print: a table of coefficients, verdicts, JSON."""
+"""Output of the verbs: a table of coefficients, verdicts, JSON, progress; checks of --out."""
 
 import json
 import sys
@@ -24,7 +24,7 @@ _COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
 
 @contextmanager
 def progress_status(what: str) -> Generator[Callable[[str], None]]:
-    """Show on standard error what is going on, while it does; give what changes the words."""
+    """Show a line of progress on standard error; yield the function that changes it."""
     from rich.console import Console
 
     with Console(stderr=True).status(what) as status:
@@ -33,13 +33,13 @@ def progress_status(what: str) -> Generator[Callable[[str], None]]:
 
 @contextmanager
 def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
-    """Draw what was found in a recording that is refused, and name the page in the message.
+    """Draw rests and thresholds of a refused recording, and name the page in the message.
 
     Parameters
     ----------
     run : Run
     page : Path or None
-        To write; None where none is wanted.
+        The page to write; None for no page.
     """
     from inercal.errors import InercalError
 
@@ -47,27 +47,27 @@ def draw_refusal(run: "Run", page: "Path | None") -> Generator[None]:
         yield
     except InercalError as error:
         if page is not None and _write_refusal_page(run, str(error), page):
-            error.args = (f"{error} (rests and thresholds are drawn in {page})", *error.args[1:])
+            error.args = (f"{error} (see rests and thresholds in {page})", *error.args[1:])
         raise
 
 
 def _write_refusal_page(run: "Run", message: str, page: "Path") -> bool:
-    """Write the page of a refusal; return whether there was something to draw."""
+    """Write the page of a refusal; return whether it was written."""
     from inercal.errors import InputError
     from inercal.pipeline.refused_recording import inspect_refused_recording
     from inercal.report import write_refusal
 
-    if (found := inspect_refused_recording(run)) is None:
+    if (inspected := inspect_refused_recording(run)) is None:
         return False
     try:
-        write_refusal(found, run.sensor, message, page)
+        write_refusal(inspected, run.sensor, message, page)
     except InputError:
-        return False  # the message says what matters
+        return False  # the refusal itself is printed
     return True
 
 
 def generation_text(generation: "Generation") -> str:
-    """Return how far a search is, in words."""
+    """Return the progress of a search in one line."""
     return (
         f"generation {generation.number}, sum of squares {generation.cost:.3g} g⁴, largest error "
         f"of a norm {100 * generation.worst:.2g} %"
@@ -85,17 +85,35 @@ def refuse_overwrite(path: "Path", *, force: bool) -> None:
     from inercal.errors import InputError
 
     if path.exists() and not force:
-        raise InputError(f"{path} exists: name another with --out, or write over it with --force")
+        raise InputError(
+            f"{path} exists: name another with --out, or write over it with --force",
+            file=path,
+            key="--out",
+        )
+
+
+def require_output_folder(path: "Path") -> None:
+    """Refuse a folder to write to that does not exist.
+
+    Raises
+    ------
+    InputError
+        No such folder.
+    """
+    from inercal.errors import InputError
+
+    if not path.is_dir():
+        raise InputError(f"--out {path}: no such folder; create it", file=path, key="--out")
 
 
 def print_written_files(files: "Mapping[str, Path | str]") -> None:
-    """Say which files were written."""
+    """Print the names of the files that were written."""
     for path in files.values():
         print(f"wrote {path}")
 
 
 def open_register(address: str | None) -> "Register | None":
-    """Open the register that is asked for: one that is not there is said before the work."""
+    """Open the register at an address, if any, before the work: a wrong address fails at once."""
     if address is None:
         return None
     from inercal.store import Register
@@ -110,7 +128,7 @@ def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
 
 
 def number_column(heading: str) -> "Column":
-    """Return a column of numbers, which stand to the right."""
+    """Return a column of numbers, aligned to the right."""
     from rich.table import Column
 
     return Column(heading, justify="right")
@@ -152,7 +170,7 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
 
 
 def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:
-    """End the program with the status of the verdict, once all is written and printed.
+    """End the program with the status of the verdict, after all is written and printed.
 
     0 where the result is consistent or usable with reservations, 3 where it is not to be relied on;
     `strict` makes reservations 3 too.
@@ -165,5 +183,5 @@ def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:
 
 
 def _escape_markup(text: str) -> str:
-    """Return text in which rich sees no markup."""
+    """Return text with the markup characters of rich escaped."""
     return text.replace("[", r"\[")

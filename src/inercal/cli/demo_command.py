@@ -16,12 +16,14 @@ NAME = "demo"
 
 
 def run(
-    out: Path = typer.Option(Path("inercal-demo"), "--out", "-o", help="Folder for its files."),
+    out: Path = typer.Option(
+        Path("inercal-demo"), "--out", "-o", help="Folder for the files of the run."
+    ),
     seed: int = typer.Option(0, help="Seed of the simulation."),
-    quick: bool = typer.Option(False, "--quick", help="Five minutes of the bench, not 24."),
+    quick: bool = typer.Option(False, "--quick", help="Run for 5 simulated minutes instead of 24."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Drive a simulated table and IMU through a whole calibration, with the truth beside it."""
+    """Calibrate an IMU on a simulated table, and compare the result with the truth."""
     from inercal.calibration.files import as_object
     from inercal.cli.bench_view import STOP_HELP, run_display
     from inercal.demonstration import demo
@@ -38,7 +40,7 @@ def run(
         exit_with_verdict(shown.outcome)
         return
     print_coefficients(shown.outcome, shown.truth)
-    print(f"{shown.seconds / 60:.1f} minutes of the bench in {shown.seconds / shown.speed:.0f} s")
+    print(f"{shown.seconds / 60:.1f} minutes simulated in {shown.seconds / shown.speed:.0f} s")
     print(f"normalised error squared against the truth: {shown.nees:.2f} (1 is expected)")
     print_written_files(shown.files)
     exit_with_verdict(shown.outcome)

@@ -19,11 +19,11 @@ def run(
     run_file: Path = typer.Argument(help="The run file (TOML)."),
     out: Path | None = typer.Option(None, "--out", "-o", help="The page to write."),
     strict: bool = typer.Option(
-        False, "--strict", help="Exit with status 3 also where there are reservations."
+        False, "--strict", help="Exit with status 3 also for a result with reservations."
     ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Calibrate and write the HTML report alone.
+    """Calibrate, and write only the HTML report.
 
     The exit status is 0, or 3 where the page is written but the result is not to be relied on.
     """
@@ -34,10 +34,10 @@ def run(
 
     plan = read(run_file)
     page = out or Path(f"{run_file.stem}.report.html")
-    with progress_status(f"writing {page}") as say:
+    with progress_status(f"writing {page}") as update:
         with draw_refusal(plan, page.with_name(f"{run_file.stem}.refused.html")):
             outcome = calibrate(
-                plan, lambda generation: say(f"writing {page}: {generation_text(generation)}")
+                plan, lambda generation: update(f"writing {page}: {generation_text(generation)}")
             )
         write_report(outcome, page, plan.truth or None)
     if json:

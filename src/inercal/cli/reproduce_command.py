@@ -1,4 +1,4 @@
-"""`inercal reproduce`: a source paper recomputed, each of its claims judged from the numbers."""
+"""`inercal reproduce`: recompute a source paper, and judge each of its claims by the numbers."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,13 +17,18 @@ def run(
         help="The study: centrifuge, dual-orthogonal, ship-model or turntable."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="Folder for the page; by default here, with --json none."
+        None,
+        "--out",
+        "-o",
+        help="Folder for the page; by default the current one, with --json no page.",
     ),
-    trials: int = typer.Option(4000, help="Monte Carlo trials at most; slow studies take fewer."),
+    trials: int = typer.Option(
+        4000, help="Largest number of Monte Carlo trials; slow studies take fewer."
+    ),
     seed: int = typer.Option(0, help="Seed of the noise."),
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
-    """Recompute a source paper, and say of each of its claims whether it holds."""
+    """Recompute a source paper, and judge whether each of its claims holds."""
     from rich.console import Console
 
     from inercal.studies import reproduce, results_as_list, write_study

@@ -1,4 +1,4 @@
-"""`inercal simulate`: the run's plan on its simulated bench, written as the run file reads it."""
+"""`inercal simulate`: simulate the run's plan, and write the recording that the run file names."""
 
 from pathlib import Path
 
@@ -15,13 +15,13 @@ def run(
         None,
         "--out",
         "-o",
-        help="The recording to write (.csv, .npz, .parquet), \\[data] file; table_file beside it.",
+        help="The recording to write (.csv, .npz, .parquet); by default \\[data] file.",
     ),
     seed: int = typer.Option(0, help="Seed of the noise and of the bench's errors."),
     force: bool = typer.Option(False, "--force", help="Write over an existing recording."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Simulate the recording that the run's plan would leave."""
+    """Simulate the recording of the run's plan."""
     from inercal.io.write import write_recordings
     from inercal.pipeline import simulate_files
     from inercal.runfile import read
@@ -31,8 +31,8 @@ def run(
     paths = [plan.file(name) for name in names]
     if out is not None:
         paths = [out, *(out.parent / path.name for path in paths[1:])]
-    for there in paths:
-        refuse_overwrite(there, force=force)
+    for path in paths:
+        refuse_overwrite(path, force=force)
     written = " and ".join(map(str, paths))
     with progress_status(f"simulating {written}"):
         result = simulate_files(plan, seed)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 NAME = "store"
 PAGE = 50  # calibrations or runs that a table lists, unless all are wanted
 app = typer.Typer(
-    help="Keep sensors, runs and calibrations in a register, and see how they change.",
+    help="Keep sensors, runs and calibrations in a register, and follow their changes.",
     no_args_is_help=True,
 )
 
@@ -35,13 +35,15 @@ _All = Annotated[
 
 @app.command("list")
 def list_(
-    runs: Annotated[bool, typer.Option("--runs", help="The runs, not the sensors.")] = False,
+    runs: Annotated[
+        bool, typer.Option("--runs", help="List the runs instead of the sensors.")
+    ] = False,
     everything: _All = False,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """List the sensors, how often each was calibrated, when last, and who entered it."""
-    from inercal.cli import store_json, store_view
+    """List the sensors with the number of calibrations, the last date and who entered them."""
+    from inercal.cli import store_view
     from inercal.store import Register
 
     with Register(register, create=False) as opened:
@@ -50,10 +52,10 @@ def list_(
         if json:
             what = "runs" if runs else "sensors"
             print_json(
-                {"register": opened.address, what: [store_json.entry_object(one) for one in found]}
+                {"register": opened.address, what: [store_view.entry_object(one) for one in found]}
             )
         elif not found:
-            print(f"nothing in {opened.address} yet; enter it by inercal store import PATH…")
+            print(f"{opened.address} is empty; enter calibrations by inercal store import PATH…")
         elif runs:
             store_view.print_runs(opened.runs(newest=limit), limit)
         else:
@@ -67,8 +69,8 @@ def show(
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Show a sensor with its calibrations and runs, or one calibration with all that is kept."""
-    from inercal.cli import store_json, store_view
+    """Show a sensor with its calibrations and runs, or all data of one calibration."""
+    from inercal.cli import store_view
     from inercal.store import Register
 
     with Register(register, create=False) as opened:
@@ -76,7 +78,7 @@ def show(
         if number is not None:
             entry = opened.calibration(number)
             if json:
-                print_json(store_json.calibration_object(entry, opened.coefficients(number)))
+                print_json(store_view.calibration_object(entry, opened.coefficients(number)))
             else:
                 runs = [one for one in opened.runs(entry.sensor) if one.id == entry.run]
                 store_view.print_calibration(entry, runs[0] if runs else None)
@@ -88,9 +90,9 @@ def show(
         if json:
             parts = {"calibrations": calibrations, "runs": runs}
             print_json(
-                {"register": opened.address, "sensor": store_json.entry_object(sensor)}
+                {"register": opened.address, "sensor": store_view.entry_object(sensor)}
                 | {
-                    name: [store_json.entry_object(one) for one in part]
+                    name: [store_view.entry_object(one) for one in part]
                     for name, part in parts.items()
                 }
             )
@@ -103,7 +105,9 @@ def history(
     sensor: _Sensor,
     coefficients: Annotated[
         list[str] | None,
-        typer.Argument(help="ax.k0, k0, bias, …: each of their calibrations. None: all, in short."),
+        typer.Argument(
+            help="Coefficients to show in full: ax.k0, k0, bias, …; by default a summary of all."
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="The HTML page to write, with figures.")
@@ -112,7 +116,7 @@ def history(
     json: _Json = False,
 ) -> None:
     """Show how a sensor's coefficients change: E_n of each calibration, drift, and a verdict."""
-    from inercal.cli import store_json, store_view
+    from inercal.cli import store_view
     from inercal.store import Register
 
     with Register(register, create=False) as opened:
@@ -123,7 +127,7 @@ def history(
 
         write_history(chosen, out)
     if json:
-        print_json(store_json.history_object(chosen) | ({} if out is None else {"page": str(out)}))
+        print_json(store_view.history_object(chosen) | ({} if out is None else {"page": str(out)}))
         return
     store_view.print_history(chosen, detailed=bool(coefficients))
     if out is not None:
@@ -138,14 +142,14 @@ def diff(
     json: _Json = False,
 ) -> None:
     """Compare two calibrations, coefficient by coefficient and all together."""
-    from inercal.cli import store_json, store_view
+    from inercal.cli import store_view
     from inercal.store.comparison import compare
 
     both = [_load_calibration(one, register) for one in (first, second)]
     compared = compare(*both)
     names = first, second
     if json:
-        print_json(store_json.comparison_object(compared, names))
+        print_json(store_view.comparison_object(compared, names))
     else:
         store_view.print_comparison(compared, names)
 
@@ -156,18 +160,25 @@ def import_(
         list[Path], typer.Argument(help="Calibration files, and folders of runs on a bench.")
     ],
     measured: Annotated[
-        str | None, typer.Option(help="When one calibration was measured, as 2026-03-01.")
+        str | None,
+        typer.Option(help="Date of the measurement of one calibration, such as 2026-03-01."),
     ] = None,
-    by: Annotated[str | None, typer.Option(help="Who enters it; else the user's name.")] = None,
+    by: Annotated[
+        str | None,
+        typer.Option(help="Name of the person who enters it; by default the user's name."),
+    ] = None,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Enter calibrations and runs, each whole or not at all; what is there already stays."""
+    """Enter calibrations and runs; existing entries stay as they are."""
     from inercal.errors import InercalError, InputError
     from inercal.store import Register
 
     if measured is not None and (len(paths) > 1 or paths[0].is_dir()):
-        raise InputError("--measured goes with one calibration file")
+        raise InputError(
+            "--measured is the date of one calibration: give exactly one calibration file",
+            key="--measured",
+        )
     entered: list[dict[str, Any]] = []
     with Register(register, by) as opened:
         try:
@@ -178,8 +189,8 @@ def import_(
         except InercalError:
             done, left = len(entered), len(paths) - len(entered) - 1
             if done or left:
-                said = f"{done} of {len(paths)} entered, {left} not looked at"
-                print(f"inercal: {said}", file=sys.stderr)
+                text = f"{done} of {len(paths)} paths entered, {left} not read"
+                print(f"inercal: {text}", file=sys.stderr)
             raise
         finally:
             if json:
@@ -187,7 +198,7 @@ def import_(
 
 
 def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[str, Any]:
-    """Enter one path; return what it was."""
+    """Enter one path; return run and calibrations."""
     from inercal.errors import InputError
 
     # A register that is not there yet is created when the first entry is good.
@@ -204,8 +215,9 @@ def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[st
     files = sorted(path.glob("*.calibration.json"))
     if not files:
         raise InputError(
-            f"{path}: no run of a bench is in it, and no *.calibration.json; give the folder of a "
-            "run, or calibration files"
+            f"{path}: the folder has neither a run of a bench nor *.calibration.json; give the "
+            "folder of a run, or calibration files",
+            file=path,
         )
     return _entry_summary(path, None, opened.enter_calibrations(files), before)
 
@@ -220,7 +232,7 @@ def _entry_summary(
 def _entry_line(entered: dict[str, Any]) -> str:
     parts = [] if entered["run"] is None else [f"run {entered['run']}"]
     parts += [
-        f"calibration #{number}" + ("" if number in entered["new"] else " (was there)")
+        f"calibration #{number}" + ("" if number in entered["new"] else " (existing)")
         for number in entered["calibrations"]
     ]
     return f"{entered['path']}: {', '.join(parts)}"
@@ -232,18 +244,18 @@ def _limit(everything: bool, json: bool) -> int | None:
 
 
 def _parse_number(what: str) -> int | None:
-    """Return the number that "#3" or "3" is of."""
+    """Return the number of "#3" or "3"; None for any other text."""
     digits = what.removeprefix("#")
     return int(digits) if digits.isascii() and digits.isdigit() and len(digits) < 10 else None
 
 
 def _is_sensor_name(opened: "Register", what: str) -> bool:
-    """Whether a sensor has that name, which may be a number."""
+    """Return whether a sensor has that name, which may be a number."""
     return any(one.name == what for one in opened.sensors())
 
 
 def _load_calibration(what: str, register: str | None) -> "Calibration":
-    """Return a calibration by its number in the register, or that of a file."""
+    """Return the calibration with a number in the register, or of a file."""
     from inercal.store import Register
     from inercal.store.document import make_document
 

@@ -1,6 +1,10 @@
-"""The tables that `inercal store` prints."""
+"""Output of `inercal store`: tables for the terminal, and JSON objects with numbers in SI."""
 
+import json
 from collections.abc import Sequence
+from dataclasses import asdict
+from math import isnan
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -9,6 +13,7 @@ from rich.text import Text
 
 from inercal.calibration.verdict import COVERAGE
 from inercal.keys import CoefficientName
+from inercal.sensors import SI_UNITS
 from inercal.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
 from inercal.store.comparison import Comparison
 from inercal.store.history import CoefficientTrend
@@ -23,7 +28,11 @@ from inercal.store.history_text import (
 )
 from inercal.units import format_value_and_uncertainty
 
-_TIME_SOURCES = {"stated": "as stated", "run": "begin of the run", "created": "when it was made"}
+_TIME_SOURCES = {
+    "stated": "as stated",
+    "run": "start of the run",
+    "created": "creation of the calibration",
+}
 _RIGHT_ALIGNED = ("value", "±", "E_n", "difference", "newest", "drift", "calibrations")
 
 
@@ -75,20 +84,20 @@ def print_sensor(
     if runs:
         print_runs(runs, limit)
     if not (calibrations or runs):
-        _print_line("no calibration and no run of it yet")
+        _print_line("no calibrations and no runs yet")
 
 
 def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
-    """Print one calibration: where it comes from, hashes, coefficients."""
-    found = entry.calibration
+    """Print one calibration: its origin, hashes and coefficients."""
+    calibration = entry.calibration
     facts = {
         "measured": f"{entry.measured} ({_TIME_SOURCES[entry.measured_from]})",
         "method": f"{entry.method}, {entry.estimator}",
         "bench": _bench_text(entry.kind, entry.bench),
         "verdict": grade_text(entry.grade),
-        "frame": found.frame,
-        **{name: text for name, text in found.conditions.items() if name != "bench"},
-        **found.provenance,
+        "frame": calibration.frame,
+        **{name: text for name, text in calibration.conditions.items() if name != "bench"},
+        **calibration.provenance,
         "calibration sha256": entry.sha256,
         "entered": f"by {entry.by}, {entry.at}",
     }
@@ -101,14 +110,14 @@ def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
             _print_line(f"{name}: {text}")
     table = _table("coefficient", "meaning", "value", "± U (k = 2)", "unit")
     previous = ""
-    rows = zip(found.sensor.coefficients, found.values, found.std, strict=True)
+    rows = zip(calibration.sensor.coefficients, calibration.values, calibration.std, strict=True)
     for name, value, std in rows:
         previous = _begin_section(table, name, previous)
-        line = found.sensor.coefficient(name)
+        line = calibration.sensor.coefficient(name)
         cells = format_value_and_uncertainty(value / line.si, COVERAGE * std / line.si)
         _row(table, name, line.meaning, *cells, line.unit)
     Console().print(table)
-    for note in found.notes:
+    for note in calibration.notes:
         _print_line(f"· {note}")
 
 
@@ -119,8 +128,8 @@ def print_history(history: SensorHistory, *, detailed: bool) -> None:
     times = f"calibrations, {first} to {last}" if count > 1 else f"calibration, {first}"
     _print_line(f"{history.sensor.name}: {count} {times}")
     if detailed:
-        for course in history.trends:
-            _print_trend(history, course)
+        for trend in history.trends:
+            _print_trend(history, trend)
     else:
         _print_trends(history)
     for line in history_lines(history):
@@ -141,15 +150,15 @@ def _print_trends(history: SensorHistory) -> None:
     Console().print(table)
 
 
-def _print_trend(history: SensorHistory, course: CoefficientTrend) -> None:
-    table = _table("number", "measured", f"value, {course.unit}", "± U (k = 2)", "E_n")
-    table.title = f"{course.name}, {course.meaning}"
-    for k, one in enumerate(course.points):
+def _print_trend(history: SensorHistory, trend: CoefficientTrend) -> None:
+    table = _table("number", "measured", f"value, {trend.unit}", "± U (k = 2)", "E_n")
+    table.title = f"{trend.name}, {trend.meaning}"
+    for k, one in enumerate(trend.points):
         entry = history.entries[one]
-        cells = (f"#{entry.id}", _date(entry.measured), *format_point(course, k))
-        _row(table, *cells, format_en(float(course.normalised_errors[k])))
+        cells = (f"#{entry.id}", _date(entry.measured), *format_point(trend, k))
+        _row(table, *cells, format_en(float(trend.normalised_errors[k])))
     Console().print(table)
-    _print_line(f"{course.name}: {course.verdict}; {drift_text(course)}")
+    _print_line(f"{trend.name}: {trend.verdict}; {drift_text(trend)}")
 
 
 def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
@@ -206,3 +215,87 @@ def _begin_section(table: Table, name: str, previous: str) -> str:
 
 def _print_line(text: str) -> None:
     Console(highlight=False).print(Text(text))
+
+
+def entry_object(entry: SensorEntry | RunEntry | CalibrationEntry) -> dict[str, Any]:
+    """Return an entry, without the file of a calibration."""
+    result = asdict(entry)
+    result.pop("content", None)
+    if isinstance(entry, RunEntry):
+        result["files"] = [file._asdict() for file in entry.files]
+    return result
+
+
+def calibration_object(
+    entry: CalibrationEntry, rows: Sequence[tuple[str, float, float, str]]
+) -> dict[str, Any]:
+    """Return a calibration with its coefficients, and the content of its file."""
+    listed = [{"name": n, "value": v, "std": s, "unit": u} for n, v, s, u in rows]
+    return entry_object(entry) | {"coefficients": listed, "content": json.loads(entry.content)}
+
+
+def comparison_object(compared: Comparison, names: tuple[str, str]) -> dict[str, Any]:
+    """Return the comparison of two calibrations."""
+    both, std = (compared.first, compared.second), compared.std
+    first, second = (
+        {"given": name, "sensor": each.sensor.name} for name, each in zip(names, both, strict=True)
+    )
+    return {
+        "first": first,
+        "second": second,
+        "coefficients": [
+            {
+                "name": name,
+                "unit": SI_UNITS[compared.second.sensor.coefficient(name).unit],
+                "first": {"value": both[0].value(name), "std": float(std[0][k])},
+                "second": {"value": both[1].value(name), "std": float(std[1][k])},
+                "difference": float(compared.difference[k]),
+                "en": float(compared.normalised_errors[k]),
+            }
+            for k, name in enumerate(compared.names)
+        ],
+        "one_recording": compared.same_recording,
+        "beyond": compared.exceedances,
+        "by_chance": compared.expected_exceedances,
+        "joint": None if compared.joint_test is None else compared.joint_test._asdict(),
+        "left_out": list(compared.exclusions),
+    }
+
+
+def history_object(history: SensorHistory) -> dict[str, Any]:
+    """Return a history; slopes are per year of 365.25 days, `time` of a line belongs to `value`."""
+    steps = zip(history.entries, history.joint_test, strict=True)
+    return {
+        "sensor": entry_object(history.sensor),
+        "calibrations": [
+            entry_object(entry) | {"joint": None if joint is None else joint._asdict()}
+            for entry, joint in steps
+        ],
+        "coefficients": [_trend_object(history, trend) for trend in history.trends],
+        "beyond": history.exceedances,
+        "by_chance": history.expected_exceedances,
+        "left_out": list(history.exclusions),
+    }
+
+
+def _trend_object(history: SensorHistory, trend: CoefficientTrend) -> dict[str, Any]:
+    line = trend.line
+    return {
+        "name": trend.name,
+        "unit": SI_UNITS[trend.unit],
+        "points": [
+            {
+                "calibration": history.entries[k].id,
+                "measured": history.entries[k].measured,
+                "value": float(value),
+                "std": float(std),
+                "en": None if isnan(e) else float(e),
+            }
+            for k, value, std, e in zip(
+                trend.points, trend.values, trend.std, trend.normalised_errors, strict=True
+            )
+        ],
+        "line": None if line is None else line._asdict() | {"time": history.date(line.time)},
+        "constancy": trend.constancy._asdict(),
+        "verdict": trend.verdict,
+    }

@@ -1,7 +1,7 @@
-"""How well coefficients will be known: what the run's estimator states of its own plan.
+"""Expected uncertainties: those that the run's estimator states for its own plan.
 
-The readings are made by the bench as declared, with the noise and the priors as stated
-(`inercal.budget.virtual_experiment`); the run's data are not looked at.
+The readings are simulated by the bench as declared, with the noise and the priors as stated
+(`inercal.budget.virtual_experiment`); the run's data are not read.
 """
 
 from collections.abc import Mapping
@@ -18,13 +18,13 @@ from inercal.sensors import Sensor
 
 @dataclass(frozen=True)
 class ExpectedUncertainty:
-    """How well a coefficient, or a sum of two, will be known.
+    """The expected uncertainty of a coefficient, or of a sum of two.
 
     Parameters
     ----------
     name, meaning : str
     unit : str
-        As it is printed.
+        As printed.
     size : float
         SI size of the unit.
     std : float
@@ -39,19 +39,19 @@ class ExpectedUncertainty:
 
 
 def estimate_of_plan(run: Run, rows: str) -> Estimate:
-    """Return what the run's estimator makes of its plan.
+    """Return the estimate of the run's estimator from simulated readings of its plan.
 
     Parameters
     ----------
     run : Run
-        In known attitudes.
+        Of a method with known attitudes.
     rows : str
-        What the plan is of, "positions" or "states".
+        Name of the rows of the plan, "positions" or "states".
 
     Raises
     ------
     InputError
-        No noise, or no result of this plan.
+        No noise, or no result for this plan.
     NotObserved
         Coefficients that the plan leaves open.
     """
@@ -59,24 +59,22 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
     try:
         estimate = experiment.estimate()
     except NotObserved as error:
-        raise NotObserved(
-            f"{run.path}: the plan of {len(run.steps)} {rows} does not determine the coefficients: "
-            f"{error}",
-            error.directions,
-        ) from None
+        text = f"the plan of {len(run.steps)} {rows} does not determine the coefficients"
+        raise error.located(text).located(run.path) from None
     except InputError as error:
-        raise InputError(f"{run.path}: {error}") from None
+        raise error.located(run.path) from None
     if not (np.all(estimate.converged) and np.isfinite(estimate.covariance).all()):
         raise InputError(
-            f"{run.path}: estimator {run.estimator} finds no result of this plan: look at the "
-            "noise as stated and at [sensor.truth]"
+            f"{run.path}: estimator {run.estimator} has no result for this plan; check the stated "
+            "noise and [sensor.truth]",
+            file=run.path,
         )
     return estimate
 
 
 def estimated_uncertainties(estimate: Estimate, sensor: Sensor) -> tuple[ExpectedUncertainty, ...]:
-    """Return each coefficient of the sensor."""
-    # As modelled: by how much one draw of the noise scatters is no matter of the plan.
+    """Return the uncertainty of each coefficient of the sensor."""
+    # Not scaled by residuals: the scatter of one draw of the noise does not depend on the plan.
     std = np.sqrt(np.diagonal(estimate.covariance)[: len(sensor.coefficients)])
     return coefficient_uncertainties(
         sensor, dict(zip(sensor.coefficients, std.tolist(), strict=True))
@@ -86,7 +84,7 @@ def estimated_uncertainties(estimate: Estimate, sensor: Sensor) -> tuple[Expecte
 def coefficient_uncertainties(
     sensor: Sensor, std: Mapping[str, float]
 ) -> tuple[ExpectedUncertainty, ...]:
-    """Return each coefficient of the sensor, of standard uncertainties by its name, SI."""
+    """Return each coefficient of the sensor with its standard uncertainty, given by name, SI."""
     lines = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
     return tuple(
         ExpectedUncertainty(name, line.meaning, line.unit, line.si, std[name])

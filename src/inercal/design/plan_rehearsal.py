@@ -1,4 +1,4 @@
-"""What a plan by hand will give before anything is moved: it is rehearsed in simulation."""
+"""Expected uncertainties of a plan by hand, from simulations of the plan."""
 
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -22,17 +22,17 @@ _SETTLING = 0.25  # s
 
 @dataclass(frozen=True, eq=False)
 class RehearsalResult:
-    """A plan and what it will give.
+    """A plan and its expected uncertainties.
 
     Parameters
     ----------
     steps : tuple of Step
     sensor : Sensor
-        With the coefficients that are found.
+        With the coefficients that are estimated.
     std : (p,) array
         Expected standard uncertainties, SI: the median over rehearsals.
     seconds : float
-        Of the whole plan, moves included.
+        Of the complete plan with its moves.
     """
 
     steps: tuple[Step, ...]
@@ -42,40 +42,49 @@ class RehearsalResult:
 
 
 def default_run_file() -> Path:
-    """Return the run file of a usual MEMS IMU in the hand, where none is given."""
+    """Return the packaged run file of a usual MEMS IMU in the hand."""
     return Path(str(files("inercal") / "hand_held.toml"))
 
 
 def rehearse_plan(run: Run, sessions: int = SESSIONS) -> RehearsalResult:
-    """Carry the run's plan out in simulation and return what its estimator then states.
+    """Simulate the run's plan, and return the uncertainties that its estimator states.
 
     Parameters
     ----------
     run : Run
-        Of a method with free attitudes; its sensor's noise and its bench count, its data do not.
+        Of a method with free attitudes; only its sensor's noise and its bench matter.
     sessions : int
-        Rehearsals; their median is not moved by one whose χ² asks for more by chance.
+        Simulations; their median is robust against one that a χ² enlarges by chance.
 
     Raises
     ------
     InputError
-        No noise of the sensor, no rate, or a method whose sections need marks.
+        No noise of the sensor, no rate, or a method with known attitudes.
     """
     if not run.method.unknown_attitudes:
-        raise InputError(f"plans of method {run.method.name} are fixed; multi_position's are made")
+        raise InputError(
+            f"the plan of method {run.method.name} is fixed; use multi_position",
+            key="[method] name",
+        )
     refuse_temperature_terms_in_plan(run.sensor)
     if run.rate_hz is None:
-        raise InputError(f"{run.path}: [data] rate is missing; a rehearsal needs it")
+        raise InputError(
+            f"{run.path}: [data] rate is missing; a simulated plan needs it",
+            file=run.path,
+            key="[data] rate",
+        )
     for axis in run.sensor.axes:
         if not axis.noise.white:
-            kind = "accelerometer" if axis.measures == "f" else "gyro"
-            raise InputError(f"{run.path}: [sensor.{kind}] white is missing; a rehearsal needs it")
-    found: list[Array] = []
-    p, length = len(run.sensor.coefficients), 0.0
+            key = f"[sensor.{'accelerometer' if axis.measures == 'f' else 'gyro'}] white"
+            raise InputError(
+                f"{run.path}: {key} is missing; a simulated plan needs it", file=run.path, key=key
+            )
+    std: list[Array] = []
+    p, seconds = len(run.sensor.coefficients), 0.0
     estimator = run.method.estimator(run.estimator)
     for seed in range(sessions):
         recording = _simulate_recording(run, run.rate_hz, np.random.default_rng(seed))
-        length = recording.duration
+        seconds = recording.duration
         holds = tuple(step for step in run.steps if isinstance(step, Hold))
         marks = _trimmed_marks(recording)
         seen = observe(recording, run.sensor, marks, holds, by_hand=True)
@@ -84,8 +93,8 @@ def rehearse_plan(run: Run, sessions: int = SESSIONS) -> RehearsalResult:
                 seen, transitions=transitions_between_rests(recording, run.sensor, marks)
             )
         estimate = estimator(seen, run.sensor, run.bench, run.steps, run.priors)
-        found.append(estimate.std[:p])
-    return RehearsalResult(run.steps, run.sensor, np.median(found, axis=0), length)
+        std.append(estimate.std[:p])
+    return RehearsalResult(run.steps, run.sensor, np.median(std, axis=0), seconds)
 
 
 def _simulate_recording(run: Run, rate_hz: float, rng: np.random.Generator) -> Recording:

@@ -1,8 +1,8 @@
-"""The path of a turntable before it is run: its steps, how long it takes, what it will give.
+"""The path of a turntable before a run: its steps, duration and expected uncertainties.
 
 The covariance of an estimate does not depend on the noise that is drawn, and hardly on the sensor:
-the method's own estimator goes over the path as an ideal sensor would record it on an ideal table,
-with noise and table as stated.
+the method's own estimator processes the path as an ideal sensor records it on an ideal table, with
+noise and table as stated.
 """
 
 from collections.abc import Sequence
@@ -29,8 +29,8 @@ from inercal.recording import Observations, Track
 from inercal.runfile import Run
 
 _RATE = 100.0  # Hz
-_OPEN = 0.2  # of what a coefficient may be before anything is known
-_FIRST = 0.25  # s of each hold that go for settling
+_OPEN = 0.2  # of the expected size of a coefficient before the run
+_SETTLING = 0.25  # s at the begin of each hold
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,9 @@ class PathStep:
         From 1.
     step : Position or Rotation
     move : float
-        How long the table takes to come there, s.
+        Duration of the move to the step, s.
     seconds : float
-        How long the step lasts, s.
+        Duration of the step, s.
     """
 
     number: int
@@ -56,16 +56,16 @@ class PathStep:
 
 @dataclass(frozen=True, eq=False)
 class PathSheet:
-    """What the table does, and what it will give.
+    """Steps of a path and its expected uncertainties.
 
     Parameters
     ----------
     run : Run
     rows : tuple of PathStep
     expected : tuple of ExpectedUncertainty
-        Of each coefficient; of those that the path leaves as they were guessed it is NaN.
+        Of each coefficient; NaN where the path does not improve the first guess.
     undecided : tuple of str
-        Directions of the coefficients that the path leaves open, in words.
+        Directions of the coefficients that the path does not determine, in words.
     """
 
     run: Run
@@ -75,12 +75,12 @@ class PathSheet:
 
     @property
     def seconds(self) -> float:
-        """Of the whole path with its moves."""
+        """Duration of the path with its moves."""
         return sum(row.move + row.seconds for row in self.rows)
 
 
 def turntable_path_sheet(run: Run) -> PathSheet:
-    """Return what a run on a turntable will give. Its data are not looked at.
+    """Return the steps and expected uncertainties of a run on a turntable. Its data are not read.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def turntable_path_sheet(run: Run) -> PathSheet:
         A run on another bench, no noise, a path that the table cannot follow, or no rest of 20 s
         at its start.
     NotObserved
-        Directions that the path leaves open; of the filters they are told in the sheet.
+        Directions that the path does not determine; those of filters are in the sheet instead.
     """
     bench = require_turntable(run)
     steps = run.table_steps
@@ -96,18 +96,15 @@ def turntable_path_sheet(run: Run) -> PathSheet:
         refuse_temperature_terms_in_plan(run.sensor)
         way = path_profile(bench, steps)
         track = ideal_track(run, bench, way, steps)
+        undecided: tuple[str, ...] = ()
         if run.method is KALMAN:
-            known, undecided = _filter_uncertainties(run, bench, track)
+            expected, undecided = _filter_uncertainties(run, bench, track)
         else:
-            known, undecided = (
-                _estimator_uncertainties(run, bench, track, _section_steps(way, steps), way),
-                (),
-            )
-    except NotObserved as error:
-        raise NotObserved(f"{run.path}: {error}", error.directions) from None
-    except InputError as error:
-        raise InputError(f"{run.path}: {error}") from None
-    return PathSheet(run, _path_steps(way, steps), known, undecided)
+            sections = _section_steps(way, steps)
+            expected = _estimator_uncertainties(run, bench, track, sections, way)
+    except (InputError, NotObserved) as error:
+        raise error.located(run.path) from None
+    return PathSheet(run, _path_steps(way, steps), expected, undecided)
 
 
 def ideal_track(run: Run, bench: Turntable, way: PathProfile, steps: Sequence[TableStep]) -> Track:
@@ -130,7 +127,7 @@ def ideal_track(run: Run, bench: Turntable, way: PathProfile, steps: Sequence[Ta
     held = [
         k for k, k_step in enumerate(_section_steps(way, steps)) if isinstance(k_step, Position)
     ]
-    begun = time - np.append(0.0, way.ends)[section] >= _FIRST * (section > 0)
+    begun = time - np.append(0.0, way.ends)[section] >= _SETTLING * (section > 0)
     hold = np.where(np.isin(section, held) & begun, section, -1)
     return Track(time, reading, angles, hold)
 
@@ -158,7 +155,7 @@ def _path_steps(way: PathProfile, steps: Sequence[TableStep]) -> tuple[PathStep,
 def _filter_uncertainties(
     run: Run, bench: Turntable, track: Track
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
-    """Return how well each coefficient will be known, and the directions that are left open."""
+    """Return expected uncertainties by the filters, and the directions that are not determined."""
     way = combined_estimate.FILTER_CONFIGS[run.estimator]
     found: dict[str, float] = {}
     undecided: list[str] = []
@@ -168,7 +165,7 @@ def _filter_uncertainties(
         p = len(names)
         covariance = filtered.covariance[:p, :p]
         std = np.sqrt(np.diagonal(covariance))
-        # What is left as it was guessed is no result.
+        # A coefficient that is hardly better than its first guess is no result.
         std = np.where(std < _OPEN * model.expected_size(filtered.triad), std, np.nan)
         found |= dict(zip(names, std.tolist(), strict=True))
         undecided += [free.words for free in model.undecided_directions(filtered.triad, covariance)]
@@ -178,7 +175,7 @@ def _filter_uncertainties(
 def _estimator_uncertainties(
     run: Run, bench: Turntable, track: Track, sections: Sequence[TableStep | None], way: PathProfile
 ) -> tuple[ExpectedUncertainty, ...]:
-    """Return how well each coefficient will be known by an estimator of the whole path at once."""
+    """Return expected uncertainties by an estimator of all sections at once."""
     spans = [
         (step, float(start), float(stop))
         for step, start, stop in zip(sections, np.append(0.0, way.ends), way.ends, strict=False)

@@ -1,4 +1,4 @@
-"""The worksheet of a run: what its operator does, the table to be filled, and what it will give."""
+"""The worksheet of a run: steps for the operator, the table to fill, expected uncertainties."""
 
 import csv
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from inercal.sensors import Sensor
 
 @dataclass(frozen=True, eq=False)
 class Worksheet:
-    """What the operator does, and what it will give.
+    """Steps for the operator, and expected uncertainties.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class Worksheet:
     expected : tuple of ExpectedUncertainty
         Of each coefficient.
     together : tuple of ExpectedUncertainty
-        Of sums that are known far better than their terms, if the sheet lists sums.
+        Of sums that are determined far better than their terms, if the sheet lists sums.
     """
 
     run: Run
@@ -38,7 +38,7 @@ class Worksheet:
 
 
 def run_sheet(run: Run) -> Sheet:
-    """Return what the operator of a run does.
+    """Return the steps for the operator of a run.
 
     Raises
     ------
@@ -46,19 +46,23 @@ def run_sheet(run: Run) -> Sheet:
         A bench whose plans are fixed, or a plan that it cannot carry out.
     """
     if run.kind.sheet is None:
-        raise InputError(f"{run.path}: a bench of kind {run.kind.name} has no worksheet")
+        raise InputError(
+            f"{run.path}: a bench of kind {run.kind.name} has no worksheet; use another bench",
+            file=run.path,
+            key="[bench] kind",
+        )
     return run.kind.sheet(run)
 
 
 def build_worksheet(run: Run) -> Worksheet:
-    """Return the worksheet of a run. Its data are not looked at.
+    """Return the worksheet of a run. Its data are not read.
 
     Raises
     ------
     InputError
         A bench whose plans are fixed, a plan that it cannot carry out, or no noise.
     NotObserved
-        Coefficients that the plan leaves open.
+        Coefficients that the plan does not determine.
     """
     sheet = run_sheet(run)
     estimate = estimate_of_plan(run, run.kind.words.rows)
@@ -67,9 +71,9 @@ def build_worksheet(run: Run) -> Worksheet:
 
 
 def worksheet_csv(made: Worksheet) -> str:
-    """Return the table to be filled, CSV: what is set stands in it, what is read is empty.
+    """Return the table to be filled, CSV: settings are filled in, readings are empty.
 
-    Filled, it is the [data] file of a run with kind = "means".
+    The filled table is the [data] file of a run with kind = "means".
 
     Raises
     ------
@@ -81,7 +85,10 @@ def worksheet_csv(made: Worksheet) -> str:
         if isinstance(column, int):
             raise InputError(
                 f"{made.run.path}: [data] gives column {column} by its number; a worksheet needs "
-                "column names"
+                "names: replace the number by a name",
+                file=made.run.path,
+                key="[data]",
+                names=(str(column),),
             )
     text = StringIO()
     lines = csv.writer(text, lineterminator="\n")

@@ -5,10 +5,6 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from functools import cached_property
-from hashlib import sha256
-from importlib.metadata import version
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -18,24 +14,31 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
-from inercal.calibration import Calibration, Frame
+from inercal.calibration import Calibration
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
 from inercal.data import EstimatorInput, recording_loader
-from inercal.data.recording_loader import gyro_file, readback_columns, reader_columns
-from inercal.errors import InputError, NotObserved
+from inercal.data.recording_loader import readback_columns, reader_columns
+from inercal.errors import InercalError, InputError, NotObserved
 from inercal.estimate import Estimate
-from inercal.io.column_table import file_sha256
 from inercal.methods import Fit
 from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory
 from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
-from inercal.pipeline import assumed_constants
-from inercal.pipeline.error_sharing import shared_errors
+from inercal.pipeline.calibration_record import (
+    provenance,
+    run_conditions,
+    shared_errors,
+    validity,
+)
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
-from inercal.pipeline.stated_noise import check_stated_noise
-from inercal.pipeline.validity_ranges import validity
+from inercal.pipeline.stated_values import (
+    check_stated_noise,
+    constant_notes,
+    find_assumed_constants,
+    require_small_assumed_share,
+)
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
@@ -43,12 +46,12 @@ from inercal.segments import RestDetection
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
-_ALL = 3  # axes of a kind that see every component
+_ALL = 3  # axes that measure every component
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Everything a calibration run found, for reports and for looking into.
+    """All results of a calibration run, for reports and for inspection.
 
     Parameters
     ----------
@@ -61,17 +64,19 @@ class Outcome:
     bench : Bench
     kind : Kind
         Of the bench.
+    expected : mapping of str to Parameter
+        The bench's parameters that act on these steps, by full name, as they were stated.
     recording : Recording or None
-        None when means were read straight in.
+        None when the data are a table of means.
     marks : tuple of Mark
     findings : tuple of Finding
-        The audit's, and what the checks against the plan noticed.
+        Of the audit and of the checks against the plan.
     verdict : Verdict
-        The grade, its reasons, and lines in plain words; iterating gives the lines.
+        The grade, its reasons, and lines in plain words; iteration yields the lines.
     rests : RestDetection or None
-        How rests were found, where they were found without a plan.
+        Thresholds and marks, where rests were detected without a plan.
     search : SearchHistory or None
-        How a search went, of an estimator that searches.
+        Of an estimator that searches.
     """
 
     calibration: Calibration
@@ -80,6 +85,7 @@ class Outcome:
     steps: tuple[Step, ...]
     bench: Bench
     kind: Kind[Any, Any]
+    expected: Mapping[str, Parameter]
     recording: Recording | None
     marks: tuple[Mark, ...]
     findings: tuple[Finding, ...]
@@ -87,17 +93,8 @@ class Outcome:
     rests: RestDetection | None = None
     search: SearchHistory | None = None
 
-    @property
-    def expected(self) -> Mapping[str, Parameter]:
-        """The bench's parameters that act on these steps, by full name, as they were stated."""
-        return self._expected
-
-    @cached_property
-    def _expected(self) -> Mapping[str, Parameter]:
-        return self.bench.nuisances(self.steps, self.calibration.sensor)
-
     def sensed_motion(self, w: Array | None = None) -> Motion:
-        """Return what the means say was sensed, by the calibration and at their temperatures.
+        """Return the motion that the calibrated sensor measured, at the temperatures of the means.
 
         Parameters
         ----------
@@ -135,7 +132,7 @@ def calibrate(
         findings += check_stated_noise(
             observations, sensor, inputs.steps, by_hand=run.method.unknown_attitudes
         )
-    # Filters weigh single samples by the stated noise, in which rounding is not.
+    # Filters weigh single samples by the stated noise, which does not include rounding.
     sampled = (
         sensor if observations.track is None else _add_rounding_noise(sensor, inputs.recording)
     )
@@ -148,11 +145,10 @@ def calibrate(
 
     try:
         estimate = run.solver(after)(observations, sampled, bench, inputs.plan, run.priors)
-    except NotObserved as error:
-        text = f"{_describe_constant_temperature(inputs, sensor, error)}{_describe_rests(inputs)}"
-        raise NotObserved(f"{run.path}: {error}{text}", error.directions) from None
-    except InputError as error:
-        raise InputError(f"{run.path}: {error}{_describe_rests(inputs)}") from None
+    except (InputError, NotObserved) as error:
+        located = error.located(run.path)
+        located.args = (f"{located}{_possible_causes(inputs, sensor, error)}",)
+        raise located from None
     fit = Fit(
         run.estimator,
         sensor,
@@ -167,27 +163,29 @@ def calibrate(
     findings += remarks.findings
     if not np.all(estimate.converged):
         text = "".join(f"; {finding.message}" for finding in findings if finding.what == "norm")
+        sections = "rows" if inputs.recording is None else "marks"
         raise InputError(
-            f"{run.path}: the fit did not converge; look at the "
-            f"{'rows' if inputs.recording is None else 'marks'} and the plan{text}"
+            f"{run.path}: the fit did not converge; check the {sections} and the plan{text}",
+            file=run.path,
         )
     if not np.isfinite(estimate.covariance).all():
         raise InputError(
-            f"{run.path}: estimator {run.estimator} states no uncertainty for this noise: it may "
-            "leave no root; use another estimator"
+            f"{run.path}: estimator {run.estimator} states no uncertainty for this noise, because "
+            "its equation may have no root; use another estimator",
+            file=run.path,
+            key="[method] estimator",
         )
     p = len(sensor.coefficients)
-    constants = assumed_constants.find_assumed_constants(bench, expected)
+    assumed = find_assumed_constants(expected)
 
-    def on(other: Bench) -> Estimate:
+    def solve(other: Bench) -> Estimate:
         return run.solver()(observations, sampled, other, inputs.plan, run.priors)
 
     try:
-        assumed_constants.require_small_assumed_share(constants, estimate, p, bench, on)
+        require_small_assumed_share(assumed, estimate, p, bench, solve)
     except InputError as error:
-        raise InputError(f"{run.path}: {error}") from None
-    conditions = inputs.conditions | _temperature_conditions(inputs) | _search_conditions(run)
-    conditions |= remarks.conditions
+        raise error.located(run.path) from None
+    conditions = {**run_conditions(run, inputs), **remarks.conditions}
     if run.bench_name:
         conditions["bench"] = run.bench_name
     estimate = replace(
@@ -197,7 +195,7 @@ def calibrate(
             *inputs.notes,
             *observations.notes,
             *estimate.notes,
-            *assumed_constants.constant_notes(constants),
+            *constant_notes(bench, assumed),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
         # Filters weigh samples by the stated noise.
@@ -213,9 +211,9 @@ def calibrate(
         run.method.name,
         run.estimator,
         conditions,
-        _provenance(run, inputs.recording),
+        provenance(run, inputs),
         judged.lines,
-        _misalignment_frame(run),
+        "symmetric" if sensor.frame == "symmetric" else run.method.frame(run.bench),
         verdict=judged,
         shared=shared_errors(run, estimate, expected, p),
         validity=validity(sensor, inputs),
@@ -227,6 +225,7 @@ def calibrate(
         inputs.steps,
         bench,
         run.kind,
+        expected,
         inputs.recording,
         inputs.marks,
         findings,
@@ -236,12 +235,19 @@ def calibrate(
     )
 
 
-def _describe_rests(gathered: EstimatorInput) -> str:
-    """Return what was found of the rests, for a refusal that they may be the cause of."""
-    said = [finding.message for finding in gathered.findings if finding.what == "missing"]
-    if gathered.rests is not None:
-        said.append(gathered.rests.finding.message)
-    return "".join(f"; {text}" for text in said)
+def _possible_causes(inputs: EstimatorInput, sensor: Sensor, error: InercalError) -> str:
+    """Return what may have caused that the estimator refused: temperatures, missing rests."""
+    causes = [finding.message for finding in inputs.findings if finding.what == "missing"]
+    if inputs.rests is not None:
+        causes.append(inputs.rests.finding.message)
+    t = inputs.observations.temperature
+    if t is not None and isinstance(error, NotObserved):
+        free = " ".join(error.directions).split()
+        if set(temperature_coefficients(sensor)) & set(free):
+            low, high = float(t.min()) - ZERO_CELSIUS, float(t.max()) - ZERO_CELSIUS
+            rows = f"the rows are at {low:.2f} to {high:.2f} °C: coefficients of temperature need"
+            causes.insert(0, f"{rows} rows at temperatures that differ by more")
+    return "".join(f"; {cause}" for cause in causes)
 
 
 def _add_rounding_noise(sensor: Sensor, recording: Recording | None) -> Sensor:
@@ -249,23 +255,6 @@ def _add_rounding_noise(sensor: Sensor, recording: Recording | None) -> Sensor:
     assert recording is not None
     axes = (replace(a, noise=a.noise.rounded(recording.rate_hz)) for a in sensor.axes)
     return replace(sensor, axes=tuple(axes))
-
-
-def _search_conditions(run: Run) -> dict[str, str]:
-    if run.search is None:
-        return {}
-    bounds = run.search.bounds
-    return {
-        "search": f"seed {run.search.seed}, goal {100 * run.search.goal:.3g} %, at most "
-        f"{run.search.seconds:.3g} s",
-        "bounds of the search": f"scale ±{100 * bounds.scale:.3g} %, cross "
-        f"±{100 * bounds.cross:.3g} %, bias ±{bounds.bias:.3g} g",
-    }
-
-
-def _misalignment_frame(run: Run) -> Frame:
-    """Return what the misalignments refer to."""
-    return "symmetric" if run.sensor.frame == "symmetric" else run.method.frame(run.bench)
 
 
 def load_recording(run: Run) -> Recording:
@@ -285,18 +274,23 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     Returns
     -------
     Recording
-        Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), whichever the sensor has; of one or two
-        accelerometers those along them, what acts across being taken as nothing. Labels and what
-        the bench reads back keep their columns' names and units.
+        Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), as far as the sensor has them; with one
+        or two accelerometers specific force across them is taken as zero. Labels and readback
+        columns keep their names and units.
 
     Raises
     ------
     InercalError
-        The recording cannot be used, or does not fit the calibration.
+        The recording cannot be used, or has another readout than the calibration.
     """
     run = run if isinstance(run, Run) else read(run)
     if run.data.kind == "means":
-        raise InputError(f"{run.path}: [data] kind is means; only a recording can be corrected")
+        raise InputError(
+            f"{run.path}: [data] kind is means; give the run file of a recording: only a recording "
+            "can be corrected",
+            file=run.path,
+            key="[data] kind",
+        )
     stated = {axis.name: axis.readout for axis in run.sensor.axes}
     for axis in calibration.sensor.axes:
         here = stated.get(axis.name, axis.readout)
@@ -306,17 +300,19 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
             raise InputError(
                 f"{run.path}: {axis.name} has scale {here.scale:.6g} and offset {here.offset:g} "
                 f"{here.unit} per SI unit; the calibration is for {axis.readout.scale:.6g} and "
-                f"{axis.readout.offset:g}"
+                f"{axis.readout.offset:g}; state these in [sensor]",
+                file=run.path,
+                names=(axis.name,),
             )
     recording = load_recording(run)
     axes = calibration.sensor.axes
     count = {kind: sum(axis.measures == kind for axis in axes) for kind in ("f", "w")}
-    # What acts across one accelerometer, or across two, is taken as nothing.
-    nothing = np.zeros((1, 3))
+    # Motion across one sensor axis, or across two, is unknown and taken as zero.
+    zero = np.zeros((1, 3))
     motion = calibration.correct(
         recording,
-        f=nothing if 0 < count["f"] < _ALL else None,
-        w=nothing if 0 < count["w"] < _ALL else None,
+        f=zero if 0 < count["f"] < _ALL else None,
+        w=zero if 0 < count["w"] < _ALL else None,
     )
     named = readback_columns(run)
     sensed = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
@@ -329,55 +325,6 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
         readback={named[name]: values for name, values in recording.readback.items()},
         label_name=reader_columns(run).label or recording.label_name,
     )
-
-
-def _describe_constant_temperature(
-    gathered: EstimatorInput, sensor: Sensor, error: NotObserved
-) -> str:
-    """Return what coefficients of temperature lack, where a refusal names one."""
-    t = gathered.observations.temperature
-    if t is None or not set(temperature_coefficients(sensor)) & set(
-        " ".join(error.directions).split()
-    ):
-        return ""
-    low, high = float(t.min()) - ZERO_CELSIUS, float(t.max()) - ZERO_CELSIUS
-    return (
-        f"; the rows are at {low:.2f} to {high:.2f} °C: coefficients of temperature need rows at "
-        "temperatures that differ by more"
-    )
-
-
-def _temperature_conditions(gathered: EstimatorInput) -> dict[str, str]:
-    recording = gathered.recording
-    t = gathered.observations.temperature if recording is None else recording.temperature
-    if t is None:
-        return {}
-    return {"temperature": f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"}
-
-
-def _run_digest(run: Run, recording: Recording | None) -> str:
-    if recording is not None:
-        return recording.sha256
-    return sha256(run.file(run.data.file).read_bytes()).hexdigest()
-
-
-def _provenance(run: Run, recording: Recording | None) -> dict[str, str]:
-    second: dict[str, str] = {}
-    if (gyros := gyro_file(run)) is not None:
-        second["gyro recording"] = str(run.data.gyro_file)
-        second["gyro recording sha256"] = file_sha256(gyros)
-    for what, name in run.data.further_files().items():
-        second[what] = name
-        second[f"{what} sha256"] = file_sha256(run.file(name))
-    return {
-        "recording": run.data.file,
-        "recording sha256": _run_digest(run, recording),
-        **second,
-        "run file": run.path.name,
-        "run file sha256": run.sha256,
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "inercal": version("inercal"),
-    }
 
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""What can be shown of a recording that a calibration refused: rests and thresholds."""
+"""Rests and thresholds of a recording that a calibration refused."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,13 @@ from inercal.segments import RestDetection
 
 @dataclass(frozen=True, eq=False)
 class InspectedRecording:
-    """A recording and the rests that were found in it.
+    """A recording and the rests that were detected in it.
 
     Parameters
     ----------
     recording : Recording
     rests : RestDetection
-        Without marks where none was found.
+        Without marks where no rest was detected.
     """
 
     recording: Recording
@@ -25,7 +25,7 @@ class InspectedRecording:
 
 
 def inspect_refused_recording(run: Run) -> InspectedRecording | None:
-    """Return what was found in the recording of a run that was refused.
+    """Return recording and rests of a run that was refused.
 
     None where there is no recording, where it cannot be read, or where its bench has no rests.
     """

@@ -1,4 +1,4 @@
-"""The run's plan carried out in simulation, and written as the run file reads it."""
+"""Simulation of a run: its plan on the simulated bench, as columns that the run file reads."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,12 +25,13 @@ _MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
 
 
 def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) -> Recording:
-    """Carry the run's plan out on its simulated bench with the sensor's truth and noise.
+    """Simulate the run's plan on its bench, with the sensor's truth and noise.
 
     Parameters
     ----------
     run : Run or path
-        [sensor.truth] gives the coefficients, others are zero; [data] rate the sampling rate.
+        [sensor.truth] states the coefficients, all others are zero; [data] rate is the sampling
+        rate.
     seed : int
     trials : int, optional
         Independent repetitions on a leading axis; None is one recording without that axis.
@@ -38,14 +39,14 @@ def simulate(run: Run | str | Path, seed: int = 0, trials: int | None = None) ->
     Raises
     ------
     InputError
-        No sampling rate, or a truth that names no coefficient.
+        No sampling rate, or an unknown coefficient in the truth.
     """
     run = run if isinstance(run, Run) else read(run)
     return _simulate_run(run, np.random.default_rng(seed), seed, trials)[0]
 
 
 def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]:
-    """Simulate what the run file names: its recording, and what the bench writes beside it.
+    """Simulate the files that the run file names: the recording and further files of the bench.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     Returns
     -------
     dict of str to Recording
-        By the names in [data], the recording first; columns and times are as [data] has them,
+        By the names in [data], the recording first; columns and times are as [data] states them,
         ready to be written.
 
     Raises
@@ -66,8 +67,9 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     run = run if isinstance(run, Run) else read(run)
     if run.data.file in run.data.further_files().values():
         raise InputError(
-            f"{run.path}: [data] names {run.data.file} twice: a simulation writes files of their "
-            "own"
+            f"{run.path}: [data] names {run.data.file} twice; a simulation needs a file for each",
+            file=run.path,
+            key="[data]",
         )
     rng = np.random.default_rng(seed)
     recording, done = _simulate_run(run, rng, seed)
@@ -81,12 +83,18 @@ def _simulate_run(
     run: Run, rng: np.random.Generator, seed: int, trials: int | None = None
 ) -> tuple[Recording, SimulatedMotion]:
     if run.rate_hz is None:
-        raise InputError(f"{run.path}: [data] rate is missing; a simulation needs it")
+        raise InputError(
+            f"{run.path}: [data] rate is missing; a simulation needs it",
+            file=run.path,
+            key="[data] rate",
+        )
     samples = run.rate_hz * run.kind.seconds(run.bench, run.steps) * (trials or 1)
     if samples > _MOST_SAMPLES:
         raise InputError(
-            f"{run.path}: {samples:.2g} samples are more than a simulation holds in memory, "
-            f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds"
+            f"{run.path}: the simulation would have {samples:.2g} samples; the limit is "
+            f"{_MOST_SAMPLES:.0e}: lower [data] rate or [method] seconds",
+            file=run.path,
+            key="[data] rate",
         )
     sensor = run.sensor.with_coefficients(*run.truth)
     bench, rate, several = run.bench, run.rate_hz, trials or 1
@@ -95,11 +103,11 @@ def _simulate_run(
         bench, steps, rate, rng, several, sensor, run.method.unknown_attitudes
     )
     done, drift = result.simulated_motion, result.drift
-    told = readback_columns(run)
+    columns = readback_columns(run)
     readback = {
         name: values[0] if values.ndim > 1 and not trials else values
         for name, values in done.readback.items()
-        if name in told
+        if name in columns
     }
     c = np.array([run.truth[name] for name in sensor.coefficients])
     motion = done.motion
@@ -121,7 +129,11 @@ def _simulate_run(
 def apply_data_columns(run: Run, recording: Recording) -> Recording:
     """Return the recording with columns and times as in the run file's data, to be written."""
     if run.data.gyro_file is not None:
-        raise InputError(f"{run.path}: [data] gyro_file: a simulation is one file; leave it out")
+        raise InputError(
+            f"{run.path}: [data] gyro_file: a simulation is one file; remove gyro_file",
+            file=run.path,
+            key="[data] gyro_file",
+        )
     named = {axis: column for axis, column, _ in reader_columns(run).channels}
     recording = apply_axis_signs(run, recording)
     readback = {
@@ -136,7 +148,7 @@ def apply_data_columns(run: Run, recording: Recording) -> Recording:
 
 
 def _apply_data_times(run: Run, recording: Recording) -> Recording:
-    """Return the recording with its times as their column has them: in its unit, or counted."""
+    """Return the recording with times in the unit of their column, or as sample counts."""
     data, time = run.data, recording.time
     if data.time is None:
         return recording
@@ -158,7 +170,7 @@ def read_out(
     rng: np.random.Generator,
     drift: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return what the sensor puts out, (..., n, m) in output units, noise and limits included.
+    """Return the output of the sensor, (..., n, m) in output units, with noise and limits.
 
     Parameters
     ----------
@@ -188,9 +200,9 @@ def read_out(
 
 
 def _round_to_codes(axis: Axis, output: np.ndarray) -> np.ndarray:
-    """Return output without the rounding of scales, where it goes in whole codes."""
+    """Return output in whole codes, without the rounding errors of the scale factor."""
     step = axis.noise.quantisation * abs(axis.readout.scale)
-    whole = round(step)
-    if whole < 1 or abs(step / whole - 1) > _ROUNDING:
+    codes = round(step)
+    if codes < 1 or abs(step / codes - 1) > _ROUNDING:
         return output
-    return np.round((output - axis.readout.offset) / whole) * whole + axis.readout.offset
+    return np.round((output - axis.readout.offset) / codes) * codes + axis.readout.offset

@@ -1,7 +1,7 @@
-"""What a simulated sensor truly is, in the frame of its calibration.
+"""True coefficients of a simulated sensor, in the frame of its calibration.
 
-[sensor.truth] is stated in the frame of the mounting. A calibration in the symmetric frame has
-other misalignments, and a little other scale factors and biases, of the same sensor.
+[sensor.truth] is stated in the frame of the mounting. In the symmetric frame the same sensor has
+other misalignments, and slightly other scale factors and biases.
 """
 
 from collections.abc import Mapping
@@ -16,8 +16,8 @@ from inercal.errors import InputError
 def true_coefficients(calibration: Calibration, truth: Mapping[str, float]) -> Mapping[str, float]:
     """Return the true coefficients, SI, of the calibration by full name.
 
-    Where terms beyond bias, scale factor and misalignment are among them, which do not turn, the
-    truth is as stated.
+    Terms beyond bias, scale factor and misalignment cannot be rotated: with them the truth is
+    rerotated as stated.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def true_coefficients(calibration: Calibration, truth: Mapping[str, float]) -> M
         return stated
     true = replace(calibration, values=np.array(list(stated.values())), frame="mount")
     try:
-        turned = true.in_frame("symmetric")
+        rotated = true.in_frame("symmetric")
     except InputError:
         return stated
-    return {name: turned.value(name) for name in names}
+    return {name: rotated.value(name) for name in names}

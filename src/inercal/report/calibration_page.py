@@ -16,14 +16,13 @@ from inercal.pipeline import Outcome
 from inercal.plan import Hold, Rotation, Spin, Step, Turn
 from inercal.report import filter_figures, report_tables
 from inercal.report import hypothesis_tests as judged
+from inercal.report.drawing import draw_plot
 from inercal.report.figures import correlations, departures, residuals
-from inercal.report.plots import draw_plot
 from inercal.report.recording_residuals import (
     residuals_by_step,
     step_residual_figure,
     uses_whole_recording,
 )
-from inercal.report.search_history import search_figure
 from inercal.report.sphere import missing_faces, sphere
 from inercal.report.templates import render
 from inercal.report.traces import scatter_figure, section_figure
@@ -87,7 +86,7 @@ def page(
         whole=uses_whole_recording(outcome),
         words=words,
         plots=[(one.text, draw_plot(one)) for one in kind.plots(outcome)],
-        search=None if outcome.search is None else search_figure(outcome.search),
+        search=None if outcome.search is None else filter_figures.search_figure(outcome.search),
         over_time=None if register is None else _history_section(register),
         course=_filter_figures(outcome, truth),
         spheres=(sphere(found, 1), sphere(found, -1)) if found else (),

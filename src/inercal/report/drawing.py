@@ -18,6 +18,9 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from inercal.benches.report_data import Plot, Series
+from inercal.calibration.verdict import COVERAGE
+
 INK, MUTED, FAINT, BAND = "#010a01", "#010a02", "#010a03", "#010a04"
 X, Y, Z = "#010a05", "#010a06", "#010a07"
 WARN, PLUS, MINUS, PAPER = "#010a08", "#010a09", "#010a0a", "#010a0b"
@@ -63,6 +66,7 @@ _STYLE: dict[Any, Any] = {  # the stubs list the keys as literals
 }
 style = matplotlib.rc_context(_STYLE)
 """Decorator of functions that make a figure."""
+_X_MARGIN = 12.0  # of the ticks' unit, at both ends
 
 
 def svg(figure: Figure, name: str, description: str) -> Markup:
@@ -188,3 +192,38 @@ def name_positions(
 def add_legend(axes: Axes) -> None:
     """Put the legend in one line into the room above the axes, at its right end."""
     axes.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=99, borderpad=0)
+
+
+@style
+def draw_plot(plot: Plot) -> Markup | None:
+    """Return a plot as SVG; None of one without panels."""
+    if not plot.panels:
+        return None
+    several = len(plot.panels) > 1
+    figure, (row,) = panels(1.9 if several else 2.0, [0.45], len(plot.panels))
+    reach = 1.15 * max(float(np.abs(one.y).max()) for panel in plot.panels for one in panel.series)
+    for k, (axes, panel) in enumerate(zip(row, plot.panels, strict=True)):
+        axes.axhline(0, color=FAINT, lw=0.8, zorder=0)
+        for j, series in enumerate(panel.series):
+            _draw_series(axes, series, k if several else j)
+        if several:
+            axes.set_ylim(-reach, reach)
+        if panel.ticks:
+            axes.set_xlim(panel.ticks[0] - _X_MARGIN, panel.ticks[-1] + _X_MARGIN)
+            axes.set_xticks(panel.ticks)
+        axes.set_title(panel.title)
+        axes.set_xlabel(panel.x)
+        add_legend(axes)
+    row[0].set_ylabel(plot.y)
+    return svg(figure, plot.name, plot.title)
+
+
+def _draw_series(axes: Axes, series: Series, k: int) -> None:
+    if series.hollow:
+        axes.plot(series.x, series.y, "o", ms=4.5, mfc="none", mec=MUTED, mew=0.8, ls="none",
+                  label=series.name)  # fmt: skip
+        return
+    error = None if series.sd is None else COVERAGE * series.sd
+    axes.errorbar(series.x, series.y, yerr=error, fmt=SHAPES[k % 3], ms=4.5, mfc=AXES[k % 3],
+                  mec=PAPER, mew=0.4, ecolor=AXES[k % 3], elinewidth=0.8,
+                  label=series.name)  # fmt: skip

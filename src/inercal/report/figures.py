@@ -1,4 +1,4 @@
-"""Residuals, the bench's departures and the correlations, drawn."""
+"""Figures of residuals, of errors of the bench against their statement, and of correlations."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -118,7 +118,7 @@ def _group_residual_figure(outcome: Outcome) -> Markup:
 
 @drawing.style
 def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
-    """Return what was found about the bench, in standard deviations of what was expected.
+    """Return the figure of estimated minus stated errors of the bench, in stated deviations.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def departures(pulls: Mapping[str, Sequence[tuple[str, float]]]) -> Markup:
     drawing.name_positions(axes, list(pulls), worst=rows_beyond_band(table))
     axes.set_ylabel("standard deviations")
     drawing.add_legend(axes)
-    return svg(figure, "departures", "What the fit found about the bench, against what was stated")
+    return svg(figure, "departures", "Estimated minus stated errors of the bench")
 
 
 def rows_beyond_band(values: Array) -> list[int]:

@@ -1,4 +1,4 @@
-"""How sequential filters came to their result: estimates, innovations and the path, over time."""
+"""Estimators over time: filters with innovations and path, and a search by generations."""
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false
 
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
@@ -18,10 +18,11 @@ from inercal.benches import Turntable
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import FilterHistory, SmoothedStates
 from inercal.keys import CoefficientName
+from inercal.methods.ship_multi_angle.global_search import SearchHistory
 from inercal.pipeline import Outcome
 from inercal.recording import Track
 from inercal.report import drawing
-from inercal.report.drawing import AXES, BAND, FAINT, WARN, svg
+from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, PAPER, WARN, Y, svg
 from inercal.sensors import G0, Sensor
 
 MAX_POINTS = 290
@@ -44,7 +45,7 @@ class _CoefficientGroup(NamedTuple):
 
 @drawing.style
 def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> Markup:
-    """Return each estimate beyond the truth, or beyond the result, with ±2σ, over time."""
+    """Return each estimate minus the truth, or minus the result, with ±2σ, over time."""
     sensor, courses = outcome.calibration.sensor, outcome.estimate.courses
     kinds = [kind for course in courses for kind in _coefficient_groups(course, sensor)]
     figure, panels = drawing.panels(2.1, [0.45] * len(kinds))
@@ -54,7 +55,7 @@ def convergence_figure(outcome: Outcome, truth: Mapping[str, float] | None) -> M
         _draw_convergence(axes, kind, sensor, truth)
         axes.set_xlabel("time, s")
     beyond = "the truth" if truth is not None else "the result"
-    return svg(figure, "courses", f"Estimates beyond {beyond} with two standard deviations")
+    return svg(figure, "courses", f"Estimates minus {beyond} with two standard deviations")
 
 
 def _coefficient_groups(course: FilterHistory, sensor: Sensor) -> list[_CoefficientGroup]:
@@ -99,7 +100,7 @@ def _draw_convergence(
 
 
 def _set_symmetric_scale(axes: Axes, last: float) -> None:
-    """Scale logarithmically to both sides, linearly within what is left at the end."""
+    """Scale logarithmically to both sides, linearly within the last uncertainty."""
     base = 10.0 ** np.floor(np.log10(last))
     axes.set_yscale("symlog", linthresh=base)
     reach = max(map(abs, axes.get_ylim()))
@@ -121,7 +122,7 @@ class _StateGroup(NamedTuple):
 
 @drawing.style
 def smoothed_figure(courses: Sequence[FilterHistory], sensor: Sensor) -> Markup | None:
-    """Return what varies with time by the way back, with ±2σ, over time; None of none."""
+    """Return the smoothed states over time, with ±2σ; None without smoothed states."""
     found = [(one, one.smoothed) for one in courses if one.smoothed is not None]
     if not found:
         return None
@@ -169,8 +170,8 @@ def _draw_states(axes: Axes, time: Array, made: SmoothedStates, line: _StateGrou
 
 def _state_label(state: str) -> str:
     """Return a state's name for the legend."""
-    told = {"phi_e": "east", "phi_n": "north", "phi_u": "up"}
-    return told.get(state, state.removeprefix("drift[").removesuffix("]"))
+    level = {"phi_e": "east", "phi_n": "north", "phi_u": "up"}
+    return level.get(state, state.removeprefix("drift[").removesuffix("]"))
 
 
 @drawing.style
@@ -202,7 +203,7 @@ def _break_at_pauses(time: Array, values: Array) -> tuple[Array, Array]:
 def running_nis(course: FilterHistory) -> tuple[Array, Array]:
     """Return time and the running mean of NIS a component over a fortieth of the epochs.
 
-    Epochs at which the attitude was taken anew have no innovation and are left out.
+    Epochs at which the attitude was reset have no innovation and are left out.
     """
     taken = course.nis > 0
     time, nis = course.time[taken], course.nis[taken] / max(course.innovation.shape[1], 1)
@@ -238,5 +239,40 @@ def path_figure(track: Track, bench: Turntable) -> Markup:
 
 
 def thin_indices(count: int, most: int = MAX_POINTS) -> NDArray[np.int64]:
-    """Return at most so many of `count` numbers from 0, even, the first and the last among them."""
+    """Return at most `most` evenly spaced indices below `count`, with the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
+
+
+@drawing.style
+def search_figure(search: SearchHistory) -> Markup:
+    """Return the best member after each generation, as in Fig. 6 of the source of the search."""
+    number = np.array([g.number for g in search.generations])
+    cost = np.array([g.cost for g in search.generations])
+    worst = 100 * np.array([g.worst for g in search.generations])
+    figure, rows = drawing.panels(1.9, [0.45], 2)
+    left, right = rows[0]
+    mark = "." if number.size == 1 else ""  # time may end a search at once
+    left.plot(number, cost, marker=mark, color=INK, lw=1.1)
+    left.set_ylabel("sum of squares, g⁴")
+    right.plot(number, worst, marker=mark, color=INK, lw=1.1)
+    right.set_ylabel("largest error of a norm, %")
+    right.axhline(100 * search.goal, color=WARN, lw=0.9, ls="--",
+                  label=f"goal {100 * search.goal:.3g} %")  # fmt: skip
+    if search.goal_generation is not None:
+        right.plot(search.goal_generation, worst[search.goal_generation - 1], "o", ms=6,
+                   mfc=Y, mec=PAPER, mew=0.6, ls="none",
+                   label=f"met at generation {search.goal_generation}")  # fmt: skip
+    for axes in (left, right):
+        _set_logarithmic_axis(axes)
+        axes.set_xlabel("generation")
+    drawing.add_legend(right)
+    return svg(figure, "history", "Sum of squares and largest error of a norm by generation")
+
+
+def _set_logarithmic_axis(axes: Axes) -> None:
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=8))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.grid(axis="y", color=MUTED, lw=0.2)
+    axes.set_axisbelow(True)

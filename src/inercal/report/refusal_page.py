@@ -1,4 +1,4 @@
-"""The page of a recording that was refused: what was found in it."""
+"""The page of a recording that was refused: its signals, detected rests and thresholds."""
 
 from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.report.templates import render

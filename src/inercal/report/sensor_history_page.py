@@ -1,16 +1,25 @@
-"""The page of a sensor's history, and the section of it that a calibration's report takes."""
+"""The page of a sensor's history, its figures, and the section for a calibration's report."""
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
+import numpy as np
 from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-from inercal.calibration.verdict import p_value_text
+from inercal.arrays import Array
+from inercal.calibration.verdict import COVERAGE, p_value_text
 from inercal.keys import CoefficientName
+from inercal.report import drawing
+from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
-from inercal.report.trend_figures import trend_figure
 from inercal.store import SensorHistory
-from inercal.store.changes import TrendVerdict
+from inercal.store.changes import YEAR, TrendVerdict
 from inercal.store.history import CoefficientTrend
 from inercal.store.history_text import (
     drift_text,
@@ -25,6 +34,15 @@ _VERDICT_WORDS: dict[TrendVerdict, str] = {
     "changed": "changed",
     "steady": "steady",
 }
+_HEIGHT, _LABEL_ROOM = 1.3, 0.4  # inches
+_COLUMNS = 2
+_TIME_MARGIN = 0.04  # of the time that is shown
+_MIN_MARGIN = 30.0  # days to both sides
+# Of ticks a year, a month, … apart, and of those at the begin of a longer such time.
+_FORMATS = ["%Y", "%Y-%m", "%d", "%H:%M", "%H:%M", "%S"]
+_ZERO_FORMATS = ["", "%Y", "%Y-%m", "%m-%d", "%H:%M", "%H:%M"]
+_DAY = 86_400.0  # s; times of a figure are in days since 1970
+_YEAR = YEAR / _DAY
 
 
 @dataclass(frozen=True)
@@ -90,14 +108,13 @@ def history_section(history: SensorHistory) -> Markup:
 
 
 def summary_lines(history: SensorHistory) -> list[Markup]:
-    """Return what the history says as a whole, in sentences; the first is the summary."""
+    """Return the results of a history as sentences; the first is the summary."""
     named = [
         f"{word}: {', '.join(names)}"
         for verdict, word in _VERDICT_WORDS.items()
         if verdict != "steady" and (names := history.verdicts.get(verdict, ()))
     ]
-    told = [_verdict_counts(history), *named, *history_lines(history)]
-    return [_sentence(line) for line in told]
+    return [_sentence(line) for line in (_verdict_counts(history), *named, *history_lines(history))]
 
 
 def _render_section(groups: list[AxisHistory]) -> Markup:
@@ -105,12 +122,12 @@ def _render_section(groups: list[AxisHistory]) -> Markup:
 
 
 def _verdict_counts(history: SensorHistory) -> str:
-    told = [
+    counts = [
         f"{len(names)} {word}"
         for verdict, word in _VERDICT_WORDS.items()
         if (names := history.verdicts.get(verdict, ()))
     ]
-    return f"coefficients: {', '.join(told)}" if told else "one calibration: nothing to compare"
+    return f"coefficients: {', '.join(counts)}" if counts else "one calibration: nothing to compare"
 
 
 def _sentence(line: str) -> Markup:
@@ -120,8 +137,8 @@ def _sentence(line: str) -> Markup:
 
 def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
     by_axis: dict[str, list[CoefficientTrend]] = {}
-    for course in history.trends:
-        by_axis.setdefault(CoefficientName(course.name).axis, []).append(course)
+    for trend in history.trends:
+        by_axis.setdefault(CoefficientName(trend.name).axis, []).append(trend)
     return [
         AxisHistory(
             axis,
@@ -137,29 +154,29 @@ def _axis_histories(history: SensorHistory) -> list[AxisHistory]:
     ]
 
 
-def _coefficient_row(course: CoefficientTrend) -> CoefficientHistory:
-    value, expanded = format_point(course, -1)
-    rate, rate_expanded = format_slope(course)
+def _coefficient_row(trend: CoefficientTrend) -> CoefficientHistory:
+    value, expanded = format_point(trend, -1)
+    rate, rate_expanded = format_slope(trend)
     return CoefficientHistory(
-        course.name,
-        course.meaning,
+        trend.name,
+        trend.meaning,
         typeset_minus(value),
         expanded,
-        course.unit,
-        typeset_minus(format_en(float(course.normalised_errors[-1]))),
+        trend.unit,
+        typeset_minus(format_en(float(trend.normalised_errors[-1]))),
         typeset_minus(rate),
         rate_expanded,
-        course.verdict,
-        typeset_minus(drift_text(course)),
+        trend.verdict,
+        typeset_minus(drift_text(trend)),
     )
 
 
-def _cell(course: CoefficientTrend, place: int) -> str:
-    if place not in course.points:
+def _cell(trend: CoefficientTrend, place: int) -> str:
+    if place not in trend.points:
         return ""
-    k = course.points.index(place)
-    star = " *" if abs(course.normalised_errors[k]) > 1 else ""
-    return typeset_minus(" ± ".join(format_point(course, k))) + star
+    k = trend.points.index(place)
+    star = " *" if abs(trend.normalised_errors[k]) > 1 else ""
+    return typeset_minus(" ± ".join(format_point(trend, k))) + star
 
 
 def _entry_rows(history: SensorHistory) -> list[PrintedCalibration]:
@@ -179,3 +196,54 @@ def _entry_rows(history: SensorHistory) -> list[PrintedCalibration]:
 
 def _date(time: str) -> str:
     return time.partition("T")[0]
+
+
+@drawing.style
+def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name: str) -> Markup:
+    """Return the trends of one axis, one panel each.
+
+    Parameters
+    ----------
+    history : SensorHistory
+    found : sequence of CoefficientTrend
+    name : str
+        Of the figure; another one of the page has another name.
+    """
+    lines = -(-len(found) // _COLUMNS)
+    figure, rows = drawing.panels(_HEIGHT, [_LABEL_ROOM] * lines, _COLUMNS)
+    panels = [axes for row in rows for axes in row]
+    times = (datetime.fromisoformat(history.entries[k].measured) for k in (0, -1))
+    first, last = (time.timestamp() / _DAY for time in times)
+    margin = max(_TIME_MARGIN * (last - first), _MIN_MARGIN)
+    for axes, trend in zip(panels, found, strict=False):
+        _draw_trend(axes, trend, first)
+        axes.set_xlim(first - margin, last + margin)
+        locator = AutoDateLocator(minticks=3, maxticks=6)
+        axes.xaxis.set_major_locator(locator)
+        formatter = ConciseDateFormatter(
+            locator, formats=_FORMATS, zero_formats=_ZERO_FORMATS, show_offset=False
+        )
+        axes.xaxis.set_major_formatter(formatter)
+    for axes in panels[len(found) :]:
+        axes.set_axis_off()
+    text = "; ".join(f"{one.name} {one.verdict}" for one in found)
+    return svg(figure, name, f"Coefficients over time with expanded uncertainties: {text}")
+
+
+def _draw_trend(axes: Axes, trend: CoefficientTrend, first: float) -> None:
+    time = first + trend.time * _YEAR
+    value, reach = trend.values / trend.si, COVERAGE * trend.std / trend.si
+    if (line := trend.line) is not None:
+        at: Array = np.linspace(float(trend.time[0]), float(trend.time[-1]), 50)
+        middle, std = (one / trend.si for one in line.evaluate(at))
+        days = first + at * _YEAR
+        axes.fill_between(days, middle - COVERAGE * std, middle + COVERAGE * std, color=BAND, lw=0)
+        axes.plot(days, middle, "-" if line.drifts else "--", color=Z, lw=1.1)
+    axes.errorbar(time, value, reach, fmt="none", ecolor=MUTED, elinewidth=0.9, capsize=2.2)
+    beyond = np.abs(trend.normalised_errors) > 1
+    axes.plot(time[~beyond], value[~beyond], "o", ms=3.6, mfc=INK, mec=INK, mew=0)
+    # Another shape, open and larger: to be told without colour too.
+    axes.plot(time[beyond], value[beyond], "D", ms=6.0, mfc=PAPER, mec=WARN, mew=1.5, zorder=3)
+    axes.grid(axis="y", color=FAINT, lw=0.3)
+    axes.set_axisbelow(True)
+    axes.set_title(f"{trend.name}, {trend.unit}: {trend.verdict}")

@@ -1,18 +1,16 @@
 """The run file: a TOML text that names the sensor, the bench, the data and the method.
 
-`read` checks it whole, units included, and gives plain objects in SI. A mistake is one line that
-names the file, the key and what is possible there.
+`read` checks all of it, units included, and returns plain objects in SI. An error message is one
+line that names the file, the key and what is possible there.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from hashlib import sha256
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
 from inercal.benches import Bench
@@ -27,36 +25,22 @@ from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
-from inercal.runfile.format_options import reader_options
-from inercal.runfile.gravity import check_stated_gravity
-from inercal.runfile.priors import prior_from, static_prior
-from inercal.runfile.schema import MethodSection, RunSchema, schema_for_kind
-from inercal.runfile.search import search_options
-from inercal.runfile.section_checks import (
-    require_distinct_priors,
+from inercal.runfile.method_section import (
+    nominal_plan,
     require_frame,
-    require_used_keys,
+    search_options,
+    stated_plan_keys,
 )
+from inercal.runfile.priors import method_priors
+from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
+from inercal.runfile.section_checks import check_stated_gravity, require_used_keys
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
-from inercal.runfile.validation_errors import describe_error, describe_unknown_kind
+from inercal.runfile.validation_errors import schema_error, unknown_kind_error
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
 from inercal.small_files import parse_toml, read_small_file
 
-# [method] keys of the plan: key, unit like, argument of the method's plan
-_PLAN = (
-    ("seconds", "s", "seconds"),
-    ("turn", "°", "angle"),
-    ("turn_seconds", "s", "turn_seconds"),
-    ("positions", "", "positions"),
-    ("reverse", "", "reverse"),
-    ("attitudes", "", "attitudes"),
-    ("rates", "rpm", "rates"),
-    ("turns", "", "turns"),
-    ("path", "", "path"),
-)
 _DEFAULT_KIND = "hand"  # [bench] kind
-_SENSE = ", or negative for a turn clockwise seen from above"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +54,8 @@ class Run:
     sha256 : str
         Of its text.
     sensor : Sensor
-        With readouts, noise and the coefficients wanted; all axes, also those not calibrated.
+        With readouts, noise and the coefficients to be estimated; all axes, also those that are
+        not calibrated.
     truth : mapping of str to float
         Coefficients for a simulation, SI.
     bench : Bench
@@ -81,19 +66,19 @@ class Run:
     method : Method
     estimator : str
     plan : callable
-        Gives the nominal plan.
+        Returns the nominal plan.
     priors : tuple of Gaussian
     rate_hz : float or None
     time_offset : bool
-        Whether the gyros' delay is asked for.
+        Whether the gyros' delay is estimated.
     has_plan_keys : bool
-        Whether [method] says something of the plan.
+        Whether [method] states a key of the plan.
     search : SearchOptions or None
-        What the search is told, of an estimator that searches.
+        None for an estimator that does not search.
     bench_name : str
-        What the laboratory calls its bench; empty where it says nothing.
+        The laboratory's name of its bench; empty where none is stated.
     findings : tuple of Finding
-        What the statements of the run file say of one another.
+        Results of the comparison of stated values with one another.
     reader_options : mapping of str to object
         Keys of [data] that belong to the reader of a format (`inercal.io.readers`).
     """
@@ -119,12 +104,12 @@ class Run:
 
     @property
     def steps(self) -> tuple[Step, ...]:
-        """The nominal plan. One by hand is only designed where it is asked for.
+        """The nominal plan, designed when it is first read: a plan by hand takes seconds.
 
         Raises
         ------
         InputError
-            No plan with what the run file says of it.
+            The options of [method] allow no plan.
         """
         return self._steps
 
@@ -133,15 +118,15 @@ class Run:
         try:
             return self.plan()
         except InputError as error:
-            raise InputError(f"{self.path}: [method] {error}") from None
+            raise error.located(f"{self.path}: [method]", file=self.path, key="[method]") from None
 
     @property
     def table_steps(self) -> list[TableStep]:
-        """The positions and rotations of the nominal plan: on a turntable all of its steps."""
+        """The positions and rotations of the nominal plan; on a turntable these are all steps."""
         return table_steps(self.steps)
 
     def solver(self, progress: Callable[[Generation], None] | None = None) -> Estimator[Any, Any]:
-        """Return the estimator, with what the run file says of its search if it is one.
+        """Return the estimator; one that searches has the options of the run file.
 
         Parameters
         ----------
@@ -164,12 +149,13 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     ----------
     path : path
     method_keys : mapping, optional
-        Keys that take the place of those in [method].
+        Keys that replace those in [method].
 
     Raises
     ------
     InputError
-        No such file, not TOML, an unknown key or name, a value out of place, a wrong unit.
+        No such file, not TOML, an unknown key or name, a value that is not possible, or a wrong
+        unit.
     """
     path = Path(path)
     raw = read_small_file(path, "run file")
@@ -179,79 +165,74 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         raise error.located(path) from None
     if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
-    whole, chosen = dict(content), _DEFAULT_KIND
+    try:
+        return _read_content(path, content, sha256(raw).hexdigest())
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def _read_content(path: Path, content: Mapping[str, Any], digest: str) -> Run:
+    """Return the run of a TOML content whose SHA-256 is `digest`."""
+    completed, kind = dict(content), _DEFAULT_KIND
     if isinstance(content.get("bench"), dict):
-        whole["bench"] = {"kind": chosen} | content["bench"]
-        chosen = whole["bench"]["kind"]
-    if not isinstance(chosen, str) or chosen not in KINDS:
-        raise InputError(f"{path}: {describe_unknown_kind(chosen)}")
-    model = schema_for_kind(chosen)
+        completed["bench"] = {"kind": kind} | content["bench"]
+        kind = completed["bench"]["kind"]
+    if not isinstance(kind, str) or kind not in KINDS:
+        raise unknown_kind_error(kind)
     options: dict[str, Any] = {}
+    if isinstance(content.get("data"), dict):
+        completed["data"], options = reader_options(content["data"], KINDS[kind].data)
+    model = schema_for_kind(kind)
     try:
-        if isinstance(content.get("data"), dict):
-            whole["data"], options = reader_options(content["data"], KINDS[chosen].data)
-        schema = model.model_validate(whole)
+        schema = model.model_validate(completed)
     except ValidationError as error:
-        raise InputError(f"{path}: {describe_error(error, content, model)}") from None
-    except InputError as error:
-        raise error.located(path) from None
-    try:
-        run = _build_run(path, sha256(raw).hexdigest(), schema, KINDS[chosen])
-        return replace(run, reader_options=options) if options else run
-    except InputError as error:
-        raise error.located(path) from None
+        raise schema_error(error, content, model) from None
+    return replace(_build_run(path, digest, schema, KINDS[kind]), reader_options=options)
 
 
 def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> Run:
     chosen = method(schema.method.name)
     bench = kind.build(schema.bench, path.parent)
-    whole = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)
-    part = chosen.prepare(whole, schema.method.coefficients, schema.method.also)
+    full_sensor = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)
+    sensor = chosen.prepare(full_sensor, schema.method.coefficients, schema.method.also)
     if not isinstance(bench, chosen.bench):
+        needed = kind_name_for_class(chosen.bench)
         raise InputError(
-            f"[bench] kind: method {chosen.name} takes {kind_name_for_class(chosen.bench)!r}, not "
-            f"{kind.name!r}"
+            f"[bench] kind: method {chosen.name} takes {needed!r}, not {kind.name!r}",
+            key="[bench] kind",
         )
-    schema.data.readback(bench)  # its units are looked at before anything is read
-    stated = {
-        key: given for key, _, _ in _PLAN if (given := getattr(schema.method, key)) is not None
-    }
-    plan = kind.plan(stated, bench, path.parent, _build_plan(chosen, schema.method))
+    schema.data.readback(bench)  # checks its units before any file is read
+    stated = stated_plan_keys(schema.method)
+    plan = kind.plan(stated, bench, path.parent, nominal_plan(chosen, schema.method))
     turns = () if chosen.unknown_attitudes or Turn not in kind.steps else chosen.plan()
     require_used_keys(schema, chosen, turns)
     chosen.estimator(schema.method.estimator)
     estimator = schema.method.estimator or next(iter(chosen.estimators))
     require_frame(schema.sensor.frame, chosen, estimator)
-    priors: list[Gaussian] = []
-    for name, text in schema.method.prior.items():
-        value = coefficient_value(part, name, text, "[method.prior]")
-        if value.sd == 0:
-            raise InputError(f"[method.prior] {name}: {text!r} has no uncertainty; write ± and one")
-        priors.append(Gaussian((name,), np.array([value.value]), np.array([[value.sd**2]])))
-    if schema.method.prior_file is not None:
-        priors.append(static_prior(path.parent / schema.method.prior_file, part))
-    for file, names in schema.method.prior_from.items():
-        priors.append(prior_from(path.parent / file, names, part))
-    require_distinct_priors(priors)
+    priors = method_priors(schema.method, path.parent, sensor)
     truth = {
-        name: coefficient_value(whole.with_coefficients(name), name, text, "[sensor.truth]").value
-        for name, text in schema.sensor.truth.items()
+        name: _true_value(full_sensor, name, text) for name, text in schema.sensor.truth.items()
     }
     # An IMU's truth may serve a method that leaves its gyros out.
-    truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in part.channels}
+    truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in sensor.channels}
     if schema.data.time_unit != "sample":
         si_value(f"1 {schema.data.time_unit}", "s", "[data] time_unit")
     if schema.data.temperature is not None:
         si_value(f"1 {schema.data.temperature_unit}", "K", "[data] temperature_unit")
-    if schema.method.time_offset and not (chosen.unknown_attitudes and part.select_axes("w").axes):
-        raise InputError("[method] time_offset: it takes multi_position and a sensor with gyros")
+    has_gyros = bool(sensor.select_axes("w").axes)
+    if schema.method.time_offset and not (chosen.unknown_attitudes and has_gyros):
+        raise InputError(
+            "[method] time_offset: only method multi_position with gyros estimates it; remove "
+            "time_offset",
+            key="[method] time_offset",
+        )
     rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
     if rate is not None and rate <= 0:
-        raise InputError(f"[data] rate: {schema.data.rate!r} must be positive")
+        raise InputError(f"[data] rate: {schema.data.rate!r} must be positive", key="[data] rate")
     return Run(
         path=path,
         sha256=digest,
-        sensor=part,
+        sensor=sensor,
         truth=truth,
         bench=bench,
         kind=kind,
@@ -259,7 +240,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         method=chosen,
         estimator=estimator,
         plan=plan,
-        priors=tuple(priors),
+        priors=priors,
         rate_hz=rate,
         time_offset=schema.method.time_offset,
         has_plan_keys=bool(stated),
@@ -269,31 +250,14 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     )
 
 
-def _build_plan(chosen: Method[Any, Any], section: MethodSection) -> Callable[[], tuple[Step, ...]]:
-    """Return the method's plan with what the section says of it."""
-    possible = signature(chosen.plan).parameters
-    options: dict[str, Any] = {}
-    for key, like, option in _PLAN:
-        given: str | bool | int | tuple[str, ...] | None = getattr(section, key)
-        if given is None:
-            continue
-        if option not in possible:
-            keys = ", ".join(key for key, _, option in _PLAN if option in possible)
-            raise InputError(f"[method] {key}: the plan of {chosen.name} has none; it has {keys}")
-        options[option] = _plan_option(given, like, f"[method] {key}")
-    return partial(chosen.plan, **options)
-
-
-def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str) -> Any:
-    """Return what the plan takes: a word, yes or no, a number, or quantities in SI."""
-    if isinstance(given, tuple):
-        return tuple(_plan_option(each, like, key) for each in given)
-    if isinstance(given, bool) or (isinstance(given, str) and not like):
-        return given
-    value = given if isinstance(given, int) else si_value(given, like, key)
-    if value == 0 or (like not in ("°", "rpm") and value < 0):
-        raise InputError(f"{key}: {given!r} must be positive" + _SENSE * (like == "°"))
-    return value
+def _true_value(sensor: Sensor, name: str, text: str | float) -> float:
+    """Return a coefficient of [sensor.truth], SI."""
+    key = f"[sensor.truth] {name}"
+    try:
+        extended = sensor.with_coefficients(name)
+    except InputError as error:
+        raise error.located(key, key=key) from None
+    return coefficient_value(extended, name, text, "[sensor.truth]").value
 
 
 __all__ = ["Run", "read"]

@@ -1,4 +1,4 @@
-"""Priors that a run file takes from calibration files, with their covariance."""
+"""Priors of a run file: stated as values, or taken from calibration files with their covariance."""
 
 from collections.abc import Mapping
 from math import isclose, pi
@@ -6,16 +6,62 @@ from pathlib import Path
 
 import numpy as np
 
+from inercal.calibration import Calibration
 from inercal.calibration.files import load
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.keys import CoefficientName
 from inercal.methods import centrifuge_norm
+from inercal.runfile.schema import MethodSection
+from inercal.runfile.sensor_builder import coefficient_value
 from inercal.sensors import G0, Axis, Sensor
 
 
-def static_prior(path: Path, sensor: Sensor) -> Gaussian:
-    """Return bias and scale factor as a calibration at rest found them, as a prior.
+def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple[Gaussian, ...]:
+    """Return the priors of [method]: prior, prior_file and prior_from, in this order.
+
+    Parameters
+    ----------
+    section : MethodSection
+    folder : Path
+        Of the run file.
+    sensor : Sensor
+        With the coefficients of the method.
+
+    Raises
+    ------
+    InputError
+        A prior without uncertainty, a calibration file that cannot be used, or a coefficient with
+        several sources: they may be the same measurement.
+    """
+    priors: list[Gaussian] = []
+    for name, text in section.prior.items():
+        value = coefficient_value(sensor, name, text, "[method.prior]")
+        if value.sd == 0:
+            key = f"[method.prior] {name}"
+            raise InputError(
+                f"{key}: {text!r} has no uncertainty; add ± and the standard uncertainty",
+                key=key,
+                names=(name,),
+            )
+        priors.append(Gaussian((name,), np.array([value.value]), np.array([[value.sd**2]])))
+    if section.prior_file is not None:
+        priors.append(_static_prior(folder / section.prior_file, sensor))
+    for file, names in section.prior_from.items():
+        priors.append(_prior_from(folder / file, names, sensor))
+    found = [name for prior in priors for name in prior.names]
+    if twice := tuple(name for name in dict.fromkeys(found) if found.count(name) > 1):
+        raise InputError(
+            f"[method]: prior, prior_file and prior_from give {', '.join(twice)} more than once; "
+            "keep one source of each coefficient",
+            key="[method]",
+            names=twice,
+        )
+    return tuple(priors)
+
+
+def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
+    """Return bias and scale factor of a calibration at rest as a prior.
 
     IEEE Std 836 advises to take both from a static multi-position test.
     """
@@ -23,12 +69,14 @@ def static_prior(path: Path, sensor: Sensor) -> Gaussian:
     known = load(path)
     if known.method == centrifuge_norm.METHOD.name:
         raise InputError(
-            f"{key}: {path.name} is a calibration on a centrifuge; give a calibration at rest"
+            f"{key}: {path.name} is a calibration on a centrifuge; give a calibration at rest",
+            key=key,
         )
     if known.sensor.name != sensor.name:
         raise InputError(
-            f"{key}: {path.name} is of {known.sensor.name!r}, not of {sensor.name!r} "
-            "([sensor] name)"
+            f"{key}: {path.name} is of sensor {known.sensor.name!r}, but [sensor] name is "
+            f"{sensor.name!r}; give a calibration of this sensor",
+            key=key,
         )
     # In the two forms k1 means different things beside misalignments.
     known = known.in_form(sensor.form)
@@ -38,16 +86,19 @@ def static_prior(path: Path, sensor: Sensor) -> Gaussian:
         if CoefficientName(name).term in ("k0", "k1") and name in known.sensor.coefficients
     )
     if not names:
-        raise InputError(f"{key}: {path.name} knows no k0 and k1 of {', '.join(sensor.channels)}")
+        raise InputError(
+            f"{key}: {path.name} has no k0 and k1 of {', '.join(sensor.channels)}; give another "
+            "file",
+            key=key,
+        )
     theirs = {axis.name: axis for axis in known.sensor.axes}
     for axis in sensor.axes:
         _require_same_readout(key, path, axis, theirs.get(axis.name, axis))
-    index = [known.sensor.coefficients.index(name) for name in names]
-    return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])
+    return _gaussian(names, known, names)
 
 
-def prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian:
-    """Return coefficients as another calibration found them, under its own names, as a prior.
+def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian:
+    """Return coefficients of another calibration as a prior, under the names of this run.
 
     Parameters
     ----------
@@ -55,47 +106,74 @@ def prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussian
         Of the calibration file; its sensor may have other axes: the same accelerometer on another
         bench.
     taken : mapping of str to str
-        Which coefficient of ours is which one of the file: {"a.k3": "ax.k3"}.
+        The coefficient of this run, and that of the file: {"a.k3": "ax.k3"}.
     sensor : Sensor
 
     Raises
     ------
     InputError
-        A coefficient that either side has not, another kind of coefficient, or another nominal
-        readout.
+        A coefficient that one of the two does not have, two coefficients of different terms, or
+        another nominal readout.
     """
     key = f'[method.prior_from."{path.name}"]'
     known = load(path)
     if not taken:
-        raise InputError(f'{key}: say what to take, such as "a.k3" = "ax.k3"')
-    index: list[int] = []
+        raise InputError(
+            f'{key}: the section is empty; name the coefficients to take, such as "a.k3" = "ax.k3"',
+            key=key,
+        )
     for ours, theirs in taken.items():
-        for name, one, whose in (
-            (ours, sensor, "the method finds"),
-            (theirs, known.sensor, f"{path.name} knows"),
+        for name, each, whose in (
+            (ours, sensor, "the method estimates"),
+            (theirs, known.sensor, f"{path.name} has"),
         ):
-            if name not in one.coefficients:
-                raise InputError(f"{key}: no {name!r}; {whose} {', '.join(one.coefficients)}")
+            if name not in each.coefficients:
+                raise InputError(
+                    f"{key}: no coefficient {name!r}; {whose} {', '.join(each.coefficients)}",
+                    key=key,
+                    names=(name,),
+                )
         term = CoefficientName(ours).term
         if term != CoefficientName(theirs).term:
-            raise InputError(f"{key}: {ours} and {theirs} are not of one kind")
+            raise InputError(
+                f"{key}: {ours} and {theirs} are different terms; take the same term of both",
+                key=key,
+                names=(ours, theirs),
+            )
         if term.startswith("delta"):
-            raise InputError(f"{key}: {ours} is of the fixture, not of the accelerometer")
-        turned = any(".delta" in name for name in known.sensor.coefficients)
-        if term == "k1" and turned and known.sensor.form != sensor.form:
+            raise InputError(
+                f"{key}: {ours} depends on the fixture, not on the accelerometer alone; remove it",
+                key=key,
+                names=(ours,),
+            )
+        has_misalignment = any(".delta" in name for name in known.sensor.coefficients)
+        if term == "k1" and has_misalignment and known.sensor.form != sensor.form:
             raise InputError(
                 f"{key}: {theirs} is of the {known.sensor.form} form, in which a misalignment is "
-                f"part of k1; calibrate that sensor in the {sensor.form} form"
+                f"part of k1; calibrate that sensor in the {sensor.form} form",
+                key=key,
+                names=(theirs,),
             )
         mine, other = (
-            next(axis for axis in one.axes if axis.name == CoefficientName(name).axis)
-            for name, one in ((ours, sensor), (theirs, known.sensor))
+            next(axis for axis in each.axes if axis.name == CoefficientName(name).axis)
+            for name, each in ((ours, sensor), (theirs, known.sensor))
         )
         _require_same_readout(key, path, mine, other)
-        index.append(known.sensor.coefficients.index(theirs))
-    if len(set(index)) < len(index):
-        raise InputError(f"{key}: one coefficient of {path.name} gives the values of two")
-    return Gaussian(tuple(taken), known.values[index], known.covariance[np.ix_(index, index)])
+    sources = tuple(taken.values())
+    if twice := tuple(name for name in dict.fromkeys(sources) if sources.count(name) > 1):
+        raise InputError(
+            f"{key}: {', '.join(twice)} of {path.name} is the prior of two coefficients; take it "
+            "once",
+            key=key,
+            names=twice,
+        )
+    return _gaussian(tuple(taken), known, sources)
+
+
+def _gaussian(names: tuple[str, ...], known: Calibration, sources: tuple[str, ...]) -> Gaussian:
+    """Return values and covariance of coefficients of a calibration, under `names`."""
+    index = [known.sensor.coefficients.index(name) for name in sources]
+    return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])
 
 
 def _require_same_readout(key: str, path: Path, axis: Axis, other: Axis) -> None:
@@ -103,8 +181,11 @@ def _require_same_readout(key: str, path: Path, axis: Axis, other: Axis) -> None
     mine, theirs = axis.readout, other.readout
     if not (isclose(theirs.scale, mine.scale) and isclose(theirs.offset, mine.offset)):
         raise InputError(
-            f"{key}: {path.name} has another nominal scale or offset of {axis.name}: "
-            f"{_describe_readout(other)}, not {_describe_readout(axis)}; coefficients refer to it"
+            f"{key}: nominal scale and offset of {axis.name} are {_describe_readout(other)} in "
+            f"{path.name}, but {_describe_readout(axis)} in this run; the coefficients refer to "
+            "them: state the same in [sensor]",
+            key=key,
+            names=(axis.name,),
         )
 
 

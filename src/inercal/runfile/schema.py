@@ -1,15 +1,18 @@
-"""What a run file may contain, section by section. Values with units are text: "60 µg/√Hz".
+"""The keys of a run file, section by section. Values with units are text: "60 µg/√Hz".
 
-An example stands beside a key where its default is none, or says nothing: complaints show it.
+A key whose default shows no value has an example, which error messages print.
 """
 
+from collections.abc import Mapping
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, create_model
 
 from inercal.benches.kinds import KINDS
 from inercal.data.data_section import DataSection
+from inercal.errors import InputError
+from inercal.io.readers import known_options, readers_with_option
 from inercal.section_settings import DESCRIPTION, BenchSection, BenchUsage, Section
 
 
@@ -32,11 +35,11 @@ class ReadoutSection(Section):
     )
 
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
-        """Return the keys that change no result of such a use, with the reason and what to do."""
+        """Return the keys that change no result of this use, with the reason and what to do."""
         if not use.means:
             return {}
-        words = "means hold no samples; state their noise and instability in [data.sd] instead"
-        return dict.fromkeys(("white", "bias_instability", "random_walk", "quantisation"), words)
+        reason = "means hold no samples; state their noise and instability in [data.sd] instead"
+        return dict.fromkeys(("white", "bias_instability", "random_walk", "quantisation"), reason)
 
 
 class SensorSection(Section):
@@ -71,10 +74,10 @@ class MethodSection(Section):
     name: str = Field(examples=["six_position"])
     estimator: str = Field("", examples=["ml"])
     coefficients: tuple[str, ...] = Field(
-        (), description="in place of the method's own choice", examples=[["bias", "scale"]]
+        (), description="instead of the method's own choice", examples=[["bias", "scale"]]
     )
     also: tuple[str, ...] = Field(
-        (), description="beside the method's own choice", examples=[["g", "k2"]]
+        (), description="in addition to the method's own choice", examples=[["g", "k2"]]
     )
     seconds: str | None = Field(
         None, description="length of each hold in a simulation", examples=["20 s"]
@@ -91,31 +94,35 @@ class MethodSection(Section):
     positions: int | None = Field(
         None, description="rests of a multi_position simulation, or positions of a dividing head"
     )
-    reverse: bool | None = Field(None, description="whether a dividing head goes back too")
-    time_offset: bool = Field(False, description="find the gyros' delay too")
+    reverse: bool | None = Field(
+        None, description="whether a dividing head also runs the plan backwards"
+    )
+    time_offset: bool = Field(False, description="whether the gyros' delay is estimated too")
     attitudes: str | None = Field(
         None, description="plan of attitudes on a centrifuge", examples=["half-circle"]
     )
     rates: tuple[str, ...] | None = Field(
         None, description="rates of the arm in the plan", examples=[["60 rpm", "120 rpm"]]
     )
-    turns: int | None = Field(None, description="whole turns that a dwell of the plan lasts")
+    turns: int | None = Field(
+        None, description="complete turns of the arm in each dwell of the plan"
+    )
     search: SearchSection | None = None
     prior_file: str | None = Field(
         None,
-        description="calibration of bias and scale in rest",
+        description="calibration file of bias and scale factor at rest",
         examples=["static.calibration.json"],
     )
     prior: dict[str, str] = Field(default_factory=dict, examples=[{"az.k0": "40 mg ± 5 mg"}])
     prior_from: dict[str, dict[str, str]] = Field(
         default_factory=dict,
-        description="by calibration file: our coefficient = its coefficient",
+        description="per calibration file: coefficient of this run = coefficient of the file",
         examples=[{"static.calibration.json": {"a.k3": "ax.k3"}}],
     )
 
 
 class RunSchema(Section):
-    """A whole run file."""
+    """All sections of a run file."""
 
     sensor: SensorSection
     bench: BenchSection
@@ -125,7 +132,7 @@ class RunSchema(Section):
 
 @cache
 def schema_for_kind(kind: str) -> type[RunSchema]:
-    """Return what a run file may contain whose [bench] is of this kind.
+    """Return the schema of a run file whose [bench] is of this kind.
 
     Parameters
     ----------
@@ -135,4 +142,34 @@ def schema_for_kind(kind: str) -> type[RunSchema]:
     chosen = KINDS[kind]
     return create_model(
         "RunSchema", __base__=RunSchema, bench=(chosen.section, ...), data=(chosen.data, ...)
+    )
+
+
+def reader_options(
+    data: Mapping[str, Any], section: type[DataSection]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Split the keys of [data] into those of the section and those of readers of formats.
+
+    The reader of a file is chosen when the file is read, and refuses there the options that it
+    does not know.
+
+    Raises
+    ------
+    InputError
+        A reader has an option with the name of a key of [data].
+    """
+    own = section.model_fields
+    if all(key in own for key in data):
+        return dict(data), {}  # without a look at the installed packages
+    options = tuple(known_options())
+    for key in options:
+        if key in own:
+            raise InputError(
+                f"reader {' and '.join(readers_with_option(key))} has an option {key!r}, which is "
+                "a key of [data] already: rename the reader's option",
+                key=f"[data] {key}",
+            )
+    return (
+        {key: value for key, value in data.items() if key not in options},
+        {key: value for key, value in data.items() if key in options},
     )

@@ -1,47 +1,37 @@
-"""What the sections of a run file must say together, bench by bench and method by method."""
+"""Checks of one section of a run file against another, and of stated gravity against its place."""
 
 from collections.abc import Sequence
+from math import degrees, sin
 from typing import Any
 
+from inercal.earth import normal_gravity
 from inercal.errors import InputError
-from inercal.estimate import Gaussian
-from inercal.methods import METHODS, Method
+from inercal.methods import Method
 from inercal.plan import Step, Turn
+from inercal.recording import Finding
 from inercal.runfile.schema import ReadoutSection, RunSchema
-from inercal.section_settings import BenchUsage
+from inercal.section_settings import BenchSection, BenchUsage, measured_constant, si_value
 
-
-def require_distinct_priors(priors: Sequence[Gaussian]) -> None:
-    """Refuse a coefficient that two sources tell: they may be one and the same.
-
-    Raises
-    ------
-    InputError
-        Naming it.
-    """
-    names = [name for prior in priors for name in prior.names]
-    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
-    if twice:
-        raise InputError(
-            f"[method] {', '.join(twice)}: given by several of prior, prior_file and prior_from; "
-            "keep one source of each coefficient"
-        )
+_ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
+_HIGHEST = 3000.0  # m: a laboratory whose height is not stated
+_BY_LATITUDE = 0.0517  # m/s² a radian at 45°, times the sine of twice the latitude
+_COVERAGE = 3.0
 
 
 def require_used_keys(schema: RunSchema, chosen: Method[Any, Any], steps: Sequence[Step]) -> None:
-    """Refuse keys of [bench] and [sensor] that change nothing in what the method finds.
+    """Refuse keys of [bench] and [sensor] that change no result of the method.
 
     Parameters
     ----------
     schema : RunSchema
     chosen : Method
     steps : sequence of Step
-        Of the method's plan, as far as it has one before the data.
+        Of the method's plan, as far as the plan is known before the data.
 
     Raises
     ------
     InputError
-        Naming the key and the reason.
+        The message names the key and the reason.
     """
     use = BenchUsage(
         method=chosen.name,
@@ -50,34 +40,51 @@ def require_used_keys(schema: RunSchema, chosen: Method[Any, Any], steps: Sequen
         gyros="w" in chosen.default_coefficients and schema.sensor.gyro is not None,
         means=schema.data.kind == "means",
     )
-    for key, reason in schema.bench.unused_keys(use).items():
-        if key in schema.bench.model_fields_set:
-            raise InputError(f"[bench] {key}: {reason}; leave it out")
-    for kind in ("accelerometer", "gyro"):
-        section: ReadoutSection | None = getattr(schema.sensor, kind)
+    sections: dict[str, BenchSection | ReadoutSection | None] = {
+        "bench": schema.bench,
+        "sensor.accelerometer": schema.sensor.accelerometer,
+        "sensor.gyro": schema.sensor.gyro,
+    }
+    for name, section in sections.items():
         if section is None:
             continue
         for key, reason in section.unused_keys(use).items():
             if key in section.model_fields_set:
-                raise InputError(f"[sensor.{kind}] {key}: {reason}")
+                place = f"[{name}] {key}"
+                raise InputError(f"{place}: {reason}; remove {key}", key=place)
 
 
-def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
-    """Refuse a frame that the user states where the estimator has its own.
+def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
+    """Compare a stated gravity with normal gravity at latitude and height, where both are stated.
 
-    Raises
-    ------
-    InputError
-        Naming the estimators that take one.
+    A warning where they differ by more than an anomaly of 100 mGal and three standard
+    uncertainties; without a height any height from 0 to 3000 m is possible.
+
+    Parameters
+    ----------
+    section : section of [bench]
+        Its values are known to be readable.
     """
-    if frame == "mount" or estimator in chosen.norm_only_estimators:
-        return
-    possible = "; ".join(
-        f"{' and '.join(one.norm_only_estimators)} of {one.name}"
-        for one in METHODS.values()
-        if one.norm_only_estimators
+    if section.gravity is None or section.latitude is None:
+        return ()
+    stated = measured_constant(section.gravity, "m/s²", "[bench] gravity")
+    place = measured_constant(section.latitude, "°", "[bench] latitude")
+    height = None if section.height is None else si_value(section.height, "m", "[bench] height")
+    normal = normal_gravity(place.value, height or 0.0).value
+    lowest = normal if height is not None else normal_gravity(place.value, _HIGHEST).value
+    slope = _BY_LATITUDE * abs(sin(2 * place.value))
+    margin = _ANOMALY + _COVERAGE * (stated.sd + slope * place.sd)
+    at = f"{degrees(place.value):.6g}° of latitude and " + (
+        "0 to 3000 m (no height is stated)" if height is None else f"{height:g} m"
     )
-    raise InputError(
-        f"[sensor] frame {frame!r} is for estimators that use only norms, {possible}; leave it "
-        f"out with {estimator} of {chosen.name}"
+    of_place = f"{normal:.5f} m/s²" if height is not None else f"{lowest:.4f} to {normal:.4f} m/s²"
+    both = f"gravity is stated as {stated.value:.5f} m/s²; normal gravity at {at} is {of_place}"
+    if lowest - margin <= stated.value <= normal + margin:
+        difference = f"{1e5 * (stated.value - normal):+.0f} mGal"
+        off = f"; the difference is {difference}" if height is not None else ""
+        return (Finding("note", "gravity", both + off),)
+    text = (
+        f"{both}: no gravity anomaly is that large, and the error enters the scale factors; check "
+        "[bench] gravity, latitude and height"
     )
+    return (Finding("warning", "gravity", text),)

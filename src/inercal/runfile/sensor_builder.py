@@ -10,9 +10,7 @@ from inercal.units import Measured, parse_quantity, si_factor
 
 _QUANTITY = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
-_COUNTS = ("LSB", "V")  # an output that is no acceleration or rate: it needs a scale
-
-
+_COUNTS = ("LSB", "V")  # an output that is neither acceleration nor rate needs a scale
 Output = tuple[Readout, Noise]
 Parts = Callable[[str, tuple[str | int, ...], Output, Output | None], Sensor]
 
@@ -26,12 +24,12 @@ def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: 
     columns : tuple of str or int
         [data] accelerometer.
     parts : callable
-        What stands on the kind of bench (`inercal.benches.kind_definition.Kind.sensor`).
+        Builds the sensor on this kind of bench (`inercal.benches.kind_definition.Kind.sensor`).
 
     Raises
     ------
     InputError
-        A unit or a scale that is none, or axes that do not stand on such a bench.
+        An unknown unit, a scale that is not possible, or axes that this bench does not take.
     """
     accelerometer = _build_readout("accelerometer", section.accelerometer)
     gyro = None if section.gyro is None else _build_readout("gyro", section.gyro)
@@ -48,23 +46,32 @@ def _build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
         try:
             scale = 1.0 / si_factor(section.unit, quantity)
         except InputError as error:
-            raise InputError(f"{key} unit: {error}; or 'LSB' or 'V' with a scale") from None
+            raise InputError(
+                f"{key} unit: {error}; or 'LSB' or 'V' with a scale", key=f"{key} unit"
+            ) from None
         if section.scale is not None:
-            raise InputError(f"{key} scale: {section.unit} needs none; it is for LSB or V")
+            raise InputError(
+                f"{key} scale: unit {section.unit} has no scale, only LSB and V have; remove scale",
+                key=f"{key} scale",
+            )
     elif section.scale is None:
         raise InputError(
-            f"{key}: {section.unit} without a scale: give the nominal one, such as "
-            f'scale = "{_EXAMPLE[kind].format(section.unit)}"'
+            f"{key} scale is missing: unit {section.unit} needs the nominal scale factor, such as "
+            f'scale = "{_EXAMPLE[kind].format(section.unit)}"',
+            key=f"{key} scale",
         )
     else:
         scale = si_value(section.scale, f"{output}/({quantity})", f"{key} scale")
     if scale == 0:
-        raise InputError(f"{key} scale: must not be zero")
+        raise InputError(f"{key} scale: must not be zero", key=f"{key} scale")
     full = None
     if section.full_scale is not None:
         reach = si_value(section.full_scale, quantity, f"{key} full_scale")
         if reach <= 0:
-            raise InputError(f"{key} full_scale: {section.full_scale!r} must be positive")
+            raise InputError(
+                f"{key} full_scale: {section.full_scale!r} must be positive",
+                key=f"{key} full_scale",
+            )
         full = abs(scale) * reach
     likes = {
         "white": f"({quantity})/√Hz",
@@ -79,7 +86,10 @@ def _build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     }
     for name, value in noise.items():
         if value < 0:
-            raise InputError(f"{key} {name}: {getattr(section, name)!r} must not be negative")
+            raise InputError(
+                f"{key} {name}: {getattr(section, name)!r} must not be negative",
+                key=f"{key} {name}",
+            )
     return Readout(scale, section.offset, section.unit, full), Noise(**noise)
 
 
@@ -100,9 +110,14 @@ def coefficient_value(sensor: Sensor, name: str, text: str | float, key: str) ->
         An unknown coefficient or a wrong unit; the message names `key`.
     """
     if name not in sensor.coefficients:
-        raise InputError(f"{key} {name}: no such coefficient; {', '.join(sensor.coefficients)}")
+        raise InputError(
+            f"{key} {name}: the sensor has no such coefficient; its coefficients are "
+            f"{', '.join(sensor.coefficients)}",
+            key=f"{key} {name}",
+            names=(name,),
+        )
     unit = sensor.coefficient(name).unit
     try:
         return parse_quantity(text, unit)
     except InputError as error:
-        raise InputError(f"{key} {name}: {error}") from None
+        raise error.located(f"{key} {name}", key=f"{key} {name}") from None

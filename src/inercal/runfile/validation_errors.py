@@ -1,6 +1,6 @@
-"""What a run file's schema refuses, in one line: the key, what is there and what is possible.
+"""Errors of the run file's schema, one line each: the key, its value and what is possible.
 
-Names, types and choices are worded here; quantities are judged where they are taken, in `build`.
+Names, types and choices are checked here; quantities are checked where they are converted to SI.
 """
 
 import re
@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 
 from inercal.benches.kinds import KINDS
 from inercal.data.data_section import DataSection
+from inercal.errors import InputError
 from inercal.io.readers import known_options
 from inercal.runfile.schema import RunSchema
 
@@ -26,7 +27,7 @@ _RESERVED: Mapping[str, str] = {  # sections of later versions, and what they ar
     "environment": "temperatures of the bench, their uncertainty and the sensor's lag, which this "
     "version does not take",
 }
-_LONGEST = 60  # characters of a value that are repeated
+_LONGEST = 60  # characters of a value that are printed
 _NO_SCALAR: Mapping[type, str] = {dict: "a section", list: "a list"}
 _SCALAR: Mapping[type, str] = {
     str: "text",
@@ -37,23 +38,24 @@ _SCALAR: Mapping[type, str] = {
 
 
 class _SchemaLocation(NamedTuple):
-    """Where a complaint is: the names on the way, the type that is taken and an example of it."""
+    """The place of an error: names of sections and key, the type of the key and an example."""
 
     names: tuple[str, ...]
-    takes: Any
+    annotation: Any
     example: Any
     meaning: str = ""
 
 
-def describe_unknown_kind(chosen: object) -> str:
-    """Return what is wrong with a [bench] kind that there is not."""
-    return f"[bench] kind: {_format_value(chosen)}; it is {_join_alternatives(KINDS)}"
+def unknown_kind_error(kind: object) -> InputError:
+    """Return the error of a [bench] kind that does not exist."""
+    key = "[bench] kind"
+    return InputError(f"{key}: {_not_possible(kind, KINDS)}", key=key)
 
 
-def describe_error(
+def schema_error(
     error: ValidationError, content: Mapping[str, Any], schema: type[RunSchema]
-) -> str:
-    """Return the first complaint as one line, with a name beside it that is misspelt.
+) -> InputError:
+    """Return the first error of a validation as one line, with a similar name that is misspelt.
 
     Parameters
     ----------
@@ -62,70 +64,82 @@ def describe_error(
     content : mapping
         The run file as it was written.
     schema : type
-        That refused it.
+        The schema of the validation.
     """
     # A column that the kind of bench needs comes last: it may be there for another kind.
-    complaint, *others = sorted(error.errors(include_url=False), key=_is_missing_column)
-    kind, loc, value = complaint["type"], complaint["loc"], complaint["input"]
+    first, *others = sorted(error.errors(include_url=False), key=_is_missing_column)
+    kind, loc, value = first["type"], first["loc"], first["input"]
     if kind == "extra_forbidden":
-        return _describe_unknown_key(loc, value, content, schema)
+        return _unknown_key_error(loc, value, content, schema)
     if loc[-1] == "[key]":
-        options = get_args(get_args(_locate(loc[:-2], schema).takes)[0])
-        names = _dotted_key(map(str, loc[:-1]))
-        return f"unknown key {names}; possible here: {', '.join(options)}"
+        options = get_args(get_args(_locate(loc[:-2], schema).annotation)[0])
+        names = tuple(map(str, loc[:-1]))
+        return InputError(
+            f"unknown key {_dotted_key(names)}; possible here: {', '.join(options)}",
+            key=_format_key(names),
+        )
     place = _locate(loc, schema)
+    key = f"[{_dotted_key(place.names)}]" if _is_section(place.annotation) else None
+    key = key or _format_key(place.names)
     if kind == "value_error":
-        return f"[{_dotted_key(place.names)}]: {complaint['msg'].removeprefix('Value error, ')}"
+        text = first["msg"].removeprefix("Value error, ")
+        return InputError(f"[{_dotted_key(place.names)}]: {text}", key=key)
     if isinstance(loc[-1], int) and kind == "missing":  # of a list of fixed length
         place, kind = _locate(loc[:-1], schema), "too_short"
-    if kind == "missing":
-        column = f": name the {place.meaning}" * place.meaning.startswith("column ")
-        line = f"{_format_key(place.names)} is missing{column}{_example_clause(place)}"
-        if _is_section(place.takes):
-            line = f"[{_dotted_key(place.names)}] is missing"
-        for other in others:  # it may be there, misspelt
-            if other["type"] == "extra_forbidden" and other["loc"][:-1] == loc[:-1]:
-                return (
-                    f"{line}; "
-                    f"{_describe_unknown_key(other['loc'], other['input'], content, schema)}"
-                )
-        return line
-    return (
-        f"{_format_key(place.names)}: "
-        f"{_describe_wrong_value(kind, value, complaint.get('ctx', {}), place)}"
-    )
+    if kind != "missing":
+        text = _describe_wrong_value(kind, value, first.get("ctx", {}), place)
+        name = _format_key(place.names)
+        return InputError(f"{name}: {text}", key=name)
+    text = f"{key} is missing"
+    if not _is_section(place.annotation):
+        is_column = place.meaning.startswith("column ")
+        action = f"name the {place.meaning}" if is_column else "state it"
+        text += f": {action}{_example_clause(place)}"
+    for other in others:  # the key may be there, misspelt
+        if other["type"] == "extra_forbidden" and other["loc"][:-1] == loc[:-1]:
+            unknown = _unknown_key_error(other["loc"], other["input"], content, schema)
+            return InputError(f"{text}; {unknown}", key=key)
+    return InputError(text, key=key)
 
 
-def _describe_unknown_key(
+def _unknown_key_error(
     loc: tuple[int | str, ...],
     value: object,
     content: Mapping[str, Any],
     schema: type[RunSchema],
-) -> str:
+) -> InputError:
     place = _locate(loc[:-1], schema)
-    (model,) = _annotation_types(place.takes)
-    key = str(loc[-1])
-    names = (*place.names, key)
-    if len(names) == 1 and names[0] in _RESERVED:
-        return f"section [{names[0]}] is reserved for {_RESERVED[names[0]]}: leave it out"
-    dotted = _dotted_key(names)
-    line = f"unknown section [{dotted}]" if isinstance(value, dict) else f"unknown key {dotted}"
+    (model,) = _annotation_types(place.annotation)
+    name = str(loc[-1])
+    names = (*place.names, name)
+    dotted, is_section = _dotted_key(names), isinstance(value, dict)
+    key = f"[{dotted}]" if is_section else _format_key(names)
+    if len(names) == 1 and name in _RESERVED:
+        return InputError(
+            f"section [{name}] is reserved for {_RESERVED[name]}: remove it", key=f"[{name}]"
+        )
+    owners = _kinds_with_key(names)
+    default = "; [bench] kind is missing, so kind is hand" * (
+        bool(owners) and "kind" not in content.get("bench", {})
+    )
+    benches = f"[bench] kind = {_join_alternatives(owners)}" if owners else ""
+    if owners and names[0] == "data":
+        text = f"{key} exists only with {benches}{default}: remove {name} or change kind"
+        return InputError(text, key=key)
+    text = f"unknown section {key}" if is_section else f"unknown key {dotted}"
     possible = tuple(model.model_fields)
     if place.names == ("data",):
         possible += tuple(known_options())
-    if near := get_close_matches(names[-1], possible, n=1):
-        line += f"; did you mean {near[0]}?"
-    line += f"; possible here: {', '.join(possible)}"
-    if owners := _kinds_with_key(names):
-        hand = "; kind is missing, so hand is taken" * ("kind" not in content.get("bench", {}))
-        if place.names == ("data",):
-            return f"[data] {key} goes with [bench] kind = {_join_alternatives(owners)}{hand}"
-        line += f"{hand}; {key} goes with kind = {_join_alternatives(owners)}"
-    return line
+    if near := get_close_matches(name, possible, n=1):
+        text += f"; did you mean {near[0]}?"
+    text += f"; possible here: {', '.join(possible)}{default}"
+    if owners:
+        text += f"; {name} exists only with {benches}"
+    return InputError(text, key=key)
 
 
 def _kinds_with_key(names: tuple[str, ...]) -> list[str]:
-    """Return the kinds of bench to which a key of [bench] or [data] belongs, quoted."""
+    """Return the kinds of bench that have this key of [bench] or [data], quoted."""
     if len(names) != 2 or names[0] not in ("bench", "data"):
         return []
     sections = {
@@ -134,40 +148,43 @@ def _kinds_with_key(names: tuple[str, ...]) -> list[str]:
     return [f'"{name}"' for name, section in sections.items() if names[1] in section.model_fields]
 
 
-def _is_missing_column(complaint: ErrorDetails) -> bool:
-    """Return whether a complaint is of a column that is missing for this kind of bench."""
-    loc = complaint["loc"]
+def _is_missing_column(error: ErrorDetails) -> bool:
+    """Return whether an error is a missing column that only this kind of bench needs."""
+    loc = error["loc"]
     needed = len(loc) == 2 and loc[0] == "data" and loc[1] not in DataSection.model_fields
-    return complaint["type"] == "missing" and needed
+    return error["type"] == "missing" and needed
 
 
 def _describe_wrong_value(
     kind: str, value: Any, context: Mapping[str, Any], place: _SchemaLocation
 ) -> str:
     """Return what is wrong with the value of a key."""
-    taken = _annotation_types(place.takes)
+    types = _annotation_types(place.annotation)
     if kind in ("too_short", "too_long"):
-        return f"{len(value)} in the list; it takes {len(get_args(taken[0]))}"
+        return f"the list has {len(value)} items; give {len(get_args(types[0]))}"
     if kind == "greater_than_equal":
-        return f"{_format_value(value)}; it must be {context['ge']} or more"
-    if get_origin(taken[0]) is Literal:
-        return f"{_format_value(value)}; it is {_join_alternatives(get_args(taken[0]))}"
-    if taken == (bool,):
-        return f"{_format_value(value)}; it is true or false"
-    if taken in ((int,), (float,)):
-        whole = "whole " if taken == (int,) else ""
-        return f"{_format_value(value)} is not a {whole}number"
-    return f"{_describe_type(value)}; give {_describe_expected_type(taken, place)}"
+        return f"{_format_value(value)} is too small; give {context['ge']} or more"
+    if get_origin(types[0]) is Literal:
+        return _not_possible(value, get_args(types[0]))
+    if types == (bool,):
+        return _not_possible(value, ("true", "false"))
+    if types in ((int,), (float,)):
+        return f"{_format_value(value)} is not a {'whole ' * (types == (int,))}number"
+    return f"{_describe_type(value)}; give {_describe_expected_type(types, place)}"
 
 
-def _describe_expected_type(taken: tuple[Any, ...], place: _SchemaLocation) -> str:
-    """Return what may stand in the place of a value of another type."""
-    if _is_section(taken[0]):
+def _not_possible(value: object, options: Iterable[str]) -> str:
+    return f"{_format_value(value)} is not possible; give {_join_alternatives(options)}"
+
+
+def _describe_expected_type(types: tuple[Any, ...], place: _SchemaLocation) -> str:
+    """Return which value the key takes, where the value has another type."""
+    if _is_section(types[0]):
         return f"a section, [{_dotted_key(place.names)}]"
-    if int in taken:
+    if int in types:
         return "a column, by its name or its number"
     such_as = _example_clause(place)
-    if get_origin(taken[0]) is tuple:
+    if get_origin(types[0]) is tuple:
         return f"a list{such_as}"
     quantity = isinstance(place.example, str) and _QUANTITY.fullmatch(place.example)
     return f"text with its unit{such_as}" if quantity else f"text in quotes{such_as}"
@@ -178,29 +195,28 @@ def _example_clause(place: _SchemaLocation) -> str:
 
 
 def _locate(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _SchemaLocation:
-    """Follow a complaint's location through the schema."""
+    """Return the place in the schema of the location that pydantic states."""
     names: list[str] = []
-    takes: Any = schema
+    annotation: Any = schema
     example: Any = None
     meaning = ""
-    parts = list(loc)
-    for part in parts:
-        kind = _annotation_types(takes)[0]
+    for part in loc:
+        kind = _annotation_types(annotation)[0]
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             field = kind.model_fields[str(part)]
-            takes, example = field.annotation, _field_example(field)
+            annotation, example = field.annotation, _field_example(field)
             meaning = field.description or ""
         elif get_origin(kind) is dict:
-            takes = get_args(kind)[1]
+            annotation = get_args(kind)[1]
             example = example and example.get(part, next(iter(example.values())))
         elif get_origin(kind) is tuple:
-            takes = get_args(kind)[0]
+            annotation = get_args(kind)[0]
             example = example[0] if example else None
             continue
-        else:  # which type of several was tried
+        else:  # the member of a union that pydantic tried
             break
         names.append(str(part))
-    return _SchemaLocation(tuple(names), takes, example, meaning)
+    return _SchemaLocation(tuple(names), annotation, example, meaning)
 
 
 def _field_example(field: FieldInfo) -> Any:
@@ -210,7 +226,7 @@ def _field_example(field: FieldInfo) -> Any:
 
 
 def _annotation_types(annotation: Any) -> tuple[Any, ...]:
-    """Return the types that an annotation allows, None apart."""
+    """Return the types that an annotation allows, without None."""
     if get_origin(annotation) in (Union, UnionType):
         return tuple(kind for kind in get_args(annotation) if kind is not NoneType)
     return (annotation,)
@@ -247,7 +263,7 @@ def _format_toml(value: Any) -> str:
 
 
 def _format_value(value: object) -> str:
-    """Return a value as it stands in the file, or what it is."""
+    """Return a value as written in the file; of a section or list its type."""
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, str | int | float):
@@ -257,11 +273,11 @@ def _format_value(value: object) -> str:
 
 
 def _describe_type(value: object) -> str:
-    """Return what a value is."""
+    """Return a value with its type."""
     if type(value) in _NO_SCALAR:
-        return f"it is {_format_value(value)}"
+        return f"the value is {_format_value(value)}"
     sort = _SCALAR.get(type(value), "a date or time")
     return f"{_format_value(value)} is {sort}"
 
 
-__all__ = ["describe_error", "describe_unknown_kind"]
+__all__ = ["schema_error", "unknown_kind_error"]

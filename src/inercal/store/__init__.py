@@ -1,8 +1,8 @@
-"""The register: what a laboratory keeps of its sensors, in SQLite or on a PostgreSQL server.
+"""The register of a laboratory's sensors, in SQLite or on a PostgreSQL server.
 
-Sensors, benches, runs with the hashes of their raw data, and calibrations whole, each with who
-entered it and when. Nothing in it is the only copy: it is filled from the folders of runs and the
-files of calibrations, as often as one likes.
+It stores sensors, benches, runs with the hashes of their raw data, and complete calibration files,
+each with who entered it and when. It is never the only copy: folders of runs and calibration files
+can be entered again at any time.
 """
 
 from inercal.errors import require_extra

@@ -62,7 +62,9 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
         return _file_address(Path(text.removeprefix(_SQLITE)))
     if scheme in _SERVERS:
         return _server_address(text)
-    raise InputError(f"a register's address that begins with {scheme}://: give {_ADDRESS_FORMS}")
+    raise InputError(
+        f"a register cannot have an address {scheme}://; give {_ADDRESS_FORMS}", key="--register"
+    )
 
 
 def require_place_of_register(file: Path, *, create: bool) -> None:
@@ -94,6 +96,7 @@ def require_place_of_register(file: Path, *, create: bool) -> None:
             f"register {_SQLITE}{file} cannot be opened: {reason} Name another by --register or "
             f"${ENVIRONMENT_VARIABLE}",
             file=file,
+            key="--register",
         )
     there = [one.name for one in folder.iterdir() if one.is_file()] if folder.is_dir() else []
     near = get_close_matches(file.name, there, 1, 0.5)
@@ -102,6 +105,7 @@ def require_place_of_register(file: Path, *, create: bool) -> None:
         + (f"did you mean {folder / near[0]}? " if near else "")
         + "name another by --register, or create one by `inercal store import PATH…`",
         file=file,
+        key="--register",
         names=tuple(near),
     )
 
@@ -114,14 +118,17 @@ def _default_path() -> Path:
     except RuntimeError as error:
         raise InputError(
             f"the home folder is unknown: {error}; name a register by --register or "
-            f"${ENVIRONMENT_VARIABLE}"
+            f"${ENVIRONMENT_VARIABLE}",
+            key="--register",
         ) from None
     return folder / "inercal" / "register.db"
 
 
 def _file_address(path: Path) -> RegisterAddress:
     if not str(path) or path == Path():
-        raise InputError(f"a register's address is empty: give {_ADDRESS_FORMS}")
+        raise InputError(
+            f"the address of the register is empty; give {_ADDRESS_FORMS}", key="--register"
+        )
     file = Path(os.path.abspath(path.expanduser()))
     # Not read from a text: a path may hold any character.
     return RegisterAddress(
@@ -130,11 +137,12 @@ def _file_address(path: Path) -> RegisterAddress:
 
 
 def _server_address(text: str) -> RegisterAddress:
-    # Nothing of a text that cannot be read is printed: a password may stand anywhere in it.
+    # An address that cannot be parsed is not printed: any part of it may be a password.
     refusal = InputError(
         "the address of a PostgreSQL register cannot be read: write "
-        "postgresql://USER:PASSWORD@HOST:PORT/DATABASE, %40 for @, %2F for / and %3A for : in a "
-        "password"
+        "postgresql://USER:PASSWORD@HOST:PORT/DATABASE, with %40 for @, %2F for / and %3A for : in "
+        "the password",
+        key="--register",
     )
     try:
         url = make_url(text)

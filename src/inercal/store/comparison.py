@@ -1,4 +1,7 @@
-"""Two calibrations compared, coefficient by coefficient and all together."""
+"""Two calibrations compared, coefficient by coefficient and all together.
+
+Both are first converted to the same axes, nominal readout, form of the model and body frame.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,14 +10,16 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
-from inercal.errors import InputError
+from inercal.errors import InercalError, InputError
 from inercal.store import changes
-from inercal.store.comparability import fixed_coefficients, match_frame_and_form, recording_sha256
+from inercal.units import ZERO_CELSIUS
+
+_FIXED_STD = 1e-12  # of a coefficient's natural size: fixed by a frame or a user, not measured
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """A later calibration beyond an earlier one, in the same terms.
+    """A later calibration minus an earlier one, in the same terms.
 
     Parameters
     ----------
@@ -22,7 +27,7 @@ class Comparison:
     names : tuple of str
         Coefficients that both have, with an uncertainty.
     exclusions : tuple of str
-        In words: coefficients that only one has, or that no data stand behind.
+        In words: coefficients that only one has, or that were not measured.
     """
 
     first: Calibration
@@ -49,7 +54,7 @@ class Comparison:
 
     @cached_property
     def joint_test(self) -> changes.JointTest | None:
-        """All coefficients together; None where none is in common."""
+        """All coefficients together; None without a common coefficient."""
         if not self.names:
             return None
         total = np.zeros((len(self.names), len(self.names)))
@@ -61,7 +66,7 @@ class Comparison:
 
     @property
     def same_recording(self) -> bool:
-        """Whether both are of the same recording: then they share its errors."""
+        """Whether both are of the same recording, and so share its errors."""
         first, second = map(recording_sha256, self._both)
         return bool(first) and first == second
 
@@ -72,7 +77,7 @@ class Comparison:
 
     @property
     def expected_exceedances(self) -> float:
-        """How many of them chance would give."""
+        """How many would exceed 1 by chance, without a change."""
         return changes.CHANCE_FRACTION * len(self.names)
 
     @property
@@ -94,21 +99,85 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
         try:
             return build_comparison(first, match_frame_and_form(second, first))
         except InputError:
-            raise InputError(f"the first cannot be compared with the second: {error}") from None
+            raise error.located("the first cannot be compared with the second") from None
 
 
 def build_comparison(first: Calibration, second: Calibration) -> Comparison:
-    """Return two calibrations in the same terms compared."""
+    """Return the comparison of two calibrations that are in the same terms."""
     fixed = fixed_coefficients(first) | fixed_coefficients(second)
     mine, its = (one.sensor.coefficients for one in (first, second))
     names = tuple(name for name in its if name in mine and name not in fixed)
     left_out = [
         f"{words} {', '.join(found)}"
         for words, found in (
-            ("no data stand behind", [n for n in its if n in fixed and n in mine]),
+            ("not measured:", [n for n in its if n in fixed and n in mine]),
             ("only the first has", [n for n in mine if n not in its and n not in fixed]),
             ("only the second has", [n for n in its if n not in mine and n not in fixed]),
         )
         if found
     ]
     return Comparison(first, second, names, tuple(left_out))
+
+
+def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibration:
+    """Return a calibration converted to the terms of another.
+
+    Parameters
+    ----------
+    calibration, like : Calibration
+
+    Raises
+    ------
+    InputError
+        It cannot be converted; the message gives the reason.
+    """
+    if calibration.sensor.axes is not like.sensor.axes:
+        _require_same_axes(calibration, like)
+    dependent = calibration.sensor.uses("dT") and like.sensor.uses("dT")
+    mine, its = (one.sensor.reference_temperature for one in (calibration, like))
+    if dependent and mine != its:
+        raise InputError(
+            f"its reference temperature is {mine - ZERO_CELSIUS:g} °C, "
+            f"not {its - ZERO_CELSIUS:g} °C"
+        )
+    try:
+        # The frame first: it keeps the form, and refuses more than the form.
+        return calibration.in_frame(like.frame).in_form(like.sensor.form)
+    except InercalError as error:
+        raise InputError(
+            f"its frame is {calibration.frame} and its form {calibration.sensor.form}, not "
+            f"{like.frame} and {like.sensor.form}: {error}"
+        ) from None
+
+
+def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
+    others = {axis.name: axis for axis in like.sensor.axes}
+    for axis in calibration.sensor.axes:
+        other = others.get(axis.name)
+        if other is None:
+            continue
+        if axis.measures != other.measures or not np.allclose(axis.frame, other.frame, atol=1e-9):
+            raise InputError(
+                f"its axis {axis.name} has another direction in the body frame", names=(axis.name,)
+            )
+        mine, its = axis.readout, other.readout
+        same = np.allclose([mine.scale, mine.offset], [its.scale, its.offset], rtol=1e-12, atol=0)
+        if not same or mine.unit != its.unit:
+            raise InputError(
+                f"its axis {axis.name} has nominally {mine.scale:.9g} {mine.unit} per SI unit and "
+                f"{mine.offset:g} at zero, not {its.scale:.9g} {its.unit} and {its.offset:g}: "
+                "coefficients are deviations from the nominal readout",
+                names=(axis.name,),
+            )
+
+
+def fixed_coefficients(calibration: Calibration) -> frozenset[str]:
+    """Return the coefficients that were not measured: the frame or the user fixed them."""
+    sensor = calibration.sensor
+    rows = zip(sensor.coefficients, calibration.std, sensor.unit_scale, strict=True)
+    return frozenset(name for name, std, unit_scale in rows if std <= _FIXED_STD * unit_scale)
+
+
+def recording_sha256(calibration: Calibration) -> str:
+    """Return the SHA-256 of the recording that a calibration is of; empty where it names none."""
+    return calibration.provenance.get("recording sha256", "")

@@ -1,21 +1,27 @@
-"""Connections to a register, and what goes wrong with them in words.
+"""Connections to a register, their errors in one line, and the upgrade of its tables.
 
-A transaction that writes has the whole register to itself, on SQLite and on PostgreSQL alike: what
-it looked up is still so when it writes. Others wait for it, as long as `_LOCK_TIMEOUT` says.
+A transaction that writes locks the whole register, on SQLite and on PostgreSQL alike: nothing that
+it has read changes before it writes. Others wait for it, at most `_LOCK_TIMEOUT`.
 """
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, NullPool, create_engine, event, text
+from alembic import command
+from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from sqlalchemy import Connection, Engine, NullPool, create_engine, event, inspect, text
 from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from inercal.errors import InputError
 from inercal.store.address import RegisterAddress
 
+VERSION_TABLE = "inercal_version"
 _LOCK_TIMEOUT = 30  # s
-# A server that is gone without a word is noticed within half a minute, not after hours.
+# A server that disappears silently is detected within half a minute, not after hours.
 _KEEPALIVE_OPTIONS = {
     "connect_timeout": 10,  # s
     "keepalives_idle": 10,  # s
@@ -23,18 +29,18 @@ _KEEPALIVE_OPTIONS = {
     "keepalives_count": 3,
     "tcp_user_timeout": 30_000,  # ms
 }
-_LOCK_KEY = 0x696E6572  # "iner": of PostgreSQL's advisory locks the one that writing takes
-_SQLITE_MESSAGES = {  # of what SQLite says
-    "unable to open database file": "cannot be opened: is its folder there, and can it be written?",
-    "file is not a database": "is there, but is not an SQLite database",
-    "database disk image is malformed": "is damaged: restore it from a copy",
-    "attempt to write a readonly database": "cannot be written",
-    "database is locked": f"another program has held it for {_LOCK_TIMEOUT} s",
+_LOCK_KEY = 0x696E6572  # "iner": the advisory lock of PostgreSQL for writing
+_SQLITE_MESSAGES = {  # by the message of SQLite
+    "unable to open database file": "cannot be opened; its folder must exist and be writable",
+    "file is not a database": "is not an SQLite database; give another file",
+    "database disk image is malformed": "is damaged; restore it from a copy",
+    "attempt to write a readonly database": "is read-only; make the file writable",
+    "database is locked": f"another program has locked it for {_LOCK_TIMEOUT} s; end that program",
 }
 
 
 def make_engine(address: RegisterAddress) -> Engine:
-    """Return what makes connections; none is kept between two transactions."""
+    """Return the engine; it keeps no connection open between two transactions."""
     if address.file is None:
         query = address.url.query
         options = {name: value for name, value in _KEEPALIVE_OPTIONS.items() if name not in query}
@@ -50,14 +56,14 @@ def make_engine(address: RegisterAddress) -> Engine:
 
 @contextmanager
 def read_transaction(engine: Engine, address: RegisterAddress) -> Generator[Connection]:
-    """Give a connection in a transaction that only reads."""
+    """Yield a connection in a transaction that only reads."""
     with translate_errors(address), engine.connect() as connection:
         yield connection
 
 
 @contextmanager
 def write_transaction(engine: Engine, address: RegisterAddress) -> Generator[Connection]:
-    """Give a connection in a transaction that has the register to itself; all of it or nothing."""
+    """Yield a connection in a transaction that locks the register, written completely or not."""
     with translate_errors(address), engine.execution_options(writes=True).begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text(f"SET LOCAL lock_timeout = '{_LOCK_TIMEOUT}s'"))
@@ -67,31 +73,37 @@ def write_transaction(engine: Engine, address: RegisterAddress) -> Generator[Con
 
 @contextmanager
 def translate_errors(address: RegisterAddress) -> Generator[None]:
-    """Turn what a database says into one line with the register's address, without a password.
+    """Raise errors of the database as one line with the register's address, without a password.
 
     Raises
     ------
     InputError
-        Whatever went wrong.
+        Any error of the database.
     """
     try:
         yield
     except SQLAlchemyError as error:
-        raise InputError(f"register {address.display_url}: {_error_text(error)}") from None
+        raise InputError(
+            f"register {address.display_url}: {_error_text(error)}",
+            file=address.file,
+            key="--register",
+        ) from None
     except UnicodeEncodeError:
-        raise InputError(f"register {address.display_url}: a text that is not Unicode") from None
+        raise InputError(
+            f"register {address.display_url}: a text is not Unicode", key="--register"
+        ) from None
 
 
 def _error_text(error: SQLAlchemyError) -> str:
-    # The whole text of an error would hold the statement and what it was given.
-    told = str(error.orig) if isinstance(error, DBAPIError) else str(error)
+    # str(error) would contain the statement and its parameters.
+    message = str(error.orig) if isinstance(error, DBAPIError) else str(error)
     return next(
-        (words for begin, words in _SQLITE_MESSAGES.items() if told.startswith(begin)), told
+        (text for begin, text in _SQLITE_MESSAGES.items() if message.startswith(begin)), message
     )
 
 
 def _configure_sqlite(connection: Any, _: object) -> None:
-    # The driver begins transactions where it thinks fit; here `_begin_transaction` does.
+    # Transactions begin in `_begin_transaction`, not where the driver chooses.
     connection.isolation_level = None
     cursor = connection.cursor()
     cursor.execute("PRAGMA foreign_keys = ON")
@@ -101,5 +113,68 @@ def _configure_sqlite(connection: Any, _: object) -> None:
 
 def _begin_transaction(connection: Connection) -> None:
     writes = connection.get_execution_options().get("writes", False)
-    # A reader that would write later could find that it must not any more; so ask at once.
+    # A transaction that reads first could be refused the lock when it writes.
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def upgrade_register(engine: Engine, address: RegisterAddress, *, create: bool = True) -> None:
+    """Create the tables of a new register, or migrate an older one, in one transaction.
+
+    Raises
+    ------
+    InputError
+        The tables are of a newer version, or of another program; with `create` false also where
+        the database is empty.
+    """
+    config = _config()
+    script = ScriptDirectory.from_config(config)
+    head = script.get_current_head()
+    with read_transaction(engine, address) as connection:
+        revision = _revision(connection, address)
+    if revision == head:
+        return
+    if revision is None and not create:
+        raise InputError(
+            f"register {address.display_url} is an empty database; enter a calibration first, by "
+            "`inercal store import PATH…`",
+            file=address.file,
+            key="--register",
+        )
+    with write_transaction(engine, address) as connection:
+        # Another process may have upgraded it meanwhile.
+        revision = _revision(connection, address)
+        if revision == head:
+            return
+        known = {each.revision for each in script.walk_revisions()}
+        if revision is not None and revision not in known:
+            raise InputError(
+                f"register {address.display_url}: its tables have revision {revision} of a newer "
+                f"inercal; this version knows revisions up to {head}: install the newer version",
+                file=address.file,
+                key="--register",
+            )
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+
+
+def _config() -> Config:
+    config = Config()
+    folder = str(Path(__file__).parent / "migrations")
+    config.set_main_option("script_location", folder.replace("%", "%%"))
+    config.set_main_option("path_separator", "os")
+    config.attributes["version_table"] = VERSION_TABLE
+    return config
+
+
+def _revision(connection: Connection, address: RegisterAddress) -> str | None:
+    """Return the revision of the tables; None of a database that is empty."""
+    names = inspect(connection).get_table_names()
+    if names and VERSION_TABLE not in names:
+        raise InputError(
+            f"register {address.display_url}: the database belongs to another program: it has a "
+            f"table {names[0]!r}; give a database of its own",
+            file=address.file,
+            key="--register",
+        )
+    context = MigrationContext.configure(connection, opts={"version_table": VERSION_TABLE})
+    return context.get_current_revision()

@@ -12,7 +12,7 @@ from inercal.calibration import Calibration
 from inercal.calibration.files import as_object, parse, read_text
 from inercal.errors import InputError
 from inercal.sensors import SI_UNITS
-from inercal.store.comparability import recording_sha256
+from inercal.store.comparison import recording_sha256
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,28 +49,31 @@ class CalibrationDocument:
 
 
 def make_document(source: Calibration | str | Path) -> CalibrationDocument:
-    """Return a calibration, or that of a file, as it is to be entered.
+    """Return a calibration, or the calibration of a file, in the form of an entry.
 
     Raises
     ------
     InputError
-        A file that is damaged or none, or content that a register cannot keep.
+        A missing or damaged file, or content that a register cannot store.
     """
     if isinstance(source, Calibration):
         name = f"calibration of {source.sensor.name}"
         text = json.dumps(as_object(source), ensure_ascii=False)
     else:
         name, text = str(source), read_text(source)
+    file = None if isinstance(source, Calibration) else source
     calibration = parse(text, name)
     content: dict[str, Any] = json.loads(text)
     wrong = _content_defect(calibration, content)
     if wrong:
-        raise InputError(f"{name}: broken calibration file: {wrong}")
+        raise InputError(f"{name}: broken calibration file: {wrong}", file=file)
     created = calibration.provenance.get("created", "")
     try:
         created = created and to_utc(created)
     except ValueError:
-        raise InputError(f"{name}: {created!r} is not a time in ISO 8601") from None
+        raise InputError(
+            f"{name}: created, {created!r}, is not a time in ISO 8601", file=file, key="created"
+        ) from None
     return CalibrationDocument(
         name,
         json.dumps(content, ensure_ascii=False),

@@ -13,8 +13,12 @@ from inercal.calibration import Calibration
 from inercal.errors import InputError
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.store import changes
-from inercal.store.comparability import fixed_coefficients, match_frame_and_form, recording_sha256
-from inercal.store.comparison import build_comparison
+from inercal.store.comparison import (
+    build_comparison,
+    fixed_coefficients,
+    match_frame_and_form,
+    recording_sha256,
+)
 from inercal.store.entries import CalibrationEntry, SensorEntry
 
 
@@ -30,7 +34,7 @@ class CoefficientTrend:
     unit : str
         As printed.
     si : float
-        One such unit, in SI.
+        SI size of the unit.
     points : tuple of int
         Which of the history's calibrations have it.
     time : (n,) array
@@ -50,13 +54,13 @@ class CoefficientTrend:
 
     @cached_property
     def normalised_errors(self) -> Array:
-        """E_n of each calibration beyond the one before; NaN of the first, (n,)."""
+        """E_n of each calibration against the previous, (n,); NaN for the first."""
         steps = changes.normalised_errors(np.diff(self.values), self.std[:-1], self.std[1:])
         return np.concatenate([[np.nan], steps])
 
     @cached_property
     def line(self) -> changes.DriftLine | None:
-        """The straight line through it, of three calibrations at least."""
+        """The straight line through at least three calibrations, else None."""
         return changes.fit_drift_line(self.time, self.values, self.std)
 
     @cached_property
@@ -66,26 +70,26 @@ class CoefficientTrend:
 
     @property
     def verdict(self) -> changes.TrendVerdict:
-        """What it shows."""
+        """Whether the coefficient is steady, drifts or changed."""
         return changes.trend_verdict(self.line, self.constancy)
 
 
 @dataclass(frozen=True, eq=False)
 class SensorHistory:
-    """The calibrations of a sensor in the terms of the newest, the first first.
+    """The calibrations of a sensor in the terms of the newest, oldest first.
 
     Parameters
     ----------
     sensor : SensorEntry
     entries : tuple of CalibrationEntry
-        Those that can be compared.
+        The calibrations that can be compared.
     trends : tuple of CoefficientTrend
         Of the coefficients of the newest, in its order.
     calibrations : tuple of Calibration
         Those of the entries, in the terms of the newest.
     exclusions : tuple of str
         In words: calibrations of a recording that has a later one, or that cannot be compared;
-        coefficients that are not in the newest or that no data stand behind.
+        coefficients that are not in the newest or that were not measured.
     """
 
     sensor: SensorEntry
@@ -114,36 +118,40 @@ class SensorHistory:
         Raises
         ------
         InputError
-            There is none of that name.
+            No coefficient has that name.
         """
-        for one in self.trends:
-            if one.name == name:
-                return one
-        there = ", ".join(one.name for one in self.trends)
-        raise InputError(f"no coefficient {name!r} in this history; it has {there}")
+        trends = {trend.name: trend for trend in self.trends}
+        if name not in trends:
+            raise InputError(
+                f"no coefficient {name!r} in this history; it has {', '.join(trends)}",
+                names=(name,),
+            )
+        return trends[name]
 
     def select(self, words: Sequence[str]) -> "SensorHistory":
-        """Return the history of coefficients chosen by name, group or axis; of none, all.
+        """Return the history of coefficients chosen by name, group or axis; without words, all.
 
-        The joint tests stay those of all coefficients together.
+        The joint tests remain those of all coefficients together.
 
         Raises
         ------
         InputError
-            A word names none of them.
+            The words select no coefficient of this history.
         """
         if not words:
             return self
         axes = self.entries[-1].calibration.sensor.axes
         names = select_coefficients(axes, words)
-        courses = tuple(one for one in self.trends if one.name in names)
-        if not courses:
-            there = ", ".join(one.name for one in self.trends)
-            raise InputError(f"{', '.join(words)}: not in this history; it has {there}")
-        return replace(self, trends=courses)
+        trends = tuple(trend for trend in self.trends if trend.name in names)
+        if not trends:
+            available = ", ".join(trend.name for trend in self.trends)
+            raise InputError(
+                f"{', '.join(words)}: not in this history; it has {available}", names=tuple(words)
+            )
+        return replace(self, trends=trends)
 
     def date(self, years: float) -> str:
-        """Return the time that lies so many years after the first calibration, ISO 8601."""
+        """Return the time this many years after the first calibration, ISO 8601."""
         first = datetime.fromisoformat(self.entries[0].measured)
         return (first + timedelta(seconds=years * changes.YEAR)).isoformat(timespec="seconds")
 
@@ -159,12 +167,12 @@ class SensorHistory:
 
     @property
     def exceedances(self) -> int:
-        """How many of them exceed 1."""
+        """How many |E_n| exceed 1."""
         return sum(int(np.sum(np.abs(one.normalised_errors[1:]) > 1)) for one in self.trends)
 
     @property
     def verdicts(self) -> dict[changes.TrendVerdict, tuple[str, ...]]:
-        """The coefficients by what they show."""
+        """The coefficients by verdict."""
         found: dict[changes.TrendVerdict, tuple[str, ...]] = {}
         for one in self.trends:
             found[one.verdict] = (*found.get(one.verdict, ()), one.name)
@@ -172,15 +180,19 @@ class SensorHistory:
 
 
 def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> SensorHistory:
-    """Return the history that calibrations, the first first, make up.
+    """Return the history of calibrations, oldest first.
 
     Raises
     ------
     InputError
-        There is none.
+        No calibration.
     """
     if not entries:
-        raise InputError(f"sensor {sensor.name!r} has no calibration in the register yet")
+        raise InputError(
+            f"sensor {sensor.name!r} has no calibration in the register; enter one by "
+            "inercal store import",
+            names=(sensor.name,),
+        )
     entries, left_out = _latest_per_recording(entries)
     newest = entries[-1].calibration
     kept: list[tuple[CalibrationEntry, Calibration]] = []
@@ -193,7 +205,7 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
     names = [name for name in newest.sensor.coefficients if name not in fixed]
     others = {name for _, one in kept for name in one.sensor.coefficients} - fixed
     left_out += _exclusion_lines(
-        (fixed & set(newest.sensor.coefficients), "no data stand behind {}"),
+        (fixed & set(newest.sensor.coefficients), "not measured: {}"),
         (others - set(names), "{} not among the coefficients of the newest calibration"),
     )
     times = [datetime.fromisoformat(entry.measured).timestamp() for entry, _ in kept]
@@ -211,9 +223,9 @@ def build_history(sensor: SensorEntry, entries: Sequence[CalibrationEntry]) -> S
 def _latest_per_recording(
     entries: Sequence[CalibrationEntry],
 ) -> tuple[list[CalibrationEntry], list[str]]:
-    """Return one calibration of each recording, the last entered, and what is left out in words.
+    """Return the last entered calibration of each recording, and in words those left out.
 
-    Two of one recording have the same errors: as a repeat they would prove nothing.
+    Two calibrations of one recording have the same errors: they are no independent repeats.
     """
     last: dict[str, int] = {}
     for entry in entries:

@@ -33,12 +33,12 @@ class EntryAuthor:
 
 
 def enter_sensor(db: Connection, entered: Sensor, who: EntryAuthor) -> int:
-    """Enter a sensor, or the axes that are new of one that is there; return its id.
+    """Enter a sensor, or new axes of a sensor in the register; return its id.
 
     Raises
     ------
     InputError
-        An axis measures something else than the one of that name in the register.
+        An axis measures another quantity than the axis of that name in the register.
     """
     axes = {axis.name: str(axis.measures) for axis in entered.axes}
     found = db.execute(select(sensor).where(sensor.c.name == entered.name)).one_or_none()
@@ -49,9 +49,9 @@ def enter_sensor(db: Connection, entered: Sensor, who: EntryAuthor) -> int:
     for name, measures in axes.items():
         if known.get(name, measures) != measures:
             raise InputError(
-                f"sensor {entered.name}: axis {name} measures {_QUANTITIES[measures]}, that of "
-                f"this name in the register {_QUANTITIES[known[name]]}: it is another sensor, give "
-                "it another name"
+                f"sensor {entered.name}: axis {name} measures {_QUANTITIES[measures]}, but in the "
+                f"register it measures {_QUANTITIES[known[name]]}: give this sensor another name",
+                names=(name,),
             )
     if axes.keys() - known.keys():
         values = {"axes": _axes_json(known | axes)}
@@ -169,7 +169,10 @@ def enter_calibration(
     if measured is not None:
         time, source = to_utc(measured), "stated"
     if not time:
-        raise InputError(f"{entered.source}: it has no date of measurement; give --measured DATE")
+        raise InputError(
+            f"{entered.source}: the file has no date of measurement; add --measured DATE",
+            key="--measured",
+        )
     values = {
         "sensor_id": sensor_id,
         "bench_id": bench_id,

@@ -44,16 +44,17 @@ def find_sensor(db: Connection, key: int | str) -> SensorEntry:
     Raises
     ------
     InputError
-        There is none; some that there are are named.
+        No such sensor; the message lists some that exist.
     """
     column = sensor.c.id if isinstance(key, int) else sensor.c.name
     found = sensors(db, column == key)
     if found:
         return found[0]
-    there = [repr(one.name) for one in sensors(db)]
-    named = ", ".join(there[:_MAX_LISTED]) + ", …" * (len(there) > _MAX_LISTED)
+    known = [repr(each.name) for each in sensors(db)]
+    listed = ", ".join(known[:_MAX_LISTED]) + ", …" * (len(known) > _MAX_LISTED)
     raise InputError(
-        f"no sensor {key!r} in the register; " + (f"it has {named}" if there else "it is empty")
+        f"no sensor {key!r} in the register; {f'it has {listed}' if known else 'it is empty'}",
+        names=(str(key),),
     )
 
 
@@ -128,7 +129,7 @@ def find_calibration(db: Connection, number: int) -> CalibrationEntry:
     Raises
     ------
     InputError
-        There is none.
+        No such calibration.
     """
     found = calibrations(db, calibration.c.id == number)
     if found:
@@ -136,7 +137,8 @@ def find_calibration(db: Connection, number: int) -> CalibrationEntry:
     last = db.scalar(select(func.max(calibration.c.id)))
     raise InputError(
         f"no calibration #{number} in the register; "
-        + (f"the last is #{last}" if last else "it has none")
+        f"{f'the last is #{last}' if last else 'it has no calibrations'}",
+        names=(f"#{number}",),
     )
 
 

@@ -17,12 +17,16 @@ from inercal.store.address import (
     require_place_of_register,
     resolve_address,
 )
-from inercal.store.connection import make_engine, read_transaction, write_transaction
+from inercal.store.connection import (
+    make_engine,
+    read_transaction,
+    upgrade_register,
+    write_transaction,
+)
 from inercal.store.document import make_document, to_utc, utc_now
 from inercal.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
 from inercal.store.history import SensorHistory, build_history
 from inercal.store.register_tables import calibration, run
-from inercal.store.schema_upgrade import upgrade_register
 
 Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connection]]
 
@@ -214,8 +218,9 @@ class Register:
                 to_utc(measured)
             except ValueError:
                 raise InputError(
-                    f"{measured!r} is not a time; write it in ISO 8601, as 2026-03-01 or "
-                    "2026-03-01T14:30:00+01:00"
+                    f"{measured!r} is not a time; write it in ISO 8601, such as 2026-03-01 or "
+                    "2026-03-01T14:30:00+01:00",
+                    key="--measured",
                 ) from None
         result = [make_document(source) for source in sources]
         kinds = [_bench_kind(one.calibration) for one in result]

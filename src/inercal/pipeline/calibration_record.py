@@ -1,0 +1,167 @@
+"""What a calibration records of its run: conditions, provenance, ranges of its data, shared errors.
+
+Ranges are those of means where a method uses means, and of samples where a method follows samples:
+gyros on a turntable or between rests, accelerometers while a turntable holds.
+
+Only errors that the run file states are shared with other calibrations of the same bench
+(`SharedError`). An error that a run estimates from its own data, such as the clock of a separate
+readback file, belongs to that run alone; errors shared through a prior calibration are not
+propagated.
+"""
+
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from hashlib import sha256
+from importlib.metadata import version
+from json import dumps
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches import Bench
+from inercal.calibration import SharedError, Validity
+from inercal.calibration.validity import Range
+from inercal.data import EstimatorInput
+from inercal.data.recording_loader import gyro_file
+from inercal.estimate import Estimate
+from inercal.io.column_table import file_sha256
+from inercal.parameters import Parameter
+from inercal.runfile import Run
+from inercal.sensors import Sensor
+from inercal.units import ZERO_CELSIUS
+
+_GRAVITY = "g"  # the parameter of each bench
+
+
+def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
+    """Return the conditions of the measurement and of a search, for people."""
+    conditions = dict(inputs.conditions)
+    recording = inputs.recording
+    t = inputs.observations.temperature if recording is None else recording.temperature
+    if t is not None:
+        conditions["temperature"] = f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"
+    if (search := run.search) is not None:
+        bounds = search.bounds
+        conditions["search"] = (
+            f"seed {search.seed}, goal {100 * search.goal:.3g} %, at most {search.seconds:.3g} s"
+        )
+        conditions["bounds of the search"] = (
+            f"scale ±{100 * bounds.scale:.3g} %, cross ±{100 * bounds.cross:.3g} %, "
+            f"bias ±{bounds.bias:.3g} g"
+        )
+    return conditions
+
+
+def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
+    """Return names and SHA-256 of the files of a run, the time and the version of inercal."""
+    further: dict[str, str] = {}
+    if (gyros := gyro_file(run)) is not None:
+        further["gyro recording"] = str(run.data.gyro_file)
+        further["gyro recording sha256"] = file_sha256(gyros)
+    for what, name in run.data.further_files().items():
+        further[what] = name
+        further[f"{what} sha256"] = file_sha256(run.file(name))
+    return {
+        "recording": run.data.file,
+        "recording sha256": file_sha256(run.file(run.data.file))
+        if inputs.recording is None
+        else inputs.recording.sha256,
+        **further,
+        "run file": run.path.name,
+        "run file sha256": run.sha256,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "inercal": version("inercal"),
+    }
+
+
+def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:
+    """Return the ranges of the data that were used, None where nothing measured them."""
+    return Validity(
+        rate=_finite_range(_readings(sensor, inputs, "w")),
+        force=_finite_range(_readings(sensor, inputs, "f")),
+        temperature=_finite_range(_temperatures(inputs)),
+    )
+
+
+def _finite_range(parts: Iterator[Array]) -> Range | None:
+    low, high = np.inf, -np.inf
+    for values in parts:  # one by one: all together are as large as the recording
+        finite = values[np.isfinite(values)]
+        low = min(low, float(finite.min(initial=np.inf)))
+        high = max(high, float(finite.max(initial=-np.inf)))
+    return (low, high) if low <= high else None
+
+
+def _readings(sensor: Sensor, inputs: EstimatorInput, kind: str) -> Iterator[Array]:
+    """Yield the readings of the accelerometers ("f") or gyros ("w"), SI."""
+    observations = inputs.observations
+    at = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+    track, transitions = observations.track, observations.transitions
+    if track is not None:
+        samples = np.ones(track.time.size, dtype=bool) if kind == "w" else track.hold >= 0
+        yield track.reading[..., samples, :][..., at]
+        return
+    yield observations.mean[..., at]
+    if transitions is not None and kind == "w":
+        for start, stop in zip(transitions.start.tolist(), transitions.stop.tolist(), strict=True):
+            yield sensor.to_si(transitions.output[start : stop + 1])[:, at]
+
+
+def _temperatures(inputs: EstimatorInput) -> Iterator[Array]:
+    """Yield the temperatures of the data that were used, K."""
+    recording, marks, observations = inputs.recording, inputs.marks, inputs.observations
+    if recording is None and observations.temperature is not None:
+        yield observations.temperature
+    if recording is None or recording.temperature is None:
+        return
+    if observations.track is not None or not marks:
+        yield recording.temperature
+    elif observations.transitions is not None:
+        first, last = min(mark.start for mark in marks), max(mark.stop for mark in marks)
+        yield recording.temperature[..., first:last]
+    else:
+        for mark in marks:
+            yield recording.temperature[..., mark.start : mark.stop]
+
+
+def shared_errors(
+    run: Run, estimate: Estimate, expected: Mapping[str, Parameter], count: int
+) -> tuple[SharedError, ...]:
+    """Return the errors of the bench that outlast the run and contribute to the covariance.
+
+    Parameters
+    ----------
+    run : Run
+    estimate : Estimate
+        Its first `count` parameters are the sensor's coefficients.
+    expected : mapping of str to Parameter
+        The bench's parameters that act, by full name.
+    count : int
+    """
+    declared = {q.name: q for q in run.bench.parameters}
+    shared: list[SharedError] = []
+    for name, q in expected.items():
+        if q.scope != "run" or q.sd <= 0 or declared[q.name] != q:
+            continue
+        sensitivity = estimate.sensitivity(name, q.sd)
+        std = _stated_deviation(run.bench, q)
+        if sensitivity is not None and std > 0:
+            column = sensitivity[:count] * std**2
+            shared.append(SharedError(name, q.unit, std, column, _determination(run, q, std)))
+    return tuple(shared)
+
+
+def _determination(run: Run, q: Parameter, std: float) -> str:
+    """Return the SHA-256 of a stated error, equal for equal statements about the same object.
+
+    Local gravity belongs to the place and is the same for all benches there; every other error
+    belongs to the bench of this kind and name.
+    """
+    bench = [] if q.name == _GRAVITY else [run.kind.name, run.bench_name]
+    stated = [*bench, q.name, q.unit, q.value, std]
+    return sha256(dumps(stated, ensure_ascii=False).encode()).hexdigest()
+
+
+def _stated_deviation(bench: Bench, q: Parameter) -> float:
+    """Return the stated deviation: a bench may add its own to that of gravity."""
+    return bench.gravity.sd if q.name == _GRAVITY else q.sd

@@ -1,0 +1,134 @@
+"""[method] of a run file: the plan, the frame of the result and the search of an estimator."""
+
+from collections.abc import Callable
+from functools import partial
+from inspect import signature
+from typing import Any
+
+from inercal.errors import InputError
+from inercal.methods import METHODS, Method, ship_multi_angle
+from inercal.methods.ship_multi_angle.global_search import Bounds, SearchOptions
+from inercal.plan import Step
+from inercal.runfile.schema import MethodSection, SearchSection
+from inercal.section_settings import si_value
+from inercal.sensors import G0
+
+# [method] keys of the plan: key, unit like, argument of the method's plan
+_PLAN = (
+    ("seconds", "s", "seconds"),
+    ("turn", "°", "angle"),
+    ("turn_seconds", "s", "turn_seconds"),
+    ("positions", "", "positions"),
+    ("reverse", "", "reverse"),
+    ("attitudes", "", "attitudes"),
+    ("rates", "rpm", "rates"),
+    ("turns", "", "turns"),
+    ("path", "", "path"),
+)
+_SENSE = ", or negative for a turn clockwise seen from above"
+_SEARCH = "[method.search]"
+
+
+def stated_plan_keys(section: MethodSection) -> dict[str, Any]:
+    """Return the keys of the plan that the run file states, with their values as written."""
+    return {key: value for key, _, _ in _PLAN if (value := getattr(section, key)) is not None}
+
+
+def nominal_plan(
+    chosen: Method[Any, Any], section: MethodSection
+) -> Callable[[], tuple[Step, ...]]:
+    """Return the method's plan with the options that the section states.
+
+    Raises
+    ------
+    InputError
+        A key that the plan of this method does not have, or a value that is not positive.
+    """
+    possible = signature(chosen.plan).parameters
+    stated = stated_plan_keys(section)
+    options: dict[str, Any] = {}
+    for key, like, option in _PLAN:
+        if key not in stated:
+            continue
+        place = f"[method] {key}"
+        if option not in possible:
+            keys = ", ".join(key for key, _, option in _PLAN if option in possible)
+            raise InputError(
+                f"{place}: the plan of {chosen.name} has no such option; its options are {keys}",
+                key=place,
+            )
+        options[option] = _plan_option(stated[key], like, place)
+    return partial(chosen.plan, **options)
+
+
+def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str) -> Any:
+    """Return the argument of a plan: a word, true or false, a number, or quantities in SI."""
+    if isinstance(given, tuple):
+        return tuple(_plan_option(each, like, key) for each in given)
+    if isinstance(given, bool) or (isinstance(given, str) and not like):
+        return given
+    value = given if isinstance(given, int) else si_value(given, like, key)
+    if value == 0 or (like not in ("°", "rpm") and value < 0):
+        raise InputError(f"{key}: {given!r} must be positive{_SENSE * (like == '°')}", key=key)
+    return value
+
+
+def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
+    """Refuse a stated frame where the estimator has a frame of its own.
+
+    Raises
+    ------
+    InputError
+        The message names the estimators that take a frame.
+    """
+    if frame == "mount" or estimator in chosen.norm_only_estimators:
+        return
+    possible = "; ".join(
+        f"{' and '.join(each.norm_only_estimators)} of {each.name}"
+        for each in METHODS.values()
+        if each.norm_only_estimators
+    )
+    raise InputError(
+        f"[sensor] frame: estimator {estimator} of {chosen.name} takes no frame {frame!r}; remove "
+        f"frame, or use an estimator that uses only norms: {possible}",
+        key="[sensor] frame",
+    )
+
+
+def search_options(
+    section: MethodSection, chosen: Method[Any, Any], estimator: str
+) -> SearchOptions | None:
+    """Return the options of the search, or None for an estimator that does not search.
+
+    Raises
+    ------
+    InputError
+        [method.search] is stated for an estimator that does not search, or a value is not possible.
+    """
+    if chosen is not ship_multi_angle.METHOD or estimator != "global":
+        if section.search is not None:
+            raise InputError(
+                f"{_SEARCH} is used only by estimator global of ship_multi_angle; {estimator} of "
+                f"{chosen.name} does not search: remove {_SEARCH}",
+                key=_SEARCH,
+            )
+        return None
+    search = section.search or SearchSection.model_validate({})
+    goal = _positive_value(search, "goal", "1")
+    if goal >= 1:
+        key = f"{_SEARCH} goal"
+        raise InputError(f"{key}: {search.goal!r} must be less than 100 %", key=key)
+    bounds = Bounds(
+        _positive_value(search, "scale_error", "1"),
+        _positive_value(search, "cross_axis", "1"),
+        _positive_value(search, "bias", "m/s²") / G0,
+    )
+    return SearchOptions(bounds, search.seed, _positive_value(search, "time_limit", "s"), goal)
+
+
+def _positive_value(section: SearchSection, name: str, like: str) -> float:
+    key, text = f"{_SEARCH} {name}", getattr(section, name)
+    value = si_value(text, like, key)
+    if not value > 0:
+        raise InputError(f"{key}: {text!r} must be positive", key=key)
+    return value
