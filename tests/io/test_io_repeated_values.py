@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from inercal.arrays import Array
 from inercal.io.repeated_values import (
     clipping_values,
     longest_constant_run,
@@ -10,7 +11,6 @@ from inercal.io.repeated_values import (
     ranges_with_values,
     stuck_ranges,
 )
-from inercal.recording import Array
 
 NONE = np.zeros((0, 2), dtype=np.int64)
 RNG = np.random.default_rng(7)
