@@ -8,11 +8,13 @@ directions u_i in the body::
     |w − v| > 5 °/s + |v|/20 for 0.2 s;   axis i explains it with δ_i where  w − v ≈ u_i δ_i
 
 A share of the rate is left to scale factors, and the 5 °/s to biases and to the readback's latency.
+An interlock that has not run for 0.5 s protects nothing: that alone stops the table (`LastChecks`).
 No safety function: that is the hardware interlock.
 """
 
 from collections.abc import Sequence
 from math import degrees, isfinite, nan, radians
+from typing import Literal
 
 import numpy as np
 
@@ -26,6 +28,7 @@ from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
+MAX_CHECK_INTERVAL = 0.5  # s from one check of an interlock to the next
 _FOLLOWING_ERROR_SHARE = 0.5  # of the following error at which the servo gives up
 _RATE_MARGIN = 1.2  # times the bench's limit of rate
 _CLOCK_TIMEOUT = 0.5  # s that the controller's clock may stand
@@ -38,6 +41,62 @@ _RATE_DIFFERENCE, _RATE_SHARE, _DIFFERENCE_PERSISTENCE = (
 )  # rad/s, part of the rate, s
 _STANDSTILL_RATE = radians(0.5)  # rad/s
 _UNEXPLAINED_SHARE = 0.25  # of the square of what is between gyros and table may be left
+
+
+Interlock = Literal["table", "gyros"]
+_CHECKED = {
+    "table": "the table's readings",
+    "gyros": "the gyros against the table",
+}
+
+
+class LastChecks:
+    """When each interlock ran last, by the run's time; an interlock that is overdue is a fault.
+
+    Parameters
+    ----------
+    table, gyros : float
+        Longest time from one check of the table's readings to the next, s, and from one comparison
+        of the gyros with the table.
+
+    Attributes
+    ----------
+    trouble : str or None
+        Which interlock is overdue; None while none is.
+    trouble_since : float
+        The run's time since when that is so.
+    """
+
+    def __init__(self, table: float = MAX_CHECK_INTERVAL, gyros: float = MAX_CHECK_INTERVAL):
+        self.trouble: str | None = None
+        self.trouble_since = 0.0
+        self._longest = {"table": table, "gyros": gyros}
+        self._last: dict[str, float] = {}
+
+    def record(self, which: Interlock, time: float) -> None:
+        """Note that an interlock has run; it must run again in time from now on."""
+        self._last[which] = time
+
+    def excuse(self, which: Interlock) -> None:
+        """Expect no check of an interlock that has nothing to compare, until it has run again."""
+        self._last.pop(which, None)
+
+    def update(self, time: float) -> None:
+        """Find the interlock that is overdue at a time of the run, s."""
+        overdue = [
+            (which, time - last)
+            for which, last in self._last.items()
+            if time - last > self._longest[which]
+        ]
+        if not overdue:
+            self.trouble = None
+        elif self.trouble is None:
+            which, age = overdue[0]
+            self.trouble = (
+                f"nothing has checked {_CHECKED[which]} for {age:.2g} s; "
+                f"at most {self._longest[which]:g} s are allowed while the table is driven"
+            )
+            self.trouble_since = time
 
 
 class Interlocks:
@@ -56,9 +115,11 @@ class Interlocks:
 
     Attributes
     ----------
+    has_gyros : bool
+        The sensor has gyros, which `check_gyros` compares with the table.
     encoder_stuck : bool
         An axis was seen to turn whose encoder stands: a servo that is on drives it on and on.
-    apart : float
+    rate_difference : float
         rad/s that the gyros turn otherwise than the readback, as last seen; 0 where they agree.
 
     Raises
@@ -83,6 +144,7 @@ class Interlocks:
         )
         self._gyros = np.array([axis.measures == "w" for axis in sensor.axes], np.bool_)
         self._inputs = np.array([axis.i for axis in sensor.axes if axis.measures == "w"])
+        self.has_gyros = bool(self._inputs.size)
         self.encoder_stuck, self.rate_difference = False, 0.0
         self._since: dict[str, float] = {}
         self._time = nan
@@ -136,7 +198,7 @@ class Interlocks:
         track : Track
             Of one trial, that follows the one shown before.
         """
-        if not self._inputs.size or not track.time.size:
+        if not self.has_gyros or not track.time.size:
             return None
         time, reading, angles = track.time, track.reading[:, self._gyros], track.angles
         if self._previous_samples:
