@@ -21,12 +21,14 @@ Source: Delta Tau, Turbo PMAC Software Reference Manual.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, tau
 
 from inercal.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.drivers import pmac_codec as codec
+from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
@@ -36,9 +38,8 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     axis_index,
     require_unique_names,
-    stop_with_retry,
 )
-from inercal.host.link import Link, open_link
+from inercal.host.link import Link, LinkLost, open_link
 
 _CYCLES = 1 << 24  # X:$0 wraps here
 # s after a command in which a motor may still say that it is where it was: it starts at the next
@@ -139,13 +140,38 @@ class Pmac(Closeable):
     def stop(self) -> None:
         """Decelerate all axes at Ixx15 (`^A`) and hold them; no safety function.
 
-        `^A` also closes the loops of killed motors. It brings no answer: what still turns is told
-        `J/` at the same deceleration, whose answer says that it was heard.
+        `^A` also closes the loops of killed motors. Motors that still turn then, or all where `^A`
+        is not answered in time, are told `J/` at the same deceleration. The caller has other means,
+        such as the watchdog, where an axis does not answer that either.
+
+        Raises
+        ------
+        CommandRefused, ProtocolError
+            A motor refuses `J/`, or did not answer; all others have been told.
+        LinkLost
+            The controller cannot be reached.
         """
-        stop_with_retry(lambda: self._dialogue.control("A"))
-        state = self.read()
-        turning = [a.motor for a, s in zip(self._axes, state.axes, strict=True) if s.moving]
-        self._each(f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/" for m in turning)
+        try:
+            heard = self._dialogue.control("A")
+        except LinkLost:
+            heard = self._dialogue.control("A")  # on another connection
+        motors = [a.motor for a in self._axes]
+        if heard:
+            with suppress(ProtocolError, LinkLost):
+                state = self.read()
+                motors = [m for m, axis in zip(motors, state.axes, strict=True) if axis.moving]
+        try:
+            # A reply of one line is told from a late answer to ^A.
+            self._each(
+                (f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/ RHX$0" for m in motors),
+                lambda line: self._dialogue.ask_at_once(line, 1),
+            )
+        except (ProtocolError, LinkLost):
+            heard = False
+            raise
+        finally:
+            if not heard:
+                self._dialogue.give_up()  # late replies may be under way
 
     def kill(self, *, coasting: bool = False) -> None:
         """Open the loops and take the power off (`K`).
@@ -162,7 +188,7 @@ class Pmac(Closeable):
                         f"axis {name} turns and would coast if killed: stop() first, then kill(), "
                         "or kill(coasting=True) where stopping failed"
                     )
-        self._each(f"#{a.motor}K" for a in self._axes)
+        self._each((f"#{a.motor}K" for a in self._axes), self._ask)
 
     def read(self) -> TableState:
         """Return where the table is now; its time is the servo clock as it stands."""
@@ -190,16 +216,16 @@ class Pmac(Closeable):
     def _ask(self, line: str, replies: int = 0) -> list[str]:
         return self._dialogue.ask(line, replies)
 
-    def _each(self, lines: Iterable[str]) -> None:
-        """Send all lines; a motor that refuses its own keeps no other from hearing theirs."""
-        refused: codec.CommandRefused | None = None
+    def _each(self, lines: Iterable[str], ask: Callable[[str], object]) -> None:
+        """Send all lines; a motor that fails at its own keeps no other from hearing theirs."""
+        failure: CommandRefused | ProtocolError | LinkLost | None = None
         for line in lines:
             try:
-                self._ask(line)
-            except codec.CommandRefused as error:
-                refused = refused or error
-        if refused:
-            raise refused
+                ask(line)
+            except (CommandRefused, ProtocolError, LinkLost) as error:
+                failure = failure or error
+        if failure:
+            raise failure
 
     def _state(self, i: int, cycle: int, lines: list[str]) -> AxisState:
         axis, started = self._axes[i], self._start_cycles[i]
