@@ -1,11 +1,14 @@
 """Time of a run: the wall's, and a simulated bench's, which says what its IMU has sent."""
 
+import ast
 import socket
 from collections.abc import Iterator
+from pathlib import Path
 from threading import Thread
 
 import pytest
 
+from inercal import host
 from inercal.errors import InputError
 from inercal.host import clock
 from inercal.host.clock import MonotonicClock, SimulatedClock, Tick, read_host_uptime
@@ -74,9 +77,15 @@ def test_a_run_begins_at_the_time_it_is_given_and_goes_on_from_there(wall: Wall)
     assert told.now() == pytest.approx(102.5)
 
 
-def test_the_clock_of_a_run_reads_no_date():
-    assert not hasattr(clock, "time")
-    assert not hasattr(clock, "datetime")
+def test_of_the_host_only_the_journal_and_the_name_of_a_folder_read_the_date():
+    readers = set[str]()
+    for path in Path(host.__path__[0]).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = {one.name for one in node.names} if isinstance(node, ast.ImportFrom) else set()
+            is_time = isinstance(node, ast.ImportFrom) and node.module == "time" and "time" in names
+            if is_time or names & {"datetime", "date"} or ast.unparse(node) == "import time":
+                readers.add(path.name)
+    assert readers == {"journal.py", "hub.py"}
 
 
 def test_the_uptime_of_the_host_goes_on_and_names_its_boot():

@@ -1,14 +1,14 @@
-"""The host's date is set back and forward by an hour, before a run is resumed and during it.
+"""The host's date is set back and forward by an hour before a run is resumed.
 
 The programs are those of a user, on a simulated bench whose time nobody grants; libfaketime tells
-them the date. Where it is not installed (Debian: `faketime`), these tests are skipped.
+them the date, and shifts their monotonic clock too. Where it is not installed (Debian: `faketime`),
+these tests are skipped. `test_run_time` sets the date during a run.
 """
 
-import os
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
@@ -42,14 +42,11 @@ def bench(tmp_path: Path) -> Iterator[BenchSimulator]:
 
 
 @contextmanager
-def program(
-    *words: str, wrapper: tuple[str, ...] = (), environment: Mapping[str, str] | None = None
-) -> Iterator["subprocess.Popen[str]"]:
+def program(*words: str, wrapper: tuple[str, ...] = ()) -> Iterator["subprocess.Popen[str]"]:
     """Run `inercal bench`, and end it with the context."""
-    told = [*wrapper, *INERCAL, "bench", *words]
     pipe = subprocess.PIPE
     host = subprocess.Popen(
-        told, stdout=pipe, stderr=pipe, text=True, env={**os.environ, **(environment or {})}
+        [*wrapper, *INERCAL, "bench", *words], stdout=pipe, stderr=pipe, text=True
     )
     try:
         yield host
@@ -109,29 +106,3 @@ def test_a_run_that_is_resumed_an_hour_off_finds_a_frozen_encoder_within_a_secon
     assert took <= 1.0
     times = [frame.time for frame in read_frames(folder / "run.log")]
     assert 0.0 <= min(times) < max(times) < 120.0
-
-
-@pytest.mark.parametrize("step", ["-3600", "+3600"])
-def test_a_date_that_is_set_during_a_run_keeps_no_interlock_from_running(
-    tmp_path: Path, bench: BenchSimulator, step: str
-):
-    assert FAKETIME is not None
-    said = subprocess.run(
-        [FAKETIME, "-f", "+0", "printenv", "LD_PRELOAD"], capture_output=True, text=True, check=True
-    )
-    date = tmp_path / "date"
-    date.write_text("+0")
-    environment = {
-        "LD_PRELOAD": said.stdout.strip(),
-        "FAKETIME_TIMESTAMP_FILE": str(date),
-        "FAKETIME_NO_CACHE": "1",
-        # As where a date is set: the monotonic clock is not.
-        "FAKETIME_DONT_FAKE_MONOTONIC": "1",
-        "DONT_FAKE_MONOTONIC": "1",
-    }
-    folder = tmp_path / "run"
-    with program(*begin(bench, folder), environment=environment):
-        until_turning(bench, folder, 0)
-        date.write_text(step)
-        took = seconds_to_the_alarm(bench, folder)
-    assert took <= 1.0
