@@ -76,7 +76,7 @@ class MessageHistory:
 @pytest.mark.parametrize("fails", ["", "event", "section"])
 def test_the_table_is_stopped_before_anything_is_said_and_what_can_be_said_is(fails: str):
     kept = MessageHistory(fails)
-    with pytest.raises(InputError, match="no space") if fails else nullcontext():
+    with pytest.raises(InputError) if fails else nullcontext():
         kept.made.end("the table is gone")
     assert kept.done == (["1 stop"] if fails == "event" else ["1 stop", "the table is gone"])
     assert kept.made.trouble == "the table is gone"

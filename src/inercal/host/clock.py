@@ -110,12 +110,17 @@ class SimulatedClock:
 
     def __init__(self, address: str, speed: float | None = None):
         if speed is not None and not speed > 0:
-            raise InputError(f"speed {speed}; give it > 0")
+            raise InputError(
+                f"speed {speed} is not possible; it must be more than 0", key="--speed"
+            )
         self._address, self._speed = address, speed
         parts = urlsplit(address)
         place = host_and_port(parts)
         if parts.scheme != "clock" or place is None:
-            raise InputError(f"{address!r} is not a clock; possible: clock://127.0.0.1:4000")
+            raise InputError(
+                f"{address!r} is not the address of a clock; possible: clock://127.0.0.1:4000",
+                key="--clock",
+            )
         self._socket = connect_socket(address, place, _ANSWER_TIMEOUT)
         # The system's own time limit: with that of Python each call asks twice.
         self._socket.settimeout(None)
@@ -166,7 +171,9 @@ class SimulatedClock:
         try:
             self._socket.sendall(line)
         except OSError as error:
-            raise LinkLost(f"{self._address}: lost: {error.strerror or error}") from error
+            raise LinkLost(
+                f"{self._address}: the connection is lost: {error.strerror or error}"
+            ) from error
 
     def _answer(self) -> Tick:
         while b"\n" not in self._received:
@@ -175,9 +182,11 @@ class SimulatedClock:
             except BlockingIOError as error:
                 raise LinkLost(f"{self._address}: no answer within {_ANSWER_TIMEOUT} s") from error
             except OSError as error:
-                raise LinkLost(f"{self._address}: lost: {error.strerror or error}") from error
+                raise LinkLost(
+                    f"{self._address}: the connection is lost: {error.strerror or error}"
+                ) from error
             if not data:
-                raise LinkLost(f"{self._address}: closed by the other end")
+                raise LinkLost(f"{self._address}: the bench has closed the connection")
             self._received += data
         line, _, self._received = self._received.partition(b"\n")
         self._answer_time = monotonic()

@@ -1,7 +1,7 @@
-"""What stops a run though neither table nor IMU says a fault.
+"""Checks that stop a run although neither the table nor the IMU reports a fault.
 
-Each check returns None, or in words what is wrong. Beside the table's own readings there are the
-gyros: an encoder that stands while its axis turns is believed by its controller and by nobody else.
+Each check returns None, or in words what is wrong. The gyros check the table's readings: a
+controller believes an encoder that stands still while its axis turns.
 With the rates of the gyros w, by the readback θ̇ through the bench's geometry v, and of the axes'
 directions u_i in the body::
 
@@ -136,7 +136,11 @@ class Interlocks:
         temperature: tuple[float, float] | None = None,
     ):
         if len(limits) != len(bench.names):
-            raise InputError(f"limits of {len(limits)} axes; the bench has {len(bench.names)}")
+            raise InputError(
+                f"limits of {len(limits)} axes are given; the bench has {len(bench.names)}",
+                key="limits",
+                names=bench.names,
+            )
         self._bench, self._temperature = bench, temperature
         self._axes = tuple(
             (name, of.following_error * _FOLLOWING_ERROR_SHARE, held.rate * _RATE_MARGIN)
@@ -168,8 +172,8 @@ class Interlocks:
             error, rate = abs(axis.following_error), abs(axis.rate)
             if self._persists(f"error {name}", error > following, now):
                 return (
-                    f"axis {name}: following error {degrees(error):.3g}°, more than "
-                    f"{_FOLLOWING_ERROR_SHARE:.0%} of that at which the servo gives up"
+                    f"axis {name}: the following error is {degrees(error):.3g}°, more than "
+                    f"{_FOLLOWING_ERROR_SHARE:.0%} of the error at which the servo gives up"
                 )
             if self._persists(f"rate {name}", rate > fastest, now):
                 return (
@@ -178,20 +182,20 @@ class Interlocks:
                 )
         stands, self._time = state.time == self._time, state.time
         if self._persists("clock", stands, now, _CLOCK_TIMEOUT):
-            return f"the controller hangs: its clock has stood at {state.time:.3f} s"
+            return f"the table's controller hangs: its clock stands still at {state.time:.3f} s"
         if self._temperature and temperature is not None and isfinite(temperature):
             low, high = self._temperature
             if self._persists(
                 "temperature", not low <= temperature <= high, now, _TEMPERATURE_PERSISTENCE
             ):
                 return (
-                    f"the IMU is at {temperature - ZERO_CELSIUS:.1f} °C; possible: "
+                    f"the IMU is at {temperature - ZERO_CELSIUS:.1f} °C; allowed: "
                     f"{low - ZERO_CELSIUS:.1f} to {high - ZERO_CELSIUS:.1f} °C"
                 )
         return None
 
     def check_gyros(self, track: Track) -> str | None:
-        """Return where gyros and readback tell different rates.
+        """Return in words how the gyros' rates differ from those of the readback, if they do.
 
         Parameters
         ----------

@@ -91,7 +91,10 @@ class Pmac(Closeable):
         require_unique_names(self.axes)
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
-                raise InputError(f"axis {axis.name}: motors are 1 to 32, counts in a turn not 0")
+                raise InputError(
+                    f"axis {axis.name}: its motor must be 1 to 32, and its counts of a turn not 0",
+                    names=(axis.name,),
+                )
         motors = [a.motor for a in self._axes]
         self._ask_state = "RHX$0 " + " ".join(f"#{m}P#{m}V#{m}F#{m}?" for m in motors) + " RHX$0"
         self._cycle, self._clock_wraps = 0, 0
@@ -186,7 +189,8 @@ class Pmac(Closeable):
                 if state.enabled and not state.settled:
                     raise TableFault(
                         f"axis {name} turns and would coast if killed: stop() first, then kill(), "
-                        "or kill(coasting=True) where stopping failed"
+                        "or kill(coasting=True) where stopping failed",
+                        names=(name,),
                     )
         self._each((f"#{a.motor}K" for a in self._axes), self._ask)
 
@@ -198,8 +202,8 @@ class Pmac(Closeable):
         most = self._timeout / self.period
         if during > most or 0 < back <= most:
             raise ProtocolError(
-                f"{self._dialogue.address}: by its servo clock a reading began at {first:X}, ended "
-                f"at {last:X} and came after one at {self._cycle:X}: a digit is wrong"
+                f"{self._dialogue.address}: a digit of the servo clock is wrong: a reading "
+                f"began at {first:X} and ended at {last:X}, after a reading at {self._cycle:X}"
             )
         states = tuple(
             self._state(i, first, lines[1 + 4 * i : 5 + 4 * i]) for i in range(len(self._axes))
@@ -253,7 +257,8 @@ class Pmac(Closeable):
         if active != 1 or skipped != 0:
             raise InputError(
                 f"axis {axis.name}: motor {axis.motor} must be activated (I{axis.motor}00=1) and "
-                f"close its loop every servo cycle (I{axis.motor}60=0)"
+                f"close its loop every servo cycle (I{axis.motor}60=0)",
+                names=(axis.name,),
             )
         count = tau / abs(axis.counts_per_turn)
         soft = (low * count if low else -inf, high * count if high else inf)
