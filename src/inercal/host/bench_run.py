@@ -112,7 +112,11 @@ class BenchRun:
         self._show_time, self._before_start = -inf, True
         layout = layout_of_address(addresses.imu)
         if options.temperature is not None and "temperature" not in layout.roles:
-            raise InputError(f"packets of {layout.name} carry no temperature that could be watched")
+            raise InputError(
+                f"packets of {layout.name} hold no temperature; leave --temperature out",
+                key="--temperature",
+                names=(layout.name,),
+            )
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
             # What was sensed before was checked by the host of then, and may be mended since.
@@ -188,7 +192,7 @@ class BenchRun:
                 self._wait_for_rest()
                 self._check_rest_with_gyros()
             except LinkLost as error:
-                self._interruptions.end(f"the bench's clock is gone: {error}")
+                self._interruptions.end(f"the bench's clock does not answer: {error}")
             except InercalError as error:
                 self._interruptions.end(str(error))
         self._process_pending()
@@ -300,9 +304,9 @@ class BenchRun:
             self._process_pending()
         if self._interlocks.rate_difference:
             self._interruptions.add(
-                f"by its encoders the table rests, by the gyros it still turns at "
+                f"the encoders report rest, but the gyros measure "
                 f"{degrees(self._interlocks.rate_difference):.3g} °/s or more: "
-                "cut its power, keep away"
+                "keep away from the table, and cut its power"
             )
 
     def _process_pending(self) -> None:
@@ -317,8 +321,8 @@ class BenchRun:
             self._packets = packets, self.time
         elif self.time - self._packets[1] > _PACKET_TIMEOUT:
             self._interruptions.end(
-                f"for {_PACKET_TIMEOUT:g} s bytes have come from the IMU and no packet: "
-                "are preset and baud right?"
+                f"the IMU has sent bytes for {_PACKET_TIMEOUT:g} s, and no packet among them: "
+                "check preset and baud"
             )
         if block is None:
             return
