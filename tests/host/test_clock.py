@@ -1,14 +1,17 @@
 """Time of a run: the wall's, and a simulated bench's, which says what its IMU has sent."""
 
+import ast
 import socket
 from collections.abc import Iterator
+from pathlib import Path
 from threading import Thread
 
 import pytest
+from tests.refusals import refused
 
-from inercal.errors import InputError
+from inercal import host
 from inercal.host import clock
-from inercal.host.clock import SimulatedClock, Tick, WallClock
+from inercal.host.clock import MonotonicClock, SimulatedClock, Tick, read_host_uptime
 from inercal.host.link import LinkLost
 
 
@@ -18,7 +21,6 @@ class Wall:
     def __init__(self, monkeypatch: pytest.MonkeyPatch):
         self.passed = 0.0
         monkeypatch.setattr(clock, "monotonic", lambda: 50.0 + self.passed)
-        monkeypatch.setattr(clock, "time", lambda: 1e9 + self.passed)
         monkeypatch.setattr(clock, "sleep", self.sleep)
 
     def sleep(self, seconds: float) -> None:
@@ -68,21 +70,34 @@ def bench() -> Iterator[type[Scripted]]:
         one.close()
 
 
-def test_the_wall_tells_how_long_a_run_has_gone_on(wall: Wall):
-    told = WallClock(1e9 - 100.0)
+def test_a_run_begins_at_the_time_it_is_given_and_goes_on_from_there(wall: Wall):
+    told = MonotonicClock(100.0)
     assert told.now() == pytest.approx(100.0)
     wall.sleep(2.5)
     assert told.now() == pytest.approx(102.5)
 
 
-def test_a_step_of_utc_in_a_run_moves_no_time(wall: Wall, monkeypatch: pytest.MonkeyPatch):
-    told = WallClock(1e9)
-    monkeypatch.setattr(clock, "time", lambda: 2e9)
-    assert told.now() == pytest.approx(0.0)
+def test_of_the_host_only_the_journal_and_the_name_of_a_folder_read_the_date():
+    readers = set[str]()
+    for path in Path(host.__path__[0]).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = {one.name for one in node.names} if isinstance(node, ast.ImportFrom) else set()
+            is_time = isinstance(node, ast.ImportFrom) and node.module == "time" and "time" in names
+            if is_time or names & {"datetime", "date"} or ast.unparse(node) == "import time":
+                readers.add(path.name)
+    assert readers == {"journal.py", "hub.py"}
+
+
+def test_the_uptime_of_the_host_goes_on_and_names_its_boot():
+    first, second = read_host_uptime(), read_host_uptime()
+    if first is None or second is None:
+        pytest.skip("this system tells no uptime")
+    assert first.boot == second.boot
+    assert 0 < first.seconds <= second.seconds
 
 
 def test_on_the_wall_a_tick_ends_when_its_time_has_come_and_nobody_knows_what_was_sent(wall: Wall):
-    told = WallClock(1e9)
+    told = MonotonicClock(0.0)
     told.begin(0.02)
     assert wall.passed == 0.0
     tick = told.end()
@@ -136,7 +151,7 @@ def test_a_bench_that_is_gone_or_no_bench_is_a_lost_link(bench: type[Scripted], 
     scripted = bench("0 0 0\n", answer)
     with_clock = SimulatedClock(scripted.address)
     with_clock.begin(1.0)
-    with pytest.raises(LinkLost, match="clock://"):
+    with pytest.raises(LinkLost):
         with_clock.end()
     with_clock.close()
 
@@ -144,28 +159,28 @@ def test_a_bench_that_is_gone_or_no_bench_is_a_lost_link(bench: type[Scripted], 
 def test_nobody_there_is_a_lost_link():
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    with pytest.raises(LinkLost, match="cannot connect"):
+    with pytest.raises(LinkLost):
         SimulatedClock(f"clock://127.0.0.1:{port}")
 
 
 @pytest.mark.parametrize("address", ["clock://x", "tcp://127.0.0.1:1", "clock:", "clock://h:99999"])
 def test_an_address_that_is_no_clock_is_refused(address: str):
-    with pytest.raises(InputError, match="possible: clock://"):
+    with refused(key="--clock"):
         SimulatedClock(address)
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
 def test_a_speed_that_is_none_is_refused(speed: float):
-    with pytest.raises(InputError, match="speed"):
+    with refused(key="--speed"):
         SimulatedClock("clock://127.0.0.1:1", speed)
 
 
 def test_ends_and_begins_take_turns(bench: type[Scripted]):
     scripted = bench("0 0 0\n", "1 0 0\n")
     with_clock = SimulatedClock(scripted.address)
-    with pytest.raises(RuntimeError, match="without begin"):
+    with pytest.raises(RuntimeError):
         with_clock.end()
     with_clock.begin(1.0)
-    with pytest.raises(RuntimeError, match="second time"):
+    with pytest.raises(RuntimeError):
         with_clock.begin(2.0)
     with_clock.close()

@@ -92,9 +92,9 @@ def test_a_link_that_ends_is_told_when_all_before_is_handed_out(
     end.close()
     _until(port, 8)
     assert _joined(port.take(upto, PATIENCE)) == b"the last"
-    with pytest.raises(LinkLost, match="closed by the other end"):
+    with pytest.raises(LinkLost):
         port.take(upto if upto else 9, PATIENCE)
-    with pytest.raises(LinkLost, match="closed by the other end"):
+    with pytest.raises(LinkLost):
         port.take()
 
 

@@ -70,6 +70,6 @@ def test_an_imu_on_tcp_is_waited_for_as_long_as_is_said(monkeypatch: pytest.Monk
     monkeypatch.setattr(socket, "create_connection", nobody)
     address = "tcp://127.0.0.1:9?preset=fixed"
     for opening in ((), (0.5,)):
-        with pytest.raises(LinkLost, match="cannot connect: timed out"):
+        with pytest.raises(LinkLost):
             open_imu(address, monotonic, *opening)
     assert waited == [5.0, 0.5]

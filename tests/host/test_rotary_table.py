@@ -5,8 +5,8 @@ from math import inf, radians
 from typing import Any
 
 import pytest
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.host.drivers.acutrol import Acutrol, AcutrolAxis
 from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
@@ -86,7 +86,7 @@ def test_limits_take_what_is_at_them_and_a_spin_to_rest():
     limits.check("x", -1.0, 2.0)
     limits.check("x", 0.0, 2.0)
     AxisLimits().check("x", 1.0, 1.0, 1e9)
-    with pytest.raises(InputError, match=r"at most 57\.2958"):
+    with refused(key="rate", names=("x",)):
         limits.check("x", -1.01, 2.0)
-    with pytest.raises(InputError, match="acceleration inf"):
+    with refused(key="acceleration", names=("x",)):
         AxisLimits().check("x", 1.0, inf, 0.0)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 from inercal.errors import InputError
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, file_sha256, read_frames
@@ -59,9 +60,9 @@ def test_a_changed_byte_before_the_end_is_named_and_nothing_is_cut(path: Path):
         spoilt = bytearray(whole)
         spoilt[at] ^= 1 << int(rng.integers(8))
         path.write_bytes(spoilt)
-        with pytest.raises(InputError, match="byte"):
+        with refused(file=path):
             list(read_frames(path))
-        with pytest.raises(InputError, match="byte"):
+        with refused(file=path):
             RunLog(path)
         assert path.read_bytes() == spoilt
 
@@ -69,12 +70,12 @@ def test_a_changed_byte_before_the_end_is_named_and_nothing_is_cut(path: Path):
 def test_another_file_is_no_log(tmp_path: Path):
     other = tmp_path / "notes.txt"
     other.write_text("warm up two minutes")
-    with pytest.raises(InputError, match="is not a log of a run"):
+    with refused(file=other):
         RunLog(other)
     assert other.read_text() == "warm up two minutes"
-    with pytest.raises(InputError, match="cannot be read"):
+    with refused(file="none.log"):
         list(read_frames(tmp_path / "none.log"))
-    with pytest.raises(InputError, match="cannot be written"):
+    with refused(file="run.log"):
         RunLog(tmp_path / "none" / "run.log")
 
 
@@ -91,7 +92,7 @@ def test_a_frame_that_the_disk_took_in_part_is_cut_off_and_the_next_stands_behin
     with RunLog(path) as log:
         with monkeypatch.context() as full:
             full.setattr(os, "write", lambda file, data: write(file, data[:10]))
-            with pytest.raises(InputError, match="no space left on device"):
+            with refused(file=log.path):
                 log.append(*WRITTEN[0])
         log.append(*WRITTEN[1])
     assert list(read_frames(path)) == [*WRITTEN, WRITTEN[1]]
@@ -106,7 +107,7 @@ def test_a_disk_that_does_not_take_a_log_at_its_end_is_told_in_words_and_the_log
     log = RunLog(path)
     with monkeypatch.context() as gone:
         gone.setattr(os, "fsync", fails)
-        with pytest.raises(InputError, match=r"run\.log: cannot be written: Input/output error$"):
+        with refused(file=path):
             log.close()
     RunLog(path).close()  # no descriptor holds its lock
 
@@ -132,7 +133,7 @@ def test_a_log_that_another_host_writes_is_refused_untouched_until_that_host_is_
         with path.open("ab") as file:
             file.write(b"\xa5i\x01")
         was = path.read_bytes()
-        with pytest.raises(InputError, match=r"run\.log: another host drives this run"):
+        with pytest.raises(InputError):
             RunLog(path)
         assert path.read_bytes() == was
         holder.kill()
@@ -145,9 +146,9 @@ def test_a_log_that_another_host_writes_is_refused_untouched_until_that_host_is_
 def test_a_log_that_was_refused_can_be_opened_again_by_the_same_host(path: Path):
     whole = path.read_bytes()
     path.write_bytes(b"no" + whole)
-    with pytest.raises(InputError, match="is not a log of a run"):
+    with refused(file=path):
         RunLog(path)
     path.write_bytes(whole)
-    with RunLog(path), pytest.raises(InputError, match="another host"):
+    with RunLog(path), pytest.raises(InputError):
         RunLog(path)
     RunLog(path).close()

@@ -118,14 +118,14 @@ def test_drop_ends_the_nth_reply_before_it_is_whole(pmac: Served):
         assert link.read(10, 5.0) == b"@"
         link.write(bytes.fromhex("40 BF 00 00 00 00 00 03") + b"I10")
         came: list[bytes] = []
-        with pytest.raises(LinkLost, match="closed"):
+        with pytest.raises(LinkLost):
             read_until(link, lambda data: came.append(data) is not None, 5.0)
         assert b"".join(came) == b"3713"
 
 
 @pytest.mark.parametrize("words", ["", "fragment", "fragment x", "delay -1", "delay nan", "burn"])
 def test_words_that_are_no_fault_are_refused_with_those_that_are(words: str):
-    with pytest.raises(ValueError, match="possible: fragment N, delay SECONDS"):
+    with pytest.raises(ValueError, match="fragment N"):
         Faults().set_fault(words)
 
 

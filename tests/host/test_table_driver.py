@@ -98,7 +98,7 @@ def test_a_few_readings_may_fail_and_five_in_a_row_are_the_end():
     for _ in range(4):
         assert made.read() is None
         assert not made.at_rest  # nobody knows
-    with pytest.raises(LinkLost, match="the table is gone: 5 readings in a row failed: lost"):
+    with pytest.raises(LinkLost):
         made.read()
     assert said == ["late"] * 4 + ["lost"] * 5
 

@@ -14,26 +14,33 @@ its own with its own connection. Both are software; the hardware interlock is th
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from datetime import datetime
 from functools import partial
-from math import degrees
+from math import degrees, inf, isfinite
 from time import monotonic
 from typing import Literal, Self
+
+import numpy as np
 
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
-from inercal.host.clock import Clock, SimulatedClock, WallClock
-from inercal.host.drivers.rotary_table import TableFault, TableState
+from inercal.host.clock import (
+    Clock,
+    HostUptime,
+    MonotonicClock,
+    SimulatedClock,
+    read_host_uptime,
+)
+from inercal.host.drivers.rotary_table import RotaryTable, TableFault, TableState
 from inercal.host.guard import Guard
 from inercal.host.imu_receiver import ImuReceiver
-from inercal.host.interlocks import Interlocks
+from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
-from inercal.host.recorder import RunRecorder
+from inercal.host.recorder import PIECE_MAX, LogEnd, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
 from inercal.host.sequencer import Command, Sequencer
@@ -102,15 +109,21 @@ class BenchRun:
         self._show_interval = show_interval
         self._bench, self._poll = bench, journal.header().poll
         self._commands: list[Command] = []
-        self._show_time, self._before_start = 0.0, True
+        self._show_time, self._before_start = -inf, True
         layout = layout_of_address(addresses.imu)
         if options.temperature is not None and "temperature" not in layout.roles:
-            raise InputError(f"packets of {layout.name} carry no temperature that could be watched")
+            raise InputError(
+                f"packets of {layout.name} hold no temperature; leave --temperature out",
+                key="--temperature",
+                names=(layout.name,),
+            )
         with ExitStack() as opened:
             self.recorder = opened.enter_context(RunRecorder(folder, journal, layout))
-            self._clock = _open_clock(addresses, options, journal)
-            opened.callback(self._clock.close)
+            # What was sensed before was checked by the host of then, and may be mended since.
+            self._checked_from = self.recorder.assembly.last_reading_time
             self._table = opened.enter_context(open_table(addresses.table, bench))
+            self._clock, self._last_checks = self._open_clock(addresses)
+            opened.callback(self._clock.close)
             self._interlocks = self._create_interlocks()
             self._require_feasible_plan()
             patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
@@ -121,9 +134,9 @@ class BenchRun:
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
             tick = clock.end()
-            waits = bool(addresses.clock)
+            self._is_simulated = bool(addresses.clock)
             self._imu = ImuReceiver(
-                partial(open_imu, addresses.imu, clock.now, synchronous=waits), tick
+                partial(open_imu, addresses.imu, clock.now, synchronous=self._is_simulated), tick
             )
             opened.callback(self._imu.close)
             journal.set_state("running")
@@ -170,13 +183,16 @@ class BenchRun:
                 self._clock.begin(self._next)
                 # The watchdog of a host that was killed may be stopping the table still.
                 self._wait_for_rest()
+                # A device that has set its clock anew is reported before anything moves.
+                self._process_pending()
+                self._begin_checks()
                 self._before_start = False
                 while not self.sequencer.is_over:
                     self._tick()
                 self._wait_for_rest()
                 self._check_rest_with_gyros()
             except LinkLost as error:
-                self._interruptions.end(f"the bench's clock is gone: {error}")
+                self._interruptions.end(f"the bench's clock does not answer: {error}")
             except InercalError as error:
                 self._interruptions.end(str(error))
         self._process_pending()
@@ -208,7 +224,8 @@ class BenchRun:
             self._record_session()
         for time, data in heard.pieces:
             self.recorder.record_frame(IMU, time, data)
-        self._interruptions.update(self.time, self._imu, self._options.patience)
+        self._update_last_checks()
+        self._interruptions.update(self.time, self._imu, self._last_checks, self._options.patience)
         if fresh is not None:
             self._advance_sequencer(fresh[1])
         if self.recorder.is_processing_due(self.time):
@@ -237,6 +254,7 @@ class BenchRun:
         if self.sequencer.is_over or self._before_start:
             return
         words = self._interlocks.check(state, self.time, temperature=self.recorder.temperature)
+        self._last_checks.record("table", self.time)
         if words is not None:
             self._interruptions.end(words)
             return
@@ -286,9 +304,9 @@ class BenchRun:
             self._process_pending()
         if self._interlocks.rate_difference:
             self._interruptions.add(
-                f"by its encoders the table rests, by the gyros it still turns at "
+                f"the encoders report rest, but the gyros measure "
                 f"{degrees(self._interlocks.rate_difference):.3g} °/s or more: "
-                "cut its power, keep away"
+                "keep away from the table, and cut its power"
             )
 
     def _process_pending(self) -> None:
@@ -303,19 +321,45 @@ class BenchRun:
             self._packets = packets, self.time
         elif self.time - self._packets[1] > _PACKET_TIMEOUT:
             self._interruptions.end(
-                f"for {_PACKET_TIMEOUT:g} s bytes have come from the IMU and no packet: "
-                "are preset and baud right?"
+                f"the IMU has sent bytes for {_PACKET_TIMEOUT:g} s, and no packet among them: "
+                "check preset and baud"
             )
         if block is None:
             return
         if block.starts_recording:
             self._interlocks = self._create_interlocks()
-        words = self._interlocks.check_gyros(block.track)
+        old = int(np.searchsorted(block.table, self._checked_from, "right"))
+        words = self._interlocks.check_gyros(block.track.slice(old, block.table.size))
+        self._last_checks.record("gyros", self.time)
         if words is not None and not self._gyros_disagree:
             self._gyros_disagree = True
             self._interruptions.end(words)
         if self._interlocks.encoder_stuck:
             self._table_driver.switch_servos_off()
+
+    def _open_clock(self, addresses: DeviceAddresses) -> tuple[Clock, LastChecks]:
+        """Return the bench's clock, and how often the interlocks must run by it."""
+        if not addresses.clock:
+            start = _resumed_time(self.recorder.log_end, self._table)
+            return MonotonicClock(start), LastChecks()
+        # A simulated bench waits for its host, who may work through seconds of it at once.
+        ticks = 3 * HOLD_POLL_FACTOR * self._poll
+        checks = LastChecks(max(MAX_CHECK_INTERVAL, ticks), PIECE_MAX + ticks)
+        return SimulatedClock(addresses.clock, self._options.speed), checks
+
+    def _begin_checks(self) -> None:
+        """Have the interlocks run in time from now on."""
+        self._last_checks.record("table", self.time)
+        if self.recorder.assembly.is_recording:
+            self._last_checks.record("gyros", self.time)
+
+    def _update_last_checks(self) -> None:
+        """Find an interlock that has not run in time; before and after the plan nothing drives."""
+        homed = self.state is not None and all(axis.homed for axis in self.state.axes)
+        if not (homed and self.recorder.assembly.is_recording and self._interlocks.has_gyros):
+            self._last_checks.excuse("gyros")
+        if not (self._before_start or self.sequencer.is_over):
+            self._last_checks.update(self.time)
 
     def _create_interlocks(self) -> Interlocks:
         return Interlocks(self._table.limits, self._bench, self.sensor, self._options.temperature)
@@ -331,7 +375,12 @@ class BenchRun:
                     most.check(name, task.rate or held.rate, held.acceleration, angle)
 
     def _record_session(self) -> None:
-        self.recorder.record_session(self.time, self.sequencer.number, self._table.wrap_period)
+        uptime = None if self._is_simulated else read_host_uptime()
+        if uptime is not None:  # at the time of the session, which is a moment ago
+            uptime = HostUptime(uptime.boot, uptime.seconds - (self._clock.now() - self.time))
+        self.recorder.record_session(
+            self.time, self.sequencer.number, self._table.wrap_period, uptime
+        )
 
     def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
         self.recorder.record_message(self.time, level, words)
@@ -357,8 +406,21 @@ def _show_nothing(run: BenchRun) -> None:
     """Show nothing."""
 
 
-def _open_clock(addresses: DeviceAddresses, options: RunOptions, journal: Journal) -> Clock:
-    """Return the bench's clock: a simulated one's own, or the wall's since the run was begun."""
-    if addresses.clock:
-        return SimulatedClock(addresses.clock, options.speed)
-    return WallClock(datetime.fromisoformat(journal.header().begun).timestamp())
+def _resumed_time(end: LogEnd, table: RotaryTable) -> float:
+    """Return the run's time now, s: from the end of its log on, without a look at the date.
+
+    How long the run was without a host is told by the host's uptime; where the host has been
+    started anew, by the table's clock, up to one wrap of it; else it counts for nothing, and the
+    IMU's counter, which does not agree then, is reported.
+    """
+    now = read_host_uptime()
+    if end.session is not None and now is not None and end.session[1].boot == now.boot:
+        time, then = end.session
+        return max(end.time, time + now.seconds - then.seconds)
+    if end.poll is None or not isfinite(controller := table.read().time):
+        return end.time
+    time, before = end.poll
+    passed = controller - before
+    if isfinite(table.wrap_period):
+        passed %= table.wrap_period
+    return max(end.time, time + passed)

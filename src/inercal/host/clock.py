@@ -1,4 +1,6 @@
-"""Time of a run: the wall's, or that of a simulated bench, which goes on when it is let.
+"""Time of a run: that of the host's monotonic clock, or of a simulated bench, which is granted.
+
+UTC appears nowhere: a step of the host's date moves no time of a run, nor of a run that is resumed.
 
 `begin(until)` lets the bench go on and returns at once, `end()` comes back when that time has come:
 in between the host works through what it has. A simulated bench grants no more than it is asked
@@ -15,8 +17,9 @@ connection ends, it goes on by itself as the wall's clock does, until the next.
 """
 
 import socket
+from pathlib import Path
 from struct import pack
-from time import monotonic, sleep, time
+from time import monotonic, sleep
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
@@ -36,18 +39,37 @@ class Tick(NamedTuple):
     sent_time: float
 
 
-class WallClock:
-    """The wall's clock: UTC says where a run is when it is opened, and an even clock from there on.
+class HostUptime(NamedTuple):
+    """How long the host has been up since a boot, s, suspended time included."""
+
+    boot: str
+    seconds: float
+
+
+def read_host_uptime() -> HostUptime | None:
+    """Return how long this host has been up; None where the system does not tell.
+
+    Every process of a boot reads the same, so that it measures how long a run was without a host.
+    """
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+        return HostUptime(boot, float(Path("/proc/uptime").read_text(encoding="ascii").split()[0]))
+    except (OSError, ValueError, IndexError):
+        return None
+
+
+class MonotonicClock:
+    """The host's monotonic clock, on a bench whose time nobody grants.
 
     Parameters
     ----------
-    begun : float
-        When the run began, s since 1970.
+    start : float
+        The run's time now, s.
     """
 
-    def __init__(self, begun: float):
-        self._offset = time() - begun - monotonic()
-        self._until = self.now()
+    def __init__(self, start: float):
+        self._offset = start - monotonic()
+        self._until = start
 
     def now(self) -> float:
         """Return the time on the bench, s of the run; another thread may ask too."""
@@ -88,12 +110,17 @@ class SimulatedClock:
 
     def __init__(self, address: str, speed: float | None = None):
         if speed is not None and not speed > 0:
-            raise InputError(f"speed {speed}; give it > 0")
+            raise InputError(
+                f"speed {speed} is not possible; it must be more than 0", key="--speed"
+            )
         self._address, self._speed = address, speed
         parts = urlsplit(address)
         place = host_and_port(parts)
         if parts.scheme != "clock" or place is None:
-            raise InputError(f"{address!r} is not a clock; possible: clock://127.0.0.1:4000")
+            raise InputError(
+                f"{address!r} is not the address of a clock; possible: clock://127.0.0.1:4000",
+                key="--clock",
+            )
         self._socket = connect_socket(address, place, _ANSWER_TIMEOUT)
         # The system's own time limit: with that of Python each call asks twice.
         self._socket.settimeout(None)
@@ -107,7 +134,7 @@ class SimulatedClock:
         self._time = self._answer().time
 
     def now(self) -> float:
-        """As `WallClock.now`; raises `LinkLost` where the bench is gone."""
+        """As `MonotonicClock.now`; raises `LinkLost` where the bench is gone."""
         if not self._awaits_answer and monotonic() - self._answer_time > _STALE_AFTER:
             # The bench may have gone on by itself meanwhile.
             self._send(b"now\n")
@@ -115,7 +142,7 @@ class SimulatedClock:
         return self._time
 
     def begin(self, until: float) -> None:
-        """As `WallClock.begin`; raises `LinkLost` where the bench is gone."""
+        """As `MonotonicClock.begin`; raises `LinkLost` where the bench is gone."""
         if self._awaits_answer:
             raise RuntimeError("begin() a second time without end()")
         if self._speed is not None:
@@ -126,7 +153,7 @@ class SimulatedClock:
         self._awaits_answer = True
 
     def end(self) -> Tick:
-        """As `WallClock.end`; raises `LinkLost` where the bench is gone."""
+        """As `MonotonicClock.end`; raises `LinkLost` where the bench is gone."""
         if not self._awaits_answer:
             raise RuntimeError("end() without begin()")
         self._awaits_answer = False
@@ -144,7 +171,9 @@ class SimulatedClock:
         try:
             self._socket.sendall(line)
         except OSError as error:
-            raise LinkLost(f"{self._address}: lost: {error.strerror or error}") from error
+            raise LinkLost(
+                f"{self._address}: the connection is lost: {error.strerror or error}"
+            ) from error
 
     def _answer(self) -> Tick:
         while b"\n" not in self._received:
@@ -153,9 +182,11 @@ class SimulatedClock:
             except BlockingIOError as error:
                 raise LinkLost(f"{self._address}: no answer within {_ANSWER_TIMEOUT} s") from error
             except OSError as error:
-                raise LinkLost(f"{self._address}: lost: {error.strerror or error}") from error
+                raise LinkLost(
+                    f"{self._address}: the connection is lost: {error.strerror or error}"
+                ) from error
             if not data:
-                raise LinkLost(f"{self._address}: closed by the other end")
+                raise LinkLost(f"{self._address}: the bench has closed the connection")
             self._received += data
         line, _, self._received = self._received.partition(b"\n")
         self._answer_time = monotonic()
@@ -166,4 +197,4 @@ class SimulatedClock:
             raise LinkLost(f"{self._address}: {line[:40]!r} is not a time of a bench") from error
 
 
-Clock = WallClock | SimulatedClock
+Clock = MonotonicClock | SimulatedClock

@@ -1,6 +1,7 @@
 """The IMU's bytes tick by tick, and what becomes of the port: lost, silent, back again."""
 
 from collections.abc import Callable
+from math import inf
 from time import monotonic
 from typing import NamedTuple
 
@@ -60,7 +61,7 @@ class ImuReceiver:
         # What a simulated bench had sent before; None: its bytes are taken as they come.
         self._sent_before_opening = tick.bytes_sent
         self._last_bytes_time, self._steady_since = tick.time, tick.time
-        self._last_attempt_time = 0.0
+        self._last_attempt_time = -inf
         self.trouble: str | None = None
         self.trouble_since = tick.time
 

@@ -1,18 +1,20 @@
-"""What stops a run though neither table nor IMU says a fault.
+"""Checks that stop a run although neither the table nor the IMU reports a fault.
 
-Each check returns None, or in words what is wrong. Beside the table's own readings there are the
-gyros: an encoder that stands while its axis turns is believed by its controller and by nobody else.
+Each check returns None, or in words what is wrong. The gyros check the table's readings: a
+controller believes an encoder that stands still while its axis turns.
 With the rates of the gyros w, by the readback θ̇ through the bench's geometry v, and of the axes'
 directions u_i in the body::
 
     |w − v| > 5 °/s + |v|/20 for 0.2 s;   axis i explains it with δ_i where  w − v ≈ u_i δ_i
 
 A share of the rate is left to scale factors, and the 5 °/s to biases and to the readback's latency.
+An interlock that has not run for 0.5 s protects nothing: that alone stops the table (`LastChecks`).
 No safety function: that is the hardware interlock.
 """
 
 from collections.abc import Sequence
 from math import degrees, isfinite, nan, radians
+from typing import Literal
 
 import numpy as np
 
@@ -26,6 +28,7 @@ from inercal.recording import Track
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
+MAX_CHECK_INTERVAL = 0.5  # s from one check of an interlock to the next
 _FOLLOWING_ERROR_SHARE = 0.5  # of the following error at which the servo gives up
 _RATE_MARGIN = 1.2  # times the bench's limit of rate
 _CLOCK_TIMEOUT = 0.5  # s that the controller's clock may stand
@@ -38,6 +41,62 @@ _RATE_DIFFERENCE, _RATE_SHARE, _DIFFERENCE_PERSISTENCE = (
 )  # rad/s, part of the rate, s
 _STANDSTILL_RATE = radians(0.5)  # rad/s
 _UNEXPLAINED_SHARE = 0.25  # of the square of what is between gyros and table may be left
+
+
+Interlock = Literal["table", "gyros"]
+_CHECKED = {
+    "table": "the table's readings",
+    "gyros": "the gyros against the table",
+}
+
+
+class LastChecks:
+    """When each interlock ran last, by the run's time; an interlock that is overdue is a fault.
+
+    Parameters
+    ----------
+    table, gyros : float
+        Longest time from one check of the table's readings to the next, s, and from one comparison
+        of the gyros with the table.
+
+    Attributes
+    ----------
+    trouble : str or None
+        Which interlock is overdue; None while none is.
+    trouble_since : float
+        The run's time since when that is so.
+    """
+
+    def __init__(self, table: float = MAX_CHECK_INTERVAL, gyros: float = MAX_CHECK_INTERVAL):
+        self.trouble: str | None = None
+        self.trouble_since = 0.0
+        self._longest = {"table": table, "gyros": gyros}
+        self._last: dict[str, float] = {}
+
+    def record(self, which: Interlock, time: float) -> None:
+        """Note that an interlock has run; it must run again in time from now on."""
+        self._last[which] = time
+
+    def excuse(self, which: Interlock) -> None:
+        """Expect no check of an interlock that has nothing to compare, until it has run again."""
+        self._last.pop(which, None)
+
+    def update(self, time: float) -> None:
+        """Find the interlock that is overdue at a time of the run, s."""
+        overdue = [
+            (which, time - last)
+            for which, last in self._last.items()
+            if time - last > self._longest[which]
+        ]
+        if not overdue:
+            self.trouble = None
+        elif self.trouble is None:
+            which, age = overdue[0]
+            self.trouble = (
+                f"nothing has checked {_CHECKED[which]} for {age:.2g} s; "
+                f"at most {self._longest[which]:g} s are allowed while the table is driven"
+            )
+            self.trouble_since = time
 
 
 class Interlocks:
@@ -56,9 +115,11 @@ class Interlocks:
 
     Attributes
     ----------
+    has_gyros : bool
+        The sensor has gyros, which `check_gyros` compares with the table.
     encoder_stuck : bool
         An axis was seen to turn whose encoder stands: a servo that is on drives it on and on.
-    apart : float
+    rate_difference : float
         rad/s that the gyros turn otherwise than the readback, as last seen; 0 where they agree.
 
     Raises
@@ -75,7 +136,11 @@ class Interlocks:
         temperature: tuple[float, float] | None = None,
     ):
         if len(limits) != len(bench.names):
-            raise InputError(f"limits of {len(limits)} axes; the bench has {len(bench.names)}")
+            raise InputError(
+                f"limits of {len(limits)} axes are given; the bench has {len(bench.names)}",
+                key="limits",
+                names=bench.names,
+            )
         self._bench, self._temperature = bench, temperature
         self._axes = tuple(
             (name, of.following_error * _FOLLOWING_ERROR_SHARE, held.rate * _RATE_MARGIN)
@@ -83,6 +148,7 @@ class Interlocks:
         )
         self._gyros = np.array([axis.measures == "w" for axis in sensor.axes], np.bool_)
         self._inputs = np.array([axis.i for axis in sensor.axes if axis.measures == "w"])
+        self.has_gyros = bool(self._inputs.size)
         self.encoder_stuck, self.rate_difference = False, 0.0
         self._since: dict[str, float] = {}
         self._time = nan
@@ -106,8 +172,8 @@ class Interlocks:
             error, rate = abs(axis.following_error), abs(axis.rate)
             if self._persists(f"error {name}", error > following, now):
                 return (
-                    f"axis {name}: following error {degrees(error):.3g}°, more than "
-                    f"{_FOLLOWING_ERROR_SHARE:.0%} of that at which the servo gives up"
+                    f"axis {name}: the following error is {degrees(error):.3g}°, more than "
+                    f"{_FOLLOWING_ERROR_SHARE:.0%} of the error at which the servo gives up"
                 )
             if self._persists(f"rate {name}", rate > fastest, now):
                 return (
@@ -116,27 +182,27 @@ class Interlocks:
                 )
         stands, self._time = state.time == self._time, state.time
         if self._persists("clock", stands, now, _CLOCK_TIMEOUT):
-            return f"the controller hangs: its clock has stood at {state.time:.3f} s"
+            return f"the table's controller hangs: its clock stands still at {state.time:.3f} s"
         if self._temperature and temperature is not None and isfinite(temperature):
             low, high = self._temperature
             if self._persists(
                 "temperature", not low <= temperature <= high, now, _TEMPERATURE_PERSISTENCE
             ):
                 return (
-                    f"the IMU is at {temperature - ZERO_CELSIUS:.1f} °C; possible: "
+                    f"the IMU is at {temperature - ZERO_CELSIUS:.1f} °C; allowed: "
                     f"{low - ZERO_CELSIUS:.1f} to {high - ZERO_CELSIUS:.1f} °C"
                 )
         return None
 
     def check_gyros(self, track: Track) -> str | None:
-        """Return where gyros and readback tell different rates.
+        """Return in words how the gyros' rates differ from those of the readback, if they do.
 
         Parameters
         ----------
         track : Track
             Of one trial, that follows the one shown before.
         """
-        if not self._inputs.size or not track.time.size:
+        if not self.has_gyros or not track.time.size:
             return None
         time, reading, angles = track.time, track.reading[:, self._gyros], track.angles
         if self._previous_samples:

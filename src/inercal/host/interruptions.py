@@ -1,17 +1,24 @@
 """What keeps a run from going on: reasons to pause, while they last, and reasons to end it."""
 
 from collections.abc import Callable
+from math import inf
 from queue import SimpleQueue
 from time import monotonic
-from typing import Literal
+from typing import Literal, Protocol
 
 from inercal.errors import InercalError
 from inercal.host.guard import Guard
-from inercal.host.imu_receiver import ImuReceiver
 from inercal.host.sequencer import Command, Sequencer
 
 _GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
-_PauseCause = Literal["operator", "watchdog", "IMU"]
+_PauseCause = Literal["operator", "watchdog", "IMU", "interlocks"]
+
+
+class TroubleSource(Protocol):
+    """What may be in trouble for a while: the IMU, or the interlocks."""
+
+    trouble: str | None
+    trouble_since: float
 
 
 class Interruptions:
@@ -44,7 +51,7 @@ class Interruptions:
         self._pauses: dict[_PauseCause, str] = {}
         self._reported_ends: set[str] = set()
         self._requests: SimpleQueue[Literal["pause", "go on", "stop"]] = SimpleQueue()
-        self._guard_check_time = 0.0
+        self._guard_check_time = -inf
 
     @property
     def pause_reason(self) -> str:
@@ -55,16 +62,18 @@ class Interruptions:
         """Ask for something, from whichever thread; `look` does it."""
         self._requests.put(what)
 
-    def update(self, time: float, imu: ImuReceiver, patience: float) -> None:
-        """Look at what was asked for, at watchdog and IMU: the run pauses, goes on or ends.
+    def update(
+        self, time: float, imu: TroubleSource, interlocks: TroubleSource, patience: float
+    ) -> None:
+        """Look at requests, watchdog, IMU and interlocks: the run pauses, goes on or ends.
 
         Parameters
         ----------
         time : float
             The run's, s.
-        imu : ImuReceiver
+        imu, interlocks : TroubleSource
         patience : float
-            s that it may be gone before the run ends.
+            s that trouble may last before the run ends.
         """
         while not self._requests.empty():
             match self._requests.get():
@@ -76,12 +85,9 @@ class Interruptions:
                     self.end("stopped by the operator")
         if monotonic() - self._guard_check_time >= _GUARD_INTERVAL:
             self.check_guard()
-        if imu.trouble is None:
-            self._pauses.pop("IMU", None)
-        elif time - imu.trouble_since > patience:
-            self.end(f"{imu.trouble}, and not back within {patience:g} s")
-        else:
-            self._pause("IMU", imu.trouble)
+        self._follow_trouble("IMU", imu, time, patience)
+        if imu.trouble is None:  # else that is the reason, and said already
+            self._follow_trouble("interlocks", interlocks, time, patience)
         if self._sequencer.phase == "paused" and not self._pauses:
             self._say("info", "goes on")
             self._sequencer.resume()
@@ -127,6 +133,17 @@ class Interruptions:
         """Say what came to be known after the end, and add it to the run's trouble."""
         self.trouble = f"{self.trouble}; {words}" if self.trouble else words
         self._say("alarm", words)
+
+    def _follow_trouble(
+        self, why: _PauseCause, source: TroubleSource, time: float, patience: float
+    ) -> None:
+        """Pause while something is in trouble, and end where that lasts too long."""
+        if source.trouble is None:
+            self._pauses.pop(why, None)
+        elif time - source.trouble_since > patience:
+            self.end(f"{source.trouble}, and not back within {patience:g} s")
+        else:
+            self._pause(why, source.trouble)
 
     def _pause(self, why: _PauseCause, words: str) -> None:
         if why in self._pauses or self._sequencer.is_over:

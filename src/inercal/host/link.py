@@ -1,8 +1,7 @@
 """Byte links to devices, opened by address: `tcp://10.0.0.5:1025`, `serial:/dev/ttyS0?baud=9600`.
 
-A link carries bytes and nothing else; what they mean is a codec's business. A serial port is what
-pyserial opens, a pseudo-terminal among them: no modem line (CTS, DSR) is ever asked, since a
-pseudo-terminal has none and says ENOTTY.
+A link carries bytes; a codec knows what they mean. A serial port is whatever pyserial opens, also
+a pseudo-terminal: no modem line (CTS, DSR) is read, since a pseudo-terminal has none (ENOTTY).
 """
 
 import socket
@@ -16,7 +15,7 @@ from urllib.parse import SplitResult, parse_qsl, urlsplit
 from inercal.errors import InercalError, InputError, require_extra
 from inercal.host.closeable import Closeable
 
-# What a terminal says that is gone, where a system has them: it is not an OSError.
+# The error of a terminal that is gone, on systems that have them; it is not an OSError.
 if sys.platform == "win32":
     _TERMINAL_ERRORS: tuple[type[Exception], ...] = ()
 else:
@@ -72,9 +71,9 @@ class TcpLink(Closeable):
         except (TimeoutError, BlockingIOError):
             return b""
         except OSError as error:
-            raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
+            raise LinkLost(f"{self.address}: the connection is lost: {_reason(error)}") from error
         if not data:
-            raise LinkLost(f"{self.address}: closed by the other end")
+            raise LinkLost(f"{self.address}: the other end has closed the connection")
         return data
 
     def write(self, data: bytes) -> None:
@@ -83,7 +82,7 @@ class TcpLink(Closeable):
             self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(data)
         except OSError as error:
-            raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
+            raise LinkLost(f"{self.address}: the connection is lost: {_reason(error)}") from error
 
     def close(self) -> None:
         """As `Link.close`."""
@@ -116,14 +115,14 @@ class SerialLink(Closeable):
                 waiting = 1
             return bytes(self._port.read(waiting))
         except self._broken as error:
-            raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
+            raise LinkLost(f"{self.address}: the connection is lost: {_reason(error)}") from error
 
     def write(self, data: bytes) -> None:
         """As `Link.write`."""
         try:
             self._port.write(data)
         except self._broken as error:
-            raise LinkLost(f"{self.address}: lost: {_reason(error)}") from error
+            raise LinkLost(f"{self.address}: the connection is lost: {_reason(error)}") from error
 
     def close(self) -> None:
         """As `Link.close`."""
@@ -154,15 +153,15 @@ def open_link(address: str, opening: float = CONNECT_TIMEOUT) -> Link:
         _refuse_unknown_parameters(address, given, ())
         place = host_and_port(parts)
         if place is None or parts.path not in ("", "/"):
-            raise InputError(
-                f"{address!r} is not an address of TCP; possible: tcp://192.168.0.5:1025"
-            )
+            raise InputError(f"{address!r} is not a TCP address; possible: tcp://192.168.0.5:1025")
         return TcpLink(*place, opening)
     if parts.scheme == "serial" and parts.path:
         _refuse_unknown_parameters(address, given, ("baud", "bits", "parity", "stop"))
         parity = given.get("parity", "none")
         if parity not in _PARITIES:
-            raise InputError(f"parity {parity!r} in {address!r}; possible: {', '.join(_PARITIES)}")
+            raise InputError(
+                f"parity={parity!r} in {address!r}; possible: {', '.join(_PARITIES)}", key="parity"
+            )
         baud = _integer_parameter(address, given, "baud", 115200, range(50, 4_000_001))
         bits = _integer_parameter(address, given, "bits", 8, range(5, 9))
         stop = _integer_parameter(address, given, "stop", 1, range(1, 3))
@@ -198,7 +197,7 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
     except OSError as error:
         raise LinkLost(f"{address}: cannot connect: {_reason(error)}") from error
     except UnicodeError as error:  # what Python says of "a..b", a name that none can have
-        raise LinkLost(f"{address}: cannot connect: no name of a host") from error
+        raise LinkLost(f"{address}: cannot connect: this is not the name of a host") from error
     result.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return result
 
@@ -211,8 +210,8 @@ def require_pyserial() -> AbstractContextManager[None]:
 def _refuse_unknown_parameters(address: str, given: dict[str, str], known: tuple[str, ...]) -> None:
     for key in given:
         if key not in known:
-            possible = f"possible: {', '.join(known)}" if known else "a link of TCP has none"
-            raise InputError(f"unknown parameter {key!r} in {address!r}; {possible}")
+            possible = f"possible: {', '.join(known)}" if known else "a TCP address takes none"
+            raise InputError(f"unknown parameter {key!r} in {address!r}; {possible}", key=key)
 
 
 def _integer_parameter(
@@ -221,7 +220,8 @@ def _integer_parameter(
     text = given.get(key, str(otherwise))
     if not (text.isascii() and text.isdigit() and int(text) in within):
         raise InputError(
-            f"{key}={text!r} in {address!r}; possible: {within.start} to {within.stop - 1}"
+            f"{key}={text!r} in {address!r}; possible: {within.start} to {within.stop - 1}",
+            key=key,
         )
     return int(text)
 

@@ -7,25 +7,28 @@ resumed run go by. All else follows from the log, live and again: a run that goe
 import json
 from collections import deque
 from contextlib import ExitStack
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from time import monotonic
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError
 from inercal.host.assembly import SampleAssembler, SampleBlock
+from inercal.host.clock import HostUptime
 from inercal.host.closeable import Closeable
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.navigation import NavigationSolution, Navigator
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
-from inercal.host.run_log import EVENT, IMU, LogFrame, RunLog, read_frames
+from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
 from inercal.host.sequencer import SectionEvent
+from inercal.host.table_state_codec import unpack_states
 
-_PIECE_MIN, _PIECE_MAX = 0.5, 5.0  # s of the bench that are worked through at a time
+# s of the bench that are worked through at a time: the gyros are compared with the table as often
+_PIECE_MIN, PIECE_MAX = 0.2, 5.0
 _PIECE_WALL = 0.1  # s of the wall's
 _RECENT_COUNT = 8  # events, and blocks, that are at hand
 _TRIAD = 3
@@ -33,6 +36,24 @@ _LOSS_WARNING_INTERVAL = 60.0  # s
 _IMU_LATENCY = (
     0.05  # s from a sample to its bytes' arrival, at most: a USB converter's and a tick's
 )
+
+
+class LogEnd(NamedTuple):
+    """Where a log ends that is gone on with.
+
+    Parameters
+    ----------
+    time : float
+        The largest time of a frame, s of the run; 0 where the log is empty.
+    poll : (float, float) or None
+        s of the run and of the controller's clock, of the last reading of the table.
+    session : (float, HostUptime) or None
+        s of the run, and how long the host was up, when its last session began.
+    """
+
+    time: float = 0.0
+    poll: tuple[float, float] | None = None
+    session: tuple[float, HostUptime] | None = None
 
 
 class RunRecorder(Closeable):
@@ -48,6 +69,8 @@ class RunRecorder(Closeable):
     Attributes
     ----------
     assembly : SampleAssembler
+    log_end : LogEnd
+        Where the log ended when it was opened.
     live_estimator : LiveEstimator or None
         The estimate, where the run file's method has a sequential estimator.
     navigation : NavigationSolution or None
@@ -85,11 +108,11 @@ class RunRecorder(Closeable):
         self._journal = journal
         # Sections that the journal has yet to be told of, with the run's time of each.
         self._waiting_sections: deque[tuple[float, SectionEvent]] = deque()
-        self._last_processing = 0.0, 0.0
+        self._last_processing = -inf, -inf
         self._losses, self._last_loss_warning = (0, 0, 0), 0.0
         with ExitStack() as opened:
             self._log = opened.enter_context(RunLog(folder.log))
-            self._replay(folder)
+            self.log_end = self._replay(folder)
             self._open_resources = opened.pop_all()
 
     @property
@@ -106,7 +129,9 @@ class RunRecorder(Closeable):
         if kind == IMU:
             self._record_waiting_sections(time - _IMU_LATENCY)
 
-    def record_session(self, time: float, following: int, wraps: float) -> None:
+    def record_session(
+        self, time: float, following: int, wraps: float, uptime: HostUptime | None = None
+    ) -> None:
         """Keep that what follows does not follow what was before.
 
         Parameters
@@ -117,8 +142,12 @@ class RunRecorder(Closeable):
             The step that is next: those from there on are to be done again.
         wraps : float
             s after which the table's clock begins again.
+        uptime : HostUptime, optional
+            How long the host was up at `time`, where its clock is that of the run.
         """
-        known = {"wraps": wraps} if isfinite(wraps) else {}
+        known: dict[str, object] = {"wraps": wraps} if isfinite(wraps) else {}
+        if uptime is not None:
+            known |= {"boot": uptime.boot, "uptime": uptime.seconds}
         self._event(time, {"what": "session", "next": following, **known})
 
     def record_section(self, time: float, one: SectionEvent, *, holds: bool) -> None:
@@ -145,7 +174,7 @@ class RunRecorder(Closeable):
         A piece has a price of its own: a bench that is sped up has larger ones.
         """
         came, passed = time - self._last_processing[0], monotonic() - self._last_processing[1]
-        return came >= _PIECE_MIN and (passed >= _PIECE_WALL or came >= _PIECE_MAX)
+        return came >= _PIECE_MIN and (passed >= _PIECE_WALL or came >= PIECE_MAX)
 
     def process_pending(self, time: float) -> SampleBlock | None:
         """Put together what came, and estimate by it; return the samples that are new.
@@ -219,18 +248,36 @@ class RunRecorder(Closeable):
     def _event(self, at: float, content: dict[str, object]) -> None:
         self.record_frame(EVENT, at, json.dumps(content).encode())
 
-    def _replay(self, folder: RunFolder) -> None:
+    def _replay(self, folder: RunFolder) -> LogEnd:
         """Go through what the log holds of a run that was interrupted; what was said stays so."""
-        done = last = 0.0
+        done = latest = 0.0
+        last: dict[int, LogFrame] = {}
+        session: LogFrame | None = None
         for frame in read_frames(folder.log):
             self.assembly.feed(frame)
-            last = frame.time
-            if last - done >= _PIECE_MAX:
-                done = last
+            latest, last[frame.kind] = max(latest, frame.time), frame
+            if frame.kind == EVENT and b'"session"' in frame.payload:
+                session = frame
+            if latest - done >= PIECE_MAX:
+                done = latest
                 self._process_piece(done)
                 self._loss_warnings(done)
-        self._process_piece(last)
+        self._process_piece(latest)
+        return LogEnd(latest, _read_poll(last.get(TABLE)), _read_session(session))
 
     def close(self) -> None:
         """Close the log."""
         self._open_resources.close()
+
+
+def _read_poll(frame: LogFrame | None) -> tuple[float, float] | None:
+    """Return the run's time and the controller's of a reading of the table."""
+    return frame and (frame.time, float(unpack_states([frame.payload]).time[0]))
+
+
+def _read_session(frame: LogFrame | None) -> tuple[float, HostUptime] | None:
+    """Return the run's time, and how long the host was up, at the begin of a session."""
+    event: dict[str, Any] = json.loads(frame.payload) if frame else {}
+    if frame is None or "uptime" not in event:
+        return None
+    return frame.time, HostUptime(str(event["boot"]), float(event["uptime"]))

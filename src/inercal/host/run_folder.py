@@ -67,7 +67,9 @@ class RunFolder:
         result = (f"{run.path.stem}.{kind}" for kind in _OUTPUT_KINDS)
         for name in (*copied, LOG, run.data.file, *result):
             if (path / name).exists():
-                raise InputError(f"{path} holds {name} already: name another folder")
+                raise InputError(
+                    f"{path} holds {name} already; name another folder", file=path, names=(name,)
+                )
         with os_errors_as_input_errors(path, "made"):
             for name in copied:
                 given = content if name == run.path.name else None
@@ -157,8 +159,10 @@ def prepare_folder(path: str | os.PathLike[str]) -> None:
     path = Path(path)
     if (path / JOURNAL).exists():
         raise InputError(
-            f"{path} holds a run already: name another folder; one that was interrupted goes on by "
-            f"`inercal bench resume {path}`"
+            f"{path} holds a run already; name another folder, or continue this run by "
+            f"`inercal bench resume {path}`",
+            file=path,
+            names=(JOURNAL,),
         )
     with os_errors_as_input_errors(path, "made"):
         path.mkdir(parents=True, exist_ok=True)
@@ -179,19 +183,27 @@ def reopen_run(
     ------
     InputError
         There is no run in the folder, it is done, the IMU's packets are others, or a run of a
-        simulated bench is to go on at a table without its clock, or the other way round.
+        simulated bench is to be resumed at a table without its clock, or the other way round.
     """
     journal = Journal(Path(path) / JOURNAL)
     try:
         was = journal.header()
         if was.state == "done":
-            raise InputError(f"{path}: this run is done; its recording can be calibrated again")
+            raise InputError(
+                f"{path}: this run is done; calibrate its recording by `inercal calibrate`",
+                file=Path(path),
+            )
         folder = RunFolder.open_existing(path, was.run_file)
         table, imu = addresses[0] or was.table, addresses[1] or was.imu
         _require_same_kind(path, was, table, addresses[2])
         before, after = (layout_of_address(one).name for one in (was.imu, imu))
         if before != after:
-            raise InputError(f"{path}: what its log holds are packets of {before}, not {after}")
+            raise InputError(
+                f"{path}: its log holds packets of {before}, not {after}; give the same preset",
+                file=Path(path),
+                key="--imu",
+                names=(before, after),
+            )
         journal.set_addresses((table, imu, addresses[2] or was.clock))
     except BaseException:
         journal.close()
@@ -202,14 +214,20 @@ def reopen_run(
 def _require_same_kind(
     path: str | os.PathLike[str], was: JournalHeader, table: str, clock: str
 ) -> None:
-    """Refuse to go on by another time: granted by a simulated bench, or the wall's."""
+    """Refuse to resume by another kind of clock: granted by a simulated bench, or the host's."""
     if was.clock and not clock and table != was.table:
         raise InputError(
             f"{path} was begun on a simulated bench: give the clock's address "
-            "as well as the table's"
+            "as well as the table's",
+            file=Path(path),
+            key="--clock",
         )
     if clock and not was.clock:
-        raise InputError(f"{path} was begun by the wall's clock: it goes on without {clock}")
+        raise InputError(
+            f"{path} was not begun on a simulated bench: resume it without --clock {clock}",
+            file=Path(path),
+            key="--clock",
+        )
 
 
 def _referenced_files(run_file: Path) -> list[str]:
@@ -220,7 +238,10 @@ def _referenced_files(run_file: Path) -> list[str]:
     for name in files:
         if Path(name).parent != Path():
             raise InputError(
-                f"{run_file}: [method] names {name}: a run copies its files into its own folder; "
-                "put this file into the run file's folder"
+                f"{run_file}: [method] names {name}, which is in another folder; "
+                "put this file into the run file's folder, from which a run copies it",
+                file=run_file,
+                key="[method]",
+                names=(name,),
             )
     return files

@@ -80,7 +80,7 @@ class RunLog(Closeable):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             try:
                 # Before a look at it: a frame that another host is at looks like a torn one.
-                lock_file(self._file, f"{self.path}: another host drives this run")
+                lock_file(self._file, f"{self.path}: another host drives this run at this moment")
                 sound = max((end for _, end in _frames_with_ends(self.path)), default=0)
                 self.incomplete_bytes = os.fstat(self._file).st_size - sound
                 if self.incomplete_bytes:
@@ -167,7 +167,7 @@ def os_errors_as_input_errors(
     try:
         yield
     except OSError as error:
-        raise InputError(f"{path}: cannot be {what}: {error.strerror}") from None
+        raise InputError(f"{path}: cannot be {what}: {error.strerror}", file=str(path)) from None
 
 
 def lock_file(file: int, held: str) -> None:
@@ -197,8 +197,8 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
         at = 0
         while head := file.read(_HEAD.size + _CHECK.size):
             if _MAGIC[: len(head)] != head[:2]:
-                what = "is damaged" if at else "is not a log of a run"
-                raise InputError(f"{path} {what}: byte {at} begins no frame")
+                what = "is damaged" if at else "is not the log of a run"
+                raise InputError(f"{path} {what}: no frame begins at byte {at}", file=path)
             if len(head) < _HEAD.size + _CHECK.size:
                 return
             _, kind, length, time = _HEAD.unpack_from(head)
@@ -214,4 +214,6 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
 def _require_checksum(length: int, checked: bytes, path: Path, at: int) -> None:
     """Refuse bytes that are not those their check was made from."""
     if _CHECK.unpack_from(checked, length)[0] != crc32(checked[:length]):
-        raise InputError(f"{path} is damaged: the frame at byte {at} fails its check")
+        raise InputError(
+            f"{path} is damaged: the frame at byte {at} does not match its checksum", file=path
+        )

@@ -49,7 +49,7 @@ def test_presets_say_what_they_are_and_how_protected(name: str):
     layout = read_layout(name)
     assert layout.name == name
     assert layout.description
-    assert str(round(1 / layout.false_acceptance)) in layout.protection or name == "ascii"
+    assert str(2**layout.check_bits) in layout.protection or name == "ascii"
 
 
 FRAME, A, G, T = "[frame] packet", "[accelerometer]", "[gyro]", "[temperature]"

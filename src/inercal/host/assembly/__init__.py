@@ -157,6 +157,16 @@ class SampleAssembler:
             return None
         return self._table.offset - self._imu.offset
 
+    @property
+    def is_recording(self) -> bool:
+        """Samples are given out: both clocks are known, and the recording has begun."""
+        return self.offset is not None and self._sections.start < np.inf
+
+    @property
+    def last_reading_time(self) -> float:
+        """Time of the table's last reading, s by the table's clock; −∞ before the first."""
+        return self._table.last
+
     def feed(self, frame: LogFrame) -> None:
         """Put a frame to those to be worked through."""
         self._pending.append(frame)

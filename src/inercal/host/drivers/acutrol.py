@@ -141,7 +141,7 @@ class Acutrol(Closeable):
         ]
         said = self._dialogue.ask((";".join(parts) + "\n").encode()).split(";")
         if len(said) != 3 * len(parts):
-            raise ProtocolError(f"{self._dialogue.address}: {said!r} do not answer a reading")
+            raise ProtocolError(f"{self._dialogue.address}: {said!r} does not answer a reading")
         return TableState(
             nan, tuple(self._state(i, said[3 * i : 3 * i + 3]) for i in range(len(self._axes)))
         )
@@ -176,7 +176,9 @@ class Acutrol(Closeable):
     def _read_limits(self, n: int) -> AxisLimits:
         said = self._dialogue.ask(f":limit:absolute? {n}\n".encode()).split(",")
         if len(said) != 6:
-            raise ProtocolError(f"{self._dialogue.address}: {said!r} are no six limits of axis {n}")
+            raise ProtocolError(
+                f"{self._dialogue.address}: {said!r} is not the six limits of axis {n}"
+            )
         rate, acceleration, _, low, high, _ = (radians(_number(text)) for text in said)
         return AxisLimits(rate, acceleration, low, high)
 

@@ -21,12 +21,14 @@ Source: Delta Tau, Turbo PMAC Software Reference Manual.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, tau
 
 from inercal.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.drivers import pmac_codec as codec
+from inercal.host.drivers.pmac_codec import CommandRefused
 from inercal.host.drivers.pmac_dialogue import PmacDialogue
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
@@ -36,9 +38,8 @@ from inercal.host.drivers.rotary_table import (
     TableState,
     axis_index,
     require_unique_names,
-    stop_with_retry,
 )
-from inercal.host.link import Link, open_link
+from inercal.host.link import Link, LinkLost, open_link
 
 _CYCLES = 1 << 24  # X:$0 wraps here
 # s after a command in which a motor may still say that it is where it was: it starts at the next
@@ -90,7 +91,10 @@ class Pmac(Closeable):
         require_unique_names(self.axes)
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
-                raise InputError(f"axis {axis.name}: motors are 1 to 32, counts in a turn not 0")
+                raise InputError(
+                    f"axis {axis.name}: its motor must be 1 to 32, and its counts of a turn not 0",
+                    names=(axis.name,),
+                )
         motors = [a.motor for a in self._axes]
         self._ask_state = "RHX$0 " + " ".join(f"#{m}P#{m}V#{m}F#{m}?" for m in motors) + " RHX$0"
         self._cycle, self._clock_wraps = 0, 0
@@ -139,13 +143,38 @@ class Pmac(Closeable):
     def stop(self) -> None:
         """Decelerate all axes at Ixx15 (`^A`) and hold them; no safety function.
 
-        `^A` also closes the loops of killed motors. It brings no answer: what still turns is told
-        `J/` at the same deceleration, whose answer says that it was heard.
+        `^A` also closes the loops of killed motors. Motors that still turn then, or all where `^A`
+        is not answered in time, are told `J/` at the same deceleration. The caller has other means,
+        such as the watchdog, where an axis does not answer that either.
+
+        Raises
+        ------
+        CommandRefused, ProtocolError
+            A motor refuses `J/`, or did not answer; all others have been told.
+        LinkLost
+            The controller cannot be reached.
         """
-        stop_with_retry(lambda: self._dialogue.control("A"))
-        state = self.read()
-        turning = [a.motor for a, s in zip(self._axes, state.axes, strict=True) if s.moving]
-        self._each(f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/" for m in turning)
+        try:
+            heard = self._dialogue.control("A")
+        except LinkLost:
+            heard = self._dialogue.control("A")  # on another connection
+        motors = [a.motor for a in self._axes]
+        if heard:
+            with suppress(ProtocolError, LinkLost):
+                state = self.read()
+                motors = [m for m, axis in zip(motors, state.axes, strict=True) if axis.moving]
+        try:
+            # A reply of one line is told from a late answer to ^A.
+            self._each(
+                (f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/ RHX$0" for m in motors),
+                lambda line: self._dialogue.ask_at_once(line, 1),
+            )
+        except (ProtocolError, LinkLost):
+            heard = False
+            raise
+        finally:
+            if not heard:
+                self._dialogue.give_up()  # late replies may be under way
 
     def kill(self, *, coasting: bool = False) -> None:
         """Open the loops and take the power off (`K`).
@@ -160,9 +189,10 @@ class Pmac(Closeable):
                 if state.enabled and not state.settled:
                     raise TableFault(
                         f"axis {name} turns and would coast if killed: stop() first, then kill(), "
-                        "or kill(coasting=True) where stopping failed"
+                        "or kill(coasting=True) where stopping failed",
+                        names=(name,),
                     )
-        self._each(f"#{a.motor}K" for a in self._axes)
+        self._each((f"#{a.motor}K" for a in self._axes), self._ask)
 
     def read(self) -> TableState:
         """Return where the table is now; its time is the servo clock as it stands."""
@@ -172,8 +202,8 @@ class Pmac(Closeable):
         most = self._timeout / self.period
         if during > most or 0 < back <= most:
             raise ProtocolError(
-                f"{self._dialogue.address}: by its servo clock a reading began at {first:X}, ended "
-                f"at {last:X} and came after one at {self._cycle:X}: a digit is wrong"
+                f"{self._dialogue.address}: a digit of the servo clock is wrong: a reading "
+                f"began at {first:X} and ended at {last:X}, after a reading at {self._cycle:X}"
             )
         states = tuple(
             self._state(i, first, lines[1 + 4 * i : 5 + 4 * i]) for i in range(len(self._axes))
@@ -190,16 +220,16 @@ class Pmac(Closeable):
     def _ask(self, line: str, replies: int = 0) -> list[str]:
         return self._dialogue.ask(line, replies)
 
-    def _each(self, lines: Iterable[str]) -> None:
-        """Send all lines; a motor that refuses its own keeps no other from hearing theirs."""
-        refused: codec.CommandRefused | None = None
+    def _each(self, lines: Iterable[str], ask: Callable[[str], object]) -> None:
+        """Send all lines; a motor that fails at its own keeps no other from hearing theirs."""
+        failure: CommandRefused | ProtocolError | LinkLost | None = None
         for line in lines:
             try:
-                self._ask(line)
-            except codec.CommandRefused as error:
-                refused = refused or error
-        if refused:
-            raise refused
+                ask(line)
+            except (CommandRefused, ProtocolError, LinkLost) as error:
+                failure = failure or error
+        if failure:
+            raise failure
 
     def _state(self, i: int, cycle: int, lines: list[str]) -> AxisState:
         axis, started = self._axes[i], self._start_cycles[i]
@@ -227,7 +257,8 @@ class Pmac(Closeable):
         if active != 1 or skipped != 0:
             raise InputError(
                 f"axis {axis.name}: motor {axis.motor} must be activated (I{axis.motor}00=1) and "
-                f"close its loop every servo cycle (I{axis.motor}60=0)"
+                f"close its loop every servo cycle (I{axis.motor}60=0)",
+                names=(axis.name,),
             )
         count = tau / abs(axis.counts_per_turn)
         soft = (low * count if low else -inf, high * count if high else inf)

@@ -115,7 +115,9 @@ def response_request(line: str) -> bytes:
         data = b""
     if not 0 < len(data) <= _MAX_LINE_SIZE or min(data) < 0x20:
         raise InputError(
-            f"{line!r} is not a command line: 1 to {_MAX_LINE_SIZE} printable ASCII characters"
+            f"{line!r} is not a command line: it needs 1 to {_MAX_LINE_SIZE} printable ASCII "
+            "characters",
+            key="line",
         )
     return pack(">BBHHH", _DOWNLOAD, _GETRESPONSE, 0, 0, len(data)) + data
 
@@ -161,10 +163,10 @@ class ReplyReader:
 
         Raises
         ------
-        Refused
-            The controller said BELL; the message says which error.
+        CommandRefused
+            The controller answered BELL and an error.
         ProtocolError
-            Bytes behind the end, characters that are not text, or no end in sight.
+            Bytes after the end, characters that are not text, or no end within 1 MiB.
         """
         seen = len(self._data)
         self._data += data
@@ -173,7 +175,7 @@ class ReplyReader:
             self._end = found.start() if found else None
             junk = _JUNK.search(self._data, seen, found.start() if found else len(self._data))
             if junk:
-                raise ProtocolError(f"reply to {self._line!r}: byte {junk[0].hex()} is not a text")
+                raise ProtocolError(f"reply to {self._line!r}: byte {junk[0].hex()} is not text")
         if self._end is None:
             if len(self._data) > _MAX_REPLY_SIZE:
                 raise ProtocolError(
@@ -187,7 +189,7 @@ class ReplyReader:
 
     def _lines(self, end: int) -> list[str]:
         if end + 1 < len(self._data):
-            raise ProtocolError(f"reply to {self._line!r}: bytes behind its end")
+            raise ProtocolError(f"reply to {self._line!r}: bytes follow its end")
         text = self._data[:end].decode("ascii").replace("\n", "")
         if text and not text.endswith("\r"):
             raise ProtocolError(f"reply to {self._line!r}: its last line {text[-40:]!r} is cut")

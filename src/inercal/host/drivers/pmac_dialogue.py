@@ -1,9 +1,12 @@
-"""One question, one answer with a Turbo PMAC: a reply that comes too late is never the next one's.
+"""Requests to a Turbo PMAC and its replies: a reply that comes too late is never the next one's.
 
-A reply is read to its ACK. Where it does not come whole in time, or what comes is no reply, the
-controller is told to forget it, the connection is given up and a new one opened: bytes under way
-to the old one can no longer arrive. The question is not repeated, as the command may have been
-executed.
+A request is a packet of its own, and the next is sent when its reply has come or its time limit has
+passed: a controller may take one packet for one request. A reply is read to its ACK. Where it does
+not come whole in time, or what comes is no reply, the controller is told to forget it and the
+connection is given up; the next request opens another, which bytes under way to the old one cannot
+reach. A request is not repeated, as the command may have been executed.
+
+Commands that stop the table do not wait that long: see `control` and `ask_at_once`.
 """
 
 from collections.abc import Callable
@@ -17,6 +20,7 @@ from inercal.host.link import Link, LinkLost, open_link, read_until
 # ERRnnn behind BELL (I6), no LF before lines and ACK behind them (I3): what the codec reads; bare
 # numbers, addresses as $hex (I9).
 _REPLY_FORMAT_COMMAND = "i6=1 i3=2 i9=2"
+STOP_TIMEOUT = 0.3  # s that the answer to a command of a stop is waited for
 
 
 class PmacDialogue(Closeable):
@@ -46,15 +50,80 @@ class PmacDialogue(Closeable):
 
         Raises
         ------
-        Refused
-            The controller says ERRnnn; the connection stays.
+        CommandRefused
+            The controller answers ERRnnn; the connection stays.
         ProtocolError
-            No whole reply in time, one that is none, or another number of lines: nothing of it is
-            used, and the connection is a new one. The command may have been carried out.
+            No whole reply in time, bytes that are no reply, or another number of lines: nothing of
+            it is used, and the connection is given up. The command may have been executed.
         LinkLost
-            The connection is lost and cannot be made anew; the next call tries again.
+            The connection is lost, or cannot be opened; the next call opens another.
         """
         link = self._link or self._connect()
+        try:
+            if stray := link.read(codec.CHUNK_SIZE, 0.0):
+                raise ProtocolError(
+                    f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent: "
+                    "it answers no request"
+                )
+            return self._exchange(link, line, replies, self._timeout)
+        except (ProtocolError, LinkLost):
+            self.give_up()
+            raise
+
+    def ask_at_once(self, line: str, replies: int) -> list[str]:
+        """As `ask`, within `STOP_TIMEOUT`, and though an earlier request is unanswered.
+
+        After a `ProtocolError` the connection stays as it is, so that the next command of a stop
+        need not wait for another; the caller gives it up when all are sent.
+        """
+        link = self._link or self._connect()
+        try:
+            return self._exchange(link, line, replies, STOP_TIMEOUT)
+        except LinkLost:
+            self.give_up()
+            raise
+
+    def control(self, letter: str) -> bool:
+        """Send a control character, "A" for ^A; False where nothing answers in `STOP_TIMEOUT`.
+
+        The manual leaves open what answers a character that reports nothing. Any byte counts; then
+        a FLUSH, whose answer is known, ends whatever else comes. Without an answer the connection
+        stays, so that the next command of a stop can be sent at once.
+
+        Raises
+        ------
+        LinkLost
+            The connection is lost, or cannot be opened; the next call opens another.
+        """
+        link = self._link or self._connect()
+        try:
+            link.read(codec.CHUNK_SIZE, 0.0)  # what has arrived before is no answer
+            link.write(codec.control_request(letter))
+            if not read_until(link, lambda _: True, STOP_TIMEOUT):
+                return False
+            link.write(codec.flush_request())
+            if not read_until(link, lambda data: codec.FLUSH_ANSWER in data, STOP_TIMEOUT):
+                self.give_up()
+        except LinkLost:
+            self.give_up()
+            raise
+        return True
+
+    def give_up(self) -> None:
+        """Close a connection on which replies may be under way; the next request opens another."""
+        if self._link is not None:
+            with suppress(LinkLost):
+                self._link.write(codec.flush_request())
+        self.close()
+
+    def close(self) -> None:
+        """Close the connection, if there is one; the next request opens another."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def _exchange(self, link: Link, line: str, replies: int, timeout: float) -> list[str]:
+        """Send a command line and return the lines that answer it."""
         reader = codec.ReplyReader(line)
         lines: list[str] = []
 
@@ -67,54 +136,20 @@ class PmacDialogue(Closeable):
             lines.extend(got)
             return True
 
-        try:
-            if stray := link.read(codec.CHUNK_SIZE, 0.0):
-                raise ProtocolError(f"{self.address}: {stray[:20]!r} came unasked before {line!r}")
-            link.write(codec.response_request(line))
-            if not read_until(link, take, self._timeout, codec.CHUNK_SIZE):
-                raise ProtocolError(
-                    f"{self.address}: no whole reply to {line!r} within {self._timeout:g} s "
-                    f"({reader.size} bytes came); the command may have been executed"
-                )
-            if len(lines) != replies:
-                raise ProtocolError(
-                    f"{self.address}: {len(lines)} lines answer {line!r}, {replies} were due"
-                )
-        except (ProtocolError, LinkLost):
-            self._connect()
-            raise
+        link.write(codec.response_request(line))
+        if not read_until(link, take, timeout, codec.CHUNK_SIZE):
+            raise ProtocolError(
+                f"{self.address}: no whole reply to {line!r} within {timeout:g} s "
+                f"({reader.size} bytes came); the command may have been executed"
+            )
+        if len(lines) != replies:
+            raise ProtocolError(
+                f"{self.address}: {len(lines)} lines answer {line!r}; {replies} are expected"
+            )
         return lines
 
-    def control(self, letter: str) -> None:
-        """Send a control character, "A" for ^A.
-
-        The manual leaves open what answers one that reports nothing: a FLUSH behind it, whose
-        answer is known, ends whatever does.
-        """
-        link = self._link or self._connect()
-        try:
-            link.write(codec.control_request(letter) + codec.flush_request())
-            if not read_until(link, lambda data: codec.FLUSH_ANSWER in data, self._timeout):
-                raise ProtocolError(
-                    f"{self.address}: no answer to ^{letter}; it may have been heard"
-                )
-        except (ProtocolError, LinkLost):
-            self._connect()
-            raise
-
-    def close(self) -> None:
-        """Close the connection; a later question opens it anew."""
-        if self._link is not None:
-            self._link.close()
-            self._link = None
-
     def _connect(self) -> Link:
-        """Give up the connection there is, open another, and bring it into the form we read."""
-        if self._link is not None:
-            # Lost is what it is about to be.
-            with suppress(LinkLost):
-                self._link.write(codec.flush_request())
-            self.close()
+        """Open a connection, and bring replies into the format that the codec reads."""
         link = self._opener(self.address)
         came = bytearray()
         reader = codec.ReplyReader(_REPLY_FORMAT_COMMAND)

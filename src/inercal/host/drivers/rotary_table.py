@@ -17,7 +17,7 @@ REST_RATE = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates 
 
 
 class ProtocolError(InercalError):
-    """A reply that does not follow the protocol, or did not come whole: nothing of it was used."""
+    """A reply that does not follow the protocol, or did not arrive whole; none of it is used."""
 
 
 class TableFault(InercalError):
@@ -51,18 +51,22 @@ class AxisLimits:
         if angle is not None and not self.low <= angle <= self.high:
             raise InputError(
                 f"axis {axis}: {degrees(angle):.6g}° is beyond the soft limits; possible: "
-                f"{degrees(self.low):.6g}° to {degrees(self.high):.6g}°"
+                f"{degrees(self.low):.6g}° to {degrees(self.high):.6g}°",
+                key="angle",
+                names=(axis,),
             )
         requested = [("acceleration", acceleration, self.acceleration)]
         if angle is not None:
             requested.append(("rate", rate, self.rate))
-        elif rate != 0:  # A spin may be told to come to rest; a move needs a rate to get there.
+        elif rate != 0:  # A spin at 0 brings the axis to rest; a move needs a rate to get there.
             requested.append(("rate", abs(rate), self.rate))
         for what, value, most in requested:
             if not (0 < value <= most and isfinite(value)):
                 raise InputError(
-                    f"axis {axis}: {what} {degrees(value):.6g} is not possible; more than 0 and at "
-                    f"most {degrees(most):.6g} (in degrees and seconds)"
+                    f"axis {axis}: {what} {degrees(value):.6g} is not possible; it must be more "
+                    f"than 0 and at most {degrees(most):.6g} (in degrees and seconds)",
+                    key=what,
+                    names=(axis,),
                 )
 
 
@@ -190,14 +194,14 @@ class RotaryTable(Protocol):
 def axis_index(axis: str, axes: tuple[str, ...]) -> int:
     """Return the place of the axis named `axis`; raises `InputError` naming those there are."""
     if axis not in axes:
-        raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}")
+        raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}", names=(axis,))
     return axes.index(axis)
 
 
 def require_unique_names(axes: tuple[str, ...]) -> None:
     """Raise `InputError` where there are no axes, or two of one name."""
     if not axes or len(set(axes)) < len(axes):
-        raise InputError("a table needs axes, each of its own name")
+        raise InputError("a table needs at least one axis, and no two of one name", names=axes)
 
 
 def stop_with_retry(stop: Callable[[], object]) -> None:

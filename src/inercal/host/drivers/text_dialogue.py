@@ -1,4 +1,4 @@
-"""One line asked, one reply read, with a controller that talks in text and ends what it says.
+"""Lines of text sent to a controller, each answered by one reply that a known byte ends.
 
 Where a reply does not come whole in time, the link is given up and another opened. Over TCP that
 is all: bytes under way to the old connection cannot arrive. A serial port is read until it has been
@@ -39,8 +39,8 @@ class TextDialogue(Closeable):
     def ask(self, line: bytes, *, urgent: bool = False) -> str:
         """Return the reply to `line`, sent as it is, without its ending and spaces around.
 
-        What came unasked makes the reply doubtful, and is an error before anything is sent; an
-        urgent line is sent first.
+        Bytes that arrived before make the reply doubtful: they are an error, and nothing is sent.
+        An urgent line is sent all the same.
 
         Raises
         ------
@@ -56,12 +56,17 @@ class TextDialogue(Closeable):
         def whole(data: bytes) -> bool:
             came.extend(data)
             if len(came) > _MAX_REPLY_SIZE:
-                raise ProtocolError(f"{self.address}: no end in {_MAX_REPLY_SIZE} bytes of a reply")
+                raise ProtocolError(
+                    f"{self.address}: a reply has no end within {_MAX_REPLY_SIZE} bytes"
+                )
             return self._ending in data
 
         try:
             if not urgent and (stray := link.read(_MAX_REPLY_SIZE, 0.0)):
-                raise ProtocolError(f"{self.address}: {stray[:20]!r} came unasked before {line!r}")
+                raise ProtocolError(
+                    f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent: "
+                    "it answers no request"
+                )
             link.write(line)
             if not read_until(link, whole, self._timeout):
                 raise ProtocolError(
@@ -71,7 +76,7 @@ class TextDialogue(Closeable):
             text, behind = came.split(self._ending, 1)
             if behind or not text.isascii():
                 raise ProtocolError(
-                    f"{self.address}: {bytes(came[-40:])!r} is no reply to {line!r}"
+                    f"{self.address}: {bytes(came[-40:])!r} is not a reply to {line!r}"
                 )
         except (ProtocolError, LinkLost):
             self._open()

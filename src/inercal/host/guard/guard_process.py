@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
+from math import inf
 from select import select
 from subprocess import PIPE, STDOUT, Popen, TimeoutExpired
 from time import monotonic
@@ -48,7 +49,7 @@ class Guard(Closeable):
 
     def __init__(self, address: str, silence: float = 1.5, patience: float = 600.0):
         self.signal_received = self.axis_killed = False
-        self._received, self._beat_time = b"", -1.0
+        self._received, self._beat_time = b"", -inf
         self._released = False
         command = [sys.executable, "-P", "-m", "inercal.host.guard", address]
         command += ["--silence", str(silence), "--patience", str(patience)]

@@ -96,7 +96,14 @@ class Watchdog:
         self._stopping: _StopProgress | None = None
 
     def run(self) -> int:
-        """Watch until let go, or until the host is gone and the table at rest."""
+        """Watch until let go, or the host is gone and the table at rest; return the status."""
+        try:
+            return self._watch()
+        finally:
+            if self._table is not None:
+                self._table.close()
+
+    def _watch(self) -> int:
         if allows_second_connection(self._address) and not self._find_table():
             return 1
         self._say("ready")

@@ -90,11 +90,6 @@ class PacketLayout:
         )
 
     @property
-    def false_acceptance(self) -> float:
-        """Probability that a packet with changed bytes is taken for a good one, at most."""
-        return 2.0**-self.check_bits
-
-    @property
     def protection(self) -> str:
         """How well a packet is protected against changed bytes, in words.
 

@@ -27,7 +27,11 @@ from inercal.runfile import read
 
 COUNTS_PER_TURN = 3_600_000  # in a turn
 _MAX_BLOCK = 0.5  # s of motion in a part: the IMU keeps a few seconds
-_ANSWER_TIMEOUT = 5.0  # s of the wall for an IMU's answer; one that is slower has none
+_CONNECT_TIMEOUT = 5.0  # s of the wall for the IMU's process to be there
+# s of the wall that an IMU's answer is waited for: by a bench whose time is granted, which stands
+# still meanwhile, less than its host waits for it; by one that goes at a pace, hardly
+_GRANTED_ANSWER_TIMEOUT, _PACED_ANSWER_TIMEOUT = 15.0, 0.2
+_MAX_BACKLOG = 120.0  # s of motion that are kept for an IMU that does not answer
 
 
 class BenchDevice:
@@ -38,9 +42,17 @@ class BenchDevice:
     drawn : SimulatedErrors
     imu : socket, optional
         Where its motion goes.
+    answer_timeout : float
+        s of the wall that the IMU's answer is waited for. One that is later, as of a process that
+        was stopped, gets the motion that it has missed as soon as it answers.
     """
 
-    def __init__(self, drawn: SimulatedErrors, imu: socket.socket | None = None):
+    def __init__(
+        self,
+        drawn: SimulatedErrors,
+        imu: socket.socket | None = None,
+        answer_timeout: float = _GRANTED_ANSWER_TIMEOUT,
+    ):
         i10 = 3713707
         period = i10 / 8388608e3
         self.pmac = SimulatedPmac(drawn.axes(period), COUNTS_PER_TURN, i10)
@@ -51,7 +63,8 @@ class BenchDevice:
             line = f"I{motor}16={rate:.6f} I{motor}17={acceleration:.9f}"
             self.pmac.interpreter.execute_line(line.encode(), 1)
         self.bytes_sent, self.sent_until = 0, 0.0
-        self._imu = imu
+        self._imu, self._answer_timeout = imu, answer_timeout
+        self._imu_is_late = False  # its last answer was given up waiting for
         self._until = 0.0
         start = np.array([[(axis.start, 0.0, 0.0) for axis in self.pmac.table.axes]])
         self._unsent_blocks = [MotionBlock(0.0, period, 0, start)]
@@ -79,8 +92,8 @@ class BenchDevice:
 
     def receive_acknowledgements(self) -> None:
         """Wait until the IMU has sent what is due by what it was told."""
-        while self._unacknowledged:
-            self._receive_acknowledgement()
+        while self._unacknowledged and self._receive_acknowledgement():
+            pass
 
     def synchronise_imu(self) -> None:
         """Wait until the IMU has sent what is due by now."""
@@ -97,27 +110,39 @@ class BenchDevice:
 
     def _send_motion(self) -> None:
         """Tell the IMU; hear of all but the last that it is done with."""
-        for part in self._unsent_blocks:
+        while self._unsent_blocks:
             if self._imu is None:
-                self.sent_until = part.end_time
-                continue
+                self.sent_until = self._unsent_blocks[-1].end_time
+                self._unsent_blocks.clear()
+                return
+            if self._imu_is_late and not self._receive_acknowledgement():
+                if self._until - self._unsent_blocks[0].end_time > _MAX_BACKLOG:
+                    self._disconnect_imu()
+                return
+            part = self._unsent_blocks.pop(0)
             try:
                 motion_link.send(self._imu, part)
+                self._unacknowledged.append(part.end_time)
             except OSError:
                 self._disconnect_imu()
-                continue
-            self._unacknowledged.append(part.end_time)
-            while len(self._unacknowledged) > 1:
-                self._receive_acknowledgement()
-        self._unsent_blocks.clear()
+            while len(self._unacknowledged) > 1 and self._receive_acknowledgement():
+                pass
 
-    def _receive_acknowledgement(self) -> None:
-        assert self._imu is not None
+    def _receive_acknowledgement(self) -> bool:
+        """Hear that the IMU is done with a part; False where it does not say so in time."""
+        if self._imu is None:
+            return False
         try:
-            self.bytes_sent = motion_link.receive_byte_count(self._imu)
-            self.sent_until = self._unacknowledged.pop(0)
+            # An IMU that is late already is not waited for again.
+            timeout = 0.0 if self._imu_is_late else self._answer_timeout
+            sent = motion_link.receive_byte_count(self._imu, timeout)
         except OSError:
             self._disconnect_imu()
+            return False
+        self._imu_is_late = sent is None
+        if sent is not None:
+            self.bytes_sent, self.sent_until = sent, self._unacknowledged.pop(0)
+        return sent is not None
 
     def _disconnect_imu(self) -> None:
         """Go on without an IMU, as a table does."""
@@ -227,11 +252,13 @@ def main() -> None:
     try:
         drawn = draw_errors(read(options.run), options.seed)
         pace = GrantedClock() if options.pace == "granted" else ScaledClock(float(options.pace))
-        imu = motion_link.connect(options.motion, _ANSWER_TIMEOUT) if options.motion else None
+        imu = motion_link.connect(options.motion, _CONNECT_TIMEOUT) if options.motion else None
     except (InputError, OSError, ValueError) as error:
         print(f"no: {error}", flush=True)
         sys.exit(2)
-    server = SimulatorServer(BenchDevice(drawn, imu), pace, port=options.port)
+    granted = isinstance(pace, GrantedClock)
+    timeout = _GRANTED_ANSWER_TIMEOUT if granted else _PACED_ANSWER_TIMEOUT
+    server = SimulatorServer(BenchDevice(drawn, imu, timeout), pace, port=options.port)
     clock = ClockServer(server, pace) if isinstance(pace, GrantedClock) else None
     with server:
         print(f"at {server.address}" + (f" {clock.address}" if clock else ""), flush=True)

@@ -30,6 +30,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.errors import InputError
+from inercal.host.closeable import Closeable
 from inercal.host.packets import PacketLayout, read_layout
 from inercal.host.sim import motion_link
 from inercal.host.sim.faults import parse_number
@@ -122,6 +123,51 @@ def serve_motion(end: socket.socket, imu: SimulatedImu, sender: PacketSender) ->
             motion_link.send_byte_count(end, sender.sent)
 
 
+class MotionServer(Closeable):
+    """Serves the tables that connect, one after the other, in a thread that ends with `close`.
+
+    Parameters
+    ----------
+    listener : socket
+        Closed with the server.
+    imu : SimulatedImu
+    sender : PacketSender
+    """
+
+    def __init__(self, listener: socket.socket, imu: SimulatedImu, sender: PacketSender):
+        self._listener, self._imu, self._sender = listener, imu, sender
+        self._table: socket.socket | None = None
+        self._lock, self._closed = Lock(), False
+        self._thread = Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                end, _ = self._listener.accept()
+            except OSError:  # `close` has shut it down
+                return
+            with end:
+                with self._lock:
+                    if self._closed:
+                        return
+                    self._table = end
+                serve_motion(end, self._imu, self._sender)
+                with self._lock:
+                    self._table = None
+
+    def close(self) -> None:
+        """End the thread, whatever it waits for."""
+        with self._lock:
+            self._closed = True
+            for end in (self._listener, self._table):
+                if end is not None:
+                    with suppress(OSError):  # a table that has gone meanwhile
+                        end.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        self._listener.close()
+
+
 def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
     """Return the rate of the packets: as told, the layout's own, or that of the run's data.
 
@@ -208,13 +254,7 @@ def main() -> None:
 
         sender = PacketSender(packer, plug, options.seed)
 
-        def serve() -> None:
-            while True:
-                end, _ = listener.accept()
-                with end:
-                    serve_motion(end, imu, sender)
-
-        Thread(target=serve, daemon=True).start()
+        stack.enter_context(MotionServer(listener, imu, sender))
         print(f"at {sender.address} motion {motion}", flush=True)
         answer_lines(sender.set_fault, sys.stdin, sys.stdout)
         with sender.lock:

@@ -7,7 +7,8 @@ IMU has sent in all, once the readings due by then are sent.
 
 import socket
 from pathlib import Path
-from struct import Struct, pack
+from select import select
+from struct import Struct
 from time import monotonic, sleep
 from typing import NamedTuple
 
@@ -49,10 +50,6 @@ def connect(address: str, patience: float) -> socket.socket:
     end = socket.socket(socket.AF_UNIX)
     try:
         _retry_connect(end, address.removeprefix("unix:"), patience)
-        # The system's own time limit: that of Python asks twice.
-        limit = pack("@ll", int(patience), int(patience % 1 * 1e6))
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, limit)
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, limit)
     except OSError:
         end.close()
         raise
@@ -96,8 +93,16 @@ def send_byte_count(end: socket.socket, sent: int) -> None:
     end.sendall(_BYTE_COUNT.pack(sent))
 
 
-def receive_byte_count(end: socket.socket) -> int:
-    """Wait for the bytes that the IMU has sent; raises `OSError` where it is gone."""
+def receive_byte_count(end: socket.socket, timeout: float) -> int | None:
+    """Return how many bytes the IMU has sent; None where it does not answer within `timeout` s.
+
+    Raises
+    ------
+    OSError
+        The IMU is gone.
+    """
+    if not select([end], [], [], timeout)[0]:
+        return None
     data = _receive_exactly(end, _BYTE_COUNT.size)
     if data is None:
         raise ConnectionResetError("the IMU is gone")
