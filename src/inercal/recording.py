@@ -7,7 +7,7 @@ axes of trials, `(..., n, m)`; trials share times and labels.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -275,6 +275,22 @@ class HalfSectionChanges:
     warming: Array | None = None
 
 
+class AngleQuality(NamedTuple):
+    """How well a table's angles are known at each sample, where a host interpolated its readings.
+
+    `noise_gain` is the sum of the squares of the interpolation's weights: the variance of the
+    angles' noise over that of one reading. A filter uses no angle whose gain is infinite.
+    `interpolation_sd` is infinite where nothing bounds what the table did between two readings.
+    """
+
+    noise_gain: Array  # (n,)
+    interpolation_sd: Array  # (n,) rad
+
+    def where(self, rows: "NDArray[np.bool_] | Indices | slice") -> "AngleQuality":
+        """Return the quality at some of the samples."""
+        return AngleQuality(self.noise_gain[rows], self.interpolation_sd[rows])
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
     """The samples of a turntable's run in SI, for methods that follow them one by one.
@@ -291,6 +307,8 @@ class Track:
         Number of the hold, from 0 on, that a sample belongs to; -1 while the table moves.
     temperature : (..., n) array or None
         K.
+    angle_quality : AngleQuality or None
+        None where every sample has an angle of its own, read with the readback's noise.
 
     Raises
     ------
@@ -303,9 +321,12 @@ class Track:
     angles: Array
     hold: Indices
     temperature: Array | None = None
+    angle_quality: AngleQuality | None = None
 
     def __post_init__(self) -> None:
         n = self.time.size
+        if self.angle_quality is not None and any(q.shape != (n,) for q in self.angle_quality):
+            raise InputError(f"track: the quality of its angles is not of {n} samples")
         if self.reading.shape[-2] != n or self.angles.shape[-2] != n or self.hold.shape != (n,):
             raise InputError(
                 f"track: {n} times, readings {self.reading.shape}, angles {self.angles.shape} and "
@@ -327,6 +348,39 @@ class Track:
             self.angles[..., at, :],
             self.hold[at],
             None if self.temperature is None else self.temperature[..., at],
+            None if self.angle_quality is None else self.angle_quality.where(at),
+        )
+
+    def angle_variance(self, variance: float) -> Array:
+        """Return the variance of the angles at each sample, (n,) rad².
+
+        Infinite where the angles are not usable.
+
+        Parameters
+        ----------
+        variance : float
+            Of the noise of one reading of the table, rad².
+        """
+        if self.angle_quality is None:
+            return np.full(self.time.size, variance)
+        gain, sd = self.angle_quality
+        return variance * gain + sd**2
+
+    @property
+    def with_known_angles(self) -> "Track":
+        """The samples at which the table's angles are known."""
+        if self.angle_quality is None:
+            return self
+        at = np.isfinite(self.angle_quality.interpolation_sd)
+        if at.all():
+            return self
+        return Track(
+            self.time[at],
+            self.reading[..., at, :],
+            self.angles[..., at, :],
+            self.hold[at],
+            None if self.temperature is None else self.temperature[..., at],
+            self.angle_quality.where(at),
         )
 
     def trial(self, *index: int) -> "Track":
@@ -334,7 +388,9 @@ class Track:
         t = self.temperature
         if t is not None and t.ndim > 1:
             t = t[index]
-        return Track(self.time, self.reading[index], self.angles[index], self.hold, t)
+        return Track(
+            self.time, self.reading[index], self.angles[index], self.hold, t, self.angle_quality
+        )
 
     def temperature_offset(self, reference: float) -> Array | None:
         """Return the temperature of each sample minus a reference, (..., n) K; None without one."""

@@ -23,6 +23,7 @@ from typing import Literal, Self
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
+from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
 from inercal.host.clock import Clock, SimulatedClock, WallClock
 from inercal.host.drivers.rotary_table import TableFault, TableState
@@ -112,6 +113,7 @@ class BenchRun:
             opened.callback(self._clock.close)
             self._table = opened.enter_context(open_table(addresses.table, bench))
             self._interlocks = self._create_interlocks()
+            self._plausibility = ReadingPlausibility(bench)
             self._require_feasible_plan()
             patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
@@ -209,7 +211,7 @@ class BenchRun:
         for time, data in heard.pieces:
             self.recorder.record_frame(IMU, time, data)
         self._interruptions.update(self.time, self._imu, self._options.patience)
-        if fresh is not None:
+        if fresh is not None and self._is_plausible(fresh[1]):
             self._advance_sequencer(fresh[1])
         if self.recorder.is_processing_due(self.time):
             self._process_pending()
@@ -231,6 +233,20 @@ class BenchRun:
         except LinkLost as error:
             self._interruptions.end(str(error))
             return None
+
+    def _is_plausible(self, state: TableState) -> bool:
+        """Tell whether a reading may be a motion of the table; end the run where many are not.
+
+        One that is not is in the log, and leads to nothing.
+        """
+        if self._plausibility.accept_state(state):
+            return True
+        if self._plausibility.is_fault:
+            self._interruptions.end(
+                f"{self._plausibility.in_a_row} readings of the table in a row are no motion "
+                "within its limits: an encoder jumps, or digits of its replies are wrong"
+            )
+        return False
 
     def _advance_sequencer(self, state: TableState) -> None:
         """Show the sequencer a state of the table, and do what it says."""
@@ -310,7 +326,7 @@ class BenchRun:
             return
         if block.starts_recording:
             self._interlocks = self._create_interlocks()
-        words = self._interlocks.check_gyros(block.track)
+        words = self._interlocks.check_gyros(block.track.with_known_angles)
         if words is not None and not self._gyros_disagree:
             self._gyros_disagree = True
             self._interruptions.end(words)
@@ -331,6 +347,7 @@ class BenchRun:
                     most.check(name, task.rate or held.rate, held.acceleration, angle)
 
     def _record_session(self) -> None:
+        self._plausibility.restart()
         self.recorder.record_session(self.time, self.sequencer.number, self._table.wrap_period)
 
     def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:

@@ -23,6 +23,8 @@ from inercal.methods.turntable.strapdown import (
 from inercal.methods.turntable.terms import BIAS, Terms
 
 Indices = NDArray[np.int64]
+INNOVATION_GATE = 5.0  # standard deviations of an innovation; chance exceeds it once in 2 million
+MAX_REJECTIONS = 3  # in a row
 
 
 class FilterSamples(NamedTuple):
@@ -104,6 +106,46 @@ def predict_covariance(model: KernelModel, first: int, to: Transition, p: Array)
     """Carry a covariance to the next epoch, in place; the drift's states begin at `first`."""
     predict(p, to.a, to.keep, to.driven, to.drawn)
     add_drift_cross_covariance(model.drift, first, to.joint, p)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_rejected(
+    innovation: Array, h: Array, p: Array, variance: Array, gate: float, rejections: Indices
+) -> bool:
+    """Tell whether observations are rejected: one is beyond the gate; count them.
+
+    After `MAX_REJECTIONS` in a row the next ones are taken: what differs for longer is no false
+    reading, and the NIS is to show it.
+
+    Parameters
+    ----------
+    innovation : (m,) array
+    h : (m, n) array
+    p : (n, n) array
+    variance : (m,) array
+        Of the observations' noise.
+    gate : float
+        Standard deviations.
+    rejections : (2,) array of int
+        In a row, and in all; changed in place.
+    """
+    beyond = False
+    for k in range(innovation.size):
+        # The innovation's variance is at least that of the noise, and costs n² to know.
+        square = innovation[k] * innovation[k] / (gate * gate)
+        if square > variance[k]:
+            s = variance[k]
+            for i in range(p.shape[0]):
+                if h[k, i] != 0.0:
+                    for j in range(p.shape[0]):
+                        s += h[k, i] * p[i, j] * h[k, j]
+            beyond |= square > s
+    if not beyond or rejections[0] >= MAX_REJECTIONS:
+        rejections[0] = 0
+        return False
+    rejections[0] += 1
+    rejections[1] += 1
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -39,6 +39,7 @@ class FilterResult(NamedTuple):
     untested_reason: str  # why NIS does not test what was stated; empty where it does
     shared_covariance: Array  # (p, p), part of the covariance that no innovation shows: gravity's
     test_data: InnovationTestData | None = None  # where its steps were kept
+    rejections: int = 0  # readbacks beyond the gate
 
     @property
     def sd(self) -> float:
