@@ -27,7 +27,6 @@ from inercal.benches.turntable.rest_timing import settling_time
 from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
-from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
 from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
@@ -143,7 +142,7 @@ class SampleAssembler:
             raise InputError(f'{run.path}: [data] rate is missing, such as "200 Hz"')
         self.sensor = run.sensor
         self._imu = ReceivedSamples(run.sensor, layout, run.rate_hz)
-        self._table = TablePolls(poll, ReadingPlausibility(bench))
+        self._table = TablePolls(poll, bench)
         self._settling = settling_time(bench)
         self._sections = SectionTimeline(self._settling)
         # SI size of a unit of each axis' column in the recording; negative reverses.

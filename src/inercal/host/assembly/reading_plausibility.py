@@ -27,7 +27,7 @@ MAX_IMPLAUSIBLE_READINGS = 5  # in a row: as many as readings that may fail
 _RATE_MARGIN = 1.2  # times the bench's limit, as of the interlocks
 _ACCELERATION_MARGIN = 2.0  # times the bench's limit: a servo overshoots where a ramp begins
 _RATE_SHARE = 0.05  # of a stated rate, which controllers average over some servo cycles
-_NOISE_FACTOR = 6.0  # standard deviations
+NOISE_FACTOR = 6.0  # standard deviations
 _RESOLUTION = radians(1e-4)  # rad, of rates and angles told in few digits
 _SETTLED_ANGLE = radians(10 / 3600)  # rad, by which a servo that is settled may still move
 _MAX_COMPARABLE_GAP = 1.0  # s after which a reading is compared with none before
@@ -76,7 +76,7 @@ class ReadingPlausibility:
             (_RATE_MARGIN * one.rate, _ACCELERATION_MARGIN * one.acceleration)
             for one in bench.axis_motion_limits
         )
-        self._noise = _NOISE_FACTOR * bench.white + _RESOLUTION
+        self._noise = NOISE_FACTOR * bench.white + _RESOLUTION
         self._latency = abs(bench.latency.value) + 3 * bench.latency.sd
         self._accepted: _Reading | None = None
         self._doubted: _Reading | None = None

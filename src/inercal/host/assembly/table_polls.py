@@ -20,9 +20,14 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
 from inercal.host.assembly.clock_matching import MATCHING_TIME, wrap_correction
-from inercal.host.assembly.reading_plausibility import AxisReading, ReadingPlausibility
+from inercal.host.assembly.reading_plausibility import (
+    NOISE_FACTOR,
+    AxisReading,
+    ReadingPlausibility,
+)
 from inercal.host.run_log import LogFrame
 from inercal.host.table_state_codec import StateArrays, unpack_states
 from inercal.methods.turntable.model import EPOCH_PERIOD
@@ -35,7 +40,7 @@ _GAP_POLLS = 2.5
 # s without a poll after which no angle is known: it may have gone anywhere. A table is taken to
 # stand through as much that stood on both sides.
 MAX_UNREAD = 5.0
-SAME_ANGLE = 5e-5  # rad, 10″
+SAME_ANGLE = 5e-5  # rad, 10″, by which the angles of a table that stands differ beside noise
 _MAX_POLL_AGE = EPOCH_PERIOD / 2  # s from a poll within which no other epoch has it
 # What a cubic is off by over what a fifth poll changes: root mean squares over the places of a
 # sudden acceleration among evenly spaced polls (0.0097 and 0.0071 of its square of the interval).
@@ -66,8 +71,8 @@ class TablePolls:
     ----------
     poll : float
         s between polls.
-    plausibility : ReadingPlausibility
-        The check that leaves out what is no motion of the table.
+    bench : Turntable
+        Its limits and noise: what is no motion of it is left out.
 
     Attributes
     ----------
@@ -83,11 +88,12 @@ class TablePolls:
         Polls in all.
     """
 
-    def __init__(self, poll: float, plausibility: ReadingPlausibility):
+    def __init__(self, poll: float, bench: Turntable):
         self.history: PollHistory | None = None
         self.offset: float | None = None
         self.drops = self.count = 0
-        self._gap, self._plausibility = _GAP_POLLS * poll, plausibility
+        self._gap, self._plausibility = _GAP_POLLS * poll, ReadingPlausibility(bench)
+        self._same_angle = SAME_ANGLE + NOISE_FACTOR * bench.white
         self._first_arrival, self._least_difference = 0.0, inf
         self._wraps, self._must_match = inf, False
         self.wrap_offset = 0.0
@@ -199,7 +205,9 @@ class TablePolls:
         found = np.zeros((time.size, self.history.angle.shape[1]))
         quality = AngleQuality(np.full(time.size, inf), np.full(time.size, inf))
         there = np.zeros(time.size, np.bool_)
-        _interpolate_angles(time, *self.history, self._gap, found, *quality, there)
+        _interpolate_angles(
+            time, *self.history, self._gap, self._same_angle, found, *quality, there
+        )
         return found, quality, there & np.isfinite(found).all(axis=-1)
 
 
@@ -210,6 +218,7 @@ def _interpolate_angles(
     y: Array,
     settled: NDArray[np.bool_],
     gap: float,
+    same: float,
     found: Array,
     gain: Array,
     sd: Array,
@@ -224,10 +233,7 @@ def _interpolate_angles(
             a += 1
         step = x[a + 1] - x[a]
         there[i] = t >= x[a] and step <= MAX_UNREAD
-        stood = there[i] and settled[a] and settled[a + 1]
-        for k in range(y.shape[1]):
-            stood = stood and abs(y[a + 1, k] - y[a, k]) <= SAME_ANGLE
-        if stood:
+        if there[i] and _stood(x, y, settled, same, a):
             near = a if t - x[a] <= x[a + 1] - t else a + 1
             for k in range(y.shape[1]):
                 found[i, k] = y[near, k]
@@ -236,7 +242,9 @@ def _interpolate_angles(
                 gain[i] = 1.0
             continue
         first, last = a, a + 1
-        whole = a > 0 and step <= gap and x[a] - x[a - 1] <= gap and x[a + 2] - x[a + 1] <= gap
+        whole = a > 0 and step <= gap
+        for b in (a - 1, a + 1):
+            whole = whole and (x[b + 1] - x[b] <= gap or _stood(x, y, settled, same, b))
         if whole:
             first, last = a - 1, a + 2
         _lagrange_weights(x, first, last, t, weight)
@@ -252,7 +260,8 @@ def _interpolate_angles(
             gain[i] += weight[j] * weight[j]
         beyond = 0
         for e in (a - 2, a + 3):
-            if e < 0 or (e < a and x[a - 1] - x[e] > gap) or (e > a and x[e] - x[a + 2] > gap):
+            b = e if e < a else a + 2  # where the way to it begins
+            if e < 0 or not (x[b + 1] - x[b] <= gap or _stood(x, y, settled, same, b)):
                 continue
             beyond += 1
             # The interpolant through a fifth point moves by what the cubic misses there, times ω.
@@ -267,6 +276,17 @@ def _interpolate_angles(
                 sd[i] = max(sd[i], _INTERPOLATION_FACTOR * abs(ratio * missed))
         if beyond == 0:
             gain[i], sd[i] = np.inf, np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stood(x: Array, y: Array, settled: NDArray[np.bool_], same: float, a: int) -> bool:
+    """Tell whether the table is taken to stand between poll a and the next."""
+    if a < 0 or x[a + 1] - x[a] > MAX_UNREAD or not (settled[a] and settled[a + 1]):
+        return False
+    stands = True
+    for k in range(y.shape[1]):
+        stands = stands and abs(y[a + 1, k] - y[a, k]) <= same
+    return stands
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

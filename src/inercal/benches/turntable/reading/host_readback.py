@@ -14,6 +14,7 @@ from inercal.recording import AngleQuality, Finding, Recording
 BENCH_GROUP = "bench"
 POLLS, IMPLAUSIBLE_POLLS = "polls", "polls left out as implausible"
 UNUSABLE_ANGLES = "samples with unusable angle"
+_FEW = 0.01  # of the readings, that may be left out without a word in the verdict
 _SUFFIXES = (".h5", ".hdf5")
 
 
@@ -68,7 +69,7 @@ def _findings(attributes: dict[str, object]) -> tuple[Finding, ...]:
     if implausible:
         result.append(
             Finding(
-                "warning",
+                "note" if implausible < _FEW * polls else "warning",
                 "implausible",
                 f"the host left out {implausible} of {polls} readings of the table: position, rate "
                 "and following error were not those of a motion within the bench's limits; look at "
