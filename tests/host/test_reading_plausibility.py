@@ -17,6 +17,7 @@ from inercal.host.assembly.reading_plausibility import (
     AxisReading,
     ReadingPlausibility,
 )
+from inercal.host.live_estimator import LiveEstimator
 from inercal.host.run_log import TABLE, LogFrame
 from inercal.host.table_state_codec import unpack_states
 from inercal.runfile import Run
@@ -184,6 +185,26 @@ def test_angles_beside_an_outage_through_a_stop_are_not_usable(run: Run):
     off = np.abs(block.angles - bench.angles(when)).max(axis=-1)
     assert off[near].max() > 100 * ARCSEC  # what a line or a cubic makes of the stop
     assert off[usable].max() < 20 * ARCSEC
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_filter_goes_through_an_outage_at_a_stop_by_the_gyros(run: Run, seed: int):
+    """Angles interpolated through the stop gave a NIS of hundreds and biases that were off."""
+    bench = Bench(run, seed=seed)
+    frames = bench.frames()
+    states = unpack_states([one.payload for one in frames if one.kind == TABLE])
+    turned = np.abs(states.rate).max(axis=-1) > radians(2)
+    stop = float(states.time[np.flatnonzero(turned)[-1]]) - bench.servo
+    for before, after in ((0.02, 0.07), (0.15, 0.1), (0.3, 0.05)):
+        kept = [
+            one
+            for one in frames
+            if one.kind != TABLE or not stop - before < one.time < stop + after
+        ]
+        live = LiveEstimator(run)
+        live.feed(samples(run, kept)[1])
+        nis, components = live.innovations["w"]
+        assert 0.8 < nis / components < 1.1
 
 
 def test_the_interpolation_says_how_far_it_is_off(run: Run):

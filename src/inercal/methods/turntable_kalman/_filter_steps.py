@@ -23,7 +23,8 @@ from inercal.methods.turntable.strapdown import (
 from inercal.methods.turntable.terms import BIAS, Terms
 
 Indices = NDArray[np.int64]
-INNOVATION_GATE = 5.0  # standard deviations of an innovation; chance exceeds it once in 2 million
+# Standard deviations of an epoch's innovation: of three components chance exceeds it in 1.5e-4.
+INNOVATION_GATE = 4.5
 MAX_REJECTIONS = 3  # in a row
 
 
@@ -112,7 +113,7 @@ def predict_covariance(model: KernelModel, first: int, to: Transition, p: Array)
 def is_rejected(
     innovation: Array, h: Array, p: Array, variance: Array, gate: float, rejections: Indices
 ) -> bool:
-    """Tell whether observations are rejected: one is beyond the gate; count them.
+    """Tell whether observations are rejected, νᵀ S⁻¹ ν > gate² with S = H P Hᵀ + R; count them.
 
     After `MAX_REJECTIONS` in a row the next ones are taken: what differs for longer is no false
     reading, and the NIS is to show it.
@@ -120,27 +121,44 @@ def is_rejected(
     Parameters
     ----------
     innovation : (m,) array
+        ν.
     h : (m, n) array
     p : (n, n) array
     variance : (m,) array
-        Of the observations' noise.
+        Diagonal of R.
     gate : float
-        Standard deviations.
+        Standard deviations; infinite where nothing is rejected.
     rejections : (2,) array of int
         In a row, and in all; changed in place.
     """
-    beyond = False
-    for k in range(innovation.size):
-        # The innovation's variance is at least that of the noise, and costs n² to know.
-        square = innovation[k] * innovation[k] / (gate * gate)
-        if square > variance[k]:
-            s = variance[k]
-            for i in range(p.shape[0]):
+    m, n, most = innovation.size, p.shape[0], gate * gate
+    distance = 0.0
+    for k in range(m):
+        distance += innovation[k] * innovation[k] / variance[k]
+    # S is no less than R, and costs m n² to know.
+    if distance > most:
+        s, ph = np.zeros((m, m)), np.zeros(n)
+        for k in range(m):
+            for j in range(n):
+                ph[j] = 0.0
+            for i in range(n):
                 if h[k, i] != 0.0:
-                    for j in range(p.shape[0]):
-                        s += h[k, i] * p[i, j] * h[k, j]
-            beyond |= square > s
-    if not beyond or rejections[0] >= MAX_REJECTIONS:
+                    for j in range(n):
+                        ph[j] += h[k, i] * p[i, j]
+            s[k, k] = variance[k]
+            for q in range(m):
+                for j in range(n):
+                    s[k, q] += ph[j] * h[q, j]
+        distance = 0.0
+        rest = innovation.copy()
+        for k in range(m):  # elimination: the square of each part that those before do not tell
+            distance += rest[k] * rest[k] / s[k, k]
+            for q in range(k + 1, m):
+                share = s[q, k] / s[k, k]
+                rest[q] -= share * rest[k]
+                for j in range(k + 1, m):
+                    s[q, j] -= share * s[k, j]
+    if distance <= most or rejections[0] >= MAX_REJECTIONS:
         rejections[0] = 0
         return False
     rejections[0] += 1

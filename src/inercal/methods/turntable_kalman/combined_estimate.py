@@ -33,6 +33,9 @@ from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
+# Share of the components at whose epochs an innovation is rejected, ten times that of chance.
+_CHANCE_REJECTIONS = 5e-4
+
 
 def run_filter(
     kind: FilterKind,
@@ -210,10 +213,10 @@ def _notes(
     """Say how innovations agree, and what the uncertainties do not hold."""
     result = [describe_innovations(one) for one in parts]
     result += [
-        f"{one.course.name}: the filter took no account of {one.rejections} readings of the table, "
-        f"whose innovations were beyond {INNOVATION_GATE:g} standard deviations"
+        f"{one.course.name}: the filter took no account of the table's angles at {one.rejections} "
+        f"epochs: their innovations exceeded {INNOVATION_GATE:g} standard deviations"
         for one in parts
-        if one.rejections
+        if one.rejections > _CHANCE_REJECTIONS * one.components
     ]
     result += [words for one in parts if (words := _prior_share_note(one))]
     if not config.table and (bench.square > 0 or any(bench.harmonics)):
