@@ -68,8 +68,13 @@ def by_the_command_line(folder: Path) -> Path:
     return folder / "run"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", PLANS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("faster", marks=pytest.mark.slow),
+        *(pytest.param(name, marks=pytest.mark.evidence) for name in ("demo", "slower")),
+    ],
+)
 def test_page_and_command_line_find_the_same(tmp_path: Path, name: str):
     path, replaced = PLANS[name]
     plan(tmp_path / "plans", path, replaced)
