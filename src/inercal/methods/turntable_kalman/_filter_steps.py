@@ -23,8 +23,9 @@ from inercal.methods.turntable.strapdown import (
 from inercal.methods.turntable.terms import BIAS, Terms
 
 Indices = NDArray[np.int64]
-# Standard deviations of an epoch's innovation: of three components chance exceeds it in 1.5e-4.
-INNOVATION_GATE = 4.5
+# Standard deviations of an epoch's innovation. Chance exceeds it in one of 900 epochs, which costs
+# nothing; an error of five must not be used where the noise hides part of it.
+INNOVATION_GATE = 4.0
 MAX_REJECTIONS = 3  # in a row
 
 

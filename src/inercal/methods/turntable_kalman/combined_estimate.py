@@ -33,8 +33,8 @@ from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
 
-# Share of the components at whose epochs an innovation is rejected, ten times that of chance.
-_CHANCE_REJECTIONS = 5e-4
+# Rejections a component, five times those of chance: of three components one epoch in 900 has one.
+_CHANCE_REJECTIONS = 2e-3
 
 
 def run_filter(
