@@ -18,7 +18,7 @@ import numpy as np
 
 from inercal.errors import InercalError
 from inercal.host.bench_run import BenchRun
-from inercal.host.bench_simulator import POLL_INTERVAL, start_bench_simulator
+from inercal.host.bench_simulator import start_bench_simulator
 from inercal.host.packets import read_layout
 from inercal.host.run_completion import finish_run
 from inercal.host.run_execution import RunInterrupted, execute_run
@@ -91,7 +91,7 @@ def demo(
         run = _write_run_file(Path(plans), quick=quick)
         with start_bench_simulator(run, seed, _PACKETS) as bench:
             # The bench's processes have read the run file; from here on its copy counts.
-            result, journal = create_run(folder, run, bench.addresses, POLL_INTERVAL)
+            result, journal = create_run(folder, run, bench.addresses)
             with journal, result.removed_on_failure():
                 try:
                     run_process = execute_run(

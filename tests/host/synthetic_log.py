@@ -150,6 +150,10 @@ class Bench:
         """Whether the host is there."""
         return not any(gone <= time < back for gone, back in self.faults.outages)
 
+    def stands(self, time: float) -> bool:
+        """Whether the table waits for the host, away or just back."""
+        return any(gone <= time < back + 0.1 for gone, back in self.faults.outages)
+
     def frames(self) -> list[LogFrame]:
         """Return all that is logged, in order."""
         rank = {TABLE: 0, IMU: 1, EVENT: 2}
@@ -196,13 +200,17 @@ class Bench:
         )
         if not self.quiet:
             said = said + self.bench.white * self.rng.standard_normal(said.shape)
+        rates = self.way.evaluate(self.along(times - self.latency))[1]
+        rates[[self.stands(t) for t in times.tolist()]] = 0.0
         moving = np.abs(self.way.evaluate(self.along(times))[1]) > 0
         late = 1e-3 * self.rng.random(times.size)
         made: list[LogFrame] = []
-        for t, row, turns, wait in zip(times.tolist(), said, moving, late, strict=True):
+        for t, row, rate, turns, wait in zip(
+            times.tolist(), said, rates, moving, late, strict=True
+        ):
             axes = tuple(
-                AxisState(float(a), 0.0, 0.0, not m, bool(m), True, True)
-                for a, m in zip(row, turns, strict=True)
+                AxisState(float(a), float(r), 0.0, not m, bool(m), True, True)
+                for a, r, m in zip(row, rate, turns, strict=True)
             )
             made.append(
                 LogFrame(TABLE, t + wait * 0.5, pack_state(TableState(self._servo(t), axes)))

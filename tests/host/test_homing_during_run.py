@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from inercal.benches.turntable import Turntable
 from inercal.host.assembly.table_polls import TablePolls
 from inercal.host.drivers.rotary_table import AxisState, TableState
 from inercal.host.run_log import TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state, unpack_states
+from inercal.units import Measured
 
 POLL = 0.02  # s
 
@@ -31,11 +33,11 @@ def test_while_the_zero_is_sought_no_angle_is_known_wherever_it_is_found(found: 
     def homed(time: float) -> bool:
         return not 8.0 <= time < 10.0
 
-    table = TablePolls(POLL)
+    table = TablePolls(POLL, Turntable(Measured(9.8, 0.0), 0.0, axes="z"))
     times = np.arange(0.0, 12.0, POLL)
     table.feed([said(t, found if t >= 10 else 0.0, homed=homed(t)) for t in times.tolist()])
     asked = np.arange(0.0, 11.9, 0.005)
-    angles, there = table.angles(asked)
+    angles, _, there = table.angles(asked)
     at_rest = (asked < 7.9) | (asked > 10.1)
     assert there[at_rest].all()
     assert not there[(asked > 8.0) & (asked < 10.0)].any()

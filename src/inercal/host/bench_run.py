@@ -24,6 +24,7 @@ import numpy as np
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
+from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
 from inercal.host.clock import (
     Clock,
@@ -125,6 +126,7 @@ class BenchRun:
             self._clock, self._last_checks = self._open_clock(addresses)
             opened.callback(self._clock.close)
             self._interlocks = self._create_interlocks()
+            self._plausibility = ReadingPlausibility(bench)
             self._require_feasible_plan()
             patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
@@ -226,7 +228,7 @@ class BenchRun:
             self.recorder.record_frame(IMU, time, data)
         self._update_last_checks()
         self._interruptions.update(self.time, self._imu, self._last_checks, self._options.patience)
-        if fresh is not None:
+        if fresh is not None and self._is_plausible(fresh[1]):
             self._advance_sequencer(fresh[1])
         if self.recorder.is_processing_due(self.time):
             self._process_pending()
@@ -248,6 +250,20 @@ class BenchRun:
         except LinkLost as error:
             self._interruptions.end(str(error))
             return None
+
+    def _is_plausible(self, state: TableState) -> bool:
+        """Tell whether a reading may be a motion of the table; end the run where many are not.
+
+        One that is not is in the log, and leads to nothing.
+        """
+        if self._plausibility.accept_state(state):
+            return True
+        if self._plausibility.is_fault:
+            self._interruptions.end(
+                f"{self._plausibility.in_a_row} readings of the table in a row are no motion "
+                "within its limits: an encoder jumps, or digits of its replies are wrong"
+            )
+        return False
 
     def _advance_sequencer(self, state: TableState) -> None:
         """Show the sequencer a state of the table, and do what it says."""
@@ -329,7 +345,9 @@ class BenchRun:
         if block.starts_recording:
             self._interlocks = self._create_interlocks()
         old = int(np.searchsorted(block.table, self._checked_from, "right"))
-        words = self._interlocks.check_gyros(block.track.slice(old, block.table.size))
+        words = self._interlocks.check_gyros(
+            block.track.slice(old, block.table.size).with_known_angles
+        )
         self._last_checks.record("gyros", self.time)
         if words is not None and not self._gyros_disagree:
             self._gyros_disagree = True
@@ -375,6 +393,7 @@ class BenchRun:
                     most.check(name, task.rate or held.rate, held.acceleration, angle)
 
     def _record_session(self) -> None:
+        self._plausibility.restart()
         uptime = None if self._is_simulated else read_host_uptime()
         if uptime is not None:  # at the time of the session, which is a moment ago
             uptime = HostUptime(uptime.boot, uptime.seconds - (self._clock.now() - self.time))

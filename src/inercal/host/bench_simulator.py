@@ -20,8 +20,6 @@ from inercal.host.sim.bench_simulator import COUNTS_PER_TURN
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import Run, read
 
-# So seldom minutes pass in seconds; at 15 °/s² angles between are within some arcseconds.
-POLL_INTERVAL = 0.05  # s
 STARTUP_MESSAGE = (
     "starting a simulated bench; the first time on a machine all is compiled, about a minute"
 )

@@ -109,7 +109,7 @@ class RunRecorder(Closeable):
         # Sections that the journal has yet to be told of, with the run's time of each.
         self._waiting_sections: deque[tuple[float, SectionEvent]] = deque()
         self._last_processing = -inf, -inf
-        self._losses, self._last_loss_warning = (0, 0, 0), 0.0
+        self._losses, self._last_loss_warning = (0, 0, 0, 0), 0.0
         with ExitStack() as opened:
             self._log = opened.enter_context(RunLog(folder.log))
             self.log_end = self._replay(folder)
@@ -222,7 +222,8 @@ class RunRecorder(Closeable):
         """Return what is to be said of losses, now and then where there are more, once."""
         tally = self.assembly.tally
         counts, before = tally.bytes, self._losses
-        losses = counts.lost, counts.failed, tally.samples_without_angle
+        left_out = tally.samples_without_angle + tally.samples_with_unusable_angle
+        losses = counts.lost, counts.failed, left_out, tally.implausible_polls
         if losses == before or time - self._last_loss_warning < _LOSS_WARNING_INTERVAL:
             return []
         self._losses, self._last_loss_warning = losses, time
@@ -232,11 +233,16 @@ class RunRecorder(Closeable):
                 f"so far {counts.lost} packets of {counts.packets + counts.lost} are lost, and "
                 f"{counts.failed} had a wrong check"
             )
-        if tally.samples_without_angle != before[2]:
+        if left_out != before[2]:
             result.append(
-                f"so far {tally.samples_without_angle} samples of "
-                f"{tally.samples + tally.samples_without_angle} are left out: "
-                "the table was read too seldom while it turned, or sought its zero"
+                f"so far {left_out} samples of {tally.samples + tally.samples_without_angle} have "
+                "no angle that could be used: the table was read too seldom while it turned, or "
+                "sought its zero"
+            )
+        if tally.implausible_polls != before[3]:
+            result.append(
+                f"so far {tally.implausible_polls} readings of {tally.polls} of the table are left "
+                "out: they are no motion within its limits, such as of a wrong digit"
             )
         return result
 

@@ -1,7 +1,7 @@
 """From the log of a run to the recording that its run file names.
 
 Columns are those of [data]; beside them, in the group `bench`, stands what the table said itself,
-poll by poll.
+poll by poll, and how well the samples' angles are known.
 """
 
 import os
@@ -16,20 +16,27 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.turntable import require_turntable, require_turntable_data
+from inercal.benches.turntable.reading.host_readback import (
+    BENCH_GROUP,
+    IMPLAUSIBLE_POLLS,
+    POLLS,
+    UNUSABLE_ANGLES,
+)
 from inercal.data.recording_loader import readback_columns
 from inercal.errors import InputError, require_extra
 from inercal.host.assembly import SampleAssembler, SampleBlock
+from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.packets import PacketLayout
 from inercal.host.run_log import TABLE, file_sha256, read_frames
 from inercal.host.table_state_codec import unpack_states
 from inercal.io.atomic_files import atomic_write
+from inercal.recording import AngleQuality
 from inercal.runfile import Run
 from inercal.units import to_si
 
 _FRAMES_PER_PIECE = 4096  # worked through at once
 _SUFFIXES = (".h5", ".hdf5")
 _REQUIRED_KEYS = {"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'}
-BENCH_GROUP = "bench"
 
 
 def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
@@ -79,7 +86,7 @@ def write_recording(
     log: str | os.PathLike[str],
     folder: str | os.PathLike[str],
     about: Mapping[str, str] | None = None,
-    poll: float = 0.02,
+    poll: float = POLL_INTERVAL,
     log_sha256: str | None = None,
 ) -> Path:
     """Write the recording of a run, whole or not at all; return its path.
@@ -137,7 +144,10 @@ def write_recording(
         "log sha256": log_sha256 or file_sha256(log),
         "samples": tally.samples,
         "samples without angle": tally.samples_without_angle,
+        UNUSABLE_ANGLES: tally.samples_with_unusable_angle,
+        POLLS: tally.polls,
         "polls left out": tally.poll_drops,
+        IMPLAUSIBLE_POLLS: tally.implausible_polls,
         **{f"bytes: {name}": n for name, n in asdict(tally.bytes).items()},
         **{f"packets left out: {name}": n for name, n in asdict(tally.drops).items()},
         **(about or {}),
@@ -156,6 +166,8 @@ def write_recording(
         group["heard"] = np.array(heard)
         for name in ("time", "span", "angle", "rate", "following_error"):
             group[name] = getattr(table, name)
+        for name in AngleQuality._fields:
+            group[name] = np.concatenate([getattr(one, name) for one in blocks])
     return path
 
 

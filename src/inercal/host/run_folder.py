@@ -17,6 +17,7 @@ from pathlib import Path
 
 from inercal.errors import InputError
 from inercal.host.addresses import layout_of_address
+from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.recording_writer import require_recordable
 from inercal.host.run_log import os_errors_as_input_errors
@@ -26,7 +27,6 @@ from inercal.small_files import read_toml
 
 LOG, JOURNAL = "run.log", "run.journal"
 _OUTPUT_KINDS = ("calibration.json", "report.html")
-POLL_INTERVAL = 0.02  # s
 
 
 @dataclass(frozen=True)

@@ -1,14 +1,15 @@
 """HDF5 files, and MATLAB files of version 7.3, which are HDF5, through h5py."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.errors import InputError, require_extra
 from inercal.io.column_table import ReadRequest, Table, shorten
 from inercal.io.readers import Reader
@@ -50,6 +51,52 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
     except DAMAGED as error:
         raise InputError(
             f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}"
+        ) from error
+
+
+class Group(NamedTuple):
+    """Attributes and arrays of one group of an HDF5 file."""
+
+    attributes: dict[str, object]
+    arrays: dict[str, Array]
+
+
+def read_group(path: Path, group: str, names: Sequence[str]) -> Group:
+    """Return the attributes of a group and those of the named arrays that it has.
+
+    A file without the group has none.
+
+    Parameters
+    ----------
+    path : Path
+    group : str
+    names : sequence of str
+        Of numeric data sets.
+
+    Raises
+    ------
+    InputError
+        h5py is not installed, or the file is damaged.
+    """
+    h5py = _h5py()
+    try:
+        with h5py.File(path, "r") as file:
+            found = file.get(group)
+            if not isinstance(found, h5py.Group):
+                return Group({}, {})
+            attributes = {
+                str(name): value.item() if hasattr(value, "item") and value.size == 1 else value
+                for name, value in found.attrs.items()
+            }
+            there = [
+                name
+                for name in names
+                if isinstance(found.get(name), h5py.Dataset) and found[name].dtype.kind == "f"
+            ]
+            return Group(attributes, {name: np.asarray(found[name][()], float) for name in there})
+    except DAMAGED as error:
+        raise InputError(
+            f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}", file=path
         ) from error
 
 

@@ -7,6 +7,7 @@ trials, `(..., n, m)`; trials share times and labels.
 from inercal.recording.findings import Finding, Severity
 from inercal.recording.observations import (
     TEMPERATURE_VARIATION,
+    AngleQuality,
     HalfSectionChanges,
     Observations,
     Track,
@@ -18,6 +19,7 @@ from inercal.recording.samples import GAP_FACTOR, Indices, Mark, Recording
 __all__ = [
     "GAP_FACTOR",
     "TEMPERATURE_VARIATION",
+    "AngleQuality",
     "Finding",
     "HalfSectionChanges",
     "Indices",

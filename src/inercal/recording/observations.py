@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +87,22 @@ class HalfSectionChanges:
     warming: Array | None = None
 
 
+class AngleQuality(NamedTuple):
+    """Uncertainty of a table's angles at each sample, where a host interpolated its readings.
+
+    `noise_gain` is the sum of the squares of the interpolation's weights: the variance of the
+    angles' noise over that of one reading. A filter uses no angle whose gain is infinite.
+    `interpolation_sd` is infinite where nothing bounds the table's motion between two readings.
+    """
+
+    noise_gain: Array  # (n,)
+    interpolation_sd: Array  # (n,) rad
+
+    def where(self, rows: "NDArray[np.bool_] | Indices | slice") -> "AngleQuality":
+        """Return the quality at some of the samples."""
+        return AngleQuality(self.noise_gain[rows], self.interpolation_sd[rows])
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
     """The samples of a turntable's run in SI, for filters.
@@ -102,6 +119,8 @@ class Track:
         Number of the hold of each sample, from 0; -1 while the table moves.
     temperature : (..., n) array or None
         K.
+    angle_quality : AngleQuality or None
+        None where each sample has an angle that was read at its time, with the readback's noise.
 
     Raises
     ------
@@ -114,9 +133,14 @@ class Track:
     angles: Array
     hold: Indices
     temperature: Array | None = None
+    angle_quality: AngleQuality | None = None
 
     def __post_init__(self) -> None:
         n = self.time.size
+        if self.angle_quality is not None and any(q.shape != (n,) for q in self.angle_quality):
+            raise InputError(
+                f"track: the quality of its angles is not of {n} samples", key="angle_quality"
+            )
         if self.reading.shape[-2] != n or self.angles.shape[-2] != n or self.hold.shape != (n,):
             raise InputError(
                 f"track: {n} times, readings {self.reading.shape}, angles {self.angles.shape} and "
@@ -136,21 +160,48 @@ class Track:
 
     def slice(self, start: int, stop: int) -> "Track":
         """Return samples start to stop (half open)."""
-        at = slice(start, stop)
+        return self._select(slice(start, stop))
+
+    @property
+    def with_known_angles(self) -> "Track":
+        """The samples at which the table's angles are known."""
+        if self.angle_quality is None:
+            return self
+        return self._select(np.isfinite(self.angle_quality.interpolation_sd))
+
+    def _select(self, at: "NDArray[np.bool_] | slice") -> "Track":
         return Track(
             self.time[at],
             self.reading[..., at, :],
             self.angles[..., at, :],
             self.hold[at],
             None if self.temperature is None else self.temperature[..., at],
+            None if self.angle_quality is None else self.angle_quality.where(at),
         )
+
+    def angle_variance(self, variance: float) -> Array:
+        """Return the variance of the angles at each sample, (n,) rad².
+
+        Infinite where the angles are not usable.
+
+        Parameters
+        ----------
+        variance : float
+            Of the noise of one reading of the table, rad².
+        """
+        if self.angle_quality is None:
+            return np.full(self.time.size, variance)
+        gain, sd = self.angle_quality
+        return variance * gain + sd**2
 
     def trial(self, *index: int) -> "Track":
         """Return a single trial; all trials share a temperature without axes of trials."""
         t = self.temperature
         if t is not None and t.ndim > 1:
             t = t[index]
-        return Track(self.time, self.reading[index], self.angles[index], self.hold, t)
+        return Track(
+            self.time, self.reading[index], self.angles[index], self.hold, t, self.angle_quality
+        )
 
     def temperature_offset(self, reference: float) -> Array | None:
         """Return the temperature of each sample minus a reference, (..., n) K; None without one."""

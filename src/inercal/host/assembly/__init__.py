@@ -28,10 +28,10 @@ from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
 from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
-from inercal.host.assembly.table_polls import TablePolls
+from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
-from inercal.recording import Track
+from inercal.recording import AngleQuality, Track
 from inercal.runfile import Run
 
 _MAX_HOLD_GAP = 0.5  # s without a sample that end a hold
@@ -58,6 +58,8 @@ class SampleBlock(NamedTuple):
         K; NaN where there is none.
     table : (n,) array
         s by the table's clock.
+    noise_gain, interpolation_sd : (n,) array
+        How well the angles are known, as of `AngleQuality`; the second in rad.
     starts_recording : bool
         The recording begins with this block: what came before is void.
     """
@@ -70,12 +72,15 @@ class SampleBlock(NamedTuple):
     hold: NDArray[np.int64]
     temperature: Array
     table: Array
+    noise_gain: Array
+    interpolation_sd: Array
     starts_recording: bool
 
     @property
     def track(self) -> Track:
         """What a sequential estimator follows."""
-        return Track(self.time, self.reading, self.angles, self.hold)
+        quality = AngleQuality(self.noise_gain, self.interpolation_sd)
+        return Track(self.time, self.reading, self.angles, self.hold, angle_quality=quality)
 
 
 @dataclass(frozen=True)
@@ -91,16 +96,25 @@ class SampleTally:
     drops : DroppedPackets
         Packets that are no samples.
     samples_without_angle : int
-        Samples where the table's angles are not known.
+        Samples that are left out: the table's angles are not known.
+    samples_with_unusable_angle : int
+        Samples whose angle no filter uses: the table was read too seldom while it turned.
+    polls : int
+        Of the table.
     poll_drops : int
         Polls whose time is not later than that before.
+    implausible_polls : int
+        Polls that are no motion of the table, and are left out.
     """
 
     samples: int
     bytes: PacketCounts
     drops: DroppedPackets
     samples_without_angle: int
+    samples_with_unusable_angle: int
+    polls: int
     poll_drops: int
+    implausible_polls: int
 
 
 class SampleAssembler:
@@ -122,12 +136,13 @@ class SampleAssembler:
         axis of the sensor.
     """
 
-    def __init__(self, run: Run, layout: PacketLayout, poll: float = 0.02):
+    def __init__(self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL):
         bench = require_turntable(run)
         if run.rate_hz is None:
             raise InputError(f'{run.path}: [data] rate is missing, such as "200 Hz"')
         self.sensor = run.sensor
-        self._imu, self._table = ReceivedSamples(run.sensor, layout, run.rate_hz), TablePolls(poll)
+        self._imu = ReceivedSamples(run.sensor, layout, run.rate_hz)
+        self._table = TablePolls(poll, bench)
         self._settling = settling_time(bench)
         self._sections = SectionTimeline(self._settling)
         # SI size of a unit of each axis' column in the recording; negative reverses.
@@ -145,10 +160,11 @@ class SampleAssembler:
     @property
     def tally(self) -> SampleTally:
         """What became of all that was worked through."""
-        imu = self._imu
+        imu, table = self._imu, self._table
         return SampleTally(
-            self._count, imu.counts, replace(imu.drops), self._no_angle, self._table.drops
-        )
+            self._count, imu.counts, replace(imu.drops), self._no_angle, self._unusable,
+            table.count, table.drops, table.implausible,
+        )  # fmt: skip
 
     @property
     def offset(self) -> float | None:
@@ -211,22 +227,22 @@ class SampleAssembler:
     def _start_recording(self) -> None:
         """Begin a recording."""
         self._first_tick: float | None = None  # tick
-        self._count, self._holds, self._no_angle = 0, 0, 0
+        self._count, self._holds, self._no_angle, self._unusable = 0, 0, 0, 0
         self._last_hold_sample = (-1, -np.inf)  # section and time of the last sample in a hold
 
     def _block(self) -> SampleBlock | None:
-        offset, known, imu = self.offset, self._table.history, self._imu
-        if offset is None or known is None or known.time.size < 3:
+        offset, imu = self.offset, self._imu
+        if offset is None:
             return None
         if self._sections.attempt != self._attempt:
             self._attempt = self._sections.attempt
             self._start_recording()
-        samples = self._ready_samples(float(known.time[-2]) - self._settling, offset)
+        samples = self._ready_samples(self._table.complete_until - self._settling, offset)
         if samples is None:
             return None
         table = samples.ticks / imu.per_second - offset
         late = table >= self._sections.start
-        angles, there = self._table.angles(table)
+        angles, quality, there = self._table.angles(table)
         self._table.discard_old(float(table[-1]))
         self._no_angle += int(np.sum(late & ~there))
         kept = late & there
@@ -234,10 +250,12 @@ class SampleAssembler:
             return None
         if not kept.all():
             samples, table, angles = samples.where(kept), table[kept], angles[kept]
+            quality = quality.where(kept)
         begins = self._first_tick is None
         if self._first_tick is None:
             self._first_tick = float(samples.ticks[0])
         self._count += table.size
+        self._unusable += int(np.sum(np.isinf(quality.interpolation_sd)))
         said = angles / self._units
         time = (samples.ticks - self._first_tick) / imu.per_second
         return SampleBlock(
@@ -249,6 +267,7 @@ class SampleAssembler:
             self._hold_numbers(table, time),
             samples.temperature,
             table,
+            *quality,
             begins,
         )
 

@@ -1,8 +1,12 @@
 """The table's polls, and its angles between them.
 
-A cubic goes through the four polls about a time, unevenly apart as they are; beside a gap and at
-the first poll a parabola through three, or a line. Across a gap there is nothing, unless the table
-stood still on both sides, as where it holds and is polled more seldom: there a line.
+A cubic goes through the four polls about a time, unevenly apart as they are. What it is off by is
+estimated by the polls beyond: a fifth one changes the interpolant by about as much. Where a table
+holds its place and is polled more seldom, the angle is that of the nearest poll: each epoch of a
+filter, ten a second, has a poll of its own, and their noise is independent.
+
+Elsewhere the angle is a straight line, which is marked: beside a gap while the table turns it may
+have stopped in between. A poll that is no motion of a table is left out (`reading_plausibility`).
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -16,16 +20,32 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.benches.turntable import Turntable
 from inercal.errors import InputError
 from inercal.host.assembly.clock_matching import MATCHING_TIME, wrap_correction
+from inercal.host.assembly.reading_plausibility import (
+    NOISE_FACTOR,
+    AxisReading,
+    ReadingPlausibility,
+)
 from inercal.host.run_log import LogFrame
-from inercal.host.table_state_codec import unpack_states
+from inercal.host.table_state_codec import StateArrays, unpack_states
+from inercal.methods.turntable.model import EPOCH_PERIOD
+from inercal.recording import AngleQuality
 
-# A gap: polls, and s through which a cubic still knows an angle to 2e-5 rad at 15 °/s² (rms).
-_GAP_POLLS, _MIN_GAP = 2.5, 0.1
+POLL_INTERVAL = 0.02  # s between polls while the table turns, on benches of iron and simulated ones
 HOLD_POLL_FACTOR = 4  # so many times seldomer a table is polled that holds its place
-MAX_REST_GAP = 5.0  # s of a gap through which a table is taken to stand that stood on both sides
-SAME_ANGLE = 5e-5  # rad, 10″
+# Polls: where one is missing a cubic goes on, and says how far it is off.
+_GAP_POLLS = 2.5
+# s without a poll after which no angle is known: it may have gone anywhere. A table is taken to
+# stand through as much that stood on both sides.
+MAX_UNREAD = 5.0
+SAME_ANGLE = 5e-5  # rad, 10″, by which the angles of a table that stands differ beside noise
+_MAX_POLL_AGE = EPOCH_PERIOD / 2  # s from a poll within which no other epoch has it
+# What a cubic is off by over what a fifth poll changes: root mean squares over the places of a
+# sudden acceleration among evenly spaced polls (0.0097 and 0.0071 of its square of the interval).
+_INTERPOLATION_FACTOR = 1.4
+_AFTER = 3  # polls that are needed behind a time
 
 
 class PollHistory(NamedTuple):
@@ -51,10 +71,12 @@ class TablePolls:
     ----------
     poll : float
         s between polls.
+    bench : Turntable
+        Its limits and noise: what is no motion of it is left out.
 
     Attributes
     ----------
-    known : PollHistory or None
+    history : PollHistory or None
         Polls; None before the first.
     offset : float or None
         The host's time minus the table's, s: the least of the first polls; None before.
@@ -62,16 +84,31 @@ class TablePolls:
         What is added to the table's own times, s: its clock may have begun again in an outage.
     drops : int
         Polls that were not later than the one before.
+    count : int
+        Polls in all.
     """
 
-    def __init__(self, poll: float):
+    def __init__(self, poll: float, bench: Turntable):
         self.history: PollHistory | None = None
         self.offset: float | None = None
-        self.drops = 0
-        self._gap = max(_GAP_POLLS * poll, _MIN_GAP)
+        self.drops = self.count = 0
+        self._gap, self._plausibility = _GAP_POLLS * poll, ReadingPlausibility(bench)
+        self._same_angle = SAME_ANGLE + NOISE_FACTOR * bench.white
         self._first_arrival, self._least_difference = 0.0, inf
         self._wraps, self._must_match = inf, False
         self.wrap_offset = 0.0
+
+    @property
+    def implausible(self) -> int:
+        """Polls that were left out as no motion of the table."""
+        return self._plausibility.rejected
+
+    @property
+    def complete_until(self) -> float:
+        """Time before which angles can be interpolated, s; −∞ where there are too few polls."""
+        if self.history is None or self.history.time.size <= _AFTER:
+            return -inf
+        return float(self.history.time[-_AFTER])
 
     @property
     def last(self) -> float:
@@ -81,6 +118,7 @@ class TablePolls:
     def begin_session(self, wraps: float) -> None:
         """Expect a clock that may have begun anew at each `wraps` s (infinite: never)."""
         self._wraps = wraps
+        self._plausibility.restart()
         if self.offset is None:
             self.history, self._least_difference = None, inf
         else:
@@ -108,15 +146,36 @@ class TablePolls:
         time = time + self.wrap_offset
         later = time > np.maximum.accumulate(np.concatenate([[self.last], time[:-1]]))
         self.drops += int(np.sum(~later))
+        self.count += len(frames)
         # An angle is one from the zero that homing finds; of a table that seeks it there is none.
         angle = np.where(came.homed[:, None], came.angle, nan)
-        kept = PollHistory(time, angle, came.settled).where(later)
+        good = later & self._plausible(time, angle, came, later)
+        kept = PollHistory(time, angle, came.settled).where(good)
         if self.offset is None:
             self._match(heard, time)
         if self.history is None:
             self.history = kept if kept.time.size else None
             return
         self.history = self.history.join(kept)
+
+    def _plausible(
+        self, time: Array, angle: Array, came: StateArrays, later: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Return which polls may be motions of the table, (n,)."""
+        columns = zip(
+            time.tolist(), came.settled.tolist(), later.tolist(), angle.tolist(),
+            came.rate.tolist(), came.following_error.tolist(), strict=True,
+        )  # fmt: skip
+        return np.array(
+            [
+                is_later
+                and self._plausibility.accept(
+                    when, [*map(AxisReading, angles, rates, errors)], settled=settled
+                )
+                for when, settled, is_later, angles, rates, errors in columns
+            ],
+            np.bool_,
+        )
 
     def _match(self, heard: Array, time: Array) -> None:
         """Look for the least difference of the clocks among the first polls."""
@@ -132,21 +191,24 @@ class TablePolls:
     def discard_old(self, before: float) -> None:
         """Let go of polls that no time from `before` on needs."""
         if self.history is not None:
-            first = int(np.searchsorted(self.history.time, before, "right")) - 2
+            first = int(np.searchsorted(self.history.time, before, "right")) - 3
             if first > 0:
                 self.history = self.history.where(slice(first, None))
 
-    def angles(self, time: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return angles at times (n,), (n, k) rad, and which are known.
+    def angles(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
+        """Return angles at times (n,), (n, k) rad, how well they are known, and where at all.
 
-        Two polls or more must be later than any of the times.
+        The times must be before `complete_until`.
         """
         if self.history is None:
             raise InputError("no poll of the table yet")
         found = np.zeros((time.size, self.history.angle.shape[1]))
+        quality = AngleQuality(np.full(time.size, inf), np.full(time.size, inf))
         there = np.zeros(time.size, np.bool_)
-        _interpolate_angles(time, *self.history, self._gap, found, there)
-        return found, there & np.isfinite(found).all(axis=-1)
+        _interpolate_angles(
+            time, *self.history, self._gap, self._same_angle, found, *quality, there
+        )
+        return found, quality, there & np.isfinite(found).all(axis=-1)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -156,31 +218,82 @@ def _interpolate_angles(
     y: Array,
     settled: NDArray[np.bool_],
     gap: float,
+    same: float,
     found: Array,
+    gain: Array,
+    sd: Array,
     there: NDArray[np.bool_],
 ) -> None:
-    """Write angles at ascending times, and whether they are known."""
-    weight = np.zeros(4)
+    """Write angles at ascending times, how well they are known, and whether they are at all."""
+    weight, other = np.zeros(4), np.zeros(4)
     a = 0
     for i in range(time.size):
         t = time[i]
         while x[a + 1] <= t:
             a += 1
         step = x[a + 1] - x[a]
-        near = step <= gap
-        stood = step <= MAX_REST_GAP and settled[a] and settled[a + 1]
-        for k in range(y.shape[1]):
-            stood = stood and abs(y[a + 1, k] - y[a, k]) <= SAME_ANGLE
-        there[i] = t >= x[a] and (near or stood)
-        first = a - 1 if near and a > 0 and x[a] - x[a - 1] <= gap else a
-        last = a + 2 if near and x[a + 2] - x[a + 1] <= gap else a + 1
-        for j in range(first, last + 1):
-            weight[j - first] = 1.0
-            for m in range(first, last + 1):
-                if m != j:
-                    weight[j - first] *= (t - x[m]) / (x[j] - x[m])
+        there[i] = t >= x[a] and step <= MAX_UNREAD
+        if there[i] and _stood(x, y, settled, same, a):
+            near = a if t - x[a] <= x[a + 1] - t else a + 1
+            for k in range(y.shape[1]):
+                found[i, k] = y[near, k]
+            sd[i] = 0.0
+            if abs(t - x[near]) <= _MAX_POLL_AGE:
+                gain[i] = 1.0
+            continue
+        first, last = a, a + 1
+        whole = a > 0 and step <= gap
+        for b in (a - 1, a + 1):
+            whole = whole and (x[b + 1] - x[b] <= gap or _stood(x, y, settled, same, b))
+        if whole:
+            first, last = a - 1, a + 2
+        _lagrange_weights(x, first, last, t, weight)
         for k in range(y.shape[1]):
             # Weights add up to 1: of large angles only the differences are rounded.
             found[i, k] = y[a, k]
             for j in range(first, last + 1):
                 found[i, k] += weight[j - first] * (y[j, k] - y[a, k])
+        if not whole:
+            continue
+        gain[i], sd[i] = 0.0, 0.0
+        for j in range(4):
+            gain[i] += weight[j] * weight[j]
+        beyond = 0
+        for e in (a - 2, a + 3):
+            b = e if e < a else a + 2  # where the way to it begins
+            if e < 0 or not (x[b + 1] - x[b] <= gap or _stood(x, y, settled, same, b)):
+                continue
+            beyond += 1
+            # The interpolant through a fifth point moves by what the cubic misses there, times ω.
+            _lagrange_weights(x, first, last, x[e], other)
+            ratio = 1.0
+            for j in range(first, last + 1):
+                ratio *= (t - x[j]) / (x[e] - x[j])
+            for k in range(y.shape[1]):
+                missed = y[e, k] - y[a, k]
+                for j in range(first, last + 1):
+                    missed -= other[j - first] * (y[j, k] - y[a, k])
+                sd[i] = max(sd[i], _INTERPOLATION_FACTOR * abs(ratio * missed))
+        if beyond == 0:
+            gain[i], sd[i] = np.inf, np.inf
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _stood(x: Array, y: Array, settled: NDArray[np.bool_], same: float, a: int) -> bool:
+    """Tell whether the table is taken to stand between poll a and the next."""
+    if a < 0 or x[a + 1] - x[a] > MAX_UNREAD or not (settled[a] and settled[a + 1]):
+        return False
+    stands = True
+    for k in range(y.shape[1]):
+        stands = stands and abs(y[a + 1, k] - y[a, k]) <= same
+    return stands
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lagrange_weights(x: Array, first: int, last: int, t: float, weight: Array) -> None:
+    """Write the weights at t of the polynomial through points first to last."""
+    for j in range(first, last + 1):
+        weight[j - first] = 1.0
+        for m in range(first, last + 1):
+            if m != j:
+                weight[j - first] *= (t - x[m]) / (x[j] - x[m])

@@ -8,6 +8,7 @@ from inercal.host.live_estimator import LiveEstimator
 from inercal.host.registration import RegisterSync
 from inercal.host.run_completion import finish_run
 from inercal.host.run_folder import RunFolder
+from inercal.host.web.page_messages import calibration_fields
 from inercal.host.web.run_request import EndMessage, RunRequest, end_message
 from inercal.store import Register
 
@@ -57,7 +58,15 @@ class RunFinalizer:
         verdict = {"level": outcome.verdict.tone, "words": outcome.verdict.word}
         words = outcome.verdict.lines[0]
         history = self._enter_in_register()
-        return end_message(self._order, "done", words, history=history, verdict=verdict, **links)
+        return end_message(
+            self._order,
+            "done",
+            words,
+            history=history,
+            verdict=verdict,
+            estimates=calibration_fields(outcome.calibration),
+            **links,
+        )
 
     def _enter_in_register(self) -> str | None:
         """Enter the run as it is; return where its sensor's history is, if it has one."""

@@ -12,6 +12,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.bench import Turntable
+from inercal.calibration import Calibration
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState
 from inercal.host.tasks import plan_tasks
@@ -88,6 +89,20 @@ def state_message(run: BenchRun, bench: Turntable, angles: Array | None) -> dict
         },
         "live": run.recorder.estimation,
         "attitude": _attitude_fields(run, bench, angles),
+    }
+
+
+def calibration_fields(calibration: Calibration) -> dict[str, list[float | None]]:
+    """Return the coefficients of a calibration file and their uncertainties, k = 2.
+
+    Both are in the order and the units of the plan's coefficients, as live estimates are.
+    """
+    sensor = calibration.sensor
+    sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
+    sd = np.sqrt(np.diagonal(calibration.covariance))
+    return {
+        "values": rounded_numbers(calibration.values / sizes),
+        "u2": rounded_numbers(2 * sd / sizes),
     }
 
 

@@ -10,13 +10,12 @@ from typing import Any
 from inercal.benches.turntable import require_turntable
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
-from inercal.host.bench_simulator import POLL_INTERVAL as SIMULATED_POLL
 from inercal.host.bench_simulator import STARTUP_MESSAGE, start_bench_simulator
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.precompilation import precompile_run
 from inercal.host.run_execution import RunInterrupted, execute_run
-from inercal.host.run_folder import JOURNAL, POLL_INTERVAL, RunFolder, create_run, reopen_run
+from inercal.host.run_folder import JOURNAL, RunFolder, create_run, reopen_run
 from inercal.host.web import page_messages, run_simulation
 from inercal.host.web.command_relay import CommandRelay
 from inercal.host.web.finalizer import RunFinalizer
@@ -127,8 +126,7 @@ class RunController:
         if order.plan is None:
             return reopen_run(self._folder, addresses)
         content = None if order.sensor is None else rename_sensor(run.path, order.sensor)
-        poll = POLL_INTERVAL if run_simulation.simulation_request(order) is None else SIMULATED_POLL
-        return create_run(self._folder, run, addresses, poll, content)
+        return create_run(self._folder, run, addresses, content=content)
 
     def _execute_plan(
         self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: RunFinalizer

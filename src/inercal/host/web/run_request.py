@@ -113,9 +113,10 @@ def end_message(order: RunRequest, state: str, words: str = "", **more: object) 
     words : str
         Why, where it is not done.
     **more
-        "report", "calibration", "history" and "verdict", where there are any.
+        "report", "calibration", "history" and "verdict", where there are any, and "estimates": the
+        coefficients of the calibration file with their uncertainties.
     """
-    links = dict.fromkeys(("report", "calibration", "history", "verdict"))
+    links = dict.fromkeys(("report", "calibration", "history", "verdict", "estimates"))
     return {"run": order.name, "state": state, "words": words, **links, **more}
 
 

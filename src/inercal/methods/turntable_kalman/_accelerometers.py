@@ -40,6 +40,7 @@ from inercal.methods.turntable_kalman._filter_steps import (
     KernelWorkspace,
     Transition,
     copy_slice,
+    is_rejected,
     new_workspace,
     predict_covariance,
     update_workspace,
@@ -65,6 +66,7 @@ class VelocitySettings(NamedTuple):
 
     velocity_variance: float  # of velocity at rest, (m/s)²
     hold_attitude_variance: float  # of φ where a hold begins, rad²
+    gate: float  # standard deviations beyond which an innovation of the readback is rejected
 
 
 class VelocityState(NamedTuple):
@@ -79,6 +81,7 @@ class VelocityState(NamedTuple):
     force: Array  # (3,), of the sample before
     velocity: Array  # (3,) m/s
     hold: Indices  # (1,), number of the sample's before
+    rejections: Indices  # (2,), readbacks rejected in a row, and in all
     nis: float = 0.0
     epochs: int = 0
 
@@ -124,6 +127,7 @@ def run_accelerometer_filter(
     run = VelocityRun(samples, readback, model, settings, state, new_workspace(model, theta, drift))
     _write_rest_force(run)
     drawn, driven, z, joint = np.zeros(n), np.zeros((6, 6)), np.zeros(5), np.zeros((components, 3))
+    said = np.zeros(2)  # innovations of the readback
     # A literal 0 would have `_propagate_velocity` compiled a second time, for itself.
     total, first = state.nis, int(np.int64(0))
     for e in range(readback.epochs.size):
@@ -142,18 +146,26 @@ def run_accelerometer_filter(
             _transition(run, to)
             predict_covariance(model, gm, to, p)
             _observe(e, run, z, h)
-            nis = 0.0
-            for k in range(5):
-                history[e, k] = z[k]
+            for k in range(2):
+                said[k] = z[3 + k]
                 for j in range(table, n):
-                    history[e, k] -= h[k, j] * x[j]
-                variance = settings.velocity_variance if k < 3 else readback.noise[e, k - 3]
-                off, s = update(x, p, h[k], z[k], variance, gain[k])
-                steps.off[row, k], steps.s[row, k] = off, s
-                nis += off * off / s
-            history[e, 5] = nis
-            total += nis
-            _feed_back(run)
+                    said[k] -= h[3 + k, j] * x[j]
+            if is_rejected(said, h[3:], p, readback.noise[e], settings.gate, state.rejections):
+                history[e, :6] = 0.0
+                steps.s[row] = 0.0
+            else:
+                nis = 0.0
+                for k in range(5):
+                    history[e, k] = z[k]
+                    for j in range(table, n):
+                        history[e, k] -= h[k, j] * x[j]
+                    variance = settings.velocity_variance if k < 3 else readback.noise[e, k - 3]
+                    off, s = update(x, p, h[k], z[k], variance, gain[k])
+                    steps.off[row, k], steps.s[row, k] = off, s
+                    nis += off * off / s
+                history[e, 5] = nis
+                total += nis
+                _feed_back(run)
         sum_drift_components(x, gm, components, drift)
         update_workspace(run.workspace, model, theta, drift)
         _write_rest_force(run)

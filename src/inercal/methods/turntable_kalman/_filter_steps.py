@@ -27,6 +27,10 @@ from inercal.methods.turntable.strapdown import (
 from inercal.methods.turntable.terms import BIAS, Terms
 
 Indices = NDArray[np.int64]
+# Standard deviations of an epoch's innovation. Chance exceeds it in one of 900 epochs, which costs
+# nothing; an error of five must not be used where the noise hides part of it.
+INNOVATION_GATE = 4.0
+MAX_REJECTIONS = 3  # in a row
 
 
 class FilterSamples(NamedTuple):
@@ -108,6 +112,63 @@ def predict_covariance(model: KernelModel, first: int, to: Transition, p: Array)
     """Carry a covariance to the next epoch, in place; the drift's states begin at `first`."""
     predict(p, to.a, to.keep, to.driven, to.drawn)
     add_drift_cross_covariance(model.drift, first, to.joint, p)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def is_rejected(
+    innovation: Array, h: Array, p: Array, variance: Array, gate: float, rejections: Indices
+) -> bool:
+    """Tell whether observations are rejected, νᵀ S⁻¹ ν > gate² with S = H P Hᵀ + R; count them.
+
+    After `MAX_REJECTIONS` in a row the next ones are taken: what differs for longer is no false
+    reading, and the NIS is to show it.
+
+    Parameters
+    ----------
+    innovation : (m,) array
+        ν.
+    h : (m, n) array
+    p : (n, n) array
+    variance : (m,) array
+        Diagonal of R.
+    gate : float
+        Standard deviations; infinite where nothing is rejected.
+    rejections : (2,) array of int
+        In a row, and in all; changed in place.
+    """
+    m, n, most = innovation.size, p.shape[0], gate * gate
+    distance = 0.0
+    for k in range(m):
+        distance += innovation[k] * innovation[k] / variance[k]
+    # S is no less than R, and costs m n² to know.
+    if distance > most:
+        s, ph = np.zeros((m, m)), np.zeros(n)
+        for k in range(m):
+            for j in range(n):
+                ph[j] = 0.0
+            for i in range(n):
+                if h[k, i] != 0.0:
+                    for j in range(n):
+                        ph[j] += h[k, i] * p[i, j]
+            s[k, k] = variance[k]
+            for q in range(m):
+                for j in range(n):
+                    s[k, q] += ph[j] * h[q, j]
+        distance = 0.0
+        rest = innovation.copy()
+        for k in range(m):  # elimination: the square of each part that those before do not tell
+            distance += rest[k] * rest[k] / s[k, k]
+            for q in range(k + 1, m):
+                share = s[q, k] / s[k, k]
+                rest[q] -= share * rest[k]
+                for j in range(k + 1, m):
+                    s[q, j] -= share * s[k, j]
+    if distance <= most or rejections[0] >= MAX_REJECTIONS:
+        rejections[0] = 0
+        return False
+    rejections[0] += 1
+    rejections[1] += 1
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

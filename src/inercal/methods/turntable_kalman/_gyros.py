@@ -34,6 +34,7 @@ from inercal.methods.turntable_kalman._filter_steps import (
     KernelModel,
     Transition,
     copy_slice,
+    is_rejected,
     new_workspace,
     predict_covariance,
     update_workspace,
@@ -116,15 +117,19 @@ def run_gyro_filter(
                 history[e, k] = z[k]
                 for j in range(n):
                     history[e, k] -= seen.h[k, j] * x[j]
-            for k in range(3):
-                variance = settings.variance + spread[k]
-                off, s = update(x, p, seen.h[k], z[k], variance, gain[k])
-                steps.off[row, k], steps.s[row, k] = off, s
-                nis += off * off / s
-            history[e, 3] = nis
-            total += nis
-            if settings.feedback:
-                feed_back(run, fed)
+            variance = readback.variance[e] + spread
+            if is_rejected(history[e, :3], seen.h, p, variance, settings.gate, state.rejections):
+                history[e, :4] = 0.0
+                steps.s[row] = 0.0
+            else:
+                for k in range(3):
+                    off, s = update(x, p, seen.h[k], z[k], variance[k], gain[k])
+                    steps.off[row, k], steps.s[row, k] = off, s
+                    nis += off * off / s
+                history[e, 3] = nis
+                total += nis
+                if settings.feedback:
+                    feed_back(run, fed)
         if settings.feedback:
             sum_drift_components(x, gm, components, fed)
         update_workspace(run.workspace, model, theta, fed)

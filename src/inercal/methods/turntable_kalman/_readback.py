@@ -47,12 +47,13 @@ class AttitudeReadback(NamedTuple):
     age: Array  # (e,) s, how much older than the sample it is by its stamp
     attitude: Array  # (e, 3, 3)
     table_sensitivity: Array  # (e, 3, q), ∂(φ as observed)/∂(the table's parameters)
+    variance: Array  # (e,) rad², of the attitude
 
 
 class AttitudeSettings(NamedTuple):
     """Parameters of the comparison of readback and attitude."""
 
-    variance: float  # of the attitude by readback, rad²
+    gate: float  # standard deviations beyond which an innovation is rejected
     alignment_variance: float  # of φ at an alignment, rad²
     gap: float  # s, a step of time beyond which the attitude is taken from readback anew
     timing_states: (
@@ -79,6 +80,7 @@ class AttitudeState(NamedTuple):
         Array  # (1,) rad², variance of φ by sudden accelerations since the epoch before
     )
     alignment_due: NDArray[np.bool_]  # (1,), whether an alignment is due
+    rejections: Indices  # (2,), readbacks rejected in a row, and in all
     # (k,), (k, 3, 3) and (k, size of φ, 3, 3), a ring: attitude of the last samples, and −G from
     # the epoch before
     times: Array
@@ -233,7 +235,7 @@ def iterate_observation(
     for _ in range(MAX_ITERATIONS):
         x, p, before = state.x.copy(), state.p.copy(), when
         for k in range(3):
-            update(x, p, h[k], z[k], run.settings.variance + spread[k], gain[k])
+            update(x, p, h[k], z[k], run.readback.variance[e] + spread[k], gain[k])
         observe(e, run, fed, x, p, seen)
         when, _v = _readback_time(e, run, x, p)
         if abs(when - before) < DELAY_TOLERANCE:

@@ -29,7 +29,7 @@ from inercal.methods.turntable_kalman._accelerometers import (
     VelocityState,
 )
 from inercal.methods.turntable_kalman.filter import TILT, Filter, copy_state
-from inercal.recording import Track
+from inercal.recording import AngleQuality, Track
 from inercal.sensors import Sensor
 
 REST_VELOCITY_SD = 1e-5  # m/s, how far velocity at rest is known to be zero: 1 µm in 0.1 s
@@ -147,6 +147,7 @@ class AccelerometerFilter(Filter[VelocityState]):
             force=np.zeros(3),
             velocity=np.zeros(3),
             hold=np.array([-1]),
+            rejections=np.zeros(2, np.int64),
         )
 
     def with_steps(
@@ -154,35 +155,42 @@ class AccelerometerFilter(Filter[VelocityState]):
     ) -> tuple[VelocityState, FilterHistory, FilterSteps]:
         """Return as `Filter.with_steps`."""
         after = copy_state(state)
-        epochs = strapdown.epoch_indices_in_holds(
-            track.time, track.hold, model.EPOCH_PERIOD * (1 - 1e-6), after.time[1], after.hold[0]
-        )
+        # An epoch waits for the first sample with usable angles; see `GyroFilter.with_steps`.
+        usable = np.flatnonzero(np.isfinite(track.angle_variance(1.0)))
+        period = model.EPOCH_PERIOD * (1 - 1e-6)
+        epochs = usable[
+            strapdown.epoch_indices_in_holds(
+                track.time[usable], track.hold[usable], period, after.time[1], after.hold[0]
+            )
+        ]
         steps, history = self.allocate_steps(epochs.size, smooth)
         nis = _accelerometers.run_accelerometer_filter(
             self.samples(track),
-            self._readback(epochs, track.angles[epochs]),
+            self._readback(epochs, track),
             self.kernel_model(),
-            VelocitySettings(self.velocity_sd**2, _ALIGNMENT_SD**2),
+            VelocitySettings(self.velocity_sd**2, _ALIGNMENT_SD**2, self.innovation_gate(track)),
             after,
             steps,
             history,
         )
         return self.step_result(after, nis, track.time[epochs], steps, history, smooth)
 
-    def _readback(self, epochs: NDArray[np.int64], angles: Array) -> VelocityReadback:
-        """Return the readback (e, k) at epochs as the kernel takes it."""
+    def _readback(self, epochs: NDArray[np.int64], track: Track) -> VelocityReadback:
+        """Return the readback at the epochs (e,) of a track as the kernel takes it."""
+        angles = track.angles[epochs]
         e, q = len(angles), len(self.table)
         if not e:  # as long as the table moves
             shapes = (e, 3, 3), (e, 2, q), (e, 2), (e, 2)
             return VelocityReadback(epochs, *(np.zeros(shape) for shape in shapes))
         seen = linear_misalignment(self.bench, angles)
+        quality = None if track.angle_quality is None else track.angle_quality.where(epochs)
         return VelocityReadback(
             epochs,
             reference_attitude(self.bench, angles),
             # Of one layout whatever e is: a kernel is compiled for each.
             np.ascontiguousarray(table_sensitivity(seen, self.table)[:, :2]),
             self._hold_variance(angles),
-            self._readback_variance(seen, angles),
+            self._readback_variance(seen, angles, quality),
         )
 
     def _hold_variance(self, angles: Array) -> Array:
@@ -195,7 +203,9 @@ class AccelerometerFilter(Filter[VelocityState]):
         )
         return (seen.by[..., :2, :] ** 2) @ variance
 
-    def _readback_variance(self, seen: Misalignment, angles: Array) -> Array:
+    def _readback_variance(
+        self, seen: Misalignment, angles: Array, quality: AngleQuality | None
+    ) -> Array:
         """Return the variance about east and north of the readback's noise, (e, 2)."""
         if self.readback_sd is not None:
             return np.full((len(angles), 2), self.readback_sd**2)
@@ -204,4 +214,7 @@ class AccelerometerFilter(Filter[VelocityState]):
             seen = linear_misalignment(replace(self.bench, harmonics=(1.0,)), angles)
         waves = [k for k, q in enumerate(seen.parameters) if q.name.startswith(("sin1", "cos1"))]
         share = np.sum(seen.by[..., :2, waves] ** 2, axis=-1)
-        return np.maximum(self.bench.white**2 * share, model.READBACK_NOISE_FLOOR**2)
+        white = self.bench.white**2 * share
+        if quality is not None:
+            white = white * quality.noise_gain[:, None] + quality.interpolation_sd[:, None] ** 2
+        return np.maximum(white, model.READBACK_NOISE_FLOOR**2)

@@ -15,6 +15,7 @@ from inercal.methods import temperature
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman import filter_tests
+from inercal.methods.turntable_kalman._filter_steps import INNOVATION_GATE
 from inercal.methods.turntable_kalman.filter_config import (
     FILTER_CONFIGS,
     FILTER_KINDS,
@@ -31,6 +32,9 @@ from inercal.methods.turntable_kalman.innovations import (
 from inercal.plan import TableStep
 from inercal.recording import Observations, Track
 from inercal.sensors import Sensor
+
+# Rejections a component, five times those of chance: of three components one epoch in 900 has one.
+_CHANCE_REJECTIONS = 2e-3
 
 
 def run_filter(
@@ -57,7 +61,7 @@ def run_filter(
         result.triad, course.names, found.value, found.covariance, course,
         run.state.nis, run.components, minimum_nis(track), result.unit,
         _untested_noise_note(result.readback_sd if config.source_readback_sd else None),
-        found.shared_covariance, checked,
+        found.shared_covariance, checked, run.rejections,
     )  # fmt: skip
 
 
@@ -211,6 +215,12 @@ def _notes(
 ) -> tuple[str, ...]:
     """Return notes on the innovations and on errors that the uncertainties do not include."""
     result = [describe_innovations(one) for one in parts]
+    result += [
+        f"{one.course.name}: the filter took no account of the table's angles at {one.rejections} "
+        f"epochs: their innovations exceeded {INNOVATION_GATE:g} standard deviations"
+        for one in parts
+        if one.rejections > _CHANCE_REJECTIONS * one.components
+    ]
     result += [words for one in parts if (words := _prior_share_note(one))]
     if not config.table and (bench.square > 0 or any(bench.harmonics)):
         which = "gyros" if config.accelerometer_table == "lean" else "gyros and accelerometers"

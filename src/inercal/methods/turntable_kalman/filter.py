@@ -22,7 +22,11 @@ from inercal.methods import temperature
 from inercal.methods.turntable.model import TriadModel, earth_rate_level_frame
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_kalman import _accelerometers, _readback
-from inercal.methods.turntable_kalman._filter_steps import FilterSamples, KernelModel
+from inercal.methods.turntable_kalman._filter_steps import (
+    INNOVATION_GATE,
+    FilterSamples,
+    KernelModel,
+)
 from inercal.parameters import Parameter
 from inercal.recording import Track
 
@@ -186,6 +190,15 @@ class Filter(ABC, Generic[S]):
             )
         )
 
+    @staticmethod
+    def innovation_gate(track: Track) -> float:
+        """Return how many standard deviations an innovation may have; infinite where any.
+
+        A gate is for readings of a table that may have a false digit. In a recording whose every
+        sample has an angle of its own the checks of reading find such.
+        """
+        return np.inf if track.angle_quality is None else INNOVATION_GATE
+
     def kernel_model(self) -> KernelModel:
         """Return the model of the triad at its place, as a kernel takes it."""
         part, bench = self.triad, self.bench
@@ -306,6 +319,11 @@ class RunningFilter(Generic[S]):
     def estimate(self) -> FilterEstimate:
         """The present estimate."""
         return self.filter.estimate(self.state)
+
+    @property
+    def rejections(self) -> int:
+        """How many readbacks were rejected so far, as their innovations were beyond the gate."""
+        return int(self.state.rejections[1])
 
     @property
     def components(self) -> int:

@@ -154,13 +154,14 @@ class GyroFilter(Filter[AttitudeState]):
             rates=np.array([reading, reading, np.zeros(3)]),
             acceleration_variance=np.zeros(1),
             alignment_due=np.array([False]),
+            rejections=np.zeros(2, np.int64),
             times=np.full(self.buffer_size, time),
             attitudes=np.tile(mat, (self.buffer_size, 1, 1)),
             sensitivity_integrals=np.zeros((self.buffer_size, self.triad.terms.size, 3, 3)),
             newest_row=np.array([0]),
             pending_samples=waits
             if self.lag < 0
-            else np.tile([time, *track.angles[0]], (self.lag, 1)),
+            else np.tile([time, self._angle_variance(track)[0], *track.angles[0]], (self.lag, 1)),
         )
 
     def with_steps(
@@ -168,12 +169,18 @@ class GyroFilter(Filter[AttitudeState]):
     ) -> tuple[AttitudeState, FilterHistory, FilterSteps]:
         """Return as `Filter.with_steps`."""
         after = copy_state(state)
-        samples, stamps, angles, tail = self._pair_readback(state.pending_samples, track)
+        samples, readback, tail = self._pair_readback(state.pending_samples, track)
+        stamps, variance, angles = readback[:, 0], readback[:, 1], readback[:, 2:]
         # With one memory layout, or Numba would compile the kernel for each layout.
         after = after._replace(pending_samples=np.ascontiguousarray(tail))
-        epochs = strapdown.epoch_indices(
-            samples.time, model.EPOCH_PERIOD * (1 - 1e-6), after.time[1]
-        )
+        # An epoch waits for the first sample with usable angles, so that pieces of any length have
+        # the same epochs.
+        usable = np.flatnonzero(np.isfinite(variance))
+        epochs = usable[
+            strapdown.epoch_indices(
+                samples.time[usable], model.EPOCH_PERIOD * (1 - 1e-6), after.time[1]
+            )
+        ]
         if not self.compare_while_turning:
             epochs = epochs[samples.hold[epochs] >= 0]
         angles = np.ascontiguousarray(angles[epochs])
@@ -188,10 +195,11 @@ class GyroFilter(Filter[AttitudeState]):
                 table_sensitivity(
                     linear_misalignment(self.bench, angles), self.table, skipped=_TIMING_PARAMETERS
                 ),
+                variance[epochs],
             ),
             self.kernel_model(),
             AttitudeSettings(
-                self.readback_sd**2,
+                self.innovation_gate(track),
                 _ALIGNMENT_SD**2,
                 MAX_GAP_SECONDS,
                 late,
@@ -205,14 +213,18 @@ class GyroFilter(Filter[AttitudeState]):
         )
         return self.step_result(after, nis, samples.time[epochs], steps, history, smooth)
 
-    def _pair_readback(
-        self, tail: Array, track: Track
-    ) -> tuple[FilterSamples, Array, Array, Array]:
-        """Return samples, the stamp and angles of the readback of each, and those that wait.
+    def _angle_variance(self, track: Track) -> Array:
+        """Return the variance of the attitude by readback at each sample, (n,) rad²."""
+        return track.angle_variance(self.readback_sd**2)
 
-        `tail` are the samples or readbacks that waited before.
+    def _pair_readback(self, tail: Array, track: Track) -> tuple[FilterSamples, Array, Array]:
+        """Return samples, the readback of each, and those that wait.
+
+        The readback is (n, 2 + k): stamp, variance and angles. `tail` are the samples or readbacks
+        that waited before.
         """
         samples, lag = self.samples(track), self.lag
+        readback = np.column_stack([track.time, self._angle_variance(track), track.angles])
         if lag < 0:
             hold = samples.hold.astype(np.float64)
             beside = [samples.temperature_offset] if self.triad.terms.has_temperature else []
@@ -224,11 +236,9 @@ class GyroFilter(Filter[AttitudeState]):
                 ready[:, 0].copy(), ready[:, 1:4].copy(), ready[:, 4].astype(np.int64),
                 ready[:, 5:].reshape(-1).copy(),
             )  # fmt: skip
-            first = track.time.size - taken
-            return samples, track.time[first:], track.angles[first:], held[taken:]
-        read = np.concatenate([tail, np.column_stack([track.time, track.angles])])
-        ready = read[: track.time.size]
-        return samples, ready[:, 0], ready[:, 1:], read[track.time.size :]
+            return samples, readback[track.time.size - taken :], held[taken:]
+        read = np.concatenate([tail, readback])
+        return samples, read[: track.time.size], read[track.time.size :]
 
     def _timing_state_indices(self) -> NDArray[np.int64]:
         """Return the indices of latency, clock and azimuth among the states, -1 if absent."""

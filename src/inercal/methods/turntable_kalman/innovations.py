@@ -39,6 +39,7 @@ class FilterResult(NamedTuple):
     untested_reason: str  # why NIS is no test of noise and table; empty where it is
     shared_covariance: Array  # (p, p), the part by gravity, which changes no innovation
     test_data: InnovationTestData | None = None  # where its steps were kept
+    rejections: int = 0  # readbacks beyond the gate
 
     @property
     def sd(self) -> float:

@@ -23,7 +23,7 @@ from inercal.methods.turntable_kalman.filter_config import (
     FilterConfig,
 )
 from inercal.plan import TableStep
-from inercal.recording import Track
+from inercal.recording import AngleQuality, Track
 from inercal.sensors import Sensor
 
 _AnyRunningFilter = (
@@ -147,4 +147,12 @@ def _join_tracks(tracks: Sequence[Track]) -> Track:
         np.concatenate([one.reading for one in tracks]),
         np.concatenate([one.angles for one in tracks]),
         np.concatenate([one.hold for one in tracks]),
+        angle_quality=_join_angle_quality([one.angle_quality for one in tracks]),
     )
+
+
+def _join_angle_quality(parts: Sequence[AngleQuality | None]) -> AngleQuality | None:
+    known = [one for one in parts if one is not None]
+    if len(known) < len(parts):
+        return None
+    return AngleQuality(*(np.concatenate(column) for column in zip(*known, strict=True)))

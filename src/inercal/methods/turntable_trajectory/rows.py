@@ -84,9 +84,10 @@ class RotationRows:
         """
         if epochs is None:
             first = float(track.time[0])
-            epoch_indices = strapdown.epoch_indices(
-                track.time, model.EPOCH_PERIOD * (1 - 1e-6), first
-            )
+            usable = np.flatnonzero(np.isfinite(track.angle_variance(1.0)))
+            epoch_indices = usable[
+                strapdown.epoch_indices(track.time[usable], model.EPOCH_PERIOD * (1 - 1e-6), first)
+            ]
             epochs = np.concatenate([[0], epoch_indices])
         if epochs.size < 2:
             raise InputError(

@@ -8,6 +8,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading.host_readback import read_host_readback
 from inercal.benches.turntable.reading.readback_clock import (
     MAX_CLOCK_OFFSET,
     ClockAlignment,
@@ -18,7 +19,7 @@ from inercal.data import Source
 from inercal.data.recording_loader import file_reader_options, readback_fields, readback_units
 from inercal.errors import InputError
 from inercal.io.read import Columns, read_readback
-from inercal.recording import Recording
+from inercal.recording import AngleQuality, Recording
 from inercal.section_settings import si_value
 from inercal.units import Measured, format_quantity
 
@@ -43,11 +44,14 @@ class RecordingWithAngles:
         With the remaining uncertainty of the readback's delay, where the clocks were compared.
     clock : ClockAlignment or None
         Of the table's clock against the recording's; None where both are one clock.
+    quality : AngleQuality or None
+        Uncertainty of the angles at each sample, where a bench host interpolated its readings.
     """
 
     recording: Recording
     bench: Turntable
     clock: ClockAlignment | None = None
+    quality: AngleQuality | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -91,7 +95,10 @@ def add_table_angles(
             # The angles of a bench host are cumulative, over outages too.
             counted = {name: recording.readback[name] * sizes[name] for name in bench.names}
             counted[HOLD_COLUMN] = recording.readback[HOLD_COLUMN]
-            return RecordingWithAngles(replace(recording, readback=counted), bench)
+            host = read_host_readback(run.file(run.data.file), recording)
+            findings = (*recording.findings, *host.findings)
+            complete = replace(recording, readback=counted, findings=findings)
+            return RecordingWithAngles(complete, bench, quality=host.quality)
         unwrapped = _unwrap_angles(recording.readback, bench, sizes)
         return RecordingWithAngles(replace(recording, readback=unwrapped), bench)
     table = _read_table_file(run, recording.origin)

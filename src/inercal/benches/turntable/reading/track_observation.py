@@ -46,7 +46,7 @@ from inercal.data.recording_loader import (
 )
 from inercal.errors import InputError
 from inercal.plan import Position, Rotation, TableStep
-from inercal.recording import Finding, Mark, Recording, Track
+from inercal.recording import AngleQuality, Finding, Mark, Recording, Track
 from inercal.section_settings import key_error
 from inercal.segments import (
     AxisTurn,
@@ -104,12 +104,12 @@ def observe(run: Source[TurntableData]) -> EstimatorInput:
             names=named,
         )
     _require_complete_first_rest(run, recording.time, angles, holds)
-    track = _build_track(run, recording, angles, holds)
+    track = _build_track(run, recording, angles, holds, read.quality)
     require_range(str(run.path), recording, track, run.sensor)
     findings = (
         *recording.findings,
         *spike_findings(recording, run.sensor),
-        *_check_track(run, track, bench),
+        *_check_track(run, track.with_known_angles, bench),
     )
     turns = find_turns(recording.time, angles, recording.labels)
     if HOLD_COLUMN in recording.readback and recording.labels is not None:
@@ -238,14 +238,18 @@ def _numbered_holds(run: Source[TurntableData], recording: Recording) -> Indices
 
 
 def _build_track(
-    run: Source[TurntableData], recording: Recording, angles: Array, holds: Indices
+    run: Source[TurntableData],
+    recording: Recording,
+    angles: Array,
+    holds: Indices,
+    quality: AngleQuality | None = None,
 ) -> Track:
     number = np.full(recording.time.size, -1, dtype=np.int64)
     for k, (start, stop) in enumerate(holds.tolist()):
         number[start:stop] = k
     places = [recording.channels.index(name) for name in run.sensor.channels]
     reading = run.sensor.to_si(recording.data[:, places])
-    return Track(recording.time, reading, angles, number, recording.temperature)
+    return Track(recording.time, reading, angles, number, recording.temperature, quality)
 
 
 def _build_steps(

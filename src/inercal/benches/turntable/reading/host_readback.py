@@ -1,0 +1,88 @@
+"""What a bench host wrote of its readings of the table, beside the samples of a recording.
+
+The group `bench` of its HDF5 file has, a row a sample, how well the interpolated angles are known
+(`recording.AngleQuality`), and as attributes how many readings were left out.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from inercal.errors import InputError
+from inercal.io.hdf5 import read_group
+from inercal.recording import AngleQuality, Finding, Recording
+
+BENCH_GROUP = "bench"
+POLLS, IMPLAUSIBLE_POLLS = "polls", "polls left out as implausible"
+UNUSABLE_ANGLES = "samples with unusable angle"
+_FEW = 0.01  # of the readings, that may be left out without a word in the verdict
+_SUFFIXES = (".h5", ".hdf5")
+
+
+class HostReadback(NamedTuple):
+    """How well a recording's angles are known, and what is to be said of the readings."""
+
+    quality: AngleQuality | None
+    findings: tuple[Finding, ...] = ()
+
+
+def read_host_readback(path: Path, recording: Recording) -> HostReadback:
+    """Return what a host wrote of its readings; no quality where the file has none.
+
+    Parameters
+    ----------
+    path : Path
+        The file of the recording.
+    recording : Recording
+        As it was read, of which the audit may have left out samples.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or the quality is not that of its samples.
+    """
+    if path.suffix.lower() not in _SUFFIXES:
+        return HostReadback(None)
+    group = read_group(path, BENCH_GROUP, AngleQuality._fields)
+    if any(name not in group.arrays for name in AngleQuality._fields):
+        return HostReadback(None)
+    quality = AngleQuality(*(group.arrays[name] for name in AngleQuality._fields))
+    kept = recording.original
+    rows = recording.time.size if kept is None else int(kept.max(initial=-1)) + 1
+    if any(one.shape[:1] < (rows,) or (kept is None and one.shape != (rows,)) for one in quality):
+        raise InputError(
+            f"{path.name}: group {BENCH_GROUP!r} tells how well {quality.noise_gain.size} angles "
+            f"are known; the recording has {rows} samples; use the file as the host wrote it",
+            file=path,
+        )
+    if kept is not None:
+        quality = AngleQuality(*(one[kept] for one in quality))
+    return HostReadback(quality, _findings(group.attributes))
+
+
+def _findings(attributes: dict[str, object]) -> tuple[Finding, ...]:
+    """Return a line for readings that were left out, and for angles that are not usable."""
+    implausible, polls, unusable = (
+        int(number) if isinstance(number := attributes.get(name, 0), int | float) else 0
+        for name in (IMPLAUSIBLE_POLLS, POLLS, UNUSABLE_ANGLES)
+    )
+    result: list[Finding] = []
+    if implausible:
+        result.append(
+            Finding(
+                "note" if implausible < _FEW * polls else "warning",
+                "implausible",
+                f"the host left out {implausible} of {polls} readings of the table: position, rate "
+                "and following error were not those of a motion within the bench's limits; look at "
+                "the cable to its controller",
+            )
+        )
+    if unusable:
+        result.append(
+            Finding(
+                "note",
+                "angles",
+                f"{unusable} samples have an angle that the filters do not use: the table was read "
+                "too seldom while it turned",
+            )
+        )
+    return tuple(result)

@@ -1,0 +1,176 @@
+"""Readings of the table that are no motion of it: a wrong digit on the way from the controller.
+
+Nothing protects the digits of a controller's reply. So each reading is compared with the last one
+that was accepted, Δt before, axis by axis. With the readback θ, the rate ω and the following error
+e as the controller states them, and the bench's limits ω_max and α_max::
+
+    |Δθ| ≤ 1.2 ω_max Δt + n                                      possible at all
+    |Δθ − (ω₀ + ω₁) Δt/2| ≤ 2 α_max Δt (Δt/2 + τ) + |ω| Δt/20 + n  as the stated rates have it
+    |Δθ/Δt − Δθ₀/Δt₀| ≤ 2 α_max (Δt + Δt₀)/2 + 2 n/min(Δt, Δt₀)    as the motion before has it
+    |Δ(θ + e)| ≤ 10″ + n                                          where all axes are settled in both
+
+n is six standard deviations of the readback's noise and the resolution of the digits, τ by how much
+the readback may be late. What the controller does not state is not checked.
+
+A servo may decelerate faster than the bench's limits say, as when it is stopped. Two readings in a
+row that agree with one another, and are possible after the last accepted one, are accepted again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isfinite, nan, radians
+
+from inercal.benches.turntable.bench import Turntable
+from inercal.host.drivers.rotary_table import TableState
+
+MAX_IMPLAUSIBLE_READINGS = 5  # in a row: as many as readings that may fail
+_RATE_MARGIN = 1.2  # times the bench's limit, as of the interlocks
+_ACCELERATION_MARGIN = 2.0  # times the bench's limit: a servo overshoots where a ramp begins
+_RATE_SHARE = 0.05  # of a stated rate, which controllers average over some servo cycles
+NOISE_FACTOR = 6.0  # standard deviations
+_RESOLUTION = radians(1e-4)  # rad, of rates and angles told in few digits
+_SETTLED_ANGLE = radians(10 / 3600)  # rad, by which a servo that is settled may still move
+_MAX_COMPARABLE_GAP = 1.0  # s after which a reading is compared with none before
+_FEW_INTERVALS = 3.0  # times the interval before: beyond that it says nothing of this one
+
+
+@dataclass(frozen=True)
+class AxisReading:
+    """One axis in one reading, rad and rad/s; NaN is what is not stated."""
+
+    angle: float
+    rate: float
+    following_error: float
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """A reading, and the motion that led to it from the one before."""
+
+    time: float
+    axes: tuple[AxisReading, ...]
+    settled: bool
+    interval: float = nan
+    rates: tuple[float, ...] = ()
+
+
+class ReadingPlausibility:
+    """The check of one table's readings, one after the other.
+
+    Parameters
+    ----------
+    bench : Turntable
+        Its limits, noise and latency.
+
+    Attributes
+    ----------
+    rejected : int
+        Readings that were rejected so far.
+    in_a_row : int
+        Of them, those since the last reading that was accepted.
+    """
+
+    def __init__(self, bench: Turntable):
+        self.rejected, self.in_a_row = 0, 0
+        self._limits = tuple(
+            (_RATE_MARGIN * one.rate, _ACCELERATION_MARGIN * one.acceleration)
+            for one in bench.axis_motion_limits
+        )
+        self._noise = NOISE_FACTOR * bench.white + _RESOLUTION
+        self._latency = abs(bench.latency.value) + 3 * bench.latency.sd
+        self._accepted: _Reading | None = None
+        self._doubted: _Reading | None = None
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether so many readings in a row are implausible that the table cannot be followed."""
+        return self.in_a_row >= MAX_IMPLAUSIBLE_READINGS
+
+    def restart(self) -> None:
+        """Compare the next reading with none before: the host was away."""
+        self._accepted = self._doubted = None
+        self.in_a_row = 0
+
+    def accept_state(self, state: TableState) -> bool:
+        """Tell whether a reading is plausible, as a driver returned it."""
+        homed = all(axis.homed for axis in state.axes)
+        axes = [
+            AxisReading(axis.angle if homed else nan, axis.rate, axis.following_error)
+            for axis in state.axes
+        ]
+        return self.accept(state.time, axes, settled=all(axis.settled for axis in state.axes))
+
+    def accept(self, time: float, axes: Sequence[AxisReading], *, settled: bool) -> bool:
+        """Tell whether a reading is plausible after those before.
+
+        Parameters
+        ----------
+        time : float
+            s by the table's clock, later than that of the reading before.
+        axes : sequence of AxisReading
+            An axis without a zero has the angle NaN: then there is nothing to compare.
+        settled : bool
+            All axes say that they hold their place.
+        """
+        now = _Reading(time, tuple(axes), settled)
+        before, doubted = self._accepted, self._doubted
+        if not all(isfinite(axis.angle) for axis in axes):
+            self.restart()
+            return True
+        if before is None or not 0 < time - before.time <= _MAX_COMPARABLE_GAP:
+            if before is None or time > before.time:
+                self._accept(now)
+            return True
+        if self._agree(before, now) or (
+            doubted is not None and self._is_possible(before, now) and self._agree(doubted, now)
+        ):
+            self._accept(now)
+            return True
+        self._doubted = now
+        self.rejected += 1
+        self.in_a_row += 1
+        return False
+
+    def _accept(self, now: _Reading) -> None:
+        before = self._accepted if self._doubted is None else None
+        if before is not None and now.time - before.time <= _MAX_COMPARABLE_GAP:
+            interval = now.time - before.time
+            rates = tuple(
+                (one.angle - other.angle) / interval
+                for one, other in zip(now.axes, before.axes, strict=True)
+            )
+            now = replace(now, interval=interval, rates=rates)
+        self._accepted, self._doubted, self.in_a_row = now, None, 0
+
+    def _is_possible(self, before: _Reading, now: _Reading) -> bool:
+        interval = now.time - before.time
+        return all(
+            abs(one.angle - other.angle) <= rate * interval + self._noise
+            for one, other, (rate, _) in zip(now.axes, before.axes, self._limits, strict=True)
+        )
+
+    def _agree(self, before: _Reading, now: _Reading) -> bool:
+        """Tell whether one reading may follow another on all axes."""
+        if not 0 < now.time - before.time <= _MAX_COMPARABLE_GAP:
+            return False
+        return self._is_possible(before, now) and all(
+            self._agrees_on_axis(before, now, i) for i in range(len(now.axes))
+        )
+
+    def _agrees_on_axis(self, before: _Reading, now: _Reading, i: int) -> bool:
+        last, axis, acceleration = before.axes[i], now.axes[i], self._limits[i][1]
+        interval, moved = now.time - before.time, axis.angle - last.angle
+        if isfinite(last.rate) and isfinite(axis.rate):
+            most = acceleration * interval * (interval / 2 + self._latency)
+            most += _RATE_SHARE * max(abs(last.rate), abs(axis.rate)) * interval + self._noise
+            if abs(moved - interval * (last.rate + axis.rate) / 2) > most:
+                return False
+        if before.rates and interval <= _FEW_INTERVALS * before.interval:
+            most = acceleration * (interval + before.interval) / 2
+            most += 2 * self._noise / min(interval, before.interval)
+            if abs(moved / interval - before.rates[i]) > most:
+                return False
+        errors = axis.following_error - last.following_error
+        if now.settled and before.settled and isfinite(errors):
+            return abs(moved + errors) <= _SETTLED_ANGLE + self._noise
+        return True
