@@ -375,7 +375,7 @@ class BenchRun:
         """Find an interlock that has not run in time; before and after the plan nothing drives."""
         homed = self.state is not None and all(axis.homed for axis in self.state.axes)
         if not (homed and self.recorder.assembly.is_recording and self._interlocks.has_gyros):
-            self._last_checks.excuse("gyros")
+            self._last_checks.pause("gyros")
         if not (self._before_start or self.sequencer.is_over):
             self._last_checks.update(self.time)
 

@@ -77,7 +77,7 @@ class LastChecks:
         """Note that an interlock has run; it must run again in time from now on."""
         self._last[which] = time
 
-    def excuse(self, which: Interlock) -> None:
+    def pause(self, which: Interlock) -> None:
         """Expect no check of an interlock that has nothing to compare, until it has run again."""
         self._last.pop(which, None)
 

@@ -167,14 +167,14 @@ class Pmac(Closeable):
             # A reply of one line is told from a late answer to ^A.
             self._each(
                 (f"I{m}20=0 I{m}21=0 I{m}19=I{m}15 #{m}J/ RHX$0" for m in motors),
-                lambda line: self._dialogue.ask_at_once(line, 1),
+                lambda line: self._dialogue.ask_now(line, 1),
             )
         except (ProtocolError, LinkLost):
             heard = False
             raise
         finally:
             if not heard:
-                self._dialogue.give_up()  # late replies may be under way
+                self._dialogue.drop()  # late replies may be under way
 
     def kill(self, *, coasting: bool = False) -> None:
         """Open the loops and take the power off (`K`).

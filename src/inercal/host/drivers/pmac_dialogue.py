@@ -6,7 +6,7 @@ not come whole in time, or what comes is no reply, the controller is told to for
 connection is given up; the next request opens another, which bytes under way to the old one cannot
 reach. A request is not repeated, as the command may have been executed.
 
-Commands that stop the table do not wait that long: see `control` and `ask_at_once`.
+Commands that stop the table do not wait that long: see `control` and `ask_now`.
 """
 
 from collections.abc import Callable
@@ -67,10 +67,10 @@ class PmacDialogue(Closeable):
                 )
             return self._exchange(link, line, replies, self._timeout)
         except (ProtocolError, LinkLost):
-            self.give_up()
+            self.drop()
             raise
 
-    def ask_at_once(self, line: str, replies: int) -> list[str]:
+    def ask_now(self, line: str, replies: int) -> list[str]:
         """As `ask`, within `STOP_TIMEOUT`, and though an earlier request is unanswered.
 
         After a `ProtocolError` the connection stays as it is, so that the next command of a stop
@@ -80,7 +80,7 @@ class PmacDialogue(Closeable):
         try:
             return self._exchange(link, line, replies, STOP_TIMEOUT)
         except LinkLost:
-            self.give_up()
+            self.drop()
             raise
 
     def control(self, letter: str) -> bool:
@@ -103,13 +103,13 @@ class PmacDialogue(Closeable):
                 return False
             link.write(codec.flush_request())
             if not read_until(link, lambda data: codec.FLUSH_ANSWER in data, STOP_TIMEOUT):
-                self.give_up()
+                self.drop()
         except LinkLost:
-            self.give_up()
+            self.drop()
             raise
         return True
 
-    def give_up(self) -> None:
+    def drop(self) -> None:
         """Close a connection on which replies may be under way; the next request opens another."""
         if self._link is not None:
             with suppress(LinkLost):
