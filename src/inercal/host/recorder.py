@@ -230,6 +230,7 @@ class RunRecorder(Closeable):
                 self._process_piece(done)
                 self._loss_warnings(done)
         self._process_piece(last)
+        self.assembly.take_received()  # a viewer is shown what comes from now on
 
     def close(self) -> None:
         """Close the log."""

@@ -28,6 +28,7 @@ from inercal.host.web.viewers import Viewer
 
 _MESSAGE_RATE = 20  # messages of a viewer
 _HEARTBEAT_INTERVAL = 2.0  # s
+_MAX_TAB = 64  # characters by which a page says which it is
 _MAX_WAITING = 4  # histories that are asked for while one is drawn
 _MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
@@ -178,7 +179,8 @@ class Page:
             await websocket.close()
             return
         await websocket.accept()
-        viewer = self._hub.add_viewer(self._version, cookie(websocket.headers, VIEWER))
+        tab = websocket.query_params.get("tab", "")[:_MAX_TAB] or None
+        viewer = self._hub.add_viewer(self._version, cookie(websocket.headers, VIEWER), tab)
         sending = asyncio.create_task(_send_messages(websocket, viewer))
         beating = asyncio.create_task(_send_heartbeats(viewer))
         try:
@@ -211,7 +213,11 @@ class Page:
                 await websocket.close(1003, "text only")
                 return
             try:
-                await self._hub.execute(viewer, parse_object(text))
+                requested = parse_object(text)
+                if requested.get("do") == "seen":
+                    viewer.acknowledge(requested.get("n"))
+                else:
+                    await self._hub.execute(viewer, requested)
             except (InercalError, ValueError) as error:
                 words = str(error) if isinstance(error, InercalError) else "not a JSON object"
                 self._refusals(who, f"viewer {viewer.number}: {words}")

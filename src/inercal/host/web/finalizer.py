@@ -8,6 +8,7 @@ from inercal.host.live_estimator import LiveEstimator
 from inercal.host.registration import RegisterSync
 from inercal.host.run_completion import finish_run
 from inercal.host.run_folder import RunFolder
+from inercal.host.web.page_messages import final_estimates
 from inercal.host.web.run_request import EndMessage, RunRequest, end_message
 from inercal.store import Register
 
@@ -54,10 +55,21 @@ class RunFinalizer:
             )
         name = quote(self._order.name, safe="")
         links = {what: f"/runs/{name}/{what}" for what in ("report", "calibration")}
-        verdict = {"level": outcome.verdict.tone, "words": outcome.verdict.word}
+        verdict = {
+            "level": outcome.verdict.tone,
+            "words": outcome.verdict.word,
+            "reasons": list(outcome.verdict.reasons),
+        }
         words = outcome.verdict.lines[0]
-        history = self._enter_in_register()
-        return end_message(self._order, "done", words, history=history, verdict=verdict, **links)
+        return end_message(
+            self._order,
+            "done",
+            words,
+            history=self._enter_in_register(),
+            verdict=verdict,
+            final=final_estimates(outcome.calibration),
+            **links,
+        )
 
     def _enter_in_register(self) -> str | None:
         """Enter the run as it is; return where its sensor's history is, if it has one."""

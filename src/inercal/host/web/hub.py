@@ -15,7 +15,7 @@ from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import JsonObject
-from inercal.host.web.message_history import MessageHistory
+from inercal.host.web.message_history import MessageHistory, is_alarm
 from inercal.host.web.plans import Plans
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
@@ -80,16 +80,17 @@ class Hub:
         """Whether a run goes on; one that has told its end does not, though its process may."""
         return self.run_process is not None and not self._end_published
 
-    def add_viewer(self, version: str, browser: str | None) -> Viewer:
-        """Take a viewer in, and tell what there is to tell."""
-        viewer = self.people.add_viewer(browser)
+    def add_viewer(self, version: str, browser: str | None, tab: str | None = None) -> Viewer:
+        """Take a viewer in, and tell how the run stands, then what was before."""
+        viewer = self.people.add_viewer(browser, tab)
         viewer.send("hello", _message_text("hello", version=version))
         self._broadcast_viewers()
         if self._history is None:
             viewer.send("idle", _message_text("idle"))
         else:
-            for text in self._history.messages():
-                viewer.send("kept", text)
+            for kind, text in self._history.present():
+                viewer.send(kind, text)
+            viewer.send_history(self._history.past())
         return viewer
 
     def remove_viewer(self, viewer: Viewer) -> None:
@@ -280,8 +281,9 @@ class Hub:
         self._broadcast("idle", _message_text("idle"))
 
     def _broadcast(self, kind: str, text: str) -> None:
+        urgent = kind != "event" or is_alarm(text)
         for viewer in self.people.viewers.values():
-            viewer.send(kind, text)
+            viewer.send(kind, text, urgent=urgent)
 
     def _broadcast_viewers(self) -> None:
         people = self.people
