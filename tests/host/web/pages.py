@@ -225,6 +225,10 @@ class Served(AbstractContextManager["Served"]):
             assert monotonic() < end
             tick.wait(0.005)
 
+    def take_port(self, port: int) -> None:
+        """Let a browser reach the page by another port of this machine too."""
+        self.access._hosts |= {f"127.0.0.1:{port}"}
+
     def was_refused(self, words: str) -> None:
         """Wait until something was refused, by what was said of it."""
         self.wait(lambda: any(words in line for line in self.refused))

@@ -141,6 +141,18 @@ def test_a_viewer_is_sent_the_state_and_alarms_before_samples_and_history():
     assert messages_of(viewer, 6) == ["alarm", "state", "info", "coarse", "past 1", "past 2"]
 
 
+def test_states_that_keep_coming_leave_room_for_the_past():
+    viewer = viewers.Viewer(1, None)
+    viewer.send_history(f"past {k}" for k in range(9))
+    told: list[str] = []
+    for _ in range(12):
+        viewer.send("state", "state")
+        viewer.send("estimates", "estimates")
+        told += messages_of(viewer, 1)
+    assert [told.count(one) for one in ("state", "estimates")] == [3, 3]
+    assert told[0] == "state"
+
+
 def test_a_batch_that_is_on_its_way_is_followed_by_what_is_urgent_alone():
     viewer = viewers.Viewer(1, None)
     viewer.send("plan", "x" * viewers._FIRST_BATCH)

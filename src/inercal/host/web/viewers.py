@@ -44,7 +44,7 @@ class Viewer:
         self._news: deque[str] = deque()
         self._samples = {kind: deque[str](maxlen=_MAX_SAMPLES) for kind in _SAMPLE_KINDS}
         self._history: Iterator[str] = iter(())
-        self._samples_are_next = False
+        self._turn, self._samples_are_next = 0, False
         self._message_ready = asyncio.Event()
         self._batch, self._batch_size, self._batch_begun = 0, _FIRST_BATCH, 0.0
         self._mark = 0
@@ -128,15 +128,25 @@ class Viewer:
         ):
             self._mark, self._marked_at = self._mark + 1, monotonic()
             return f'{{"kind": "mark", "n": {self._mark}}}'
-        for kind in _LATEST_KINDS:
-            if kind in self._latest:
-                return self._latest.pop(kind)
-        if self._news:
-            return self._news.popleft()
-        return self._take_bulk()
+        # By turns: on a slow link the latest alone would leave no room for what was before.
+        lanes = self._latest_state, self._take_bulk, self._latest_estimates, self._take_bulk
+        for _ in lanes:
+            lane = lanes[self._turn]
+            self._turn = (self._turn + 1) % len(lanes)
+            if (text := lane()) is not None:
+                return text
+        return None
+
+    def _latest_state(self) -> str | None:
+        return self._latest.pop("state", None)
+
+    def _latest_estimates(self) -> str | None:
+        return self._latest.pop("estimates", None)
 
     def _take_bulk(self) -> str | None:
-        """Return the next of the samples or of the history, by turns; a slow link takes means."""
+        """Return the next of news, else of samples or history by turns; a slow link takes means."""
+        if self._news:
+            return self._news.popleft()
         kind, other = _SAMPLE_KINDS if self._is_fast else reversed(_SAMPLE_KINDS)
         self._samples[other].clear()
         samples = self._samples[kind]

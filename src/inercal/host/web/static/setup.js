@@ -1,6 +1,6 @@
 /** The set-up of a run: what is chosen, probed and started. */
 
-import { allow, allowed, byId, make, put } from "./dom.js";
+import { allow, allowed, byId, close, make, open, put } from "./dom.js";
 import { lasting } from "./format.js";
 import { notice, order } from "./notice.js";
 
@@ -15,6 +15,8 @@ export function makeSetup(people) {
   const [tableAddress, imuAddress] = ["table-address", "imu-address"].map(byId);
   const motorBaud = byId("motor-baud");
   const [start, probe, answers] = ["start", "probe", "answers"].map(byId);
+  const asking = byId("ask-start");
+  let wanted = null; // what the question names is what is started, whatever was chosen since
   const setup = { whole: null, loaded: [], devices, load };
 
   byId("again").addEventListener("click", load);
@@ -28,9 +30,13 @@ export function makeSetup(people) {
   byId("form").addEventListener("submit", (event) => event.preventDefault());
   start.addEventListener("click", () => {
     if (!allowed(start)) return notice(start.title);
-    people.whenOperating(() => {
-      order({ do: "start", plan: planId(), sensor: named(), ...devices() }, "Starting …");
-    });
+    people.whenOperating(confirm);
+  });
+  byId("start-yes").addEventListener("click", () => {
+    close(asking);
+    if (!wanted) return;
+    order({ do: "start", ...wanted }, "Starting …");
+    wanted = null;
   });
   probe.addEventListener("click", () => {
     if (!allowed(probe)) return notice(probe.title);
@@ -76,10 +82,10 @@ export function makeSetup(people) {
     const [before, focused] = [planId(), plans.contains(document.activeElement)];
     plans.offered = offered;
     plans.replaceChildren(...all.map((one) => planCard(one)));
-    const first = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`)
-      ?? plans.querySelector("input:enabled");
-    if (first) first.checked = true;
-    if (focused) first?.focus();
+    // None is chosen beforehand: a plan that nobody has looked at moves no table.
+    const same = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`);
+    if (same) same.checked = true;
+    if (focused) (same ?? plans.querySelector("input:enabled"))?.focus();
     if (!all.length) plans.append(make("p", {}, "There is no plan in the folder of plans."));
   }
 
@@ -109,12 +115,26 @@ export function makeSetup(people) {
     byId("imu-preset").hidden = byId("imu-baud").hidden = !isPort(imu);
     put(byId("summary"), plan ? `${name ? `${name}: ` : ""}${plan.file}, ${plan.steps} steps, about `
       + `${lasting(plan.seconds)}, method ${plan.method}.` : "");
-    const why = plan ? unclear() : "no plan is chosen";
+    const why = plan ? unclear() : "choose a plan";
     allow(probe, !why, why);
     const unknown = isPort(imu) && !preset.value;
     const first = why || (unknown ? "say what packets the IMU sends; probing tells" : "");
     allow(start, !first, first);
     put(byId("start-why"), first ? `Before it can start: ${first}` : "");
+  }
+
+  /** Ask before anything moves, with the names of what will move. */
+  function confirm() {
+    const plan = planNow();
+    if (!plan) return;
+    wanted = { plan: planId(), sensor: named(), ...devices() };
+    const what = (device, address) => device.value === TYPED ? address.value.trim()
+      : device.selectedOptions[0]?.textContent ?? "";
+    const facts = [["plan", `${plan.file}, ${plan.steps} steps, about ${lasting(plan.seconds)}`],
+      ["sensor", wanted.sensor ?? plan.sensor], ["table", what(table, tableAddress)], ["IMU", what(imu, imuAddress)]];
+    byId("ask-start-facts").replaceChildren(...facts.map(([name, value]) =>
+      make("div", {}, make("dt", {}, name), make("dd", {}, value))));
+    open(asking);
   }
 
   /** What is missing in what was typed. */
