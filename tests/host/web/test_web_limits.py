@@ -83,6 +83,27 @@ def test_a_socket_that_asks_nothing_is_closed(
     served.was_refused("did not ask anything")
 
 
+def test_a_request_whose_answer_takes_too_long_is_closed_and_a_viewer_stays(
+    served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("inercal.host.web.connections._REQUEST_TIMEOUT", 0.1)
+    go_on = Event()
+    monkeypatch.setattr("inercal.host.web.app.Page._setup", lambda _: go_on.wait(PATIENCE))
+    try:
+        with pytest.raises(ConnectionError):
+            served.ask("/api/setup")
+    finally:
+        go_on.set()
+    served.was_refused("took longer than")
+    unharmed(watched)
+
+
+def test_nothing_of_the_web_servers_inner_protocol_is_subclassed(served: Served):
+    used = served.server.config.http_protocol_class
+    assert used.__module__.startswith("uvicorn.")
+    assert served.server.config.limit_concurrency == CONNECTIONS
+
+
 def test_more_viewers_than_there_may_be_are_refused_and_may_come_later(
     served: Served, watched: Page
 ):
