@@ -1,4 +1,4 @@
-"""A run in the server's own process, as large as a real one, that goes on as long as it is heard."""
+"""A run in the server's own process, as large as a real one, that goes on until it is ended."""
 
 import asyncio
 import json

@@ -90,6 +90,10 @@ class ScriptedServer:
         """End all connections."""
         self._on_loop(self._drop)
 
+    def hand_over(self, operator: str) -> None:
+        """Have somebody else operate."""
+        self.operator, self._operates, self._seat = operator, None, ""
+
     def people(self) -> None:
         """Tell all clients who operates."""
         self._on_loop(self._people)

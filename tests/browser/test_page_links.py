@@ -162,7 +162,8 @@ def shown_points(page: Page, chart: str) -> float:
         const over = document.querySelector(`${id} .u-over`);
         if (!canvas) return 0;
         const ratio = devicePixelRatio, style = getComputedStyle(document.documentElement);
-        const colour = name => style.getPropertyValue(name).match(/\\w\\w/g).map(h => parseInt(h, 16));
+        const colour = name =>
+            style.getPropertyValue(name).match(/\\w\\w/g).map(h => parseInt(h, 16));
         const inks = ["--x", "--y", "--z", "--ink"].map(colour);
         const [left, top] = [over.offsetLeft * ratio, over.offsetTop * ratio].map(Math.round);
         const [wide, tall] = [over.clientWidth * ratio, over.clientHeight * ratio].map(Math.round);
@@ -174,8 +175,8 @@ def shown_points(page: Page, chart: str) -> float:
         let columns = 0;
         for (let i = 0; i < wide; i++) for (let k = 0; k < tall; k++) {
             const at = 4 * (k * wide + i);
-            if (data[at + 3] > 128 && inks.some(ink => ink.every((c, n) => Math.abs(c - data[at + n]) < 48)))
-                { columns += 1; break; }
+            const near = ink => ink.every((c, n) => Math.abs(c - data[at + n]) < 48);
+            if (data[at + 3] > 128 && inks.some(near)) { columns += 1; break; }
         }
         return columns / wide; }""",
         chart,

@@ -297,7 +297,7 @@ def test_control_that_somebody_else_has_taken_is_not_taken_back(
     scripted.away = True
     scripted.drop()
     expect(page.get_by_text("Connection lost")).to_be_visible()
-    scripted.operator = "Grace"
+    scripted.hand_over("Grace")
     scripted.away = False
     expect(page.get_by_text("Grace operates · 1 viewer")).to_be_visible()
     scripted.operator = None

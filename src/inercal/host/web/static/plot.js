@@ -130,7 +130,8 @@ export function makePlot(place, { label, height, series, bands, range, theme, ma
 
   /** Move the cursor to a time, if that is in sight. */
   function pointAt(time) {
-    if (own && time >= shown[0] && time <= shown[1]) point(own.valToIdx(time));
+    // uPlot takes a new scale at the end of the task: until then a time has the place of before.
+    if (own && time >= shown[0] && time <= shown[1]) queueMicrotask(() => point(own.valToIdx(time)));
   }
 
   return { draw, pointAt, get height() { return height; },
