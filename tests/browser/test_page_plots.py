@@ -231,9 +231,9 @@ def test_nis_and_verdict_have_a_colour_a_sign_and_a_word(
     told = page.locator("#verdict-words")
     expect(told).to_have_text(f"{sign} {words}")
     expect(told).to_have_css("color", colour)
-    expect(page.get_by_text(numbers)).to_be_hidden()
+    expect(page.locator("#done-words")).to_be_hidden()
     page.get_by_text("What was tested, and why").click()
-    expect(page.get_by_text(numbers)).to_be_visible()
+    expect(page.locator("#done-words")).to_have_text(numbers)
 
 
 def test_the_finished_page_shows_the_uncertainties_of_the_calibration_file(
