@@ -137,6 +137,11 @@ def test_readings_are_plotted_before_the_axes_have_their_zeros(
     value = page.locator('[data-measures="f"] .value').first
     expect(value).to_have_text(re.compile(r"\d\.\d"))
     expect(page.locator(f"{PLOTS[0]} canvas")).to_be_visible()
+    ends: list[float] = []
+    for share in (0.06, 0.28):  # the scale begins at 0 and is 10 s long
+        pointed(page, PLOTS[0], share)
+        ends.append(seconds(legend(page, PLOTS[0])))
+    assert ends == pytest.approx([0.6, 2.8], abs=0.6)
 
 
 def test_axes_and_last_events_are_in_sight_of_a_small_laptop(page: Page, scripted: ScriptedServer):

@@ -20,7 +20,7 @@ from inercal.errors import InercalError
 from inercal.host.packets import PRESETS, read_layout
 from inercal.host.web.access import VIEWER, Access, cookie
 from inercal.host.web.access_middleware import AccessMiddleware, set_viewer_cookie
-from inercal.host.web.device_probe import probe_devices
+from inercal.host.web.device_catalogue import probe_devices
 from inercal.host.web.hub import Hub
 from inercal.host.web.json_objects import parse_object
 from inercal.host.web.refusal_log import RefusalLog

@@ -1,17 +1,22 @@
-"""Which table and which IMU: what there is to choose from, and what a request may choose.
+"""Which table and IMU there are, which of them a request may choose, and who they say they are.
 
 Nothing of a request is a path. A port is named by its number in the list that was given; an address
 that somebody writes is one of the network, and its packets are of a preset.
 """
 
 import re
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
-from inercal.errors import InputError
+from inercal.benches.turntable import require_turntable
+from inercal.errors import InercalError, InputError
+from inercal.host import devices
+from inercal.host.device_description import imu_lines, table_lines
 from inercal.host.devices import SerialPort, list_serial_ports
 from inercal.host.packets import PRESETS
 from inercal.host.web.json_objects import JsonObject, as_object
+from inercal.host.web.plans import Plan
+from inercal.runfile import read
 
 SIMULATED, CONFIGURED = "simulated", "given"
 _HOST = r"(?:[a-z0-9_.-]{1,253}|\[[0-9a-f:.]{2,45}\]):[0-9]{1,5}"
@@ -135,6 +140,36 @@ class DeviceCatalogue:
         if port is None:
             raise InputError(f"no {what} {name!r} here; look at the list again")
         return port
+
+
+def probe_devices(choice: DeviceCatalogue, plan: Plan | None, asked: JsonObject) -> dict[str, Any]:
+    """Return what table and IMU say of themselves, as lines, and whether they could be asked.
+
+    Nothing moves.
+    """
+    bench = None
+    if plan is not None and not plan.summary["trouble"]:
+        bench = require_turntable(read(plan.path))  # a plan of another bench has trouble
+
+    def table() -> list[str]:
+        return table_lines(devices.probe_table(choice.table(asked.get("table")), bench))
+
+    def imu() -> list[str]:
+        return imu_lines(devices.probe_imu(choice.imu(asked.get("imu"), preset_needed=False)))
+
+    return {
+        what: _probe_result(asked.get(what), lines)
+        for what, lines in (("table", table), ("imu", imu))
+    }
+
+
+def _probe_result(asked: object, lines: Callable[[], list[str]]) -> dict[str, Any]:
+    try:
+        if _is_simulated(asked):
+            return {"ok": True, "lines": ["simulated: made when the run starts"]}
+        return {"ok": True, "lines": lines()}
+    except InercalError as error:
+        return {"ok": False, "lines": [str(error)]}
 
 
 def _device_list(given: str, others: Iterable[tuple[str, str]]) -> list[dict[str, str]]:

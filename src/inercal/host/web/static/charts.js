@@ -29,7 +29,7 @@ export function makeCharts(theme, marks) {
   tools.append(...zoomButtons("Last 10 s"));
   const zoom = makeZoom(tools, {
     limits: () => [ring?.end ? ring.time[0] : 0, head.newest],
-    normal: () => [head.at - span, head.at],
+    normal: () => [Math.max(head.at, span) - span, Math.max(head.at, span)],
     changed: () => (stale = true),
   });
   for (const source of [theme, marks]) source.changed.push(() => (stale = true));
