@@ -206,11 +206,13 @@ def setup(**changed: Any) -> dict[str, Any]:
         "steps": 31,
         "seconds": 1421.0,
         "method": "turntable_kalman",
+        "bytes": 32_000_000,
         "trouble": "",
     }
     trouble = 'old.toml: [data] hold is missing, such as hold = "hold"'
     return {
         "register": "sqlite:///register.db",
+        "free": 500_000_000_000,
         "plans": [
             one,
             {**one, "id": "quick", "file": "quick.toml", "steps": 15, "seconds": 312.0},

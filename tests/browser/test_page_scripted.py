@@ -161,6 +161,23 @@ def test_pause_go_on_and_abort_by_keys_are_the_operators(page: Page, scripted: S
     assert [one["do"] for one in scripted.heard] == ["operate", "pause", "go on", "abort"]
 
 
+def test_the_operator_writes_notes_and_their_letters_are_no_commands(
+    page: Page, scripted: ScriptedServer
+):
+    open_running_page(page, scripted)
+    note = page.get_by_label("Note for the journal and the report")
+    expect(note).to_be_hidden()
+    take_control(page, scripted)
+    note.fill("")
+    note.press_sequentially("gas spill passed")
+    note.press("Enter")
+    assert scripted.order("note") == {"do": "note", "text": "gas spill passed"}
+    expect(note).to_have_value("")
+    scripted.tell(messages.event(101.0, "Ada: gas spill passed", "note"))
+    expect(page.locator("#event-list li").first).to_contain_text("✎ note Ada: gas spill passed")
+    assert [one["do"] for one in scripted.heard] == ["operate", "note"]
+
+
 def test_stop_is_anybodys_by_button_and_by_s_pressed_twice(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     page.keyboard.press("s")

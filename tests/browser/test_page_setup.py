@@ -32,6 +32,7 @@ def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: Scr
         "do": "start",
         "plan": "quick",
         "sensor": "MIMU #17",
+        "ambient": None,
         "table": {"id": "simulated"},
         "imu": {"id": "simulated"},
     }
@@ -86,6 +87,44 @@ def test_the_question_before_a_start_names_table_and_plan_and_starts_what_it_nam
     choose_plan(page, "quick.toml")  # behind the question, which named another
     page.get_by_role("button", name="Start: the table moves").click()
     assert scripted.order("start")["plan"] == "mimu"
+
+
+def test_the_ambient_temperature_is_a_number_and_goes_with_the_start(
+    page: Page, scripted: ScriptedServer
+):
+    open_page(page, scripted)
+    page.get_by_label("Name").first.fill("Ada")
+    choose_plan(page)
+    ambient = page.get_by_label("Ambient temperature")
+    ambient.fill("warm")
+    expect(page.get_by_role("button", name="Start the run")).to_be_disabled()
+    ambient.fill("21,5")
+    confirm_start(page)
+    assert scripted.order("start")["ambient"] == 21.5
+
+
+@pytest.mark.parametrize(
+    ("free", "looks", "may"), [(2e8, "small", True), (5e7, "care", True), (3e7, "bad", False)]
+)
+def test_the_room_on_the_disk_is_said_before_a_start(
+    page: Page, scripted: ScriptedServer, free: float, looks: str, may: bool
+):
+    scripted.setup["free"] = free
+    open_page(page, scripted)
+    choose_plan(page)
+    said = page.locator("#room")
+    expect(said).to_contain_text(f"needs about 32 MB; {free / 1e6:.0f} MB are free")
+    expect(said).to_have_class(looks)
+    start = page.get_by_role("button", name="Start the run")
+    if not may:
+        expect(start).to_be_disabled()
+        return
+    page.get_by_label("Name").first.fill("Ada")
+    start.click()
+    question = page.get_by_role("dialog", name="Start this run?")
+    expect(question).to_be_visible()
+    if looks == "care":
+        expect(question).to_contain_text("that is little")
 
 
 def test_enter_in_a_field_starts_no_run(page: Page, scripted: ScriptedServer):

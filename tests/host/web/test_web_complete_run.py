@@ -14,6 +14,7 @@ from tests.host.web.pages import COMPILING, RUNNING, SIMULATED, Served, sockets
 from websockets.exceptions import InvalidStatus
 
 from inercal.calibration.files import load
+from inercal.host.journal import Journal
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import RunRequest
 from inercal.pipeline import calibrate
@@ -21,6 +22,7 @@ from inercal.runfile import read
 from inercal.store import Register
 
 NAME = "MIMU #17"
+NOTE = "the door was opened"
 
 
 class Whole(NamedTuple):
@@ -41,11 +43,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     plan(folder / "plans", quick())
     with Served(folder, start=seeded) as served, served.page() as page:
         page.operate("Ada")
-        page.say("start", plan="plan", sensor=NAME, **SIMULATED)
+        page.say("start", plan="plan", sensor=NAME, ambient=21.5, **SIMULATED)
         run = page.until("plan", COMPILING)["run"]
         page.until("estimates", COMPILING)
         page.say("pause")
         page.until("state", paused="paused by the operator")
+        page.say("note", text=NOTE)
+        page.until("event", level="note", words=f"Ada: {NOTE}")
         send_nonsense(served)
         page.say("go on")
         send_too_much(served)
@@ -101,6 +105,19 @@ def test_a_run_through_the_page_ends_with_report_calibration_and_history(whole: 
     (shown,) = whole.answers["setup"].json["runs"]
     assert (shown["id"], shown["sensor"]) == (whole.folder.name, NAME)
     assert (shown["state"], shown["report"]) == ("done", True)
+
+
+def test_what_the_operator_wrote_is_in_journal_calibration_and_report(whole: Whole):
+    with Journal(whole.folder / "run.journal") as journal:
+        notes = [event for event in journal.events() if event.level == "note"]
+    words = ["Ada: the ambient temperature is 21.5 °C", f"Ada: {NOTE}"]
+    assert [one.words for one in notes] == words
+    assert notes[1].time is not None
+    kept = load(whole.folder / "plan.calibration.json").conditions
+    assert kept["note 1"] == words[0]
+    assert kept[f"note 2, {notes[1].time:.0f} s"] == words[1]
+    report = whole.answers["report"].body.decode()
+    assert all(one in report for one in words)
 
 
 def test_its_result_is_that_of_its_recording(whole: Whole):

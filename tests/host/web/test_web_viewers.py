@@ -335,6 +335,55 @@ def test_commands_of_the_operator_reach_the_run(served: Served, ada: Page):
     assert "no run goes on" in ada.until("refused")["words"]
 
 
+def test_a_note_of_the_operator_reaches_the_run_with_who_wrote_it(served: Served, ada: Page):
+    ada.say("note", text="too early")
+    assert ada.until("refused")["words"] == "no run goes on"
+    ada.start()
+    ada.say("note", text="  the door was opened ")
+    # The scripted run says which command it does not know.
+    assert ada.until("event", level="alarm")["words"] == "what is note Ada: the door was opened?"
+    for text in ("  ", "x" * 401, "two\nlines", 7, None):
+        ada.say("note", text=text)
+        assert "a note has 1 to 400 characters" in ada.until("refused")["words"]
+    with served.page() as other:
+        other.say("note", text="me too")
+        assert "operator" in other.until("refused")["words"]
+
+
+def test_a_run_that_the_disk_has_no_room_for_is_refused_before_it_begins(
+    served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
+):
+    said = served.ask("/api/setup").json
+    needed = said["plans"][0]["bytes"]
+    assert 2e7 < needed < 2e8  # 23 minutes of 200 Hz
+    assert said["free"] > needed
+    monkeypatch.setattr(hub, "free_space", lambda _: needed - 1)
+    ada.say("start", plan="demo", sensor=None, **SIMULATED)
+    assert "are free: make room" in ada.until("refused")["words"]
+    assert list(served.runs.folder.iterdir()) == []
+    monkeypatch.setattr(hub, "free_space", lambda _: needed)
+    ada.start()
+
+
+def test_the_ambient_temperature_goes_with_the_order_and_is_a_number(tmp_path: Path):
+    orders: list[RunRequest] = []
+
+    def start(order: RunRequest) -> run_process.RunProcess:
+        orders.append(order)
+        return scripted(order)
+
+    with Served(tmp_path, start=start) as served, served.page() as page:
+        page.operate()
+        for wrong in ("warm", 1000, True, float("nan")):
+            page.say("start", plan="demo", sensor=None, ambient=wrong, **SIMULATED)
+            assert "from -90 to 100 °C" in page.until("refused")["words"]
+        page.start(ambient=21.5)
+        page.say("abort")
+        page.until("done")
+    assert [order.ambient for order in orders] == [21.5]
+    assert RunRequest.from_json(orders[0].json_line) == orders[0]
+
+
 def test_limits_that_the_server_was_given_are_those_of_each_run(tmp_path: Path):
     orders: list[RunRequest] = []
 

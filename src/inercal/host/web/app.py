@@ -22,7 +22,7 @@ from inercal.host.packets import PRESETS, read_layout
 from inercal.host.web.access import VIEWER, Access, cookie
 from inercal.host.web.access_middleware import AccessMiddleware, set_viewer_cookie
 from inercal.host.web.device_catalogue import probe_devices
-from inercal.host.web.hub import Hub
+from inercal.host.web.hub import Hub, free_space
 from inercal.host.web.json_objects import parse_object
 from inercal.host.web.refusal_log import RefusalLog
 from inercal.host.web.viewers import Viewer
@@ -247,6 +247,7 @@ class Page:
             "tables": hub.choice.tables(),
             "imus": hub.choice.imus(),
             "presets": [{"name": p, "protection": read_layout(p).protection} for p in PRESETS],
+            "free": free_space(hub.runs.folder),
             "runs": [run.summary for run in hub.runs.all().values()],
         }
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import shutil
 import signal
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +14,7 @@ from zlib import crc32
 from inercal.errors import InputError
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
+from inercal.host.web.command_relay import NOTE
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import JsonObject
 from inercal.host.web.message_history import MessageHistory, is_alarm
@@ -30,8 +32,10 @@ from inercal.host.web.viewers import OPERATOR_GRACE, Viewer, Viewers
 _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s that a process may take to end that has told its end
 _TIMER_MARGIN = 0.1  # s: a timer may be that early
+_MAX_NOTE = 400  # characters of a note
+_AMBIENT_RANGE = (-90.0, 100.0)  # °C
 _COMMANDS = ("pause", "go on", "abort")
-_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away")
+_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away", "note")
 COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
@@ -134,13 +138,18 @@ class Hub:
                 if self.is_run_active:
                     raise InputError("the run goes on")
                 self._dismiss_run()
+            case "note":
+                text = _printable_line(asked.get("text"), _MAX_NOTE)
+                if text is None:
+                    raise InputError(f"a note has 1 to {_MAX_NOTE} characters", key="text")
+                self._send_to_run(f"{NOTE}{self.people.operator}: {text}")
             case _:
-                if (
-                    not self.is_run_active
-                    or self.run_process is None
-                    or not self.run_process.send_line(what)
-                ):
-                    raise InputError("no run goes on")
+                self._send_to_run(what)
+
+    def _send_to_run(self, line: str) -> None:
+        run_process = self.run_process if self.is_run_active else None
+        if run_process is None or not run_process.send_line(line):
+            raise InputError("no run goes on")
 
     async def stop(self, name: object = None) -> None:
         """Have the table stopped: at once of the run that is shown, else of one without a page.
@@ -199,6 +208,7 @@ class Hub:
             raise InputError(f"no plan {name!r}; look at the list again")
         if plan.summary["trouble"]:
             raise InputError(plan.summary["trouble"])
+        _require_room(self.runs.folder, plan.summary["bytes"])
         self._launch_process(
             self._run_request(
                 _new_run_folder(self.runs.folder, plan.path.stem), chosen, asked, plan.path
@@ -230,12 +240,12 @@ class Hub:
         self, folder: Path, chosen: ChosenDevices, asked: JsonObject, plan: Path | None
     ) -> RunRequest:
         sensor = asked.get("sensor") if plan is not None else None
-        if sensor is not None and not _is_valid_name(sensor):
-            raise InputError(f"sensor: give a name of 1 to {_MAX_NAME} characters")
+        if sensor is not None and (sensor := _printable_line(sensor, _MAX_NAME)) is None:
+            raise InputError(f"sensor: give a name of 1 to {_MAX_NAME} characters", key="sensor")
         return RunRequest(
             str(folder.absolute()),
             None if plan is None else str(plan.absolute()),
-            None if sensor is None else sensor.strip(),
+            sensor,
             self.people.operator or "",
             *chosen,
             crc32(folder.name.encode()),  # another bench for another run
@@ -243,6 +253,7 @@ class Hub:
             self._register,
             self._options.temperature,
             self._options.patience,
+            _ambient_temperature(asked.get("ambient")),
         )
 
     def _launch_process(self, order: RunRequest) -> None:
@@ -319,8 +330,37 @@ def _new_run_folder(runs: Path, stem: str) -> Path:
     return result
 
 
-def _is_valid_name(text: object) -> bool:
-    return isinstance(text, str) and 0 < len(text.strip()) <= _MAX_NAME and text.isprintable()
+def free_space(folder: Path) -> int:
+    """Return the bytes that are free on the disk of a folder."""
+    return shutil.disk_usage(folder).free
+
+
+def _require_room(folder: Path, needed: int) -> None:
+    """Refuse a run that the disk has no room for: it would end when the disk is full."""
+    if (free := free_space(folder)) < needed:
+        raise InputError(
+            f"{folder}: the run needs about {needed / 1e6:.0f} MB, and {free / 1e6:.0f} MB are "
+            "free: make room, or serve another folder by --runs",
+            file=folder,
+        )
+
+
+def _printable_line(text: object, most: int) -> str | None:
+    """Return a text that somebody typed, without spaces around it; None where it is none."""
+    if not isinstance(text, str) or not text.isprintable():
+        return None
+    return text.strip() if 0 < len(text.strip()) <= most else None
+
+
+def _ambient_temperature(asked: object) -> float | None:
+    low, high = _AMBIENT_RANGE
+    if asked is None:
+        return None
+    if not isinstance(asked, (int, float)) or isinstance(asked, bool) or not low <= asked <= high:
+        raise InputError(
+            f"the ambient temperature must be a number from {low:g} to {high:g} °C", key="ambient"
+        )
+    return float(asked)
 
 
 def _message_text(kind: str, **content: object) -> str:

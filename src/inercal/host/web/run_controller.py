@@ -15,7 +15,7 @@ from inercal.host.bench_run import BenchRun
 from inercal.host.bench_simulator import POLL_INTERVAL as SIMULATED_POLL
 from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator, start_bench_simulator
 from inercal.host.clock import SimulatedClock
-from inercal.host.journal import Journal
+from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.precompilation import precompile_run
 from inercal.host.registration import RegisterSync
@@ -80,6 +80,10 @@ class RunController:
             ):
                 opened.callback(os.close, write_process_record(result.path, bench))
                 journal.record_event("info", self._start_text(bench))
+                if self._order.ambient is not None and self._order.plan is not None:
+                    by = self._order.requested_by or "an operator without a name"
+                    words = f"{by}: the ambient temperature is {self._order.ambient:g} °C"
+                    journal.record_event(NOTE_LEVEL, words)
                 ending = _RunFinalizer(self._order, result, journal)
                 teller = RunTelemetry(self._publisher, result.run, require_turntable(run), journal)
                 told = self._complete_run(result, journal, teller, ending)
@@ -99,6 +103,7 @@ class RunController:
             finally:
                 teller.publish_events()
         self._control.interruptible = False
+        self._record_notes(journal)
         self._publish_phase("finishing: recording, calibration, report")
         return ending.complete_run(live)
 
@@ -152,6 +157,7 @@ class RunController:
         self._publish_phase("connecting to table and IMU")
 
         def show(run: BenchRun) -> None:
+            self._record_notes(journal, run.time)
             teller(run)
             if run.pause_reason and was.clock:
                 sleep(UPDATE_INTERVAL)  # a simulated bench has no reason to hurry while it waits
@@ -163,6 +169,10 @@ class RunController:
         options, background_work = self._order.options, ending.register_sync.background_work
         run = execute_run(made, journal, options, show, UPDATE_INTERVAL, beside, background_work)
         return run.recorder.live_estimator
+
+    def _record_notes(self, journal: Journal, time: float | None = None) -> None:
+        for words in self._control.take_notes():
+            journal.record_event(NOTE_LEVEL, words, time)
 
     def _publish_phase(self, words: str) -> None:
         self._publisher.publish("phase", run=self._order.name, words=words)

@@ -4,7 +4,7 @@ import { byId, make, put } from "./dom.js";
 import { clock } from "./format.js";
 import { seen } from "./live.js";
 
-const SIGNS = { info: "·", warning: "▲ warning", alarm: "■ ALARM" };
+const SIGNS = { info: "·", warning: "▲ warning", note: "✎ note", alarm: "■ ALARM" };
 const MOST = 500;
 
 /** `show(time)` shows in the plots what was read at a time. */
