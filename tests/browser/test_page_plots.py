@@ -59,6 +59,25 @@ def test_header_events_and_plots_count_from_the_start_of_the_run(
         assert seconds(legend(page, plot)) == pytest.approx(shown, abs=1.1)
 
 
+@pytest.mark.parametrize(
+    ("seconds", "span", "text"),
+    [
+        (91.99999999999, 2, "1:32.0"),
+        (92.00000000001, 2, "1:32.0"),
+        (59.96, 2, "1:00.0"),
+        (3600.07, 0.5, "1:00:00.07"),
+        (95.4, 10, "1:35"),
+        (-1e-9, 0.05, "0:00.000"),
+    ],
+)
+def test_a_time_has_as_many_places_as_the_plot_needs(
+    page: Page, scripted: ScriptedServer, seconds: float, span: float, text: str
+):
+    open_page(page, scripted)
+    call = "async ([s, span]) => (await import('/static/format.js')).instant(s, span)"
+    assert page.evaluate(call, [seconds, span]) == text
+
+
 def test_last_10_s_are_10_s(page: Page, scripted: ScriptedServer):
     open_running_page(page, scripted)
     expect(page.locator("#window")).to_have_text("last 10 s")

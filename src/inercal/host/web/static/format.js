@@ -47,8 +47,9 @@ export function clock(seconds) {
 export function instant(seconds, span) {
   const places = span < 0.1 ? 3 : span < 1 ? 2 : span < 4 ? 1 : 0;
   if (!places || !Number.isFinite(seconds)) return clock(Math.round(seconds));
-  const whole = Math.floor(+seconds.toFixed(places) + 1e-9);
-  return `${clock(whole)}.${(seconds - whole).toFixed(places).slice(2)}`;
+  const one = 10 ** places;
+  const units = Math.max(0, Math.round(seconds * one));
+  return `${clock(Math.floor(units / one))}.${String(units % one).padStart(places, "0")}`;
 }
 
 /** How long a step or a plan takes. */
