@@ -196,10 +196,13 @@ def expect_filled(page: Page) -> None:
 
 def test_who_comes_late_sees_the_run_as_it_stands_and_filled_plots(page: Page, bench: Bench):
     bench.begin()
+    told: list[list[str]] = []
+    page.on("websocket", partial(_note_messages, told))
     page.goto(bench.address())
     expect(page.locator("#phase")).to_have_text("step 3 of 31: x down 1, measuring")
     expect(page.get_by_text("Nothing is estimated yet")).to_be_hidden()
     expect(page.get_by_role("button", name="ax.k0: −").first).to_be_visible()
+    assert told[0].index("state") < min(told[0].index(kind) for kind in ("samples", "events"))
     expect_filled(page)
     expect(page.locator("#event-list li")).to_have_count(91)
     words = page.locator("#event-list li").all_inner_texts()
