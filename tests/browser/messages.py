@@ -1,15 +1,26 @@
 """Messages of a made-up run, as the server sends them: 24 coefficients, 31 steps, 200 Hz."""
 
+from itertools import count
 from math import cos, exp, radians, sin
 from typing import Any
 
 Message = dict[str, Any]
+_numbers = count(1)
 RATE = 200  # Hz
 LABELS = ("warm up", "x up", "x down", "y up", "y down", "z up", "z down", "turn about outer")
 CHANNELS = (("ax", "f", "g"), ("ay", "f", "g"), ("az", "f", "g"),
             ("gx", "w", "°/s"), ("gy", "w", "°/s"), ("gz", "w", "°/s"))  # fmt: skip
 OWN = {"f": (("k0", "µg"), ("k1", "ppm"), ("delta_o", "″"), ("delta_p", "″")),
        "w": (("bias", "°/h"), ("scale", "ppm"), ("delta_o", "″"), ("delta_p", "″"))}  # fmt: skip
+MEANING = {
+    "k0": "bias",
+    "bias": "bias",
+    "k1": "scale-factor error",
+    "scale": "scale-factor error",
+    "delta_o": "misalignment about O",
+    "delta_p": "misalignment about P",
+}
+SYMBOL = {"k0": "K₀", "k1": "K₁−1", "bias": "ε", "scale": "κ", "delta_o": "δ_O", "delta_p": "δ_P"}
 NAVIGATED = ("navigation", "roll", "pitch", "heading", "apart", "velocity")
 STEPS = 31
 SECONDS = 1421.0
@@ -30,7 +41,8 @@ def plan(**changed: Any) -> Message:
             "name": f"{axis}.{own}",
             "axis": axis,
             "own": own,
-            "meaning": f"meaning of {own}",
+            "symbol": SYMBOL[own],
+            "meaning": MEANING[own],
             "measures": measures,
             "unit": unit,
         }
@@ -64,7 +76,7 @@ def matrix(time: float, off: float = 0.0) -> list[float]:
     about_x = [[1, 0, 0], [0, cos(a), -sin(a)], [0, sin(a), cos(a)]]
     about_y = [[cos(b), 0, sin(b)], [0, 1, 0], [-sin(b), 0, cos(b)]]
     about_z = [[cos(c), -sin(c), 0], [sin(c), cos(c), 0], [0, 0, 1]]
-    return [x for row in _product(about_x, _product(about_y, about_z)) for x in row]
+    return [round(x, 7) for row in _product(about_x, _product(about_y, about_z)) for x in row]
 
 
 def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
@@ -74,7 +86,7 @@ def _product(a: list[list[float]], b: list[list[float]]) -> list[list[float]]:
 def state(time: float, **changed: Any) -> Message:
     """Return the state at a time, s; the steps take as long as one another."""
     done = min(int(time / SECONDS * STEPS), STEPS)
-    turned = angles(time)
+    turned = [round(angle, 6) for angle in angles(time)]
     return {
         "kind": "state",
         "time": time,
@@ -136,6 +148,7 @@ def samples(begin: float, end: float, **changed: Any) -> Message:
         rates = (2.2 * cos(t / 9), 7 * cos(t / 5), 30 + 0.1 * noise)
         for k, rate in enumerate(rates):
             channels[3 + k].append(round(rate + 0.2 * noise, 6))
+    times = [round(t, 4) for t in times]
     return {"kind": "samples", "t": times, "y": channels, "every": 1, **changed}
 
 
@@ -146,16 +159,25 @@ def estimates(time: float) -> Message:
     for i in range(24):
         spread = (400 + 150 * (i % 5)) * (exp(-time / (25 + 9 * (i % 7))) + 0.004)
         found = time >= 20
-        values.append(1000 * sin(2.0 * i) + 0.4 * spread * sin(time / 17 + i) if found else None)
-        spreads.append(spread if found else None)
-    nis = {"w": 1.02, "f": 0.98} if time >= 20 else {"w": None, "f": None}
+        value = 1000 * sin(2.0 * i) + 0.4 * spread * sin(time / 17 + i)
+        values.append(round(value, 3) if found else None)
+        spreads.append(round(spread, 3) if found else None)
+    good = {"level": "good", "words": "consistent"}
+    nis = {"w": {"ratio": 1.02, **good}, "f": {"ratio": 0.98, **good}} if time >= 20 else {}
     return {"kind": "estimates", "time": time, "values": values, "u2": spreads, "nis": nis}
 
 
 def event(time: float, words: str, level: str = "info") -> Message:
     """Return something that was said."""
     at = f"2026-11-22T14:{int(time / 60) % 60:02d}:{int(time) % 60:02d}+00:00"
-    return {"kind": "event", "at": at, "time": time, "level": level, "words": words}
+    return {
+        "kind": "event",
+        "n": next(_numbers),
+        "at": at,
+        "time": time,
+        "level": level,
+        "words": words,
+    }
 
 
 def done(**changed: Any) -> Message:
@@ -169,7 +191,8 @@ def done(**changed: Any) -> Message:
         "report": f"/runs/{run}/report",
         "calibration": f"/runs/{run}/calibration",
         "history": "/history/1",
-        "verdict": {"level": "good", "words": "All is as stated"},
+        "verdict": {"level": "good", "words": "consistent", "reasons": []},
+        "final": None,
         **changed,
     }
 
@@ -183,11 +206,13 @@ def setup(**changed: Any) -> dict[str, Any]:
         "steps": 31,
         "seconds": 1421.0,
         "method": "turntable_kalman",
+        "bytes": 32_000_000,
         "trouble": "",
     }
     trouble = 'old.toml: [data] hold is missing, such as hold = "hold"'
     return {
         "register": "sqlite:///register.db",
+        "free": 500_000_000_000,
         "plans": [
             one,
             {**one, "id": "quick", "file": "quick.toml", "steps": 15, "seconds": 312.0},

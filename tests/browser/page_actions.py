@@ -1,5 +1,7 @@
 """What tests of the page do with it."""
 
+import re
+
 import pytest
 from playwright.sync_api import Page, expect
 from tests.browser import messages
@@ -38,6 +40,17 @@ def take_control(page: Page, server: ScriptedServer, name: str = "Ada") -> Page:
     assert server.order("operate")["name"] == name
     expect(page.get_by_text(f"you operate ({name})")).to_be_visible()
     return page
+
+
+def choose_plan(page: Page, file: str = "mimu.toml") -> None:
+    """Choose a plan of the set-up."""
+    page.get_by_role("radio", name=re.compile(re.escape(file))).check()
+
+
+def confirm_start(page: Page) -> None:
+    """Press the button that starts, and the one of the question that follows."""
+    page.get_by_role("button", name="Start the run").click()
+    page.get_by_role("button", name="Start: the table moves").click()
 
 
 def tab_to(page: Page, name: str) -> None:

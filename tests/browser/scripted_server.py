@@ -60,6 +60,7 @@ class ScriptedServer:
         self.away = self.hangs = self.mute = False
         self.operator: str | None = None
         self._operates: WebSocket | None = None
+        self._seat = ""  # the page that operates, or may be back
         self._sockets: list[WebSocket] = []
         self._changed = Condition()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -88,6 +89,10 @@ class ScriptedServer:
     def drop(self) -> None:
         """End all connections."""
         self._on_loop(self._drop)
+
+    def hand_over(self, operator: str) -> None:
+        """Have somebody else operate."""
+        self.operator, self._operates, self._seat = operator, None, ""
 
     def people(self) -> None:
         """Tell all clients who operates."""
@@ -161,6 +166,9 @@ class ScriptedServer:
         await one.accept()
         await one.send_text(json.dumps({"kind": "hello", "version": "0.1.0"}))
         self._sockets.append(one)
+        tab = one.query_params.get("tab", "")
+        if tab and tab == self._seat:
+            self._operates = one
         await self._people()
         for message in list(self.says):
             await one.send_text(json.dumps(message))
@@ -174,7 +182,7 @@ class ScriptedServer:
             beating.cancel()
             self._sockets.remove(one)
             if one is self._operates:
-                self._operates, self.operator = None, None
+                self._operates = None
             await self._people()
 
     async def _beat(self, one: WebSocket) -> None:
@@ -188,12 +196,13 @@ class ScriptedServer:
         match command["do"]:
             case "operate" if self.operator is None:
                 self._operates, self.operator = one, command["name"]
+                self._seat = one.query_params.get("tab", "")
                 await self._people()
             case "operate":
                 refused = {"kind": "refused", "words": f"{self.operator} operates"}
                 await one.send_text(json.dumps(refused))
             case "leave":
-                self._operates, self.operator = None, None
+                self._operates, self.operator, self._seat = None, None, ""
                 await self._people()
             case _:
                 pass

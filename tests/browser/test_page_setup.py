@@ -4,7 +4,7 @@ import re
 
 import pytest
 from playwright.sync_api import Page, expect
-from tests.browser.page_actions import open_page, tab_to
+from tests.browser.page_actions import choose_plan, confirm_start, open_page, tab_to
 from tests.browser.scripted_server import ScriptedServer
 
 
@@ -14,17 +14,25 @@ def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: Scr
     tab_to(page, "Name")
     page.keyboard.type("Ada")
     tab_to(page, "mimu.toml")
+    page.keyboard.press("Space")
     page.keyboard.press("ArrowDown")
     tab_to(page, "Sensor")
     page.keyboard.press("ArrowDown")
     tab_to(page, "Start the run")
     page.keyboard.press("Enter")
     assert scripted.order("operate")["name"] == "Ada"
+    question = page.get_by_role("dialog", name="Start this run?")
+    expect(question).to_contain_text("quick.toml")
+    expect(question).to_contain_text("simulated bench")
+    expect(page.get_by_role("button", name="Do not start")).to_be_focused()
+    tab_to(page, "Start: the table moves")
+    page.keyboard.press("Enter")
     asked = scripted.order("start")
     assert asked == {
         "do": "start",
         "plan": "quick",
         "sensor": "MIMU #17",
+        "ambient": None,
         "table": {"id": "simulated"},
         "imu": {"id": "simulated"},
     }
@@ -37,6 +45,7 @@ def test_plans_that_are_loaded_again_keep_the_focus(page: Page, scripted: Script
     with page.expect_response("**/api/setup"):  # as after a connection that was lost
         scripted.tell({"kind": "idle"})
     expect(chosen).to_be_focused()
+    page.keyboard.press("Space")
     changed = dict(scripted.setup)
     changed["plans"] = [{**one, "steps": 40} for one in changed["plans"]]
     scripted.setup = changed
@@ -45,6 +54,77 @@ def test_plans_that_are_loaded_again_keep_the_focus(page: Page, scripted: Script
     expect(chosen).to_be_focused()
     page.keyboard.press("ArrowDown")
     expect(page.get_by_role("radio", name=re.compile("quick.toml"))).to_be_checked()
+
+
+def test_no_plan_is_chosen_beforehand_and_without_one_nothing_starts(
+    page: Page, scripted: ScriptedServer
+):
+    open_page(page, scripted)
+    expect(page.get_by_role("radio", name=re.compile("mimu.toml"))).to_be_visible()
+    assert page.locator("#plans input:checked").count() == 0
+    expect(page.get_by_role("button", name="Start the run")).to_be_disabled()
+    expect(page.get_by_text("Before it can start: choose a plan")).to_be_visible()
+
+
+def test_the_question_before_a_start_names_table_and_plan_and_starts_what_it_names(
+    page: Page, scripted: ScriptedServer
+):
+    open_page(page, scripted)
+    page.get_by_label("Name").first.fill("Ada")
+    choose_plan(page)
+    page.get_by_role("combobox", name="Table", exact=True).select_option("given")
+    page.get_by_role("button", name="Start the run").click()
+    question = page.get_by_role("dialog", name="Start this run?")
+    for words in ("mimu.toml, 31 steps", "simulated MIMU", "pmac://10.0.0.5:1025", "preset=xsens"):
+        expect(question).to_contain_text(words)
+    page.get_by_role("button", name="Do not start").click()
+    expect(question).to_have_count(0)
+    assert [one["do"] for one in scripted.heard] == ["operate"]
+    page.get_by_role("button", name="Start the run").click()
+    page.keyboard.press("Escape")
+    expect(question).to_have_count(0)
+    page.get_by_role("button", name="Start the run").click()
+    choose_plan(page, "quick.toml")  # behind the question, which named another
+    page.get_by_role("button", name="Start: the table moves").click()
+    assert scripted.order("start")["plan"] == "mimu"
+
+
+def test_the_ambient_temperature_is_a_number_and_goes_with_the_start(
+    page: Page, scripted: ScriptedServer
+):
+    open_page(page, scripted)
+    page.get_by_label("Name").first.fill("Ada")
+    choose_plan(page)
+    ambient = page.get_by_label("Ambient temperature")
+    ambient.fill("warm")
+    expect(page.get_by_role("button", name="Start the run")).to_be_disabled()
+    ambient.fill("21,5")
+    confirm_start(page)
+    assert scripted.order("start")["ambient"] == 21.5
+
+
+@pytest.mark.parametrize(
+    ("free", "looks", "may"), [(2e8, "small", True), (5e7, "care", True), (3e7, "bad", False)]
+)
+def test_the_room_on_the_disk_is_said_before_a_start(
+    page: Page, scripted: ScriptedServer, free: float, looks: str, may: bool
+):
+    scripted.setup["free"] = free
+    open_page(page, scripted)
+    choose_plan(page)
+    said = page.locator("#room")
+    expect(said).to_contain_text(f"needs about 32 MB; {free / 1e6:.0f} MB are free")
+    expect(said).to_have_class(looks)
+    start = page.get_by_role("button", name="Start the run")
+    if not may:
+        expect(start).to_be_disabled()
+        return
+    page.get_by_label("Name").first.fill("Ada")
+    start.click()
+    question = page.get_by_role("dialog", name="Start this run?")
+    expect(question).to_be_visible()
+    if looks == "care":
+        expect(question).to_contain_text("that is little")
 
 
 def test_enter_in_a_field_starts_no_run(page: Page, scripted: ScriptedServer):
@@ -64,7 +144,7 @@ def test_a_broken_plan_says_why_and_cannot_be_chosen(page: Page, scripted: Scrip
     open_page(page, scripted)
     expect(page.get_by_text("cannot be run: old.toml: [data] hold is missing")).to_be_visible()
     expect(page.get_by_role("radio", name=re.compile("old.toml"))).to_be_disabled()
-    expect(page.get_by_role("radio", name=re.compile("mimu.toml"))).to_be_checked()
+    expect(page.get_by_role("radio", name=re.compile("mimu.toml"))).to_be_enabled()
 
 
 def test_a_simulated_table_goes_with_a_simulated_imu_alone(page: Page, scripted: ScriptedServer):
@@ -81,6 +161,7 @@ def test_a_simulated_table_goes_with_a_simulated_imu_alone(page: Page, scripted:
 
 def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
+    choose_plan(page)
     start = page.get_by_role("button", name="Start the run")
     page.get_by_role("combobox", name="Table", exact=True).select_option("typed")
     page.get_by_label("Address of the table").fill("serial:/dev/ttyUSB0")
@@ -94,7 +175,7 @@ def test_what_is_missing_is_said_before_a_run_can_be_started(page: Page, scripte
     page.get_by_label("Baud of the IMU").fill("921600")
     expect(start).to_be_enabled()
     page.get_by_label("Name").first.fill("Ada")
-    start.click()
+    confirm_start(page)
     asked = scripted.order("start")
     assert asked["table"] == {"address": "acutrol://10.0.0.6:5025?axes=1,2,3"}
     assert asked["imu"] == {"id": "port-0", "preset": "xsens", "baud": 921600}
@@ -108,6 +189,7 @@ def test_probing_says_in_words_what_the_devices_answer(page: Page, scripted: Scr
     }
     open_page(page, scripted)
     page.get_by_label("Name").first.fill("Ada")
+    choose_plan(page)
     page.get_by_role("button", name="Probe").click()
     expect(page.get_by_text("✓ Table answers")).to_be_visible()
     expect(page.get_by_text("outer: at 0.0004 °, servo off")).to_be_visible()
@@ -127,6 +209,7 @@ def test_runs_of_before_are_resumed_or_have_their_report(page: Page, scripted: S
 
 def test_a_sensor_that_no_register_knows_is_named_on_the_page(page: Page, scripted: ScriptedServer):
     open_page(page, scripted)
+    choose_plan(page)
     start = page.get_by_role("button", name="Start the run")
     page.get_by_role("combobox", name="Sensor").select_option("typed")
     expect(start).to_be_disabled()
@@ -134,7 +217,7 @@ def test_a_sensor_that_no_register_knows_is_named_on_the_page(page: Page, script
     page.get_by_label("Name of the sensor").fill("  MIMU #19 ")
     expect(page.locator("#summary")).to_have_text(re.compile("^MIMU #19: mimu.toml"))
     page.get_by_role("textbox", name="Name", exact=True).fill("Ada")
-    start.click()
+    confirm_start(page)
     assert scripted.order("start")["sensor"] == "MIMU #19"
 
 

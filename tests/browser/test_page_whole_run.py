@@ -50,6 +50,8 @@ def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     page.keyboard.press("Space")
     tab_to(page, "Start the run")
     page.keyboard.press("Enter")
+    tab_to(page, "Start: the table moves")
+    page.keyboard.press("Enter")
     live = page.locator("#live")
     expect(live).to_be_visible(timeout=STARTING)
     value = page.locator(f'[data-name="{NAME}"] .value')

@@ -17,6 +17,7 @@ from inercal.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.io.atomic_files import atomic_write
 
+NOTE_LEVEL = "note"  # of an event that the operator wrote
 _VERSION = 1
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
@@ -73,7 +74,8 @@ class JournalEvent(NamedTuple):
         ISO 8601, UTC.
     time : float or None
         s of the run.
-    level : "info", "warning" or "alarm"
+    level : "info", "warning", "alarm" or "note"
+        A note is the operator's.
     words : str
     """
 
@@ -172,7 +174,7 @@ class Journal(Closeable):
             return found.fetchone()[0] or 0
 
     def record_event(self, level: str, words: str, time: float | None = None) -> None:
-        """Keep something an operator should know: "info", "warning" or "alarm"; s of the run."""
+        """Keep an event: a level and words as of `JournalEvent`, s of the run."""
         self._execute(
             "INSERT INTO event (at, time, level, words) VALUES (?, ?, ?, ?)",
             _now(), time, level, words,

@@ -269,6 +269,7 @@ class RunRecorder(Closeable):
                 self._process_piece(done)
                 self._loss_warnings(done)
         self._process_piece(latest)
+        self.assembly.take_received()  # a viewer is shown what comes from now on
         return LogEnd(latest, _read_poll(last.get(TABLE)), _read_session(session))
 
     def close(self) -> None:

@@ -1,6 +1,7 @@
 """What is made of a run when all is done: recording, calibration, report, and their digests."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -9,7 +10,7 @@ import numpy as np
 
 from inercal.calibration.files import save
 from inercal.host.addresses import layout_of_address
-from inercal.host.journal import Journal
+from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.recording_writer import write_recording
 from inercal.host.run_folder import RunFolder
@@ -64,7 +65,7 @@ def finish_run(
     _record_file(journal, folder.log, came)
     _record_file(journal, run.path)
     _record_file(journal, recording)
-    outcome = calibrate(run)
+    outcome = _with_notes(calibrate(run), journal)
     if live is not None and live.has_estimate:
         _compare_live_estimate(journal, live, outcome)
     files["calibration_file"] = save(outcome.calibration, folder.output_path("calibration.json"))
@@ -76,6 +77,20 @@ def finish_run(
     journal.set_state("done")
     named = {kind: str(path) for kind, path in files.items()}
     return FinishedRun(outcome, named | {"journal": str(folder.journal)})
+
+
+def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:
+    """Return the outcome with what the operator wrote, by the time of the run, as conditions."""
+    notes = {
+        f"note {number}" + ("" if one.time is None else f", {one.time:.0f} s"): one.words
+        for number, one in enumerate(
+            (one for one in journal.events() if one.level == NOTE_LEVEL), start=1
+        )
+    }
+    if not notes:
+        return outcome
+    conditions = {**outcome.calibration.conditions, **notes}
+    return replace(outcome, calibration=replace(outcome.calibration, conditions=conditions))
 
 
 def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> None:

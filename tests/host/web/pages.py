@@ -41,7 +41,7 @@ def scripted(order: RunRequest) -> RunProcess:
 
 
 class Page:
-    """Somebody who looks on; `heard` is all but the beats, which come whenever they like."""
+    """Somebody who looks on; `heard` is all but beats and marks, which come whenever they like."""
 
     def __init__(self, connecting: AbstractContextManager[ClientConnection]):
         self._connecting = connecting
@@ -53,8 +53,11 @@ class Page:
         self.connection.send(json.dumps({"do": command, **content}))
 
     def next(self, patience: float = PATIENCE) -> dict[str, Any]:
-        """Return the next message."""
+        """Return the next message; marks are answered."""
         message: dict[str, Any] = json.loads(self.connection.recv(patience))
+        if message["kind"] == "mark":
+            self.say("seen", n=message["n"])
+            return self.next(patience)
         if message["kind"] != "beat":
             self.heard.append(message)
         return message
@@ -110,12 +113,13 @@ def opened(
     cookies: Mapping[str, str] | None = None,
     *,
     slow: bool = False,
+    tab: str = "",
 ) -> Page:
     """Open a page of the server at a port; see `Served.page`."""
     host = host or f"127.0.0.1:{port}"
     return Page(
         connect(
-            f"ws://{host}/live",
+            f"ws://{host}/live?tab={tab}",
             origin=f"http://{host}" if origin == "own" else origin,  # pyright: ignore[reportArgumentType]
             additional_headers=as_header(cookies or {}),
             sock=socket.create_connection(("127.0.0.1", port), PATIENCE),
@@ -185,9 +189,10 @@ class Served(AbstractContextManager["Served"]):
         cookies: Mapping[str, str] | None = None,
         *,
         slow: bool = False,
+        tab: str = "",
     ) -> Page:
         """Open a page; a slow one takes from its connection only what it is asked for."""
-        return opened(self.port, origin, host, cookies, slow=slow)
+        return opened(self.port, origin, host, cookies, slow=slow, tab=tab)
 
     def ask(
         self,
@@ -219,6 +224,10 @@ class Served(AbstractContextManager["Served"]):
         while not condition():
             assert monotonic() < end
             tick.wait(0.005)
+
+    def take_port(self, port: int) -> None:
+        """Let a browser reach the page by another port of this machine too."""
+        self.access._hosts |= {f"127.0.0.1:{port}"}
 
     def was_refused(self, words: str) -> None:
         """Wait until something was refused, by what was said of it."""

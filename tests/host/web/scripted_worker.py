@@ -27,7 +27,8 @@ def main() -> None:
     tell("plan", run=run, sensor=order["sensor"], by=order["requested_by"], speed=order["speed"])
     tell("phase", run=run, words="scripted")
     for k in range(STEPS):
-        tell("event", at="2026-11-22T12:00:00.000+00:00", time=float(k), level="info", words=f"{k}")
+        at = "2026-11-22T12:00:00.000+00:00"
+        tell("event", n=k + 1, at=at, time=float(k), level="info", words=f"{k}")
     paused, n, heard = "", 0, b""
     state, words = "interrupted", ""
     while not words:
@@ -54,12 +55,20 @@ def main() -> None:
                     case "fall":
                         os._exit(7)
                     case other:
-                        tell("event", at="", time=None, level="alarm", words=f"what is {other}?")
+                        tell(
+                            "event",
+                            n=STEPS + 1,
+                            at="",
+                            time=None,
+                            level="alarm",
+                            words=f"what is {other}?",
+                        )
         n += 1
         tell("state", time=n * 0.02, paused=paused)
-        tell("samples", t=[n * 0.02], y=[[0.0]] * 6, every=1)
+        for kind in ("coarse", "samples"):
+            tell(kind, t=[n * 0.02], y=[[0.0]] * 6, every=1)
         if n % 10 == 0:
-            tell("estimates", time=n * 0.02, values=[0.0], u2=[1.0], nis={"w": 1.0})
+            tell("estimates", time=n * 0.02, values=[0.0], u2=[1.0], nis={})
     links = dict.fromkeys(("report", "calibration", "history", "verdict"))
     tell("done", run=run, state=state, words=words, **links)
 

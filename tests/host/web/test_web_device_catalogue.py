@@ -8,6 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from tests.refusals import refused
 
 from inercal.errors import InputError
 from inercal.host import devices
@@ -87,36 +88,36 @@ def test_a_choice_becomes_addresses(
 
 
 @pytest.mark.parametrize(
-    ("table", "imu", "words"),
+    ("table", "imu", "key"),
     [
-        (SIMULATED, IMU, "go together"),
-        (None, None, "choose a table"),
-        ({"id": "port-9"}, IMU, "no table 'port-9'"),
-        ({"id": "/dev/ttyS0"}, IMU, "no table"),
-        ({"id": ["port-0"]}, IMU, "id must be a text"),
-        ({"address": "motor:serial:/dev/ttyS0"}, IMU, "not a table on the network"),
-        ({"address": "unix:/run/x"}, IMU, "not a table on the network"),
-        ({"address": "pmac://h:1/../../etc?motors=1"}, IMU, "not a table on the network"),
-        ({"address": "pmac://u:p@h:1?motors=1"}, IMU, "not a table on the network"),
-        ({"address": "pmac://h:1?motors=1&layout=/etc/passwd"}, IMU, "not a table on the network"),
-        ({"address": "pmac://h:1\n?motors=1"}, IMU, "not a table on the network"),
-        (TABLE, {"address": "serial:/dev/ttyS0?preset=xsens"}, "not an IMU on the network"),
-        (TABLE, {"address": "tcp://h:1?layout=/etc/passwd"}, "only preset=NAME is possible"),
-        (TABLE, {"address": "tcp://h:1?preset=fixed&layout=own.toml"}, "no preset"),
-        (TABLE, {"address": "tcp://h:1?preset=../own.toml"}, "no preset"),
-        (TABLE, {"address": "tcp://h:1/etc"}, "not an IMU on the network"),
-        (TABLE, {"address": "tcp://h:1"}, "say what the IMU sends"),
-        (TABLE, {"id": "port-0"}, "say what the IMU sends"),
-        (TABLE, {"id": "port-0", "preset": "own.toml"}, "no preset"),
+        (SIMULATED, IMU, None),
+        (None, None, "table"),
+        ({"id": "port-9"}, IMU, "id"),
+        ({"id": "/dev/ttyS0"}, IMU, "id"),
+        ({"id": ["port-0"]}, IMU, "id"),
+        ({"address": "motor:serial:/dev/ttyS0"}, IMU, "address"),
+        ({"address": "unix:/run/x"}, IMU, "address"),
+        ({"address": "pmac://h:1/../../etc?motors=1"}, IMU, "address"),
+        ({"address": "pmac://u:p@h:1?motors=1"}, IMU, "address"),
+        ({"address": "pmac://h:1?motors=1&layout=/etc/passwd"}, IMU, "address"),
+        ({"address": "pmac://h:1\n?motors=1"}, IMU, "address"),
+        (TABLE, {"address": "serial:/dev/ttyS0?preset=xsens"}, "address"),
+        (TABLE, {"address": "tcp://h:1?layout=/etc/passwd"}, "address"),
+        (TABLE, {"address": "tcp://h:1?preset=fixed&layout=own.toml"}, "preset"),
+        (TABLE, {"address": "tcp://h:1?preset=../own.toml"}, "preset"),
+        (TABLE, {"address": "tcp://h:1/etc"}, "address"),
+        (TABLE, {"address": "tcp://h:1"}, "preset"),
+        (TABLE, {"id": "port-0"}, "preset"),
+        (TABLE, {"id": "port-0", "preset": "own.toml"}, "preset"),
         (TABLE, {"id": "port-0", "preset": "xsens", "baud": "9600&x=1"}, "baud"),
         (TABLE, {"id": "port-0", "preset": "xsens", "baud": True}, "baud"),
-        (TABLE, {"address": "tcp://" + "h" * 400}, "300"),
+        (TABLE, {"address": "tcp://" + "h" * 400}, "address"),
     ],
 )
 def test_nothing_else_may_be_chosen(
-    offered: DeviceCatalogue, table: object, imu: object, words: str
+    offered: DeviceCatalogue, table: object, imu: object, key: str | None
 ):
-    with pytest.raises(InputError, match=words):
+    with refused(key=key):
         offered.chosen(table, imu)
 
 
@@ -131,7 +132,7 @@ def test_a_port_keeps_its_number_when_another_vanishes(
     offered.refresh()
     assert [one["id"] for one in offered.imus()] == ["simulated", "given", "port-1", "port-2"]
     assert offered.table({"id": "port-1"}) == "motor:serial:/dev/ttyS0?baud=9600"
-    with pytest.raises(InputError, match="no table 'port-0'"):
+    with refused(key="id"):
         offered.table({"id": "port-0"})
 
 
@@ -210,7 +211,8 @@ def test_refusals_are_said_now_and_then_with_how_many_there_were():
     assert len(lines) == 20
     now = 10.0
     refused("1.2.3.4", "later")
-    assert lines[-2:] == ["inercal: refused: 80 more, unsaid", "inercal: refused: 1.2.3.4: later"]
+    assert "80" in lines[-2]
+    assert lines[-1] == "inercal: refused: 1.2.3.4: later"
 
 
 def test_what_fails_in_the_web_server_is_one_line():

@@ -1,5 +1,7 @@
 """What is too large, too many or too often, while a run goes on that must not feel it."""
 
+import gzip
+import re
 import socket
 import struct
 from concurrent.futures import ThreadPoolExecutor
@@ -81,6 +83,27 @@ def test_a_socket_that_asks_nothing_is_closed(
         with suppress(ConnectionError):
             assert connection.recv(1) == b""
     served.was_refused("did not ask anything")
+
+
+def test_a_request_whose_answer_takes_too_long_is_closed_and_a_viewer_stays(
+    served: Served, watched: Page, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("inercal.host.web.connections._REQUEST_TIMEOUT", 0.1)
+    go_on = Event()
+    monkeypatch.setattr("inercal.host.web.app.Page._setup", lambda _: go_on.wait(PATIENCE))
+    try:
+        with pytest.raises(ConnectionError):
+            served.ask("/api/setup")
+    finally:
+        go_on.set()
+    served.was_refused("took longer than")
+    unharmed(watched)
+
+
+def test_nothing_of_the_web_servers_inner_protocol_is_subclassed(served: Served):
+    used = served.server.config.http_protocol_class
+    assert used.__module__.startswith("uvicorn.")
+    assert served.server.config.limit_concurrency == CONNECTIONS
 
 
 def test_more_viewers_than_there_may_be_are_refused_and_may_come_later(
@@ -181,6 +204,24 @@ def test_a_history_is_drawn_again_only_where_the_register_holds_something_else(
         said = {served.ask("/history/1").body.decode() for _ in range(asked)}
         assert said == {f"of {count}"}
     assert drawn == [3, 4]
+
+
+def test_the_files_of_the_page_are_small_over_a_slow_link(served: Served):
+    """At 4 kB/s the page is there within 20 s."""
+    page = served.ask("/").body.decode()
+    names = {"/static/main.js", *re.findall(r'(?:src|href)="(/static/[^"]+)"', page)}
+    sent, seen = 0, set(names)
+    while names:
+        name = names.pop()
+        plain, packed = (served.ask(name, headers={"Accept-Encoding": e}) for e in ("", "gzip"))
+        assert packed.headers["content-encoding"] == "gzip"
+        assert gzip.decompress(packed.body) == plain.body
+        sent += len(packed.body)
+        if name.endswith(".js"):
+            found = re.findall(r'from "\./(\w+\.js)"', plain.body.decode())
+            names |= {f"/static/{one}" for one in found} - seen
+            seen |= names
+    assert sent < 20 * 4000
 
 
 def test_what_is_refused_is_said_on_one_line_each_and_not_too_often(served: Served, watched: Page):

@@ -88,3 +88,22 @@ def test_navigation_is_not_told_on_once_its_coefficients_are_gone(run_file: Run)
     told = state(run_file, "ended", navigation=NAVIGATION, angles=OTHERS)["attitude"]
     assert told["table"] == by(run_file, ANGLES)
     assert told["navigation"] is told["heading"] is None
+
+
+@pytest.mark.parametrize(
+    ("ratio", "count", "level"),
+    [
+        (1.0, 18_000, "good"),
+        (1.03, 18_000, "good"),  # 2.8 standard deviations, √(2 / 18000) each
+        (1.06, 18_000, "care"),
+        (0.94, 18_000, "care"),
+        (1.5, 6, "good"),
+        (4.1, 6, "bad"),
+    ],
+)
+def test_the_innovations_are_judged_by_their_number_in_the_words_of_the_verdict(
+    ratio: float, count: int, level: str
+):
+    told = page_messages.nis_fields(ratio, count)
+    words = {"good": "consistent", "care": "usable with reservations", "bad": "not to be relied on"}
+    assert told == {"ratio": ratio, "level": level, "words": words[level]}

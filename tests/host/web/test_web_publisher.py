@@ -7,9 +7,8 @@ from time import monotonic
 
 import pytest
 
-from inercal.host.web.dropping_queue import DroppingQueue
-from inercal.host.web.message_history import MessageHistory
-from inercal.host.web.publisher import Publisher
+from inercal.host.web.message_history import MessageHistory, coarse_to_fine
+from inercal.host.web.publisher import DroppingQueue, Publisher
 
 PATIENCE = 20.0  # s
 
@@ -99,34 +98,64 @@ def test_what_is_told_last_is_written_before_the_end():
     os.close(out)
 
 
-def kept(*messages: tuple[str, str]) -> list[str]:
+def event(k: int, level: str = "info") -> tuple[str, str]:
+    return "event", json.dumps({"kind": "event", "n": k, "level": level})
+
+
+def told(*messages: tuple[str, str]) -> tuple[list[str], list[str]]:
+    """Return what somebody who comes late is told of how the run stands, and of its past."""
     made = MessageHistory()
     for kind, text in messages:
         made.add_message(kind, text)
-    return list(made.messages())
+    return [text for _, text in made.present()], list(made.past())
 
 
 def test_a_latecomer_sees_the_phase_before_the_state_or_after_it_as_it_came():
-    assert kept(("plan", "P"), ("phase", "starting")) == ["P", "starting"]
-    assert kept(("plan", "P"), ("phase", "a"), ("state", "S")) == ["P", "a", "S"]
-    assert kept(("plan", "P"), ("state", "S"), ("phase", "finishing"), ("done", "D")) == [
+    def present(*messages: tuple[str, str]) -> list[str]:
+        return told(*messages)[0]
+
+    assert present(("plan", "P"), ("phase", "starting")) == ["P", "starting"]
+    assert present(("plan", "P"), ("phase", "a"), ("state", "S")) == ["P", "a", "S"]
+    assert present(("plan", "P"), ("state", "S"), ("phase", "finishing"), ("done", "D")) == [
         "P", "S", "finishing", "D",
     ]  # fmt: skip
 
 
+def test_a_latecomer_is_told_the_state_and_alarms_before_anything_of_the_past():
+    present, past = told(
+        ("plan", "P"), ("samples", "s"), event(1), event(2, "alarm"), ("estimates", "E1"),
+        ("estimates", "E2"), ("state", "S"), event(3, "warning"),
+    )  # fmt: skip
+    assert present == ["P", "S", event(2, "alarm")[1], "E2", "s"]
+    assert [one["n"] for one in json.loads(past[0])["events"]] == [1, 3]
+    assert past[1:] == ["E1", "E2"]
+
+
 @pytest.mark.parametrize("count", [1, 599, 600, 601, 5000, 100_000])
-def test_estimates_are_thinned_evenly_and_the_last_is_among_them(count: int):
-    told = kept(*(("estimates", str(k)) for k in range(count)))
-    numbers = [int(text) for text in told]
-    assert len(numbers) <= 601
+def test_estimates_are_thinned_evenly_and_the_last_is_told_first(count: int):
+    present, past = told(*(("estimates", str(k)) for k in range(count)))
+    assert present == [str(count - 1)]
+    numbers = sorted(int(text) for text in past)
+    assert len(numbers) <= 600
     assert len(numbers) >= min(count, 300)
     assert numbers[0] == 0
-    assert numbers[-1] == count - 1
-    steps = {b - a for a, b in pairwise(numbers[:-1])}
+    steps = {b - a for a, b in pairwise(numbers)}
     assert len(steps) <= 1
 
 
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 17, 600])
+def test_the_past_is_told_coarse_to_fine_each_of_it_once(count: int):
+    order = list(coarse_to_fine(count))
+    assert sorted(order) == list(range(count))
+    for k in range(2, count):
+        gaps = [b - a for a, b in pairwise(sorted(order[: k + 1]))]
+        assert max(gaps) <= 4 * count / k
+
+
 def test_events_and_samples_of_a_long_run_are_bounded():
-    told = kept(*(("event", f"e{k}") for k in range(2000)), *(("samples", "s") for _ in range(999)))
-    assert told.count("s") == 100
-    assert told[-500:] == [f"e{k}" for k in range(1500, 2000)]
+    present, past = told(*(event(k) for k in range(2000)), *(("samples", "s") for _ in range(999)))
+    assert present.count("s") == 100
+    chunks = [json.loads(text)["events"] for text in past]
+    numbers = [one["n"] for chunk in reversed(chunks) for one in chunk]
+    assert numbers == list(range(1500, 2000))
+    assert max(len(chunk) for chunk in chunks) <= 20

@@ -75,6 +75,21 @@ def test_an_operators_browser_has_its_place_back_while_its_old_connection_seems_
         page.until("people", operator="Ada", yours=False)
 
 
+def test_the_operators_page_has_its_place_back_at_once_though_its_old_connection_seems_open(
+    served: Served,
+):
+    cookies = served.viewer("of-this-browser")
+    with served.page(cookies=cookies, tab="a") as page:
+        page.operate("Ada")
+        with served.page(cookies=cookies, tab="b") as other:
+            other.until("people", operator="Ada", yours=False)
+            with served.page(cookies=cookies, tab="a") as again:
+                again.until("people", operator="Ada", yours=True)
+            page.until("people", operator="Ada", yours=False)
+        with served.page(cookies=served.viewer("of-another"), tab="a") as thief:
+            thief.until("people", operator="Ada", yours=False)
+
+
 def test_only_an_operator_who_leaves_is_news(served: Served, ada: Page):
     with served.page() as other:
         other.until("people", viewers=2)
@@ -95,19 +110,93 @@ def test_every_viewer_hears_the_server_beat_while_nothing_goes_on(
             assert page.until("beat") == other.until("beat") == {"kind": "beat"}
 
 
+def messages_of(viewer: viewers.Viewer, count: int) -> list[str]:
+    """Return the next messages, which are there."""
+
+    async def taken() -> list[str]:
+        return [await asyncio.wait_for(viewer.next_message(), PATIENCE) for _ in range(count)]
+
+    return asyncio.run(taken())
+
+
 def test_of_people_and_beats_a_slow_viewer_is_told_the_latest():
     viewer = viewers.Viewer(1, None)
     for k in range(100):
         viewer.send("people", f"people {k}")
         viewer.send("beat", "beat")
     viewer.send("event", "event")
+    assert messages_of(viewer, 3) == ["people 99", "beat", "event"]
+    viewer.send("people", "people again")
+    assert messages_of(viewer, 1) == ["people again"]
 
-    async def end_message() -> list[str]:
-        first = [await viewer.next_message() for _ in range(3)]
-        viewer.send("people", "people again")
-        return [*first, await viewer.next_message()]
 
-    assert asyncio.run(end_message()) == ["people 99", "beat", "event", "people again"]
+def test_a_viewer_is_sent_the_state_and_alarms_before_samples_and_history():
+    viewer = viewers.Viewer(1, None)
+    viewer.send("coarse", "coarse")
+    viewer.send("event", "info", urgent=False)
+    viewer.send_history(iter(["past 1", "past 2"]))
+    viewer.send("state", "old")
+    viewer.send("state", "state")
+    viewer.send("event", "alarm")
+    assert messages_of(viewer, 6) == ["alarm", "state", "info", "coarse", "past 1", "past 2"]
+
+
+def test_states_that_keep_coming_leave_room_for_the_past():
+    viewer = viewers.Viewer(1, None)
+    viewer.send_history(f"past {k}" for k in range(9))
+    told: list[str] = []
+    for _ in range(12):
+        viewer.send("state", "state")
+        viewer.send("estimates", "estimates")
+        told += messages_of(viewer, 1)
+    assert [told.count(one) for one in ("state", "estimates")] == [3, 3]
+    assert told[0] == "state"
+
+
+def test_a_batch_that_is_on_its_way_is_followed_by_what_is_urgent_alone():
+    viewer = viewers.Viewer(1, None)
+    viewer.send("plan", "x" * viewers._FIRST_BATCH)
+    assert messages_of(viewer, 1)
+    viewer.send("state", "s1")
+    (mark,) = messages_of(viewer, 1)
+    viewer.send("state", "s2")
+    viewer.send("event", "alarm")
+    assert messages_of(viewer, 1) == ["alarm"]
+    assert viewer._take() is None
+    viewer.acknowledge(json.loads(mark)["n"] + 1)  # not the mark that is waited for
+    assert viewer._take() is None
+    viewer.acknowledge(json.loads(mark)["n"])
+    assert messages_of(viewer, 1) == ["s2"]
+
+
+def test_a_link_that_answers_at_once_is_sent_all_samples_and_a_slow_one_means_of_them(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    now = 0.0
+    monkeypatch.setattr(viewers, "monotonic", lambda: now)
+    viewer = viewers.Viewer(1, None)
+    told: list[str] = []
+    for took in (0.01, 0.5, 1.5, 0.5):
+        viewer.send("plan", "x" * viewers._MAX_BATCH)
+        mark = messages_of(viewer, 2)[1]
+        now += took
+        viewer.acknowledge(json.loads(mark)["n"])
+        for kind in ("coarse", "samples"):
+            viewer.send(kind, kind)
+        told += messages_of(viewer, 1)
+    assert told == ["samples", "samples", "coarse", "coarse"]
+
+
+def test_an_end_comes_behind_the_last_state_and_a_new_plan_in_its_place():
+    viewer = viewers.Viewer(1, None)
+    viewer.send("state", "state")
+    viewer.send("done", "done")
+    viewer.send("coarse", "of the run before")
+    viewer.send("state", "of the run before")
+    viewer.send("plan", "plan")
+    viewer.send("state", "next")
+    assert messages_of(viewer, 4) == ["state", "done", "plan", "next"]
+    assert viewer._take() is None
 
 
 def test_an_operator_who_stays_away_is_followed_by_another(
@@ -246,6 +335,55 @@ def test_commands_of_the_operator_reach_the_run(served: Served, ada: Page):
     assert "no run goes on" in ada.until("refused")["words"]
 
 
+def test_a_note_of_the_operator_reaches_the_run_with_who_wrote_it(served: Served, ada: Page):
+    ada.say("note", text="too early")
+    assert ada.until("refused")["words"] == "no run goes on"
+    ada.start()
+    ada.say("note", text="  the door was opened ")
+    # The scripted run says which command it does not know.
+    assert ada.until("event", level="alarm")["words"] == "what is note Ada: the door was opened?"
+    for text in ("  ", "x" * 401, "two\nlines", 7, None):
+        ada.say("note", text=text)
+        assert "a note has 1 to 400 characters" in ada.until("refused")["words"]
+    with served.page() as other:
+        other.say("note", text="me too")
+        assert "operator" in other.until("refused")["words"]
+
+
+def test_a_run_that_the_disk_has_no_room_for_is_refused_before_it_begins(
+    served: Served, ada: Page, monkeypatch: pytest.MonkeyPatch
+):
+    said = served.ask("/api/setup").json
+    needed = said["plans"][0]["bytes"]
+    assert 2e7 < needed < 2e8  # 23 minutes of 200 Hz
+    assert said["free"] > needed
+    monkeypatch.setattr(hub, "free_space", lambda _: needed - 1)
+    ada.say("start", plan="demo", sensor=None, **SIMULATED)
+    assert "are free: make room" in ada.until("refused")["words"]
+    assert list(served.runs.folder.iterdir()) == []
+    monkeypatch.setattr(hub, "free_space", lambda _: needed)
+    ada.start()
+
+
+def test_the_ambient_temperature_goes_with_the_order_and_is_a_number(tmp_path: Path):
+    orders: list[RunRequest] = []
+
+    def start(order: RunRequest) -> run_process.RunProcess:
+        orders.append(order)
+        return scripted(order)
+
+    with Served(tmp_path, start=start) as served, served.page() as page:
+        page.operate()
+        for wrong in ("warm", 1000, True, float("nan")):
+            page.say("start", plan="demo", sensor=None, ambient=wrong, **SIMULATED)
+            assert "from -90 to 100 °C" in page.until("refused")["words"]
+        page.start(ambient=21.5)
+        page.say("abort")
+        page.until("done")
+    assert [order.ambient for order in orders] == [21.5]
+    assert RunRequest.from_json(orders[0].json_line) == orders[0]
+
+
 def test_limits_that_the_server_was_given_are_those_of_each_run(tmp_path: Path):
     orders: list[RunRequest] = []
 
@@ -262,18 +400,24 @@ def test_limits_that_the_server_was_given_are_those_of_each_run(tmp_path: Path):
     assert [order.options for order in orders] == [options]
 
 
-def test_who_comes_late_is_told_what_there_was_in_order(served: Served, ada: Page):
+def test_who_comes_late_is_told_how_the_run_stands_and_then_what_was_before(
+    served: Served, ada: Page
+):
     ada.start()
     for _ in range(3):
         ada.until("estimates")
+    now = ada.until("state")["time"]
     with served.page() as late:
-        late.until("state")
+        late.until("events")
+        while sum(one["kind"] == "estimates" for one in late.heard) < 3:
+            late.next()
         kinds = [message["kind"] for message in late.heard]
-        assert list(dict.fromkeys(kinds)) == [
-            "hello", "people", "plan", "phase", "estimates", "samples", "event", "state",
-        ]  # fmt: skip
-        assert kinds.count("estimates") >= 2
-        assert kinds.count("event") == 3
+        assert kinds[:5] == ["hello", "people", "plan", "phase", "state"]
+        told = next(one for one in late.heard if one["kind"] == "events")
+        assert [one["n"] for one in told["events"]] == [1, 2, 3]
+        assert min(kinds.index("events"), kinds.index("estimates")) > kinds.index("state")
+        times = [one["t"][0] for one in late.heard if one["kind"] in ("samples", "coarse")]
+        assert min(times) < now
     ada.say("abort")
     ada.until("done")
     with served.page() as late:
@@ -341,8 +485,8 @@ def test_to_end_the_server_is_to_stop_the_run(tmp_path: Path):
         page.operate()
         page.start()
     assert page.closed() == 1012
-    assert page.heard[-1]["kind"] == "done"
-    assert page.heard[-1]["words"] == "stopped by the operator"
+    (done,) = (one for one in page.heard if one["kind"] == "done")
+    assert done["words"] == "stopped by the operator"
 
 
 def test_a_page_that_takes_nothing_misses_pictures_and_no_event(served: Served, ada: Page):

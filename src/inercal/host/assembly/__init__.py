@@ -183,6 +183,31 @@ class SampleAssembler:
         """Time of the table's last reading, s by the table's clock; −∞ before the first."""
         return self._table.last
 
+    @property
+    def recording_start(self) -> float | None:
+        """Time of the recording's first sample, s of the run; None before there is one."""
+        if self._first_tick is None or self._imu.offset is None:
+            return None
+        return self._first_tick / self._imu.per_second + self._imu.offset
+
+    def take_received(self) -> tuple[Array, Array] | None:
+        """Return what the IMU has sent since the last call, whether or not the table is known.
+
+        Returns
+        -------
+        time : (n,) array
+            s of the run. While the clocks are matched, in the first 5 s, it may be late by the
+            latency of the bytes.
+        output : (n, m) array
+            In output units of the sensor's axes.
+        """
+        recent, offset = self._imu.recent, self._imu.provisional_offset
+        if not recent or offset is None:
+            return None
+        whole = PacketSamples._make(map(np.concatenate, zip(*recent, strict=True)))
+        recent.clear()
+        return whole.ticks / self._imu.per_second + offset, whole.output
+
     def feed(self, frame: LogFrame) -> None:
         """Put a frame to those to be worked through."""
         self._pending.append(frame)

@@ -1,9 +1,10 @@
 """The IMU's packets, in the order of its own clock."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from math import inf
+from math import inf, isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ _WRAP_SHARE, _MAX_SILENCE = (
     1.0,
 )  # of a turn of the counter, s: beyond that arrival tells turns
 _ROUNDING = 1e-6
+_MAX_RECENT = 256  # pieces: those of the 5 s in which the clocks are matched come one a tick
 _NO_NUMBER, _BAD_STATUS, _BEYOND_RANGE = 1, 2, 3
 _FLAWS = {_NO_NUMBER: "no_number", _BAD_STATUS: "bad_status", _BEYOND_RANGE: "beyond_range"}
 
@@ -93,6 +95,8 @@ class ReceivedSamples:
     drops : DroppedPackets
     waiting : list of PacketSamples
         In order, to be taken.
+    recent : deque of PacketSamples
+        The last of the same, for a viewer, which takes them out.
 
     Raises
     ------
@@ -106,6 +110,7 @@ class ReceivedSamples:
     offset: float | None = None
     drops: DroppedPackets = field(default_factory=DroppedPackets)
     waiting: list[PacketSamples] = field(default_factory=list[PacketSamples])
+    recent: deque[PacketSamples] = field(default_factory=lambda: deque(maxlen=_MAX_RECENT))
 
     def __post_init__(self) -> None:
         layout, rate = self.layout, self.rate_hz
@@ -156,6 +161,13 @@ class ReceivedSamples:
         both = ((one.name, getattr(self._before, one.name)) for one in fields(PacketCounts))
         return PacketCounts(**{name: before + getattr(now, name) for name, before in both})
 
+    @property
+    def provisional_offset(self) -> float | None:
+        """The offset, or the least difference so far while the clocks are matched; None before."""
+        if self.offset is not None:
+            return self.offset
+        return self._least_difference if isfinite(self._least_difference) else None
+
     def begin_session(self) -> None:
         """Begin to decode anew: of what came in between nothing is known."""
         self._before = self.counts
@@ -168,6 +180,7 @@ class ReceivedSamples:
                 -inf,
             )
             self.waiting.clear()
+            self.recent.clear()
             return
         if self._pending_rows is not None and self._pending_rows.ticks[0] > self._last:
             self._keep(self._pending_rows)
@@ -254,7 +267,9 @@ class ReceivedSamples:
                 setattr(self.drops, name, count)
             rows = rows.where(rows.flaw == 0)
         if rows.ticks.size:
-            self.waiting.append(PacketSamples(rows.ticks, rows.output, rows.temperature))
+            good = PacketSamples(rows.ticks, rows.output, rows.temperature)
+            self.waiting.append(good)
+            self.recent.append(good)
 
     def _in_order(self, ticks: Array) -> "NDArray[np.bool_] | slice":
         """Return which are later than all before, the last one aside.

@@ -12,6 +12,7 @@ _COMMANDS: dict[str, _RunCommand] = {
     "go on": "go on",
     "abort": "stop",
 }
+NOTE = "note "  # begins a line that is to be written down
 
 
 class CommandRelay:
@@ -27,13 +28,24 @@ class CommandRelay:
         self.interruptible = True
         self._run: BenchRun | None = None
         self._queue: SimpleQueue[_RunCommand] = SimpleQueue()
+        self._notes: SimpleQueue[str] = SimpleQueue()
 
     def command(self, words: str) -> None:
-        """Do what `pause`, `go on` or `abort` say, from whichever thread; else nothing."""
+        """Do what `pause`, `go on`, `abort` or a note say, from whichever thread; else nothing."""
+        if words.startswith(NOTE):
+            self._notes.put(words.removeprefix(NOTE))
         if (what := _COMMANDS.get(words)) is None:
             return
         self._queue.put(what)
         self._forward_commands()
+
+    def take_notes(self) -> list[str]:
+        """Return the notes since the last call, for the thread that has the journal."""
+        notes: list[str] = []
+        with suppress(Empty):
+            while True:
+                notes.append(self._notes.get_nowait())
+        return notes
 
     def attach(self, run: BenchRun) -> None:
         """Have a run hear from now on, of signals too until it catches them itself."""

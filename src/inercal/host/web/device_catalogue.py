@@ -1,17 +1,22 @@
-"""Which table and which IMU: what there is to choose from, and what a request may choose.
+"""Which table and IMU there are, which of them a request may choose, and who they say they are.
 
 Nothing of a request is a path. A port is named by its number in the list that was given; an address
 that somebody writes is one of the network, and its packets are of a preset.
 """
 
 import re
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
 
-from inercal.errors import InputError
+from inercal.benches.turntable import require_turntable
+from inercal.errors import InercalError, InputError
+from inercal.host import devices
+from inercal.host.device_description import imu_lines, table_lines
 from inercal.host.devices import SerialPort, list_serial_ports
 from inercal.host.packets import PRESETS
 from inercal.host.web.json_objects import JsonObject, as_object
+from inercal.host.web.plans import Plan
+from inercal.runfile import read
 
 SIMULATED, CONFIGURED = "simulated", "given"
 _HOST = r"(?:[a-z0-9_.-]{1,253}|\[[0-9a-f:.]{2,45}\]):[0-9]{1,5}"
@@ -82,7 +87,9 @@ class DeviceCatalogue:
         if all(simulated):
             return ChosenDevices("", "", "", _preset_name(_require_object(imu, "IMU")) or "fixed")
         if any(simulated):
-            raise InputError("a simulated table and a simulated IMU go together")
+            raise InputError(
+                "a simulated table and a simulated IMU go together", names=("table", "IMU")
+            )
         clock = (
             self._clock if _text_value(table, "id") == _text_value(imu, "id") == CONFIGURED else ""
         )
@@ -96,7 +103,8 @@ class DeviceCatalogue:
                 raise InputError(
                     f"{address!r} is not a table on the network; possible: "
                     "pmac://HOST:1025?motors=1,2,3&counts=3600000, acutrol://HOST:PORT?axes=1,2,3 "
-                    "or motor:tcp://HOST:PORT"
+                    "or motor:tcp://HOST:PORT",
+                    key="address",
                 )
             return address
         if of.get("id") == CONFIGURED and self._table:
@@ -117,15 +125,20 @@ class DeviceCatalogue:
             link, _, query = given.partition("?")
             if not _IMU.fullmatch(link):
                 raise InputError(
-                    f"{given!r} is not an IMU on the network; possible: tcp://HOST:PORT?preset=NAME"
+                    f"{given!r} is not an IMU on the network; possible: tcp://HOST:PORT?preset=NAME",
+                    key="address",
                 )
             key, _, named = query.partition("=")
             if query and key != "preset":
-                raise InputError(f"{given!r}: after the ? only preset=NAME is possible")
+                raise InputError(
+                    f"{given!r}: after the ? only preset=NAME is possible", key="address"
+                )
             preset = _preset_name({"preset": named} if query else of)
         if preset is None:
             if preset_needed:
-                raise InputError(f"say what the IMU sends: preset is one of {', '.join(PRESETS)}")
+                raise InputError(
+                    f"say what the IMU sends: preset is one of {', '.join(PRESETS)}", key="preset"
+                )
             return link
         return f"{link}{'&' if '?' in link else '?'}preset={preset}"
 
@@ -133,8 +146,38 @@ class DeviceCatalogue:
         name = of.get("id")
         port = self._ports.get(name) if isinstance(name, str) else None
         if port is None:
-            raise InputError(f"no {what} {name!r} here; look at the list again")
+            raise InputError(f"no {what} {name!r} here; look at the list again", key="id")
         return port
+
+
+def probe_devices(choice: DeviceCatalogue, plan: Plan | None, asked: JsonObject) -> dict[str, Any]:
+    """Return what table and IMU say of themselves, as lines, and whether they could be asked.
+
+    Nothing moves.
+    """
+    bench = None
+    if plan is not None and not plan.summary["trouble"]:
+        bench = require_turntable(read(plan.path))  # a plan of another bench has trouble
+
+    def table() -> list[str]:
+        return table_lines(devices.probe_table(choice.table(asked.get("table")), bench))
+
+    def imu() -> list[str]:
+        return imu_lines(devices.probe_imu(choice.imu(asked.get("imu"), preset_needed=False)))
+
+    return {
+        what: _probe_result(asked.get(what), lines)
+        for what, lines in (("table", table), ("imu", imu))
+    }
+
+
+def _probe_result(asked: object, lines: Callable[[], list[str]]) -> dict[str, Any]:
+    try:
+        if _is_simulated(asked):
+            return {"ok": True, "lines": ["simulated: made when the run starts"]}
+        return {"ok": True, "lines": lines()}
+    except InercalError as error:
+        return {"ok": False, "lines": [str(error)]}
 
 
 def _device_list(given: str, others: Iterable[tuple[str, str]]) -> list[dict[str, str]]:
@@ -151,14 +194,14 @@ def _port_text(port: SerialPort) -> str:
 def _require_object(asked: object, what: str) -> JsonObject:
     result = as_object(asked)
     if result is None:
-        raise InputError(f"choose a {what}")
+        raise InputError(f"choose a {what}", key=what)
     return result
 
 
 def _text_value(asked: object, key: str) -> str | None:
     value = (as_object(asked) or {}).get(key)
     if value is not None and not (isinstance(value, str) and len(value) <= _MAX_TEXT):
-        raise InputError(f"{key} must be a text of at most {_MAX_TEXT} characters")
+        raise InputError(f"{key} must be a text of at most {_MAX_TEXT} characters", key=key)
     return value
 
 
@@ -171,7 +214,7 @@ def _preset_name(of: JsonObject) -> str | None:
     if not name:
         return None
     if name not in PRESETS:
-        raise InputError(f"no preset {name!r}; possible: {', '.join(PRESETS)}")
+        raise InputError(f"no preset {name!r}; possible: {', '.join(PRESETS)}", key="preset")
     return name
 
 
@@ -179,5 +222,5 @@ def _baud(of: JsonObject, usual: int) -> int:
     value = of.get("baud", usual)
     low, high = _BAUD_RANGE
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        raise InputError(f"baud {value!r}; give a whole number from {low} to {high}")
+        raise InputError(f"baud {value!r}; give a whole number from {low} to {high}", key="baud")
     return value

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import shutil
 import signal
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -13,9 +14,10 @@ from zlib import crc32
 from inercal.errors import InputError
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
+from inercal.host.web.command_relay import NOTE
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import JsonObject
-from inercal.host.web.message_history import MessageHistory
+from inercal.host.web.message_history import MessageHistory, is_alarm
 from inercal.host.web.plans import Plans
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
@@ -30,8 +32,10 @@ from inercal.host.web.viewers import OPERATOR_GRACE, Viewer, Viewers
 _MAX_NAME = 80  # characters of a sensor's name
 _EXIT_TIMEOUT = 15.0  # s that a process may take to end that has told its end
 _TIMER_MARGIN = 0.1  # s: a timer may be that early
+_MAX_NOTE = 400  # characters of a note
+_AMBIENT_RANGE = (-90.0, 100.0)  # °C
 _COMMANDS = ("pause", "go on", "abort")
-_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away")
+_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away", "note")
 COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
@@ -80,16 +84,17 @@ class Hub:
         """Whether a run goes on; one that has told its end does not, though its process may."""
         return self.run_process is not None and not self._end_published
 
-    def add_viewer(self, version: str, browser: str | None) -> Viewer:
-        """Take a viewer in, and tell what there is to tell."""
-        viewer = self.people.add_viewer(browser)
+    def add_viewer(self, version: str, browser: str | None, tab: str | None = None) -> Viewer:
+        """Take a viewer in, and tell how the run stands, then what was before."""
+        viewer = self.people.add_viewer(browser, tab)
         viewer.send("hello", _message_text("hello", version=version))
         self._broadcast_viewers()
         if self._history is None:
             viewer.send("idle", _message_text("idle"))
         else:
-            for text in self._history.messages():
-                viewer.send("kept", text)
+            for kind, text in self._history.present():
+                viewer.send(kind, text)
+            viewer.send_history(self._history.past())
         return viewer
 
     def remove_viewer(self, viewer: Viewer) -> None:
@@ -133,13 +138,18 @@ class Hub:
                 if self.is_run_active:
                     raise InputError("the run goes on")
                 self._dismiss_run()
+            case "note":
+                text = _printable_line(asked.get("text"), _MAX_NOTE)
+                if text is None:
+                    raise InputError(f"a note has 1 to {_MAX_NOTE} characters", key="text")
+                self._send_to_run(f"{NOTE}{self.people.operator}: {text}")
             case _:
-                if (
-                    not self.is_run_active
-                    or self.run_process is None
-                    or not self.run_process.send_line(what)
-                ):
-                    raise InputError("no run goes on")
+                self._send_to_run(what)
+
+    def _send_to_run(self, line: str) -> None:
+        run_process = self.run_process if self.is_run_active else None
+        if run_process is None or not run_process.send_line(line):
+            raise InputError("no run goes on")
 
     async def stop(self, name: object = None) -> None:
         """Have the table stopped: at once of the run that is shown, else of one without a page.
@@ -198,6 +208,7 @@ class Hub:
             raise InputError(f"no plan {name!r}; look at the list again")
         if plan.summary["trouble"]:
             raise InputError(plan.summary["trouble"])
+        _require_room(self.runs.folder, plan.summary["bytes"])
         self._launch_process(
             self._run_request(
                 _new_run_folder(self.runs.folder, plan.path.stem), chosen, asked, plan.path
@@ -229,12 +240,12 @@ class Hub:
         self, folder: Path, chosen: ChosenDevices, asked: JsonObject, plan: Path | None
     ) -> RunRequest:
         sensor = asked.get("sensor") if plan is not None else None
-        if sensor is not None and not _is_valid_name(sensor):
-            raise InputError(f"sensor: give a name of 1 to {_MAX_NAME} characters")
+        if sensor is not None and (sensor := _printable_line(sensor, _MAX_NAME)) is None:
+            raise InputError(f"sensor: give a name of 1 to {_MAX_NAME} characters", key="sensor")
         return RunRequest(
             str(folder.absolute()),
             None if plan is None else str(plan.absolute()),
-            None if sensor is None else sensor.strip(),
+            sensor,
             self.people.operator or "",
             *chosen,
             crc32(folder.name.encode()),  # another bench for another run
@@ -242,6 +253,7 @@ class Hub:
             self._register,
             self._options.temperature,
             self._options.patience,
+            _ambient_temperature(asked.get("ambient")),
         )
 
     def _launch_process(self, order: RunRequest) -> None:
@@ -280,8 +292,9 @@ class Hub:
         self._broadcast("idle", _message_text("idle"))
 
     def _broadcast(self, kind: str, text: str) -> None:
+        urgent = kind != "event" or is_alarm(text)
         for viewer in self.people.viewers.values():
-            viewer.send(kind, text)
+            viewer.send(kind, text, urgent=urgent)
 
     def _broadcast_viewers(self) -> None:
         people = self.people
@@ -317,8 +330,37 @@ def _new_run_folder(runs: Path, stem: str) -> Path:
     return result
 
 
-def _is_valid_name(text: object) -> bool:
-    return isinstance(text, str) and 0 < len(text.strip()) <= _MAX_NAME and text.isprintable()
+def free_space(folder: Path) -> int:
+    """Return the bytes that are free on the disk of a folder."""
+    return shutil.disk_usage(folder).free
+
+
+def _require_room(folder: Path, needed: int) -> None:
+    """Refuse a run that the disk has no room for: it would end when the disk is full."""
+    if (free := free_space(folder)) < needed:
+        raise InputError(
+            f"{folder}: the run needs about {needed / 1e6:.0f} MB, and {free / 1e6:.0f} MB are "
+            "free: make room, or serve another folder by --runs",
+            file=folder,
+        )
+
+
+def _printable_line(text: object, most: int) -> str | None:
+    """Return a text that somebody typed, without spaces around it; None where it is none."""
+    if not isinstance(text, str) or not text.isprintable():
+        return None
+    return text.strip() if 0 < len(text.strip()) <= most else None
+
+
+def _ambient_temperature(asked: object) -> float | None:
+    low, high = _AMBIENT_RANGE
+    if asked is None:
+        return None
+    if not isinstance(asked, (int, float)) or isinstance(asked, bool) or not low <= asked <= high:
+        raise InputError(
+            f"the ambient temperature must be a number from {low:g} to {high:g} °C", key="ambient"
+        )
+    return float(asked)
 
 
 def _message_text(kind: str, **content: object) -> str:

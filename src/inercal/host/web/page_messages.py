@@ -13,6 +13,8 @@ from inercal.arrays import Array
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.calibration import Calibration
+from inercal.calibration.grade import GRADE_TONES, GRADE_WORDS, Grade
+from inercal.estimate.scores import chi2_tail_probability
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState
 from inercal.host.tasks import plan_tasks
@@ -21,6 +23,9 @@ from inercal.runfile import Run
 from inercal.units import ZERO_CELSIUS
 
 _SIGNIFICANT_DIGITS = 7
+# A run has some hundred independent windows of two filters: by chance one of 50 runs is named.
+_NIS_LEVEL = 1e-4
+_MAX_NIS = 4.0  # innovations twice as large as stated
 
 
 def plan_message(run: Run, bench: Turntable) -> dict[str, Any]:
@@ -46,6 +51,7 @@ def plan_message(run: Run, bench: Turntable) -> dict[str, Any]:
                 "name": name,
                 "axis": CoefficientName(name).axis,
                 "own": line.name,
+                "symbol": line.symbol,
                 "meaning": line.meaning,
                 "measures": measures[CoefficientName(name).axis],
                 "unit": line.unit,
@@ -92,27 +98,44 @@ def state_message(run: BenchRun, bench: Turntable, angles: Array | None) -> dict
     }
 
 
-def calibration_fields(calibration: Calibration) -> dict[str, list[float | None]]:
-    """Return the coefficients of a calibration file and their uncertainties, k = 2.
-
-    Both are in the order and the units of the plan's coefficients, as live estimates are.
-    """
+def final_estimates(calibration: Calibration) -> dict[str, Any]:
+    """Return values and expanded uncertainties (k = 2) of a calibration, by coefficient."""
     sensor = calibration.sensor
     sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
-    sd = np.sqrt(np.diagonal(calibration.covariance))
     return {
+        "names": list(sensor.coefficients),
         "values": rounded_numbers(calibration.values / sizes),
-        "u2": rounded_numbers(2 * sd / sizes),
+        "u2": rounded_numbers(2 * calibration.std / sizes),
     }
 
 
 def samples_message(time: Array, output: Array, every: int) -> dict[str, Any]:
-    """Return samples, (n,) s and (n, m) in output units, or means of `every` of them each."""
+    """Return samples, (n,) s of the run and (n, m) in output units, or means of `every` each."""
     return {
         "t": [round(t, 4) for t in time.tolist()],
         "y": [[rounded_number(y, 6) for y in column] for column in output.T.tolist()],
         "every": every,
     }
+
+
+def nis_fields(ratio: float, count: int) -> dict[str, Any]:
+    """Return how innovations agree with their stated covariance, by the words of the verdict.
+
+    Parameters
+    ----------
+    ratio : float
+        Normalised innovation squared, a component.
+    count : int
+        Components, of which the ratio is the mean: count · ratio is χ² with so many degrees of
+        freedom where all is as stated.
+    """
+    tail = chi2_tail_probability(ratio * count, count)
+    p = 2 * min(tail, 1 - tail)
+    grade: Grade = (
+        "unreliable" if ratio > _MAX_NIS else "reservations" if p < _NIS_LEVEL else "consistent"
+    )
+    level, words = GRADE_TONES[grade], GRADE_WORDS[grade]
+    return {"ratio": rounded_number(ratio, 4), "level": level, "words": words}
 
 
 def rounded_number(value: float | None, digits: int = _SIGNIFICANT_DIGITS) -> float | None:

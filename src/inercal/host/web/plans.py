@@ -9,12 +9,15 @@ from inercal.benches.turntable import require_turntable
 from inercal.errors import InputError
 from inercal.host.recording_writer import require_recordable
 from inercal.host.tasks import plan_tasks
-from inercal.runfile import read
+from inercal.runfile import Run, read
 from inercal.runfile.schema import RunSchema
 from inercal.small_files import read_toml
 
 _SECTIONS = frozenset(RunSchema.model_fields)
 _DEMO = "demo"
+_LOGGED_BYTES, _COLUMN_BYTES, _OTHER_COLUMNS = 64, 8, 4  # of a sample
+_OTHER_BYTES = 5_000_000  # report, calibration, journal
+_HOMING_TIME = 60.0  # s before the first step
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ def _read_plan(name: str, path: Path) -> Plan | None:
     """Return what a file is as a plan; None for one that is not a run file at all."""
     summary: dict[str, Any] = {
         "id": name, "file": path.name, "sensor": "", "steps": 0, "seconds": 0.0, "method": "",
+        "bytes": 0,
         "trouble": "",
     }  # fmt: skip
     try:
@@ -81,7 +85,22 @@ def _read_plan(name: str, path: Path) -> Plan | None:
     except InputError as error:
         return Plan(path, summary | {"trouble": str(error)}) if _resembles_run_file(path) else None
     seconds = sum(one.approach + one.seconds for one in steps)
-    return Plan(path, summary | {"steps": len(steps), "seconds": round(seconds, 3)})
+    fields = {"steps": len(steps), "seconds": round(seconds, 3), "bytes": expected_size(run)}
+    return Plan(path, summary | fields)
+
+
+def expected_size(run: Run) -> int:
+    """Return how many bytes a run is expected to need on the disk, rather too many.
+
+    A sample has its packet in the log and a row of numbers in the recording. Measured of the plan
+    of 15 steps in the tests, 59 000 samples of six axes: 46 bytes in the log, 90 in the recording,
+    and 1 MB of all else.
+    """
+    bench = require_turntable(run)
+    seconds = sum(one.approach + one.seconds for one in plan_tasks(bench, run.table_steps))
+    columns = len(run.sensor.axes) + len(bench.names) + _OTHER_COLUMNS
+    a_sample = _LOGGED_BYTES + _COLUMN_BYTES * columns
+    return int(_OTHER_BYTES + a_sample * (run.rate_hz or 0.0) * (seconds + _HOMING_TIME))
 
 
 def _resembles_run_file(path: Path) -> bool:

@@ -8,14 +8,49 @@ run waiting.
 import json
 import os
 import sys
+from collections import deque
 from collections.abc import Mapping
 from threading import Condition, Thread
 from time import monotonic
+from typing import Generic, TypeVar
 
 from inercal.host.closeable import Closeable
-from inercal.host.web.dropping_queue import DroppingQueue
 
-DROPPABLE_KINDS = frozenset(("state", "samples", "estimates"))  # later ones say what these did
+# Of these kinds later messages say what earlier ones did.
+DROPPABLE_KINDS = frozenset(("state", "samples", "coarse", "estimates"))
+_MAX_DROPPABLE = 64  # messages of these kinds that wait
+T = TypeVar("T")
+
+
+class DroppingQueue(Generic[T]):
+    """A queue in order, of which the oldest droppable items are dropped where nobody takes them.
+
+    Parameters
+    ----------
+    max_droppable : int
+        Droppable items that wait.
+    """
+
+    def __init__(self, max_droppable: int = _MAX_DROPPABLE):
+        self._max_droppable, self._droppable_count = max_droppable, 0
+        self._waiting: deque[tuple[bool, T]] = deque()
+
+    def put(self, one: T, *, must_keep: bool) -> None:
+        """Have an item wait; one that must not be kept is droppable."""
+        self._waiting.append((must_keep, one))
+        self._droppable_count += not must_keep
+        if self._droppable_count > self._max_droppable:
+            oldest = next(i for i, (stays, _) in enumerate(self._waiting) if not stays)
+            del self._waiting[oldest]
+            self._droppable_count -= 1
+
+    def take(self) -> T | None:
+        """Return what has waited longest; None where nothing does."""
+        if not self._waiting:
+            return None
+        must_keep, one = self._waiting.popleft()
+        self._droppable_count -= not must_keep
+        return one
 
 
 class Publisher(Closeable):

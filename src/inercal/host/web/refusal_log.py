@@ -50,7 +50,7 @@ class RefusalLog:
             return
         self._tokens -= 1
         if self._suppressed:
-            self._write(f"inercal: refused: {self._suppressed} more, unsaid")
+            self._write(f"inercal: {self._suppressed} further refusals suppressed (rate limit)")
             self._suppressed = 0
         self._write(
             f"inercal: refused: {escape_control_characters(str(who))}: "

@@ -6,29 +6,40 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from pathlib import Path
 from time import sleep
 from typing import Any
+from urllib.parse import quote
 
 from inercal.benches.turntable import require_turntable
+from inercal.errors import InercalError
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
-from inercal.host.bench_simulator import STARTUP_MESSAGE, start_bench_simulator
-from inercal.host.journal import Journal
+from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator, start_bench_simulator
+from inercal.host.clock import SimulatedClock
+from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.precompilation import precompile_run
+from inercal.host.registration import RegisterSync
+from inercal.host.run_completion import finish_run
 from inercal.host.run_execution import RunInterrupted, execute_run
-from inercal.host.run_folder import JOURNAL, RunFolder, create_run, reopen_run
-from inercal.host.web import page_messages, run_simulation
+from inercal.host.run_folder import JOURNAL, LOG, RunFolder, create_run, reopen_run
+from inercal.host.run_log import read_frames
+from inercal.host.web import page_messages
 from inercal.host.web.command_relay import CommandRelay
-from inercal.host.web.finalizer import RunFinalizer
 from inercal.host.web.publisher import Publisher
 from inercal.host.web.run_request import (
     PROCESS_RECORD,
+    EndMessage,
     RunRequest,
     SimulationRequest,
+    end_message,
+    read_process_record,
     rename_sensor,
     write_process_record,
 )
 from inercal.host.web.telemetry import UPDATE_INTERVAL, RunTelemetry
 from inercal.runfile import Run, read
+from inercal.store import Register
+
+_TIME_STEP, _TIME_MARGIN = 10.0, 2.0  # s of a simulated bench
 
 
 class RunController:
@@ -57,7 +68,7 @@ class RunController:
         """
         run = self._read_plan()
         with ExitStack() as opened:
-            bench = run_simulation.simulation_request(self._order)
+            bench = _simulation_request(self._order)
             addresses = self._open_addresses(run, bench, opened)
             result, journal = self._open_folder(run, addresses)
             opened.enter_context(journal)
@@ -68,14 +79,18 @@ class RunController:
             ):
                 opened.callback(os.close, write_process_record(result.path, bench))
                 journal.record_event("info", self._start_text(bench))
-                ending = RunFinalizer(self._order, result, journal)
+                if self._order.ambient is not None and self._order.plan is not None:
+                    by = self._order.requested_by or "an operator without a name"
+                    words = f"{by}: the ambient temperature is {self._order.ambient:g} °C"
+                    journal.record_event(NOTE_LEVEL, words)
+                ending = _RunFinalizer(self._order, result, journal)
                 teller = RunTelemetry(self._publisher, result.run, require_turntable(run), journal)
                 told = self._complete_run(result, journal, teller, ending)
                 teller.publish_events()
                 return told
 
     def _complete_run(
-        self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: RunFinalizer
+        self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
     ) -> Mapping[str, Any]:
         """Have done what is left of a run; return what is told of its end."""
         live = None
@@ -87,6 +102,7 @@ class RunController:
             finally:
                 teller.publish_events()
         self._control.interruptible = False
+        self._record_notes(journal)
         self._publish_phase("finishing: recording, calibration, report")
         return ending.complete_run(live)
 
@@ -100,7 +116,7 @@ class RunController:
                 was = journal.header()
             run, clock = read(self._folder / was.run_file), clock or was.clock
         told = page_messages.plan_message(run, require_turntable(run)) | {"run": order.name}
-        told["simulated"] = run_simulation.simulation_request(order) is not None or bool(clock)
+        told["simulated"] = _simulation_request(order) is not None or bool(clock)
         told["sensor"] = order.sensor or told["sensor"]
         self._publisher.publish("plan", **told)
         return run
@@ -115,7 +131,7 @@ class RunController:
         bench = opened.enter_context(start_bench_simulator(run, wanted.seed, wanted.preset))
         self._compiled = True
         if order.plan is None:
-            run_simulation.advance_past_log(bench, self._folder)
+            _advance_past_log(bench, self._folder)
         if order.speed is None:
             self._activity = bench.run_context()
         return bench.addresses
@@ -129,7 +145,7 @@ class RunController:
         return create_run(self._folder, run, addresses, content=content)
 
     def _execute_plan(
-        self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: RunFinalizer
+        self, made: RunFolder, journal: Journal, teller: RunTelemetry, ending: "_RunFinalizer"
     ) -> LiveEstimator | None:
         """Have the plan carried out, or what is left of it; return what was found meanwhile."""
         was = journal.header()
@@ -139,6 +155,7 @@ class RunController:
         self._publish_phase("connecting to table and IMU")
 
         def show(run: BenchRun) -> None:
+            self._record_notes(journal, run.time)
             teller(run)
             if run.pause_reason and was.clock:
                 sleep(UPDATE_INTERVAL)  # a simulated bench has no reason to hurry while it waits
@@ -151,6 +168,10 @@ class RunController:
         run = execute_run(made, journal, options, show, UPDATE_INTERVAL, beside, background_work)
         return run.recorder.live_estimator
 
+    def _record_notes(self, journal: Journal, time: float | None = None) -> None:
+        for words in self._control.take_notes():
+            journal.record_event(NOTE_LEVEL, words, time)
+
     def _publish_phase(self, words: str) -> None:
         self._publisher.publish("phase", run=self._order.name, words=words)
 
@@ -160,3 +181,110 @@ class RunController:
             f"{what} from the page by {self._order.requested_by or 'an operator without a name'}"
         )
         return words if bench is None else f"{words}; simulated bench, seed {bench.seed}"
+
+
+class _RunFinalizer:
+    """The end of one run.
+
+    A register that cannot be reached is said and ends nothing: the server enters all its runs when
+    it is started next, so that none is lost.
+
+    Parameters
+    ----------
+    order : RunRequest
+    made : RunFolder
+    journal : Journal
+    """
+
+    def __init__(self, order: RunRequest, made: RunFolder, journal: Journal):
+        self._order, self._folder, self._journal = order, made, journal
+        self._register: Register | None = None
+        try:
+            self._register = Register(order.register, order.requested_by or None)
+        except InercalError as error:
+            journal.record_event("warning", f"the run is not in the register: {error}")
+        self.register_sync = RegisterSync(self._register, made.path)
+
+    def interruption_message(self, words: str) -> EndMessage:
+        """Return what is told of a run that may go on later."""
+        return end_message(
+            self._order, "interrupted", words or "interrupted", history=self._enter_in_register()
+        )
+
+    def complete_run(self, live: LiveEstimator | None) -> EndMessage:
+        """Make recording, calibration and report; return what is told of them."""
+        sensor = self._folder.run.sensor.name
+        try:
+            outcome, _ = finish_run(
+                self._folder, self._journal, live, lambda: self.register_sync.history(sensor)
+            )
+        except InercalError as error:
+            self._journal.record_event("alarm", str(error))
+            return end_message(
+                self._order, "carried out", str(error), history=self._enter_in_register()
+            )
+        name = quote(self._order.name, safe="")
+        links = {what: f"/runs/{name}/{what}" for what in ("report", "calibration")}
+        verdict = {
+            "level": outcome.verdict.tone,
+            "words": outcome.verdict.word,
+            "reasons": list(outcome.verdict.reasons),
+        }
+        words = outcome.verdict.lines[0]
+        return end_message(
+            self._order,
+            "done",
+            words,
+            history=self._enter_in_register(),
+            verdict=verdict,
+            final=page_messages.final_estimates(outcome.calibration),
+            **links,
+        )
+
+    def _enter_in_register(self) -> str | None:
+        """Enter the run as it is; return where its sensor's history is, if it has one."""
+        self.register_sync.update()
+        if self.register_sync.trouble:
+            self._journal.record_event("warning", self.register_sync.trouble)
+        if self.register_sync.trouble or self._register is None:
+            return None
+        try:
+            sensor = self._register.sensor(self._folder.run.sensor.name)
+        except InercalError:
+            return None
+        return f"/history/{sensor.id}" if sensor.calibrations else None
+
+
+def _simulation_request(order: RunRequest) -> SimulationRequest | None:
+    """Return the bench that is to be simulated; None where none is.
+
+    A run that goes on has the bench that it had.
+    """
+    note = read_process_record(Path(order.folder)) if order.plan is None else None
+    was = note.simulated if note is not None else None
+    if order.simulated is None:
+        return None if order.table or order.imu else was
+    return SimulationRequest(order.simulated, was.seed if was is not None else order.seed)
+
+
+def _advance_past_log(bench: BenchSimulator, folder: Path) -> None:
+    """Let pass the time that the log of a run has, as if the bench had gone on meanwhile.
+
+    Raises
+    ------
+    InputError
+        A log that is damaged.
+    LinkLost
+        The bench has ended.
+    """
+    log = folder / LOG
+    if not log.exists() or bench.clock is None:
+        return
+    until = max((frame.time for frame in read_frames(log)), default=0.0) + _TIME_MARGIN
+    clock = SimulatedClock(bench.clock)
+    now = clock.now()
+    while now < until:
+        now = min(now + _TIME_STEP, until)
+        clock.begin(now)
+        clock.end()
+    clock.close()

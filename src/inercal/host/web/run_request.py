@@ -47,6 +47,8 @@ class RunRequest:
         K that the IMU must stay within.
     patience : float
         s that the IMU may be gone before the run ends.
+    ambient : float or None
+        Temperature of the room, °C, as the operator typed it.
     """
 
     folder: str
@@ -62,6 +64,7 @@ class RunRequest:
     register: str | None = None
     temperature: tuple[float, float] | None = None
     patience: float = DEFAULT_OPTIONS.patience
+    ambient: float | None = None
 
     @property
     def json_line(self) -> str:

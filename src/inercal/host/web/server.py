@@ -22,7 +22,7 @@ from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import os_errors_as_input_errors
 from inercal.host.web.access import Access, is_loopback
 from inercal.host.web.app import application
-from inercal.host.web.connections import limited_protocol
+from inercal.host.web.connections import CHECK_INTERVAL, MAX_CONNECTIONS, ConnectionLimits
 from inercal.host.web.device_catalogue import DeviceCatalogue
 from inercal.host.web.hub import Hub
 from inercal.host.web.plans import Plans
@@ -70,17 +70,29 @@ class ServerOptions:
 
 
 class WebServer(uvicorn.Server):
-    """The web server, which ends the run before it ends itself."""
+    """The web server, which ends the run before it ends itself.
 
-    def __init__(self, config: uvicorn.Config, hub: Hub):
+    Parameters
+    ----------
+    config : uvicorn.Config
+        Of an application behind `limits`.
+    hub : Hub
+    limits : ConnectionLimits
+    """
+
+    def __init__(self, config: uvicorn.Config, hub: Hub, limits: ConnectionLimits):
         super().__init__(config)
-        self._hub, self._signal_count = hub, 0
+        self._hub, self._limits, self._signal_count = hub, limits, 0
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def serve(self, sockets: list[socket.socket] | None = None) -> None:
         """Serve until it is told to end."""
         self._loop = asyncio.get_running_loop()
-        await super().serve(sockets)
+        checking = asyncio.create_task(self._check_connections())
+        try:
+            await super().serve(sockets)
+        finally:
+            checking.cancel()
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Hear a signal: the first ends it in order, the second at once."""
@@ -100,6 +112,11 @@ class WebServer(uvicorn.Server):
                 "once; the run is stopped all the same)"
             )
         self._exit_task = asyncio.ensure_future(self._exit_when_idle())
+
+    async def _check_connections(self) -> None:
+        while True:
+            await asyncio.sleep(CHECK_INTERVAL)
+            self._limits.close_overdue(self.server_state.connections)
 
     async def _exit_when_idle(self) -> None:
         await self._hub.wait_until_idle()
@@ -144,10 +161,12 @@ def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalL
     logger = logging.getLogger("uvicorn.error")
     logger.handlers[:] = [RefusalHandler(refused)]
     logger.propagate = False
+    limits = ConnectionLimits(application(hub, register, access, refused), refused)
     config = uvicorn.Config(
-        application(hub, register, access, refused),
+        limits,
         loop="asyncio",
-        http=limited_protocol(refused),
+        http="h11",
+        limit_concurrency=MAX_CONNECTIONS,
         ws="websockets-sansio",
         ws_max_size=_MAX_MESSAGE,
         ws_per_message_deflate=False,
@@ -163,7 +182,7 @@ def web_server(hub: Hub, register: str | None, access: Access, refused: RefusalL
         backlog=4 * MAX_VIEWERS,
         timeout_graceful_shutdown=_SHUTDOWN_TIMEOUT,
     )
-    return WebServer(config, hub)
+    return WebServer(config, hub, limits)
 
 
 def listening_socket(host: str, port: int) -> socket.socket:

@@ -1,15 +1,28 @@
-"""Who looks on, and which of them operates."""
+"""Who looks on, and which of them operates; what a viewer is told first where its link is slow.
+
+A viewer answers marks: `{"kind": "mark", "n": 7}` by `{"do": "seen", "n": 7}`. The server puts a
+mark behind each batch of messages and sends the next batch once the mark is answered, so that not
+more than one batch waits in the buffers of a slow link, whose sizes nobody knows. What is urgent
+does not wait for the mark. The batch grows while marks are answered at once.
+"""
 
 import asyncio
+from collections import deque
+from collections.abc import Iterator
 from time import monotonic
-
-from inercal.host.web.dropping_queue import DroppingQueue
-from inercal.host.web.publisher import DROPPABLE_KINDS
 
 MAX_VIEWERS = 32  # viewers
 OPERATOR_GRACE = 10.0  # s that an operator's place is kept
 _MAX_NAME = 40  # characters
-_LATEST_ONLY_KINDS = frozenset(("people", "beat"))  # kinds of which only the latest counts
+_MIN_BATCH, _FIRST_BATCH, _MAX_BATCH = 1 << 11, 1 << 12, 1 << 17  # bytes
+_BATCH_TIME = 1.0  # s after which a mark is put where the batch is not full
+_FAST, _SLOW = 0.25, 1.0  # s until a mark is answered
+_MAX_SAMPLES = 100  # messages that wait
+
+# By kind: of these only the latest counts. The urgent ones wait for no mark.
+_URGENT_LATEST_KINDS = frozenset(("people", "beat"))
+_LATEST_KINDS = ("state", "estimates")
+_SAMPLE_KINDS = ("samples", "coarse")
 
 
 class Viewer:
@@ -20,31 +33,136 @@ class Viewer:
     number : int
     browser : str or None
         Which browser it is, where that has said so before.
+    tab : str or None
+        Which page of that browser it is; a page that connects again says the same.
     """
 
-    def __init__(self, number: int, browser: str | None):
-        self.number, self.browser = number, browser
-        self._queue: DroppingQueue[tuple[str, str]] = DroppingQueue()
-        self._latest: dict[str, str] = {}  # what waits, by kind
+    def __init__(self, number: int, browser: str | None, tab: str | None = None):
+        self.number, self.browser, self.tab = number, browser, tab
+        self._urgent: deque[tuple[str, str]] = deque()
+        self._latest: dict[str, str] = {}
+        self._news: deque[str] = deque()
+        self._samples = {kind: deque[str](maxlen=_MAX_SAMPLES) for kind in _SAMPLE_KINDS}
+        self._history: Iterator[str] = iter(())
+        self._turn, self._samples_are_next = 0, False
         self._message_ready = asyncio.Event()
+        self._batch, self._batch_size, self._batch_begun = 0, _FIRST_BATCH, 0.0
+        self._mark = 0
+        self._marked_at: float | None = None
+        self._is_fast = False
 
-    def send(self, kind: str, text: str) -> None:
-        """Have a message sent; pictures give way to later ones where it cannot be at once."""
-        if kind in _LATEST_ONLY_KINDS:
-            waits = kind in self._latest
+    def send(self, kind: str, text: str, *, urgent: bool = True) -> None:
+        """Have a message sent.
+
+        Parameters
+        ----------
+        kind : str
+            "state", "estimates", "people" and "beat" give way to later ones, "samples" and "coarse"
+            too; all others are kept.
+        text : str
+        urgent : bool
+            For all others: send it before what only fills the page.
+        """
+        if kind in _LATEST_KINDS:
             self._latest[kind] = text
-            if waits:
-                return  # at the place of the former
-        self._queue.put((kind, text), must_keep=kind not in DROPPABLE_KINDS)
+        elif kind in _SAMPLE_KINDS:
+            self._samples[kind].append(text)
+        elif kind in _URGENT_LATEST_KINDS:
+            if kind not in self._latest:
+                self._urgent.append((kind, ""))
+            self._latest[kind] = text
+        elif urgent:
+            self._keep_in_order(kind)
+            self._urgent.append((kind, text))
+        else:
+            self._news.append(text)
+        self._message_ready.set()
+
+    def send_history(self, texts: Iterator[str]) -> None:
+        """Have a history sent as far as nothing else waits; it is read as it is sent."""
+        self._history = texts
+        self._message_ready.set()
+
+    def acknowledge(self, mark: object) -> None:
+        """Take the answer to a mark; one that is not waited for is of no matter."""
+        if self._marked_at is None or mark != self._mark:
+            return
+        took = monotonic() - self._marked_at
+        self._marked_at, self._batch = None, 0
+        if took <= _FAST:
+            self._batch_size, self._is_fast = min(2 * self._batch_size, _MAX_BATCH), True
+        elif took > _SLOW:
+            self._batch_size, self._is_fast = max(self._batch_size // 2, _MIN_BATCH), False
         self._message_ready.set()
 
     async def next_message(self) -> str:
         """Return what is to be sent next, once there is something."""
-        while (one := self._queue.take()) is None:
+        while (text := self._take()) is None:
             self._message_ready.clear()
             await self._message_ready.wait()
-        kind, text = one
-        return self._latest.pop(kind, text)
+        if not self._batch:
+            self._batch_begun = monotonic()
+        self._batch += len(text.encode())
+        return text
+
+    def _keep_in_order(self, kind: str) -> None:
+        """Have no state of before come after what ends or replaces it."""
+        if kind in ("plan", "idle"):
+            self._news.clear()
+            for samples in self._samples.values():
+                samples.clear()
+            for latest in _LATEST_KINDS:
+                self._latest.pop(latest, None)
+            self._history = iter(())
+        elif kind in ("phase", "done") and (state := self._latest.pop("state", None)):
+            self._urgent.append(("", state))
+
+    def _take(self) -> str | None:
+        if self._urgent:
+            kind, text = self._urgent.popleft()
+            return self._latest.pop(kind) if kind in _URGENT_LATEST_KINDS else text
+        if self._marked_at is not None:
+            return None  # the last batch is on its way
+        if self._batch and (
+            self._batch >= self._batch_size or monotonic() - self._batch_begun >= _BATCH_TIME
+        ):
+            self._mark, self._marked_at = self._mark + 1, monotonic()
+            return f'{{"kind": "mark", "n": {self._mark}}}'
+        # By turns: on a slow link the latest alone would leave no room for what was before.
+        lanes = self._latest_state, self._take_bulk, self._latest_estimates, self._take_bulk
+        for _ in lanes:
+            lane = lanes[self._turn]
+            self._turn = (self._turn + 1) % len(lanes)
+            if (text := lane()) is not None:
+                return text
+        return None
+
+    def _latest_state(self) -> str | None:
+        return self._latest.pop("state", None)
+
+    def _latest_estimates(self) -> str | None:
+        return self._latest.pop("estimates", None)
+
+    def _take_bulk(self) -> str | None:
+        """Return the next of news, else of samples or history by turns; a slow link takes means."""
+        if self._news:
+            return self._news.popleft()
+        kind, other = _SAMPLE_KINDS if self._is_fast else reversed(_SAMPLE_KINDS)
+        self._samples[other].clear()
+        samples = self._samples[kind]
+        self._samples_are_next = not self._samples_are_next
+        if samples and self._samples_are_next:
+            return samples.popleft()
+        text = next(self._history, None)
+        return samples.popleft() if text is None and samples else text
+
+
+class _Seat:
+    """Who operates: a name, a viewer, and its browser and page to know it by when it is back."""
+
+    def __init__(self, name: str, viewer: Viewer):
+        self.name, self.number = name, viewer.number
+        self.browser, self.tab = viewer.browser, viewer.tab
 
 
 class Viewers:
@@ -53,7 +171,7 @@ class Viewers:
     def __init__(self):
         self.viewers: dict[int, Viewer] = {}
         self._count = 0
-        self._seat: tuple[str, int, str | None] | None = None  # name, viewer, browser
+        self._seat: _Seat | None = None
         self._left_at = 0.0
 
     @property
@@ -64,16 +182,22 @@ class Viewers:
     @property
     def operator(self) -> str | None:
         """The name of who operates, or may still be back."""
-        return self._held_seat[0] if self._held_seat is not None else None
+        return self._held_seat.name if self._held_seat is not None else None
 
-    def add_viewer(self, browser: str | None) -> Viewer:
-        """Take somebody in; an operator who was gone for a moment operates again."""
+    def add_viewer(self, browser: str | None, tab: str | None = None) -> Viewer:
+        """Take a viewer in; an operator who was gone for a moment operates again.
+
+        The page of the operator has its place back though the connection that it had before, which
+        broke, is not known to be gone yet.
+        """
         self._count += 1
-        viewer = Viewer(self._count, browser)
+        viewer = Viewer(self._count, browser, tab)
         self.viewers[viewer.number] = viewer
         seat = self._held_seat
-        if seat is not None and seat[1] not in self.viewers and self.is_operator_browser(browser):
-            self._seat = seat[0], viewer.number, browser
+        if seat is not None and self.is_operator_browser(browser):
+            is_same_page = tab is not None and seat.tab == tab
+            if is_same_page or seat.number not in self.viewers:
+                self._seat = _Seat(seat.name, viewer)
         return viewer
 
     def remove_viewer(self, viewer: Viewer) -> None:
@@ -84,23 +208,25 @@ class Viewers:
 
     def is_operator(self, viewer: Viewer) -> bool:
         """Tell whether somebody is the operator."""
-        return self._seat is not None and self._seat[1] == viewer.number
+        return self._seat is not None and self._seat.number == viewer.number
 
     def is_operator_browser(self, browser: str | None) -> bool:
         """Tell whether a browser is that of the operator."""
-        return self._held_seat is not None and browser is not None and self._held_seat[2] == browser
+        seat = self._held_seat
+        return seat is not None and browser is not None and seat.browser == browser
 
     def take_seat(self, viewer: Viewer, name: object) -> str | None:
         """Let somebody operate; return in words why not."""
         # To the operator's browser at once: its last connection may be broken and not known to be.
         own = self.is_operator(viewer) or self.is_operator_browser(viewer.browser)
-        if self._held_seat is not None and not own:
-            there = self._held_seat[1] in self.viewers
-            return f"{self._held_seat[0]} operates" + ("" if there else ", and may be back")
+        seat = self._held_seat
+        if seat is not None and not own:
+            there = seat.number in self.viewers
+            return f"{seat.name} operates" + ("" if there else ", and may be back")
         plain = " ".join(name.split()) if isinstance(name, str) else ""
         if not plain or len(plain) > _MAX_NAME or not plain.isprintable():
             return f"give a name of 1 to {_MAX_NAME} characters"
-        self._seat = plain, viewer.number, viewer.browser
+        self._seat = _Seat(plain, viewer)
         return None
 
     def leave_seat(self, viewer: Viewer) -> bool:
@@ -111,8 +237,8 @@ class Viewers:
         return True
 
     @property
-    def _held_seat(self) -> tuple[str, int, str | None] | None:
+    def _held_seat(self) -> _Seat | None:
         """The seat, unless who had it has been gone for too long."""
-        if self._seat is not None and self._seat[1] not in self.viewers:
+        if self._seat is not None and self._seat.number not in self.viewers:
             return self._seat if monotonic() - self._left_at < OPERATOR_GRACE else None
         return self._seat

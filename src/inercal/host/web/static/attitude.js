@@ -16,9 +16,13 @@ const WORDS = {
   none: "By this method nothing is navigated live: only the table's attitude is shown.",
 };
 const DEGREES = 180 / Math.PI;
+const STEEP = 80; // ° of pitch: beyond, small errors of attitude are large ones of roll and heading
+const POLE = "Near pitch ±90° roll and heading are not defined one by one: only their sum is. "
+  + "Compare the attitude difference.";
 
 export function makeAttitude(theme) {
   const [section, waits, numbers] = ["attitude", "attitude-waits", "attitude-numbers"].map(byId);
+  const pole = byId("attitude-pole");
   const views = [["by-table", "table"], ["by-imu", "navigation"]].map(([id, key]) =>
     ({ canvas: byId(id), key, wanted: null, shown: null, stale: true }));
   const cells = {};
@@ -40,8 +44,8 @@ export function makeAttitude(theme) {
   numbers.append(
     table("numbers", ["°", "table", "navigation"],
       row("roll", "roll", 2), row("pitch", "pitch", 2), row("heading", "heading", 2)),
-    table("numbers navigated", ["", "east", "north", "up"],
-      row("apart", "table ahead by, ″", 3), row("velocity", "velocity, m/s", 3)),
+    table("numbers navigated", ["", "total", "east", "north", "up"],
+      row("apart", "difference, ″", 4), row("velocity", "velocity, m/s", 4)),
     table("numbers navigated", ["strapdown matrix", "x", "y", "z"],
       row("c0", "east", 3), row("c1", "north", 3), row("c2", "up", 3)),
   );
@@ -50,6 +54,7 @@ export function makeAttitude(theme) {
     for (const view of views) Object.assign(view, { wanted: null, shown: null, stale: true });
     found = null;
     numbers.hidden = true;
+    put(pole, "");
     explain("waits");
   }
 
@@ -77,13 +82,19 @@ export function makeAttitude(theme) {
   function say(attitude) {
     numbers.hidden = false;
     const table = angles(attitude.table);
+    const steep = [table[1], attitude.pitch].some((pitch) => Math.abs(pitch) > STEEP);
+    put(pole, steep ? POLE : "");
     ["roll", "pitch", "heading"].forEach((key, i) => {
-      put(cells[key][0], angle(key, table[i]));
-      put(cells[key][1], angle(key, attitude[key]));
+      const defined = key === "pitch" || !steep;
+      put(cells[key][0], angle(key, defined ? table[i] : NaN));
+      put(cells[key][1], angle(key, defined ? attitude[key] : NaN));
     });
+    for (const [key, places] of [["apart", 1], ["velocity", 3]]) {
+      const along = attitude[key];
+      put(cells[key][0], fixed(along ? Math.hypot(...along) : NaN, places));
+      for (let i = 0; i < 3; i++) put(cells[key][i + 1], signed(along?.[i], places));
+    }
     for (let i = 0; i < 3; i++) {
-      put(cells.apart[i], signed(attitude.apart?.[i], 1));
-      put(cells.velocity[i], signed(attitude.velocity?.[i], 3));
       for (let k = 0; k < 3; k++) {
         put(cells[`c${i}`][k], signed(attitude.navigation?.[3 * i + k], 6));
       }

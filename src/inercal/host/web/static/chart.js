@@ -1,142 +1,90 @@
-/**
- * One chart of up to three channels, in two layers: a still one with the scale of the values, and
- * over it one with the lines, which is drawn when samples come, wider than what is in sight, and
- * then only moved: to draw all points anew for each picture of the screen keeps a core busy.
- */
+/** One plot of the readings: up to three channels, whose names stand at the ends of their lines. */
 
 import { make, put, svg } from "./dom.js";
 import { fixed } from "./format.js";
+import { makePlot } from "./plot.js";
 import { DASHES } from "./theme.js";
 
 const TITLES = { f: "accelerometers", w: "gyros" };
 const LETTERS = ["x", "y", "z"];
-const [HEIGHT, LEFT, RIGHT, BELOW, ABOVE] = [210, 62, 18, 24, 8]; // px; scale, letters, times
-const MORE = 1.3; // times what is in sight is drawn
-const CALMS = 20; // pieces after which a range that is too wide becomes narrower
+const CALMS = 20; // pictures after which a range that is too wide becomes narrower
 const APART = 13; // px between letters
 
-export function makeChart(box, channels, ring, theme) {
+export function makeChart(box, channels, ring, { theme, marks, zoom, height }) {
   const [legend, place] = [box.querySelector(".legend"), box.querySelector(".plot")];
-  const title = TITLES[box.dataset.measures];
-  const names = channels.map(({ name }) => name).join(", ");
+  const title = `${TITLES[box.dataset.measures]}, ${channels[0].unit}`;
   const values = channels.map(() => make("span", { class: "value" }, "—"));
-  legend.replaceChildren(make("strong", {}, `${title}, ${channels[0].unit}`),
+  const said = make("span", { class: "small at" });
+  legend.replaceChildren(make("strong", {}, title),
     ...channels.map(({ name }, k) =>
-      make("span", { class: "series" }, swatch(k), make("span", {}, name), values[k])));
+      make("span", { class: "series" }, swatch(k), make("span", {}, name), values[k])), said);
   const letters = channels.map((_, k) =>
     make("span", { class: `letter ${LETTERS[k % 3]}`, "aria-hidden": "true", hidden: true },
       LETTERS[k % 3]));
-  const clip = make("div", { class: "moving" });
-  place.replaceChildren(clip, ...letters);
-  place.setAttribute("role", "img");
-  place.setAttribute("aria-label", `${title}: ${names} over time`);
+  place.replaceChildren(...letters);
 
   const range = { low: NaN, high: NaN, wide: 0 };
-  const view = { from: 0, span: 10, at: NaN }; // s: left end of what is drawn, what is in sight
-  let missed = false; // what came while nobody could see it
-  const inner = () => Math.max(place.clientWidth - LEFT - RIGHT, 100);
-  const axis = { stroke: () => theme.muted, ticks: { show: false }, font: "12px system-ui" };
-  const grid = { stroke: () => theme.band, width: 1 };
-  const scales = { x: { time: false, auto: false }, y: { auto: false } };
-  const common = { height: HEIGHT, legend: { show: false }, cursor: { show: false }, scales };
-  const still = new uPlot({
-    ...common,
-    width: LEFT + inner() + RIGHT,
-    padding: [ABOVE, RIGHT, BELOW, 0],
-    axes: [{ show: false }, { ...axis, grid, size: LEFT }],
-    series: [{}],
-  }, [[0, 1]], place); // without data uPlot takes no scale from outside
-  const lines = new uPlot({
-    ...common,
-    width: inner() * MORE,
-    padding: [ABOVE, 0, 0, 0],
-    axes: [
-      { ...axis, grid, size: BELOW, values: (_u, ticks) => ticks.map((s) => `${+s.toFixed(2)} s`) },
-      { show: false },
-    ],
-    series: [{}, ...channels.map((_, k) => ({
+  let first = 0; // of the ring, that is drawn
+  let last = 0; // the one behind
+  let pointed = false;
+  const plot = makePlot(place, {
+    label: `${title}: ${channels.map(({ name }) => name).join(", ")} over time`,
+    height, theme, marks, zoom, said,
+    range: () => [range.low, range.high],
+    read: (k) => {
+      pointed = k !== null;
+      tell(k === null ? last - 1 : first + k);
+    },
+    series: channels.map((_, k) => ({
       stroke: () => theme[LETTERS[k % 3]],
       width: 1.5,
       points: { show: false },
-      paths: (u, series, first, last) => path(u, series, first, last, DASHES[k % 3], view.span),
-    }))],
-  }, [[], ...channels.map(() => [])], clip);
+      paths: (u, series, from, to) => path(u, series, from, to, DASHES[k % 3]),
+    })),
+  });
 
-  /** Draw what can be seen soon. */
-  function take(at, span) {
-    Object.assign(view, { from: at - span, span, at: NaN });
-    missed = !place.visible;
-    if (missed) return;
-    const first = Math.max(0, ring.from(view.from) - 1);
-    const own = channels.map(({ i }) => ring.values[i].subarray(first, ring.end));
-    const [low, high] = [range.low, range.high];
+  /** Draw what is in sight from one time to another. */
+  function draw(from, to) {
+    first = Math.max(0, ring.from(from) - 1);
+    last = Math.min(ring.from(to) + 1, ring.end);
+    const own = channels.map(({ i }) => ring.values[i].subarray(first, last));
     follow(range, own);
-    const y = { min: range.low, max: range.high };
-    lines.setData([ring.time.subarray(first, ring.end), ...own], false);
-    lines.batch(() => {
-      lines.setScale("x", { min: view.from, max: view.from + span * MORE });
-      lines.setScale("y", y);
-    });
-    if (low !== range.low || high !== range.high) still.setScale("y", y);
+    plot.draw([ring.time.subarray(first, last), ...own], from, to);
+    if (!pointed) tell(last - 1);
+    name();
   }
 
-  /** Move the lines so that `at` is at the right edge; return 1 when that changed something. */
-  function move(at) {
-    if (!place.visible) return 0;
-    if (missed) take(at, view.span);
-    const ratio = devicePixelRatio;
-    const px = Math.round(((at - view.span - view.from) / view.span) * inner() * ratio) / ratio;
-    if (px === view.at) return 0;
-    view.at = px;
-    lines.root.style.transform = `translateX(${-px}px)`;
-    return 1;
-  }
-
-  /** Say the values at the right edge, and name each line there. */
-  function tell(at) {
-    const last = Math.min(ring.from(at), ring.end - 1);
+  function tell(k) {
     const places = Math.max(0, Math.min(8, 4 - Math.floor(Math.log10(range.high - range.low))));
-    const tall = (HEIGHT - ABOVE - BELOW) / (range.high - range.low);
-    const ends = channels.map(({ i }, k) => {
-      put(values[k], fixed(ring.values[i][last], places));
-      return { k, y: ABOVE + (range.high - ring.values[i][last]) * tall };
-    });
-    ends.sort((a, b) => a.y - b.y);
-    // Names that would lie on one another give way.
+    channels.forEach(({ i }, n) => put(values[n], fixed(ring.values[i][k], places)));
+  }
+
+  /** Name each line at its end; names that would lie on one another give way. */
+  function name() {
+    const ends = channels.map(({ i }, k) => ({ k, y: plot.y(ring.values[i][last - 1]) }))
+      .sort((a, b) => a.y - b.y);
     for (let k = 1; k < ends.length; k++) ends[k].y = Math.max(ends[k].y, ends[k - 1].y + APART);
-    const below = Math.max(0, ends.at(-1).y - (HEIGHT - BELOW));
+    const below = Math.max(0, ends.at(-1).y - (height - 30));
     for (const { k, y } of ends) {
       letters[k].hidden = !Number.isFinite(y);
       letters[k].style.transform = `translateY(${Math.round(y - below)}px)`;
     }
   }
 
-  function fit(at, span) {
-    if (!place.clientWidth || still.width === LEFT + inner() + RIGHT) return;
-    still.setSize({ width: LEFT + inner() + RIGHT, height: HEIGHT });
-    lines.setSize({ width: inner() * MORE, height: HEIGHT });
-    if (!ring.end) return;
-    take(at, span);
-    move(at);
-  }
-
-  return {
-    take, move, tell, fit,
-    recolour: () => [still, lines].forEach((plot) => plot.redraw(false)),
-    end: () => [still, lines].forEach((plot) => plot.destroy()),
-  };
+  return { draw, place, pointAt: plot.pointAt, end: plot.end };
 }
 
 /**
  * A line with dashes that stay with the data while it moves, and nothing where samples are missing.
  * `period` is a share of what is in sight, of which a share `drawn` is drawn.
  */
-function path(u, series, first, last, { period, drawn }, span) {
+function path(u, series, first, last, { period, drawn }) {
   const stroke = new Path2D();
   const [t, y] = [u.data[0], u.data[series]];
   const { x, y: vertical } = u.scales;
   const { left, top, width, height } = u.bbox;
-  const [wide, tall] = [width / (x.max - x.min), height / (vertical.max - vertical.min)];
+  const span = x.max - x.min;
+  const [wide, tall] = [width / span, height / (vertical.max - vertical.min)];
   const gap = last > first ? Math.max(0.04, (6 * (t[last] - t[first])) / (last - first)) : 1;
   let going = false;
   for (let i = first; i <= last; i++) {

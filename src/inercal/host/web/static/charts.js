@@ -2,54 +2,63 @@
 
 import { makeChart } from "./chart.js";
 import { byId, put } from "./dom.js";
+import { instant } from "./format.js";
 import { Playhead } from "./playhead.js";
+import { makeZoom, zoomButtons } from "./plot.js";
 import { Ring } from "./ring.js";
 import { calm } from "./theme.js";
 
-const LEGEND = 250; // ms between values that are read as numbers
-const PIECE = 400; // ms: smaller pieces are drawn several at a time
+const OFTEN = 80; // ms between pictures
+const CALM = 400; // ms between them where the device asks for little motion
+const HEIGHT = 214; // px
 
-export function makeCharts(theme) {
+export function makeCharts(theme, marks) {
   const head = new Playhead();
-  const resized = new ResizeObserver(() => charts.forEach((one) => one.fit(head.at, span)));
+  const tools = byId("readings-zoom");
   const inSight = new IntersectionObserver((entries) => {
     for (const { target, isIntersecting } of entries) target.visible = isIntersecting;
+    stale = true;
   });
   let ring = null;
   let charts = [];
   let span = 10; // s that are in sight
-  let read = 0;
-  let fresh = false; // what came is not drawn yet
-  let taken = 0; // ms: when it was
-  let until = 0; // s: how far
-  theme.changed.push(() => charts.forEach((one) => one.recolour()));
+  let every = 1;
+  let drawn = 0; // ms: when that was
+  let stale = false;
+
+  tools.append(...zoomButtons("Last 10 s"));
+  const zoom = makeZoom(tools, {
+    limits: () => [ring?.end ? ring.time[0] : 0, head.newest],
+    normal: () => [Math.max(head.at, span) - span, Math.max(head.at, span)],
+    changed: () => (stale = true),
+  });
+  for (const source of [theme, marks]) source.changed.push(() => (stale = true));
+  new ResizeObserver(() => (stale = true)).observe(byId("channels"));
 
   function plan({ channels }) {
     for (const one of charts) one.end();
-    resized.disconnect();
     inSight.disconnect();
     head.clear();
+    zoom.reset();
     ring = new Ring(channels.length);
     charts = [...document.querySelectorAll(".chart")].map((box) => {
       const own = channels.map((channel, i) => ({ ...channel, i }))
         .filter(({ measures }) => measures === box.dataset.measures);
       box.hidden = !own.length;
       if (!own.length) return null;
-      const place = box.querySelector(".plot");
-      resized.observe(place);
-      inSight.observe(place);
-      return makeChart(box, own, ring, theme);
+      const made = makeChart(box, own, ring, { theme, marks, zoom, height: HEIGHT });
+      inSight.observe(made.place);
+      return made;
     }).filter(Boolean);
     put(byId("window"), "");
   }
 
-  function samples({ t, y, every }) {
-    if (!ring || !t?.length) return;
-    ring.append(t, y);
-    head.hear(t.at(-1), performance.now());
-    fresh = true;
-    const means = every > 1 ? `, means of ${every} samples` : "";
-    put(byId("window"), `last ${span} s${means}`);
+  function samples(message) {
+    if (!ring || !message.t?.length) return;
+    ring.append(message.t, message.y);
+    head.hear(message.t.at(-1), performance.now());
+    every = message.every;
+    stale = true;
   }
 
   /** A bench that is sped up has more of the recording in as much of the wall's time. */
@@ -57,26 +66,33 @@ export function makeCharts(theme) {
     span = speed > 1.5 ? 10 * round(speed) : 10;
   }
 
-  /** Draw what came, once; then move it along. Return 1 when the picture changed. */
+  /** Draw what is in sight, moved on a little; return 1 when the picture changed. */
   function frame(now) {
-    if (!ring?.end) return 0;
-    const moved = head.move(now);
-    const due = fresh && (now - taken > PIECE || head.at > until);
-    if (!due && (!moved || calm.matches)) return 0;
-    if (due) [fresh, taken, until] = [false, now, head.newest];
-    if (now - read > LEGEND) {
-      read = now;
-      for (const one of charts) one.tell(head.at);
-    }
-    let changed = 0;
-    for (const one of charts) {
-      if (due) one.take(head.at, span);
-      changed |= one.move(head.at);
-    }
-    return changed;
+    if (!ring?.end || now - drawn < (calm.matches ? CALM : OFTEN)) return 0;
+    const moved = head.move(now) && !zoom.zoomed;
+    if (!stale && !moved) return 0;
+    [stale, drawn] = [false, now];
+    const [from, to] = zoom.shown;
+    const means = every > 1 ? `, means of ${every} samples` : "";
+    const last = `last ${span} s`;
+    put(byId("window"), (zoom.zoomed ? `${instant(from, to - from)} to ${instant(to, to - from)}` : last) + means);
+    put(tools.lastChild, `Last ${span} s`);
+    const seen = charts.filter(({ place }) => place.visible);
+    for (const one of seen) one.draw(from, to);
+    return seen.length ? 1 : 0;
   }
 
-  return { plan, samples, state, frame };
+  /** Show what was read at a time, where that is still there. */
+  function showTime(time) {
+    if (!ring?.end || time < ring.time[0] || time > head.newest) return false;
+    zoom.set(time - 5, time + 5);
+    const [from, to] = zoom.shown;
+    for (const one of charts) one.draw(from, to);
+    charts[0]?.pointAt(time);
+    return true;
+  }
+
+  return { plan, samples, coarse: samples, state, frame, showTime };
 }
 
 /** A number near to another one: 1, 2, 5, 10, 20 … */

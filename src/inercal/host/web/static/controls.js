@@ -2,11 +2,12 @@
 
 import { allow, allowed, byId, close, open } from "./dom.js";
 import { going, heardSince, say, seen } from "./live.js";
-import { notice, order } from "./notice.js";
+import { notice, order, unsent } from "./notice.js";
 
 export function makeControls() {
   const [stop, pause, goOn, abort] = ["stop", "pause", "go-on", "abort"].map(byId);
   const asking = byId("ask-abort");
+  const note = byId("note-form");
   let stopped = NaN; // ms: when STOP was sent last
 
   stop.addEventListener("click", stopNow);
@@ -23,6 +24,13 @@ export function makeControls() {
   for (const button of document.querySelectorAll("[data-closes]")) {
     button.addEventListener("click", () => close(button.closest("dialog")));
   }
+  note.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const text = byId("note").value.trim();
+    if (!text) return byId("note").focus();
+    if (!say({ do: "note", text })) return notice(unsent());
+    byId("note").value = "";
+  });
   show();
 
   /** Any viewer may: it goes to the watchdog. */
@@ -72,6 +80,7 @@ export function makeControls() {
     allow(pause, !why && begun && !paused, why || idle);
     allow(goOn, !why && paused && !old, why || (paused ? old : "it is not paused"));
     allow(abort, !why, why);
+    note.hidden = !going() || !seen.people.yours || !seen.plan;
     document.body.classList.toggle("paused", paused && going());
   }
 

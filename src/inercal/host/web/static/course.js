@@ -1,87 +1,98 @@
-/** The course of the coefficient that was chosen, with its ±2σ. */
+/** The course of the coefficient that was chosen, with its ±2σ, over the whole run. */
 
-import { byId, put } from "./dom.js";
+import { byId, make, put } from "./dom.js";
+import { digits } from "./format.js";
+import { makePlot, makeZoom, zoomButtons } from "./plot.js";
 
-const HEIGHT = 240;
+const HEIGHT = 210;
 const CLOSE = 6; // times the present 2σ to both sides, in a close-up
 
-export function makeCourse(theme) {
-  const [place, title] = ["course-plot", "course-title"].map(byId);
+export function makeCourse(theme, marks) {
+  const [place, title, legend, tools] = ["course-plot", "course-title", "course-legend", "course-zoom"].map(byId);
   const [closeUp, whole] = ["close-up", "whole"].map(byId);
-  const axis = { stroke: () => theme.muted, grid: { stroke: () => theme.band, width: 1 },
-    ticks: { show: false }, font: "12px system-ui" };
   const edge = { stroke: () => theme.accent, width: 1, dash: [4, 3], points: { show: false } };
   let [coefficient, history, index, close] = [null, null, 0, true];
   let rows = [];
-  let plot = null;
+  let first = 0; // of the history, that is known
+  let stale = false;
+  const value = make("span", { class: "value" });
+  const said = make("span", { class: "small at" });
 
-  place.setAttribute("role", "img");
-  for (const [button, value] of [[closeUp, true], [whole, false]]) {
+  legend.append(value, said);
+  tools.append(...zoomButtons("Whole run"));
+  const zoom = makeZoom(tools, {
+    limits: () => (history?.size ? [history.time[first], history.time[history.size - 1]] : [0, 1]),
+    normal: () => [history.time[first], Math.max(history.time[history.size - 1], history.time[first] + 1)],
+    changed: redraw,
+  });
+  const plot = makePlot(place, {
+    label: "Course of the coefficient that was chosen", height: HEIGHT, theme, marks, zoom, said,
+    range: (_u, low, high) => range(low, high),
+    read: tell,
+    series: [{ stroke: () => theme.ink, width: 1.8, points: { show: false } }, edge, edge],
+    bands: [{ series: [3, 2], fill: () => `${theme.accent}38` }],
+  });
+  for (const [button, which] of [[closeUp, true], [whole, false]]) {
     button.addEventListener("click", () => {
-      close = value;
+      close = which;
       closeUp.setAttribute("aria-pressed", String(close));
       whole.setAttribute("aria-pressed", String(!close));
-      draw();
+      redraw();
     });
   }
-  new ResizeObserver(() => {
-    if (plot && place.clientWidth) plot.setSize({ width: place.clientWidth, height: HEIGHT });
-    else draw();
-  }).observe(place);
-  theme.changed.push(() => plot?.redraw(false));
+  new ResizeObserver(redraw).observe(place);
 
-  function build() {
-    return new uPlot({
-      width: place.clientWidth,
-      height: HEIGHT,
-      legend: { show: false },
-      cursor: { show: false },
-      padding: [8, 12, 0, 0],
-      scales: { x: { time: false }, y: { range: (_u, low, high) => range(low, high) } },
-      axes: [
-        { ...axis, size: 26, values: (_u, ticks) => ticks.map((s) => `${+s.toFixed(1)} s`) },
-        { ...axis, size: 74 },
-      ],
-      series: [{}, { stroke: () => theme.ink, width: 1.8, points: { show: false } }, edge, edge],
-      bands: [{ series: [3, 2], fill: () => `${theme.accent}38` }],
-    }, [[], [], [], []], place);
+  function redraw() {
+    stale = true;
+  }
+
+  function frame() {
+    if (!stale) return;
+    stale = false;
+    draw();
   }
 
   /** In a close-up the scale follows the present 2σ: early guesses, much wider, are cut off. */
   function range(low, high) {
     const last = history ? history.size - 1 : -1;
-    const value = last < 0 ? NaN : history.value[index][last];
+    const middle = last < 0 ? NaN : history.value[index][last];
     const spread = last < 0 ? NaN : history.spread[index][last];
-    if (close && spread > 0) return [value - CLOSE * spread, value + CLOSE * spread];
+    if (close && !zoom.zoomed && spread > 0) return [middle - CLOSE * spread, middle + CLOSE * spread];
     if (!(high > low)) return [(low ?? 0) - 1, (low ?? 0) + 1];
     const margin = 0.05 * (high - low);
     return [low - margin, high + margin];
   }
 
   function choose(one, from, i) {
+    if (history !== from) zoom.reset();
     [coefficient, history, index] = [one, from, i];
     rows = from ? [0, 1].map(() => new Float64Array(from.time.length)) : [];
-    put(title, one ? `Course of ${one.name}, ${one.unit}` : "Course");
-    place.setAttribute("aria-label", one ? `Course of ${one.name} with its ±2σ` : "Course");
-    draw();
+    put(title, one ? `Course of ${one.name} (${one.meaning}), ${one.unit}` : "Course");
+    redraw();
+  }
+
+  function tell(k) {
+    if (!history) return;
+    const at = k === null ? history.size - 1 : first + k;
+    const [found, spread] = digits(history.value[index][at], history.spread[index][at]);
+    put(value, coefficient && history.size ? `${found} ± ${spread} ${coefficient.unit}` : "");
   }
 
   function draw() {
-    if (!coefficient || !place.clientWidth) return;
+    if (!coefficient || !history) return;
     const known = history.size > 0 && Number.isFinite(history.value[index][history.size - 1]);
     byId("course-waits").hidden = known;
-    if (!known && !plot) return;
-    plot ??= build();
+    if (!known) return;
     const { time, size } = history;
-    const [value, spread] = [history.value[index], history.spread[index]];
-    let first = 0;
-    while (first < size && !Number.isFinite(value[first])) first += 1;
+    const [values, spreads] = [history.value[index], history.spread[index]];
+    first = 0;
+    while (first < size && !Number.isFinite(values[first])) first += 1;
     for (let k = first; k < size; k++) {
-      rows[0][k] = value[k] + spread[k];
-      rows[1][k] = value[k] - spread[k];
+      rows[0][k] = values[k] + spreads[k];
+      rows[1][k] = values[k] - spreads[k];
     }
-    plot.setData([time, value, rows[1], rows[0]].map((row) => row.subarray(first, size)));
+    plot.draw([time, values, rows[1], rows[0]].map((row) => row.subarray(first, size)), ...zoom.shown);
   }
 
-  return { choose, draw };
+  return { choose, redraw, frame, showTime: plot.pointAt };
 }

@@ -14,6 +14,7 @@ const WORDS = {
 };
 const NIS = "normalised innovation squared";
 const NIS_MEANING = "Innovation squared over its stated variance: about 1 where all is as stated";
+export const SIGNS = { good: "✓", care: "▲", bad: "✗" }; // beside the colours
 const DECADES = 3; // of shrinking from the top of a small picture to its bottom
 const POINTS = 100; // of a small picture
 const OFTEN = 300; // ms between pictures
@@ -28,20 +29,25 @@ function term(shown, name, meaning) {
 export function makeEstimates(course) {
   const [place, nis, waits] = ["coefficients", "nis", "waits"].map(byId);
   const sections = ["estimates", "course"].map(byId);
-  const found = make("span", {});
+  const found = make("span", { class: "grades" });
   let cells = [];
   let history = null;
   let chosen = ""; // by its name: the page keeps it when it connects again
-  let last = null; // what is not yet drawn
+  let last = null; // the latest
   let drawn = 0;
+  let stale = false;
+  let final = null; // of the calibration file
+
+  nis.prepend(make("p", {}, term("NIS", NIS, NIS_MEANING), " ", found));
 
   function plan({ coefficients }) {
     history = new History(coefficients.length);
-    last = null;
+    last = final = null;
+    title(null);
     cells = coefficients.map(cell);
     const tables = Object.keys(KINDS).map((kind) => table(kind, coefficients));
     place.replaceChildren(...tables.filter(Boolean));
-    nis.replaceChildren();
+    grade(null);
     explain("waits");
     const before = cells.findIndex(({ coefficient }) => coefficient.name === chosen);
     choose(Math.max(before, 0), false);
@@ -67,9 +73,11 @@ export function makeEstimates(course) {
     const names = [...new Set(own.map((one) => one.own))];
     const rows = names.map((name) => {
       const of = (axis) => own.find((one) => one.axis === axis && one.own === name);
-      const unit = own.find((one) => one.own === name).unit;
-      const { meaning } = own.find((one) => one.own === name);
-      const head = make("th", { scope: "row" }, term(name, `${KINDS[kind]}-${name}`, meaning), make("span", { class: "small" }, ` ${unit}`));
+      const { unit, meaning, symbol } = own.find((one) => one.own === name);
+      const head = make("th", { scope: "row" },
+        term(name, `${KINDS[kind]}-${name}`, `${symbol ?? name}: ${meaning}`),
+        make("span", { class: "small" }, ` ${unit}`), make("br"),
+        make("span", { class: "small meaning" }, meaning));
       return make("tr", {}, head,
         ...axes.map((axis) => make("td", {}, of(axis) ? cells[of(axis).i].button : "")));
     });
@@ -88,6 +96,7 @@ export function makeEstimates(course) {
     picture.append(funnel);
     const button = make("button", { type: "button", class: "coefficient", tabindex: "-1",
       "aria-pressed": "false", "data-name": coefficient.name,
+      title: `${coefficient.name}: ${coefficient.meaning}`,
       "aria-label": `${coefficient.name}: not known yet` }, value, picture);
     button.addEventListener("click", () => choose(i, true));
     button.addEventListener("keydown", (event) => move(event));
@@ -95,14 +104,14 @@ export function makeEstimates(course) {
   }
 
   function choose(i, focus) {
-    if (!cells[i]) return course.choose(null, null, 0);
+    if (!cells[i]) return course.choose?.(null, null, 0);
     chosen = cells[i].coefficient.name;
     cells.forEach(({ button }, k) => {
       button.setAttribute("aria-pressed", String(k === i));
       button.tabIndex = k === i ? 0 : -1;
     });
     if (focus) cells[i].button.focus();
-    course.choose(cells[i].coefficient, history, i);
+    course.choose?.(cells[i].coefficient, history, i);
   }
 
   /** By arrows to the nearest cell in that direction. */
@@ -120,19 +129,20 @@ export function makeEstimates(course) {
 
   function estimates(message) {
     if (!history) return;
-    history.append(message.time, message.values, message.u2);
-    last = message;
+    if (history.add(message.time, message.values, message.u2)) last = message;
+    stale = true;
   }
 
   /** Hundreds come at once to who looks in late: only the last is drawn. */
   function frame(now) {
-    if (!last || now - drawn < OFTEN) return;
-    drawn = now;
-    show(last);
-    last = null;
+    if (!stale || now - drawn < OFTEN) return;
+    [stale, drawn] = [false, now];
+    show();
   }
 
-  function show({ values, u2, nis: ratios }) {
+  /** What the live estimate is, or, once there is one, the calibration file. */
+  function show() {
+    const { values, u2 } = final ?? last ?? { values: [], u2: [] };
     cells.forEach((one, i) => {
       const [value, spread] = digits(values[i] ?? NaN, u2[i] ?? NaN);
       const { name, unit } = one.coefficient;
@@ -141,12 +151,35 @@ export function makeEstimates(course) {
         ? `${name}: ${value} ± ${spread} ${unit}` : `${name}: not known yet`);
       spark(one, i);
     });
-    const parts = Object.entries(PARTS).filter(([kind]) => Number.isFinite(ratios?.[kind]))
-      .map(([kind, name]) => `${name} ${fixed(ratios[kind], 2)}`);
-    if (parts.length && !nis.firstChild) nis.append(term("NIS", NIS, NIS_MEANING), found);
-    put(found, parts.length ? `, ${parts.join(", ")}: innovations squared over their stated `
-      + "variance. It is about 1 where all is as stated, and larger where something is not." : "");
-    course.draw();
+    grade(last?.nis);
+    course.redraw?.();
+  }
+
+  /** How the innovations of each part agree with what was stated: colour, sign and word. */
+  function grade(ratios) {
+    const parts = Object.entries(PARTS).filter(([kind]) => Number.isFinite(ratios?.[kind]?.ratio));
+    nis.hidden = !parts.length;
+    found.replaceChildren(...parts.map(([kind, name]) => {
+      const { ratio, level, words } = ratios[kind];
+      return make("span", { class: `grade ${level}` },
+        `${SIGNS[level] ?? ""} ${name} ${fixed(ratio, 2)}: ${words}`);
+    }));
+  }
+
+  /** The end has the values of the calibration file, in the order of its own names. */
+  function done(message) {
+    if (!message.final || !history) return;
+    const at = cells.map(({ coefficient }) => message.final.names.indexOf(coefficient.name));
+    const row = (key) => at.map((k) => message.final[key][k] ?? null);
+    final = { values: row("values"), u2: row("u2") };
+    title(final);
+    stale = true;
+  }
+
+  function title(results) {
+    put(byId("estimates-title").firstChild, results ? "Results " : "Estimates ");
+    put(byId("estimates-what"), results ? "of the calibration file: value ± U, k = 2"
+      : "live: value ± 2σ");
   }
 
   /** Half the width of the band is 2σ, logarithmic: a third of the height for a factor of ten. */
@@ -171,5 +204,5 @@ export function makeEstimates(course) {
     funnel.setAttribute("d", `M${over.join("L")}L${under.reverse().join("L")}Z`);
   }
 
-  return { plan, state, estimates, frame };
+  return { plan, state, estimates, done, frame };
 }

@@ -4,21 +4,47 @@ import { byId, make, put } from "./dom.js";
 import { clock } from "./format.js";
 import { seen } from "./live.js";
 
-const SIGNS = { info: "·", warning: "▲ warning", alarm: "■ ALARM" };
+const SIGNS = { info: "·", warning: "▲ warning", note: "✎ note", alarm: "■ ALARM" };
 const MOST = 500;
 
-export function makeEvents() {
+/** `show(time)` shows in the plots what was read at a time. */
+export function makeEvents(marks, show) {
   const [list, said] = ["event-list", "said"].map(byId);
+  let lines = new Map(); // of each event
 
-  function event({ level, time, words, at }) {
-    const line = make("li", { class: level, title: at ?? "" },
-      make("span", { class: "time" }, clock(time)),
+  function line(event) {
+    const { level, time, words, at } = event;
+    const when = Number.isFinite(time)
+      ? make("button", { type: "button", class: "time", "aria-label": `${clock(time)}: show it in the plots` }, clock(time))
+      : make("span", { class: "time" }, clock(time));
+    when.addEventListener("click", () => Number.isFinite(time) && show(time));
+    const made = make("li", { class: level, title: at ?? "" }, when,
       make("span", {}, make("span", { class: "level" }, SIGNS[level] ?? level), " ", words));
-    list.prepend(line);
+    lines.set(event, made);
+    return made;
+  }
+
+  function add(some) {
+    for (const [event, next] of marks.add(some)) {
+      const after = next && lines.get(next);
+      if (after) after.after(line(event));
+      else list.prepend(line(event));
+    }
     while (list.childElementCount > MOST) list.lastElementChild.remove();
+  }
+
+  function event(message) {
+    add([message]);
+    const { level, words } = message;
     // What came before this page did is not read aloud, and alarms are by their own region.
     if (seen.state && level !== "alarm") put(said, level === "info" ? words : `${level}: ${words}`);
   }
 
-  return { plan: () => list.replaceChildren(), event };
+  function plan() {
+    marks.clear();
+    lines = new Map();
+    list.replaceChildren();
+  }
+
+  return { plan, event, events: ({ events }) => add(events) };
 }

@@ -1,10 +1,10 @@
 /** After the run: what came of it, and where it goes on. */
 
 import { byId, make, put } from "./dom.js";
+import { SIGNS } from "./estimates.js";
 import { seen } from "./live.js";
 import { order } from "./notice.js";
 
-const SIGNS = { good: "✓", care: "▲", bad: "✗" };
 const AGAIN = new Set(["carried out", "interrupted"]); // what can be resumed
 const LINKS = [
   ["report", "Open the report"],
@@ -34,9 +34,13 @@ export function makeFinished(people) {
     const { verdict, state } = message;
     const tone = verdict?.level ?? (state === "done" ? "good" : "bad");
     section.className = `verdict ${tone}`;
-    put(byId("verdict"), `${SIGNS[tone] ?? ""} ${TITLES[state] ?? state}`);
-    put(byId("verdict-words"), verdict?.words ?? "");
+    put(byId("verdict"), TITLES[state] ?? state);
+    put(byId("verdict-words"), verdict ? `${SIGNS[tone] ?? ""} ${verdict.words}` : "");
+    put(byId("verdict-reasons"), verdict?.reasons?.join("; ") ?? "");
     put(byId("done-words"), message.words ?? "");
+    // The numbers behind a verdict are one click away; why there is none is in sight.
+    byId("verdict-details").open = !verdict;
+    byId("verdict-details").hidden = !message.words;
     const link = { target: "_blank", rel: "noopener", class: "button" };
     results.replaceChildren(...LINKS.filter(([key]) => own(message[key])).map(([key, words]) =>
       make("a", { href: message[key], download: key === "calibration", ...link }, words)));

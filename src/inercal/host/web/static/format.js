@@ -3,7 +3,7 @@
 const NOTHING = "—";
 
 /** True minus signs: a hyphen is too short beside digits. */
-const minus = (text) => text.replaceAll("-", "\u2212");
+export const minus = (text) => text.replaceAll("-", "\u2212");
 
 /** A number with so many places. */
 export function fixed(x, places) {
@@ -41,6 +41,15 @@ export function clock(seconds) {
   const minutes = Math.floor(whole / 60);
   if (minutes < 60) return `${minutes}:${two(whole % 60)}`;
   return `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${two(whole % 60)}`;
+}
+
+/** The time of the run as `clock`, with as many places as a picture of so many seconds needs. */
+export function instant(seconds, span) {
+  const places = span < 0.1 ? 3 : span < 1 ? 2 : span < 4 ? 1 : 0;
+  if (!places || !Number.isFinite(seconds)) return clock(Math.round(seconds));
+  const one = 10 ** places;
+  const units = Math.max(0, Math.round(seconds * one));
+  return `${clock(Math.floor(units / one))}.${String(units % one).padStart(places, "0")}`;
 }
 
 /** How long a step or a plan takes. */

@@ -11,16 +11,23 @@ export class History {
     this.spread = Array.from({ length: coefficients }, () => new Float64Array(MOST));
   }
 
-  /** Take in what was found at a time; nulls are not known yet. */
-  append(time, values, spreads) {
-    if (this.size && time <= this.time[this.size - 1]) this.size = 0; // of a run that was resumed
+  /**
+   * Take in what was found at a time; nulls are not known yet. Who comes late is told the latest
+   * first, then what was before, ever finer. Return whether it is the latest.
+   */
+  add(time, values, spreads) {
     if (this.size === MOST) this.#thin();
-    this.time[this.size] = time;
+    let at = this.size;
+    while (at && this.time[at - 1] >= time) at -= 1;
+    if (at < this.size && this.time[at] === time) return at === this.size - 1;
+    for (const row of [this.time, ...this.value, ...this.spread]) row.copyWithin(at + 1, at, this.size);
+    this.time[at] = time;
     for (let i = 0; i < this.count; i++) {
-      this.value[i][this.size] = values[i] ?? NaN;
-      this.spread[i][this.size] = spreads[i] ?? NaN;
+      this.value[i][at] = values[i] ?? NaN;
+      this.spread[i][at] = spreads[i] ?? NaN;
     }
     this.size += 1;
+    return at === this.size - 1;
   }
 
   /** Keep every second: the last hours of a long run cost no more than its first minutes. */

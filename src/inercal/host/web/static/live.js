@@ -9,10 +9,13 @@
  * word is known by its silence alone.
  */
 
+import { ofTab } from "./store.js";
+
+const TAB = "inercal.tab"; // by which the server knows that it is this page that connects again
 const WAITS = [0.5, 1, 2, 3]; // s until the next attempt
 const SILENT = 2.5; // s without a word of a run that goes on: what is shown is old
 const QUIET = 5; // s without a word of any kind: the connection may be broken
-const DEAD = 12; // s: it is given up
+const DEAD = 9; // s: it is given up; an operator's place is kept for 10 s
 const HANGS = 4; // s that an attempt may take
 const STARTS = new Set(["start", "resume", "go on"]); // what sets a table in motion
 
@@ -76,7 +79,7 @@ const expected = () => going() && seen.state !== null && !seen.phase;
 
 function attempt() {
   const scheme = location.protocol === "https:" ? "wss:" : "ws:";
-  const made = new WebSocket(`${scheme}//${location.host}/live`);
+  const made = new WebSocket(`${scheme}//${location.host}/live?tab=${tab()}`);
   socket = made;
   opened = word = performance.now();
   made.onmessage = (event) => socket === made && heard(event.data);
@@ -86,6 +89,14 @@ function attempt() {
     setTimeout(() => socket ?? attempt(), 1000 * WAITS[Math.min(attempts, WAITS.length - 1)]);
     failed();
   };
+}
+
+function tab() {
+  if (!ofTab.get(TAB)) {
+    const bytes = crypto.getRandomValues(new Uint8Array(16));
+    ofTab.set(TAB, Array.from(bytes, (one) => one.toString(16).padStart(2, "0")).join(""));
+  }
+  return ofTab.get(TAB);
 }
 
 /** Drop the connection or the attempt, which says nothing of its end any more. */
@@ -116,6 +127,8 @@ function heard(text) {
   }
   attempts = 0;
   word = performance.now();
+  // The server sends more once it knows that this has come.
+  if (message.kind === "mark") return socket?.send(JSON.stringify({ do: "seen", n: message.n }));
   keep(message);
   tell(message);
   change(expected() && age() > SILENT ? "silent" : "live");

@@ -20,6 +20,7 @@ import { makeFinished } from "./finished.js";
 import { makeHeader } from "./header.js";
 import { listen } from "./keys.js";
 import { connect, seen } from "./live.js";
+import { makeMarks } from "./marks.js";
 import { notice } from "./notice.js";
 import { makePeople } from "./people.js";
 import { makeSetup } from "./setup.js";
@@ -32,8 +33,9 @@ const broken = new Set(); // the parts of which that was said
 const people = made("people", makePeople);
 const controls = made("controls", makeControls);
 const theme = made("theme", followTheme);
-const charts = made("charts", () => makeCharts(theme));
-const course = made("course", () => makeCourse(theme));
+const marks = makeMarks();
+const charts = made("charts", () => makeCharts(theme, marks));
+const course = made("course", () => makeCourse(theme, marks));
 const setup = made("set-up", () => makeSetup(people));
 const attitude = made("attitude", () => makeAttitude(theme));
 const estimates = made("estimates", () => makeEstimates(course));
@@ -50,7 +52,7 @@ const parts = Object.entries({
   attitude,
   steps: made("steps", makeSteps),
   estimates,
-  events: made("events", makeEvents),
+  events: made("events", () => makeEvents(marks, showTime)),
   alarms: made("alarms", makeAlarms),
   end: made("end", () => makeFinished(people)),
 });
@@ -92,6 +94,13 @@ function frame(now) {
   counts.frames += safely("charts", () => charts.frame?.(now)) ?? 0;
   safely("attitude", () => attitude.frame?.(now));
   safely("estimates", () => estimates.frame?.(now));
+  safely("course", () => course.frame?.());
+}
+
+/** Show in the plots what was read at a time of the run. */
+function showTime(time) {
+  if (!charts.showTime?.(time)) notice("Readings of that time are not here any more: see the report.");
+  course.showTime?.(time);
 }
 
 /** The set-up until a run begins, then the run. */

@@ -3,21 +3,15 @@
 import { byId, close, open, put } from "./dom.js";
 import { say, seen } from "./live.js";
 import { notice, unsent } from "./notice.js";
-import { ofDevice, ofTab } from "./store.js";
+import { ofDevice } from "./store.js";
 
 const NAME = "inercal.name";
-const OPERATES = "inercal.operates"; // of this tab: by what name, and when that was known last
-const GRACE = 10_000; // ms: as long as the server keeps the place of one who is gone
-const AGAIN = 3000; // ms
-const ATTEMPTS = 5;
 
 export function makePeople() {
   const [control, shown, name, again] = ["control", "people", "name", "name-again"].map(byId);
   const asking = byId("ask-name");
   let then = null; // what was wanted of one who did not operate yet
   let answered = false;
-  let left = 0;
-  let timer = 0;
 
   name.value = ofDevice.get(NAME) ?? "";
   name.addEventListener("input", () => ofDevice.set(NAME, name.value));
@@ -41,7 +35,6 @@ export function makePeople() {
   });
 
   function give() {
-    ofTab.set(OPERATES, null);
     say({ do: "leave" });
   }
 
@@ -60,25 +53,10 @@ export function makePeople() {
     open(asking);
   }
 
-  function ask(as = name.value.trim()) {
-    if (say({ do: "operate", name: as })) return;
+  function ask() {
+    if (say({ do: "operate", name: name.value.trim() })) return;
     then = null;
     notice(unsent());
-  }
-
-  /**
-   * A page that was loaded anew, or whose connection broke, asks for the control that it had: for as
-   * long as the server keeps it. Who comes back later may find the table in other hands.
-   */
-  function reclaim() {
-    clearTimeout(timer);
-    const had = operated();
-    if (seen.people.yours || left <= 0 || !had) return;
-    const { operator } = seen.people;
-    if (operator !== null && operator !== had.name) return;
-    left -= 1;
-    ask(had.name);
-    timer = setTimeout(reclaim, AGAIN);
   }
 
   function people(message) {
@@ -88,36 +66,14 @@ export function makePeople() {
     put(control, yours ? "Give control back" : "Take control");
     put(byId("who-says"), yours ? "You operate. Everybody else watches."
       : operator ? `${operator} operates; you watch.` : "One operates, everybody else watches.");
-    if (!yours && operator !== null && operator !== operated()?.name) ofTab.set(OPERATES, null);
     if (!yours) return;
-    stamp();
     const wanted = then;
     then = null;
     wanted?.();
   }
 
-  /** What is known last of one's own control, where that is not too long ago. */
-  function operated() {
-    try {
-      const had = JSON.parse(ofTab.get(OPERATES));
-      return Date.now() - had.at < GRACE ? had : null;
-    } catch {
-      return null; // there is nothing, or nothing that this page wrote
-    }
-  }
-
-  function stamp() {
-    const { yours, operator } = seen.people;
-    if (yours) ofTab.set(OPERATES, JSON.stringify({ name: operator, at: Date.now() }));
-  }
-
   return {
     whenOperating,
-    beat: stamp,
-    hello: () => {
-      left = ATTEMPTS;
-      setTimeout(reclaim, 300);
-    },
     people,
     refused: () => (then = null),
     link: ({ link }) => {

@@ -10,19 +10,16 @@ export class Ring {
   constructor(channels) {
     this.time = new Float64Array(SIZE);
     this.values = Array.from({ length: channels }, () => new Float64Array(SIZE));
-    this.clear();
-  }
-
-  clear() {
     this.end = 0;
   }
 
   /** Take in samples that follow: times (n), and n values of each channel. */
   append(t, y) {
-    if (!t.length) return;
-    const before = this.end ? this.time[this.end - 1] : NaN;
-    if (t[0] <= before) this.clear(); // a run that was resumed begins its last seconds again
-    if (t.length > SIZE - KEPT) return;
+    const before = this.end ? this.time[this.end - 1] : -Infinity;
+    // A viewer whose link becomes faster is told some samples that it has means of already.
+    const known = t.findIndex((one) => one > before);
+    if (known < 0 || t.length > SIZE - KEPT) return;
+    if (known > 0) [t, y] = [t.slice(known), y.map((channel) => channel?.slice(known))];
     if (this.end + t.length > SIZE) this.#moveToFront();
     this.time.set(t, this.end);
     // What is not known is written as 0/0, which no line is drawn through.

@@ -1,10 +1,11 @@
 /** The set-up of a run: what is chosen, probed and started. */
 
-import { allow, allowed, byId, make, put } from "./dom.js";
-import { lasting } from "./format.js";
+import { allow, allowed, byId, close, make, open, put } from "./dom.js";
+import { fixed, lasting } from "./format.js";
 import { notice, order } from "./notice.js";
 
 const TYPED = "typed";
+const ROOM = 3; // times what a run needs: less is little
 const TABLES = /^(pmac|acutrol|motor:tcp):\/\/[^\s/?]+(\?\S*)?$/;
 const IMUS = /^tcp:\/\/[^\s/?]+(\?\S*)?$/;
 
@@ -15,6 +16,8 @@ export function makeSetup(people) {
   const [tableAddress, imuAddress] = ["table-address", "imu-address"].map(byId);
   const motorBaud = byId("motor-baud");
   const [start, probe, answers] = ["start", "probe", "answers"].map(byId);
+  const asking = byId("ask-start");
+  let wanted = null; // what the question names is what is started, whatever was chosen since
   const setup = { whole: null, loaded: [], devices, load };
 
   byId("again").addEventListener("click", load);
@@ -28,9 +31,13 @@ export function makeSetup(people) {
   byId("form").addEventListener("submit", (event) => event.preventDefault());
   start.addEventListener("click", () => {
     if (!allowed(start)) return notice(start.title);
-    people.whenOperating(() => {
-      order({ do: "start", plan: planId(), sensor: named(), ...devices() }, "Starting …");
-    });
+    people.whenOperating(confirm);
+  });
+  byId("start-yes").addEventListener("click", () => {
+    close(asking);
+    if (!wanted) return;
+    order({ do: "start", ...wanted }, "Starting …");
+    wanted = null;
   });
   probe.addEventListener("click", () => {
     if (!allowed(probe)) return notice(probe.title);
@@ -76,10 +83,10 @@ export function makeSetup(people) {
     const [before, focused] = [planId(), plans.contains(document.activeElement)];
     plans.offered = offered;
     plans.replaceChildren(...all.map((one) => planCard(one)));
-    const first = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`)
-      ?? plans.querySelector("input:enabled");
-    if (first) first.checked = true;
-    if (focused) first?.focus();
+    // None is chosen beforehand: a plan that nobody has looked at moves no table.
+    const same = plans.querySelector(`input[value="${CSS.escape(before ?? "")}"]:enabled`);
+    if (same) same.checked = true;
+    if (focused) (same ?? plans.querySelector("input:enabled"))?.focus();
     if (!all.length) plans.append(make("p", {}, "There is no plan in the folder of plans."));
   }
 
@@ -109,7 +116,10 @@ export function makeSetup(people) {
     byId("imu-preset").hidden = byId("imu-baud").hidden = !isPort(imu);
     put(byId("summary"), plan ? `${name ? `${name}: ` : ""}${plan.file}, ${plan.steps} steps, about `
       + `${lasting(plan.seconds)}, method ${plan.method}.` : "");
-    const why = plan ? unclear() : "no plan is chosen";
+    const [level, words] = room(plan);
+    byId("room").className = level;
+    put(byId("room"), words);
+    const why = plan ? level === "bad" ? "make room on the disk" : unclear() : "choose a plan";
     allow(probe, !why, why);
     const unknown = isPort(imu) && !preset.value;
     const first = why || (unknown ? "say what packets the IMU sends; probing tells" : "");
@@ -117,8 +127,41 @@ export function makeSetup(people) {
     put(byId("start-why"), first ? `Before it can start: ${first}` : "");
   }
 
+  /** Ask before anything moves, with the names of what will move. */
+  function confirm() {
+    const plan = planNow();
+    if (!plan) return;
+    wanted = { plan: planId(), sensor: named(), ambient: ambient(), ...devices() };
+    const what = (device, address) => device.value === TYPED ? address.value.trim()
+      : device.selectedOptions[0]?.textContent ?? "";
+    const facts = [["plan", `${plan.file}, ${plan.steps} steps, about ${lasting(plan.seconds)}`],
+      ["sensor", wanted.sensor ?? plan.sensor], ["table", what(table, tableAddress)], ["IMU", what(imu, imuAddress)]];
+    const [level, words] = room(plan);
+    put(byId("ask-start-room"), level === "care" ? words : "");
+    byId("ask-start-facts").replaceChildren(...facts.map(([name, value]) =>
+      make("div", {}, make("dt", {}, name), make("dd", {}, value))));
+    open(asking);
+  }
+
+  /** The temperature of the room, °C; null where nothing is typed, NaN where it is no number. */
+  function ambient() {
+    const text = byId("ambient").value.trim().replace(",", ".").replace("\u2212", "-");
+    return text === "" ? null : /^-?\d+(\.\d*)?$/.test(text) ? Number(text) : NaN;
+  }
+
+  /** Whether the run has room on the disk, in words; the server refuses it where it has not. */
+  function room(plan) {
+    const { free } = setup.whole ?? {};
+    if (!plan?.bytes || !Number.isFinite(free)) return ["", ""];
+    const words = `The run needs about ${megabytes(plan.bytes)}; ${megabytes(free)} are free on the disk`;
+    return free < plan.bytes ? ["bad", `✗ ${words}: make room first.`]
+      : free < ROOM * plan.bytes ? ["care", `▲ ${words}: that is little.`] : ["small", `${words}.`];
+  }
+
   /** What is missing in what was typed. */
   function unclear() {
+    const typed = ambient();
+    if (typed !== null && !(typed >= -90 && typed <= 100)) return "the ambient temperature is a number of °C";
     if (named() === "") return "type the name of the sensor";
     if (table.value === TYPED && !TABLES.test(tableAddress.value.trim())) {
       return "type the table's address, such as pmac://HOST:1025?motors=1,2,3&counts=3600000";
@@ -161,6 +204,8 @@ export function makeSetup(people) {
 
   return Object.assign(setup, { idle: load });
 }
+
+const megabytes = (bytes) => bytes < 1e9 ? `${fixed(Math.max(bytes / 1e6, 1), 0)} MB` : `${fixed(bytes / 1e9, 1)} GB`;
 
 /** Whether what is chosen is a port of the bench's computer. */
 function isPort(select) {

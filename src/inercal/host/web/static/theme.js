@@ -1,6 +1,6 @@
 /** Colours of what is drawn: those of the style sheet, light or dark, as the device asks for. */
 
-const NAMES = ["ink", "muted", "faint", "band", "paper", "accent", "side", "x", "y", "z"];
+const NAMES = ["ink", "muted", "faint", "band", "paper", "accent", "side", "x", "y", "z", "care", "bad"];
 
 /** Return the colours; they change in place, and `changed` is called, when it turns dark. */
 export function followTheme() {
