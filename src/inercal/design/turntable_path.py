@@ -96,7 +96,7 @@ def turntable_path_sheet(run: Run) -> PathSheet:
         refuse_temperature_terms_in_plan(run.sensor)
         way = path_profile(bench, steps)
         track = ideal_track(run, bench, way, steps)
-        if run.method is KALMAN:
+        if run.method.name == KALMAN.name:
             known, undecided = _filter_uncertainties(run, bench, track)
         else:
             known, undecided = (
@@ -159,7 +159,7 @@ def _filter_uncertainties(
     run: Run, bench: Turntable, track: Track
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
     """Return how well each coefficient will be known, and the directions that are left open."""
-    way = combined_estimate.FILTER_CONFIGS[run.estimator]
+    way = run.filter or combined_estimate.FILTER_CONFIGS[run.estimator]
     found: dict[str, float] = {}
     undecided: list[str] = []
     for kind in FILTER_KINDS:

@@ -10,7 +10,7 @@ from functools import cached_property, partial
 from hashlib import sha256
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -27,6 +27,7 @@ from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
+from inercal.runfile.filter_keys import with_filter_keys
 from inercal.runfile.format_options import reader_options
 from inercal.runfile.gravity import check_stated_gravity
 from inercal.runfile.priors import prior_from, static_prior
@@ -42,6 +43,9 @@ from inercal.runfile.validation_errors import describe_error, describe_unknown_k
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
 from inercal.small_files import parse_toml, read_small_file
+
+if TYPE_CHECKING:
+    from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
 _PLAN = (
@@ -90,6 +94,8 @@ class Run:
         Whether [method] says something of the plan.
     search : SearchOptions or None
         What the search is told, of an estimator that searches.
+    filter : FilterConfig or None
+        The filters' configuration where [method.filter] states one; `method` estimates by it.
     bench_name : str
         What the laboratory calls its bench; empty where it says nothing.
     findings : tuple of Finding
@@ -113,6 +119,7 @@ class Run:
     time_offset: bool = False
     has_plan_keys: bool = False
     search: SearchOptions | None = None
+    filter: "FilterConfig | None" = None
     bench_name: str = ""
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
@@ -248,6 +255,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
     if rate is not None and rate <= 0:
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive")
+    chosen, config = with_filter_keys(schema, chosen, estimator, part, rate)
     return Run(
         path=path,
         sha256=digest,
@@ -264,6 +272,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         time_offset=schema.method.time_offset,
         has_plan_keys=bool(stated),
         search=search_options(schema.method, chosen, estimator),
+        filter=config,
         bench_name=schema.bench.name,
         findings=check_stated_gravity(schema.bench),
     )
