@@ -44,6 +44,8 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
     "[method.search]": schema.SearchSection,
+    "[method.filter]": schema.FilterSection,
+    "[method.filter.initial]": schema.FilterInitialSection,
 }
 # Of [data] a kind of bench has keys of its own, which stand in a table of their own.
 KEYS = {heading: dict(section.model_fields) for heading, section in SECTIONS.items()} | {

@@ -70,17 +70,35 @@ def by_recording(run: Run) -> dict[str, FilterResult]:
     assert isinstance(run.bench, Turntable)
     track = observe(run).observations.track
     assert track is not None
-    way, priors = FILTER_CONFIGS[run.estimator], split_priors(run.sensor, run.priors)
+    way, priors = run.filter or FILTER_CONFIGS[run.estimator], split_priors(run.sensor, run.priors)
     return {
         kind: run_filter(kind, run.sensor, run.bench, track, way, priors) for kind in FILTER_KINDS
     }
 
 
-@pytest.mark.parametrize("estimator", ["full", "drift", "paper"])
+@pytest.mark.parametrize(
+    ("estimator", "keys"),
+    [
+        ("full", {}),
+        ("drift", {}),
+        ("paper", {}),
+        (
+            "full",
+            {
+                "readback_sd": "3 ″",
+                "velocity_sd": "0.1 mm/s",
+                "epoch": "0.05 s",
+                "bias_drift": False,
+                "table_states": "lean",
+                "initial": {"gyro_bias": "100 °/h", "attitude": "30 ″"},
+            },
+        ),
+    ],
+)
 def test_live_is_the_recordings_calibration_to_the_last_bit(
-    bench: Bench, logged: list[LogFrame], folder: Path, estimator: str
+    bench: Bench, logged: list[LogFrame], folder: Path, estimator: str, keys: dict[str, object]
 ):
-    run = read(folder / "mimu.toml", {"estimator": estimator})
+    run = read(folder / "mimu.toml", {"estimator": estimator} | ({"filter": keys} if keys else {}))
     rng = np.random.default_rng(4)
     cuts = np.sort(rng.choice(np.arange(1, len(logged)), 150, replace=False)).tolist()
     live = followed(run, logged, cuts)

@@ -98,7 +98,7 @@ def test_gyros_filter_is_the_notes(
     for k in range(3):
         one = track(made).trial(k)
         ours = GyroFilter.from_track(
-            sensor(), stated, one, bias_drift=chosen, table=False,
+            sensor(), stated, one, bias_drift=chosen, table="lean" if chosen else "exact",
             readback_sd=(4 if chosen else 10) * ARCSEC,
         )  # fmt: skip
         ours = replace(ours, lag=0)  # the note takes a readback in as it comes
@@ -159,7 +159,8 @@ def test_the_gyros_way_back_is_that_of_the_notes_filter(smooth: turntable.Draw, 
     for k in range(3):
         one = track(made).trial(k)
         ours = replace(
-            GyroFilter.from_track(sensor(), stated, one, table=False, readback_sd=4 * ARCSEC), lag=0
+            GyroFilter.from_track(sensor(), stated, one, table="lean", readback_sd=4 * ARCSEC),
+            lag=0,
         )
         _, course = ours.step(ours.start(one), one, ours.time_varying_states)
         _compare(course.smoothed, steps, exact, k, [0, 1, 2], [15, 16, 17])
@@ -273,7 +274,7 @@ def test_both_filters_make_one_estimate_in_the_sensors_order(made: turntable.Dra
 def test_biases_of_a_tenth_of_a_degree_a_second_are_found_only_where_fed_back():
     made = turntable.draw(2, 1, SHORT)
     one = track(made).trial(0)
-    ours = GyroFilter.from_track(sensor(), bench(), one, table=False)
+    ours = GyroFilter.from_track(sensor(), bench(), one, table="lean")
     raw = replace(ours, initial_values=np.zeros(12))
     by = columns(ours.triad.sensor.coefficients)
     off = {}
@@ -290,7 +291,7 @@ def test_biases_of_a_tenth_of_a_degree_a_second_are_found_only_where_fed_back():
 def test_attitudes_at_the_ends_of_turns_alone_leave_six_of_twelve():
     made = turntable.draw(1, 1, [("warm-up", (0, 0, 0), 30.0), *turntable.turns()])
     one = track(made).trial(0)
-    ours = GyroFilter.from_track(sensor(), bench(), one, table=False)
+    ours = GyroFilter.from_track(sensor(), bench(), one, table="lean")
     whole, _ = ours.step(ours.start(one), one)
     assert model.undecided_directions(ours.triad, whole.p[3:15, 3:15]) == ()
     ends = replace(ours, compare_while_turning=False)
@@ -531,7 +532,7 @@ def test_open_and_closed_loop_agree_near_the_truth():
     wandering = turntable.grade(0.1, 20, 60, 15)
     made = turntable.draw(14, 1, SHORT, wandering)
     one = track(made).trial(0)
-    ours = GyroFilter.from_track(sensor(wandering), bench(), one, table=False)
+    ours = GyroFilter.from_track(sensor(wandering), bench(), one, table="lean")
     near = replace(ours, initial_values=made.gyro[0] @ columns(ours.triad.sensor.coefficients))
     closed, _ = near.step(near.start(one), one)
     parted = replace(near, feedback=False)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from math import radians, sqrt
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def gyros(
     *,
     own: bool = False,
     bias_drift: bool = True,
-    table: bool = True,
+    table: Literal["whole", "lean", "exact"] = "whole",
     readback_sd: float = 4 * ARCSEC,
 ) -> Run:
     """Return a run of the gyros' filter, over its own part of the recording or the whole."""
@@ -115,9 +115,9 @@ def band(parameters: int = 12, devices: int = DEVICES) -> float:
 
 
 RUNS = {
-    "g 15, own part": gyros(own=True, bias_drift=False, table=False, readback_sd=10 * ARCSEC),
-    "g 19, own part": gyros(own=True, table=False),
-    "g 19, whole": gyros(table=False),
+    "g 15, own part": gyros(own=True, bias_drift=False, table="exact", readback_sd=10 * ARCSEC),
+    "g 19, own part": gyros(own=True, table="lean"),
+    "g 19, whole": gyros(table="lean"),
     "g full": gyros(readback_sd=TABLE.white),
     "a 18": accelerometers(AccelerometerFilter, "exact", 10 * ARCSEC),
     "a 25": accelerometers(AsInTheNote, "lean", ARCSEC),
@@ -171,7 +171,7 @@ def test_the_notes_table_of_grade_t(seed: int):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_fast_turns_both_ways(seed: int):
     runs = {
-        "g 19": gyros(own=True, table=False),
+        "g 19": gyros(own=True, table="lean"),
         "g full": gyros(own=True, readback_sd=TABLE.white),
     }
     found = scores(seed, FAST, runs)
@@ -234,7 +234,7 @@ def test_g_sensitivity_as_a_state_costs_little():
         made = turntable.draw(700 + batch, 10, turntable.complete_path(), device=device)
         whole, chosen = track(made), sensor(turntable.T, "g")
         for k in range(10):
-            ours = GyroFilter.from_track(chosen, bench(), whole.trial(k), table=False)
+            ours = GyroFilter.from_track(chosen, bench(), whole.trial(k), table="lean")
             state, _ = ours.step(ours.start(whole.trial(k)), whole.trial(k))
             names = ours.triad.sensor.coefficients
             at = [names.index(name) for name in sensor().select_axes("w").coefficients]
@@ -262,7 +262,7 @@ def test_packets_lost_unnoticed_spoil_the_bias_and_noticed_ones_do_not():
                 # The readback keeps its own time: unnoticed, readings slip against it.
                 angles = one.angles[kept] if noticed else one.angles[: kept.size]
                 torn = Track(time, one.reading[kept], angles, one.hold[kept])
-                ours = GyroFilter.from_track(sensor(), bench(), torn, table=False)
+                ours = GyroFilter.from_track(sensor(), bench(), torn, table="lean")
                 state, _ = ours.step(ours.start(torn), torn)
                 rows.append((state.theta, state.p[3:15, 3:15], made.gyro[k]))
         judged_by[name] = judged("g", rows)

@@ -16,7 +16,12 @@ from inercal.benches.kinds import KINDS
 from inercal.errors import InercalError, InputError
 from inercal.pipeline import Outcome, calibrate
 from inercal.runfile import read
-from inercal.runfile.schema import ReadoutSection, SensorSection
+from inercal.runfile.schema import (
+    FilterInitialSection,
+    FilterSection,
+    ReadoutSection,
+    SensorSection,
+)
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 Content = dict[str, Any]
@@ -93,9 +98,10 @@ def _role(field: FieldInfo) -> object:
 def keys(
     content: Content, kept: Callable[[FieldInfo], bool] = counts
 ) -> Iterator[tuple[Key, FieldInfo, Any]]:
-    """Yield every key of [sensor] and [bench] with its field and what stands there, or None.
+    """Yield every key of [sensor], [bench] and [method.filter], its field and what stands there.
 
-    Of a quantity with "±" the value and the deviation come one after the other.
+    Where nothing stands it is None. Of a quantity with "±" the value and the deviation come one
+    after the other.
     """
     bench = content["bench"]
     model = KINDS[bench.get("kind", "hand")].section
@@ -108,9 +114,18 @@ def keys(
         for kind in ("accelerometer", "gyro")
         if kind in content["sensor"]
     ]
+    stated_filter = content["method"].get("filter", {})
+    sections += [
+        (("method", "filter"), FilterSection, stated_filter),
+        (
+            ("method", "filter", "initial"),
+            FilterInitialSection,
+            stated_filter.get("initial", {}),
+        ),
+    ]
     for section, schema, values in sections:
         for name, field in schema.model_fields.items():
-            if name in ("accelerometer", "gyro", "kind") or not kept(field):
+            if name in ("accelerometer", "gyro", "kind", "initial") or not kept(field):
                 continue
             stated = values.get(name, None if field.is_required() else field.default)
             for part in (" value", " ±") if _with_deviation(stated) else ("",):
@@ -148,8 +163,10 @@ def alternatives(key: Key, field: FieldInfo, stated: Any) -> Iterator[Any]:
     yield from (one for one in shown if one != stated)
 
 
-def _words(field: FieldInfo) -> list[str]:
-    """Return the words that a key takes, where it takes no other."""
+def _words(field: FieldInfo) -> list[Any]:
+    """Return the words that a key takes, yes and no included, where it takes no other."""
+    if bool in get_args(field.annotation):
+        return [False, True]
     return [
         option
         for part in (field.annotation, *get_args(field.annotation))
@@ -182,7 +199,7 @@ def with_key(content: Content, key: Key, value: Any) -> Content:
     made = deepcopy(content)
     place = made
     for part in key.section:
-        place = place[part]
+        place = place.setdefault(part, {})
     place[key.name] = value
     if value is None:
         del place[key.name]
@@ -249,7 +266,9 @@ def silent_keys(folder: Path, content: Content) -> dict[str, str]:
             try:
                 found = calibrated(folder, with_key(content, key, value))
             except InputError as error:
-                named = (key.name, f"[{'.'.join(key.section)}]", str(value))
+                # A section may be refused as a whole, or the one that it is part of.
+                sections = {key.section, key.section[:2]}
+                named = (key.name, str(value), *(f"[{'.'.join(one)}]" for one in sections))
                 tried.append("refused" if any(one in str(error) for one in named) else str(error))
                 continue
             if found != base:

@@ -38,6 +38,8 @@ KEYS = {
     "data": RateTableData,
     "method": schema.MethodSection,
     "method.search": schema.SearchSection,
+    "method.filter": schema.FilterSection,
+    "method.filter.initial": schema.FilterInitialSection,
 }
 
 

@@ -1,8 +1,8 @@
-"""Every key of [bench] and [sensor] changes the result or its uncertainty, or is refused.
+"""Every key of [bench], [sensor] and [method.filter] changes the result or is refused.
 
-The keys are those of the schema and the methods those there are: a new key is in this test without
-an edit, and a new method without a case fails it. What a key changes may also be the verdict, as of
-a height that only checks gravity.
+A result is values, their uncertainty and the verdict: of a height that only checks gravity it is
+the verdict. The keys are those of the schema and the methods those there are: a new key is in this
+test without an edit, and a new method without a case fails it.
 """
 
 import shutil

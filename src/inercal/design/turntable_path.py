@@ -97,7 +97,7 @@ def turntable_path_sheet(run: Run) -> PathSheet:
         way = path_profile(bench, steps)
         track = ideal_track(run, bench, way, steps)
         undecided: tuple[str, ...] = ()
-        if run.method is KALMAN:
+        if run.method.name == KALMAN.name:
             expected, undecided = _filter_uncertainties(run, bench, track)
         else:
             sections = _section_steps(way, steps)
@@ -156,7 +156,7 @@ def _filter_uncertainties(
     run: Run, bench: Turntable, track: Track
 ) -> tuple[tuple[ExpectedUncertainty, ...], tuple[str, ...]]:
     """Return expected uncertainties by the filters, and the directions that are not determined."""
-    way = combined_estimate.FILTER_CONFIGS[run.estimator]
+    way = run.filter or combined_estimate.FILTER_CONFIGS[run.estimator]
     found: dict[str, float] = {}
     undecided: list[str] = []
     for kind in FILTER_KINDS:

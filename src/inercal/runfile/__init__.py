@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -25,6 +25,7 @@ from inercal.methods.ship_multi_angle import global_
 from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
+from inercal.runfile.filter_keys import with_filter_keys
 from inercal.runfile.method_section import (
     nominal_plan,
     require_frame,
@@ -39,6 +40,9 @@ from inercal.runfile.validation_errors import schema_error, unknown_kind_error
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
 from inercal.small_files import parse_toml, read_small_file
+
+if TYPE_CHECKING:
+    from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
 _DEFAULT_KIND = "hand"  # [bench] kind
 
@@ -74,7 +78,9 @@ class Run:
     has_plan_keys : bool
         Whether [method] states a key of the plan.
     search : SearchOptions or None
-        None for an estimator that does not search.
+        Options of the search; None for an estimator that does not search.
+    filter : FilterConfig or None
+        The filters' configuration where [method.filter] states one; `method` estimates by it.
     bench_name : str
         The laboratory's name of its bench; empty where none is stated.
     findings : tuple of Finding
@@ -98,6 +104,7 @@ class Run:
     time_offset: bool = False
     has_plan_keys: bool = False
     search: SearchOptions | None = None
+    filter: "FilterConfig | None" = None
     bench_name: str = ""
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
@@ -229,6 +236,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
     if rate is not None and rate <= 0:
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive", key="[data] rate")
+    chosen, config = with_filter_keys(schema, chosen, estimator, sensor, rate)
     return Run(
         path=path,
         sha256=digest,
@@ -245,6 +253,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         time_offset=schema.method.time_offset,
         has_plan_keys=bool(stated),
         search=search_options(schema.method, chosen, estimator),
+        filter=config,
         bench_name=schema.bench.name,
         findings=check_stated_gravity(schema.bench),
     )

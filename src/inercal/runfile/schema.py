@@ -68,6 +68,35 @@ class SearchSection(Section):
     bias: str = "0.2 g"
 
 
+class FilterInitialSection(Section):
+    """[method.filter.initial]: standard deviations of the filters' states before the data."""
+
+    gyro_bias: str | None = Field(None, examples=["1000 °/h"])
+    gyro_scale: str | None = Field(None, examples=["5000 ppm"])
+    gyro_misalignment: str | None = Field(None, examples=["20 ′"])
+    accelerometer_bias: str | None = Field(None, examples=["5 mg"])
+    accelerometer_scale: str | None = Field(None, examples=["5000 ppm"])
+    accelerometer_misalignment: str | None = Field(None, examples=["20 ′"])
+    attitude: str | None = Field(None, examples=["30 ″"])
+
+
+class FilterSection(Section):
+    """[method.filter]: of turntable_kalman, in place of an estimator's own values."""
+
+    readback_sd: str | None = Field(None, description="R of the attitude", examples=["4 ″"])
+    velocity_sd: str | None = Field(
+        None, description="R of the velocity at rest", examples=["0.1 mm/s"]
+    )
+    epoch: str | None = Field(
+        None, description="time between updates of the covariance", examples=["0.2 s"]
+    )
+    bias_drift: bool | None = Field(None, description="whether biases drift", examples=[False])
+    table_states: Literal["whole", "lean", "exact"] | None = Field(
+        None, description="which of the table's errors are states", examples=["lean"]
+    )
+    initial: FilterInitialSection | None = None
+
+
 class MethodSection(Section):
     """[method]."""
 
@@ -108,6 +137,7 @@ class MethodSection(Section):
         None, description="complete turns of the arm in each dwell of the plan"
     )
     search: SearchSection | None = None
+    filter: FilterSection | None = None
     prior_file: str | None = Field(
         None,
         description="calibration file of bias and scale factor at rest",

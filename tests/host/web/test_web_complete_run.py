@@ -105,7 +105,7 @@ def test_a_run_through_the_page_ends_with_report_calibration_and_history(whole: 
     made = load(whole.folder / "plan.calibration.json")
     sizes = np.array([made.sensor.coefficient(name).si for name in made.sensor.coefficients])
     u2 = 2 * np.sqrt(np.diagonal(made.covariance)) / sizes
-    np.testing.assert_allclose(done["estimates"]["u2"], u2, rtol=1e-6)
+    np.testing.assert_allclose(done["final"]["u2"], u2, rtol=1e-6)
     (shown,) = whole.answers["setup"].json["runs"]
     assert (shown["id"], shown["sensor"]) == (whole.folder.name, NAME)
     assert (shown["state"], shown["report"]) == ("done", True)

@@ -4,8 +4,8 @@ The prior standard deviation of a coefficient is that of `EXPECTED_SIZES`. The d
 it much better (`undecided_directions`), or the result would be the prior.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import radians
 
 import numpy as np
@@ -38,7 +38,7 @@ EPOCH_PERIOD = 0.1  # s between epochs
 # the variance positive where the readback is stated as exact.
 READBACK_NOISE_FLOOR = 0.1 * ARCSEC
 # Standard deviations before the data, SI; of other terms, per their natural size.
-EXPECTED_SIZES = {
+EXPECTED_SIZES: Mapping[str, float] = {
     "bias": radians(1),
     "k0": 30e-3 * G0,
     "scale": 0.02,
@@ -67,6 +67,8 @@ class TriadModel:
         Variance of the integral of the noise, SI²/s.
     drift : Drift
         Of the biases.
+    expected_sizes : mapping of str to float
+        Standard deviations before the data by term, as `EXPECTED_SIZES`.
     """
 
     sensor: Sensor
@@ -74,6 +76,7 @@ class TriadModel:
     channels: NDArray[np.int64]
     white: Array
     drift: Drift
+    expected_sizes: Mapping[str, float] = field(default_factory=lambda: EXPECTED_SIZES)
 
 
 def run_duration(track: Track, planned: float | None) -> float:
@@ -82,7 +85,12 @@ def run_duration(track: Track, planned: float | None) -> float:
 
 
 def triad_model(
-    sensor: Sensor, kind: str, run_duration: float = 0.0, *, bias_drift: bool = True
+    sensor: Sensor,
+    kind: str,
+    run_duration: float = 0.0,
+    *,
+    bias_drift: bool = True,
+    expected_sizes: Mapping[str, float] = EXPECTED_SIZES,
 ) -> TriadModel:
     """Return the accelerometers ("f") or the gyros ("w") of a sensor in a run of `run_duration` s.
 
@@ -103,6 +111,7 @@ def triad_model(
         np.array([sensor.channels.index(name) for name in part.channels]),
         np.array([one.white**2 for one in noise]),
         drift_model(noise, run_duration, part.name) if bias_drift else NO_DRIFT,
+        expected_sizes,
     )
 
 
@@ -114,7 +123,7 @@ def expected_size(part: TriadModel) -> Array:
         [
             LARGEST_RELATIVE_SIZE * size
             if n in warm
-            else EXPECTED_SIZES.get(CoefficientName(n).term, _DEFAULT_SIZE * size)
+            else part.expected_sizes.get(CoefficientName(n).term, _DEFAULT_SIZE * size)
             for n, size in named
         ]
     )

@@ -18,15 +18,26 @@ turntable with LabVIEW. The available copy lacks the equations; they are derived
 Drift, delay and the table's errors as states are additions.
 """
 
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.paths import path_by_name as named_path
-from inercal.methods._base import Method
-from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS
-from inercal.methods.turntable.fit_remarks import remarks
+from inercal.methods._base import Fit, Method, Remarks
+from inercal.methods.turntable import DEFAULT_COEFFICIENTS, FURTHER_COEFFICIENTS, fit_remarks
 from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, estimate_by_filters
+from inercal.methods.turntable_kalman.filter_config import FilterConfig, filter_conditions
 from inercal.methods.turntable_kalman.sequential import sequential
+
+
+def _remarks(fit: Fit[Any, Any], configs: Mapping[str, FilterConfig] = FILTER_CONFIGS) -> Remarks:
+    """Return the turntable's remarks, and the values in force in the filters as conditions."""
+    found = fit_remarks.remarks(fit)
+    conditions = filter_conditions(configs[fit.estimator], fit.estimator)
+    return found._replace(conditions={**found.conditions, **conditions})
+
 
 METHOD = Method(
     name="turntable_kalman",
@@ -38,7 +49,17 @@ METHOD = Method(
     estimators={
         name: partial(estimate_by_filters, config=config) for name, config in FILTER_CONFIGS.items()
     },
-    remarks=remarks,
+    remarks=_remarks,
     source="Liu, Cui, Zhang and Xu, North University of China (MIMU on a turntable)",
     sequential=sequential,
 )
+
+
+def method_with(config: FilterConfig, estimator: str) -> Method[Any, Any]:
+    """Return the method with another configuration of one estimator, live estimation included."""
+    return replace(
+        METHOD,
+        estimators={**METHOD.estimators, estimator: partial(estimate_by_filters, config=config)},
+        remarks=partial(_remarks, configs={**FILTER_CONFIGS, estimator: config}),
+        sequential=partial(sequential, config=config),
+    )

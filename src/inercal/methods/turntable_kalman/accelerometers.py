@@ -4,11 +4,11 @@ States: δV (3), φ (3), coefficients, drift of the biases (`turntable.drift`), 
 table's attitude: lean of the base, right angles and harmonics of the readback; or the lean and,
 anew at each hold, an error of its angles (2) in place of the others. At every hold the attitude is
 taken from the table and is constant; the velocity is set to zero and integrated. Estimates are fed
-back ten times a second. The source integrates the attitude by the gyros: their errors, above all
+back at every epoch. The source integrates the attitude by the gyros: their errors, above all
 their sensitivity to g, are then taken for tilt.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -33,7 +33,7 @@ from inercal.recording import AngleQuality, Track
 from inercal.sensors import Sensor
 
 REST_VELOCITY_SD = 1e-5  # m/s, how far velocity at rest is known to be zero: 1 µm in 0.1 s
-_ALIGNMENT_SD = 5e-4  # rad, sd of φ where a hold begins
+ALIGNMENT_SD = 5e-4  # rad, sd of φ where a hold begins
 _BASE_PARAMETERS = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
 
 
@@ -52,11 +52,14 @@ class AccelerometerFilter(Filter[VelocityState]):
         about each axis of the table.
     velocity_sd : float
         Standard deviation of the velocity at rest, m/s.
+    alignment_sd : float
+        Standard deviation of φ where a hold begins, rad.
     """
 
     hold_errors: bool
     readback_sd: float | None
     velocity_sd: float
+    alignment_sd: float = ALIGNMENT_SD
 
     name: ClassVar[str] = "accelerometers"
     unit: ClassVar[str] = "m/s"
@@ -76,6 +79,9 @@ class AccelerometerFilter(Filter[VelocityState]):
         readback_sd: float | None = None,
         velocity_sd: float = REST_VELOCITY_SD,
         run_duration: float | None = None,
+        epoch: float = model.EPOCH_PERIOD,
+        expected_sizes: Mapping[str, float] = model.EXPECTED_SIZES,
+        alignment_sd: float = ALIGNMENT_SD,
     ) -> "AccelerometerFilter":
         """Return the filter, with first values from the rest that a track begins with.
 
@@ -92,6 +98,10 @@ class AccelerometerFilter(Filter[VelocityState]):
             rad, m/s; None is the bench's noise.
         run_duration : float, optional
             As planned, s; None is the track's.
+        epoch, alignment_sd : float
+            s, rad; as of the class.
+        expected_sizes : mapping of str to float
+            Standard deviations of the coefficients before the data, as `model.EXPECTED_SIZES`.
 
         Raises
         ------
@@ -99,7 +109,11 @@ class AccelerometerFilter(Filter[VelocityState]):
             A sensor that the filter does not support, or no rest at the start.
         """
         part = model.triad_model(
-            sensor, "f", model.run_duration(track, run_duration), bias_drift=bias_drift
+            sensor,
+            "f",
+            model.run_duration(track, run_duration),
+            bias_drift=bias_drift,
+            expected_sizes=expected_sizes,
         )
         first, prior = model.initial_estimate(part, priors, model.coarse_bias(bench, track, part))
         seen = linear_misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
@@ -109,7 +123,10 @@ class AccelerometerFilter(Filter[VelocityState]):
             for q in seen
             if q.sd > 0 and (q.name != "azimuth" if chosen is None else q.name in chosen)
         )
-        return cls(part, bench, prior, first, kept, table == "lean", readback_sd, velocity_sd)
+        return cls(
+            part, bench, prior, first, kept, table == "lean", readback_sd, velocity_sd,
+            alignment_sd, epoch=epoch,
+        )  # fmt: skip
 
     @property
     def time_varying_states(self) -> tuple[str, ...]:
@@ -157,7 +174,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         after = copy_state(state)
         # An epoch waits for the first sample with usable angles; see `GyroFilter.with_steps`.
         usable = np.flatnonzero(np.isfinite(track.angle_variance(1.0)))
-        period = model.EPOCH_PERIOD * (1 - 1e-6)
+        period = self.epoch * (1 - 1e-6)
         epochs = usable[
             strapdown.epoch_indices_in_holds(
                 track.time[usable], track.hold[usable], period, after.time[1], after.hold[0]
@@ -168,7 +185,9 @@ class AccelerometerFilter(Filter[VelocityState]):
             self.samples(track),
             self._readback(epochs, track),
             self.kernel_model(),
-            VelocitySettings(self.velocity_sd**2, _ALIGNMENT_SD**2, self.innovation_gate(track)),
+            VelocitySettings(
+                self.velocity_sd**2, self.alignment_sd**2, self.innovation_gate(track)
+            ),
             after,
             steps,
             history,

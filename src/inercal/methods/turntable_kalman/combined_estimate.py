@@ -13,7 +13,6 @@ from inercal.estimate.lazy_value import LazyValue
 from inercal.estimate.scores import NO_SCORE_TESTS
 from inercal.methods import temperature
 from inercal.methods.turntable import model
-from inercal.methods.turntable.model import ARCSEC
 from inercal.methods.turntable_kalman import filter_tests
 from inercal.methods.turntable_kalman._filter_steps import INNOVATION_GATE
 from inercal.methods.turntable_kalman.filter_config import (
@@ -21,6 +20,8 @@ from inercal.methods.turntable_kalman.filter_config import (
     FILTER_KINDS,
     FilterConfig,
     FilterKind,
+    require_whole_epoch,
+    sampling_step,
 )
 from inercal.methods.turntable_kalman.innovations import (
     FilterResult,
@@ -59,16 +60,10 @@ def run_filter(
         checked = filter_tests.innovation_test_data(result, found, track, course.time, steps)
     return FilterResult(
         result.triad, course.names, found.value, found.covariance, course,
-        run.state.nis, run.components, minimum_nis(track), result.unit,
-        _untested_noise_note(result.readback_sd if config.source_readback_sd else None),
+        run.state.nis, run.components, minimum_nis(track, config.epoch), result.unit,
+        config.untested_reason(kind),
         found.shared_covariance, checked, run.rejections,
     )  # fmt: skip
-
-
-def _untested_noise_note(readback_sd: float | None) -> str:
-    if readback_sd is None:
-        return ""
-    return f"the source's R, {readback_sd / ARCSEC:.3g}″, is not the noise of the readback"
 
 
 def estimate_by_filters(
@@ -98,8 +93,8 @@ def estimate_by_filters(
     Raises
     ------
     InputError
-        No track, no rest at its start, a sensor that the filters do not take, or a prior that joins
-        gyros and accelerometers.
+        No track, no rest at its start, a sensor that the filters do not take, a prior that joins
+        gyros and accelerometers, or an epoch that is no multiple of the time between samples.
     NotObserved
         Directions that the run does not determine.
     """
@@ -111,6 +106,7 @@ def estimate_by_filters(
     kinds = {axis.measures for axis in sensor.axes}
     priors = split_priors(sensor, priors)
     lead = track.reading.shape[:-2]
+    require_whole_epoch(config.epoch, sampling_step(track))
     trials = [
         # Of several trials only the first has a smoothed course and tests.
         [
@@ -222,17 +218,14 @@ def _notes(
         if one.rejections > _CHANCE_REJECTIONS * one.components
     ]
     result += [words for one in parts if (words := _prior_share_note(one))]
-    if not config.table and (bench.square > 0 or any(bench.harmonics)):
-        which = "gyros" if config.accelerometer_table == "lean" else "gyros and accelerometers"
+    whole = config.table_states == "whole"
+    if not whole and (bench.square > 0 or any(bench.harmonics)):
+        which = "gyros" if config.table_states == "lean" else "gyros and accelerometers"
         result.append(
             f"{which}: the filters have no states for the right angles and harmonics that [bench] "
-            "states, and the uncertainties are too small; estimator full has them"
+            "states, and the uncertainties are too small; estimator full has them by default"
         )
-    if (
-        len(parts) > 1
-        and config.table
-        and set(_table_states(parts[0])) & set(_table_states(parts[1]))
-    ):
+    if len(parts) > 1 and whole and set(_table_states(parts[0])) & set(_table_states(parts[1])):
         result.append(
             "gyros and accelerometers are taken as independent, although the table's right angles "
             "and harmonics affect both"

@@ -8,7 +8,7 @@ the drift of the biases (`turntable.drift`), the table's parameters, and those o
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import FilterHistory, SmoothedStates
 from inercal.estimate.kalman import FilterSteps, allocate_steps, smoother_corrections
 from inercal.methods import temperature
-from inercal.methods.turntable.model import TriadModel, earth_rate_level_frame
+from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel, earth_rate_level_frame
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman._filter_steps import (
@@ -58,6 +58,8 @@ class Filter(ABC, Generic[S]):
         Coefficients before the data.
     table : tuple of q Parameter
         Of the states after the drift.
+    epoch : float
+        Time between epochs, s: the covariance is propagated and observations are used once in it.
     """
 
     triad: TriadModel
@@ -65,6 +67,7 @@ class Filter(ABC, Generic[S]):
     prior: Array
     initial_values: Array
     table: tuple[Parameter, ...]
+    epoch: float = field(default=EPOCH_PERIOD, kw_only=True)
 
     name: ClassVar[str]
     unit: ClassVar[str]  # of the first three innovations

@@ -1,35 +1,94 @@
-"""The configuration of the two filters for each estimator."""
+"""The configuration of the two filters for each estimator: their states, P₀, R and epoch.
+
+Q is no part of it: it follows from the sensor's noise.
+"""
 
 from collections.abc import Mapping, Sequence
+from math import degrees
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from inercal.benches.turntable.bench import Turntable
+from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
+from inercal.methods.turntable_kalman import accelerometers as _of_accelerometers
+from inercal.methods.turntable_kalman import gyros as _of_gyros
 from inercal.methods.turntable_kalman.accelerometers import REST_VELOCITY_SD, AccelerometerFilter
 from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recording import Track
-from inercal.sensors import Sensor
+from inercal.sensors import G0, Sensor
 
 FilterKind = Literal["w", "f"]
 FILTER_KINDS: tuple[FilterKind, ...] = ("w", "f")  # gyros, accelerometers
+TableStates = Literal["whole", "lean", "exact"]
 _SOURCE_VELOCITY_SD = 1e-3  # m/s
+# Terms of the coefficients that a name of `FilterConfig.initial` stands for, by filter
+INITIAL_TERMS: Mapping[str, tuple[FilterKind, tuple[str, ...]]] = {
+    "gyro_bias": ("w", ("bias",)),
+    "gyro_scale": ("w", ("scale",)),
+    "gyro_misalignment": ("w", ("delta_o", "delta_p")),
+    "accelerometer_bias": ("f", ("k0",)),
+    "accelerometer_scale": ("f", ("k1",)),
+    "accelerometer_misalignment": ("f", ("delta_o", "delta_p")),
+}
+ATTITUDE = "attitude"  # φ, in both filters
+_ALIGNMENT_SD: Mapping[FilterKind, float] = {
+    "w": _of_gyros.ALIGNMENT_SD,
+    "f": _of_accelerometers.ALIGNMENT_SD,
+}
+_MAX_EPOCH_REMAINDER = 0.05  # of a sample: rates are not known better
+_DISTURBED_STEP = 1.5  # medians: a longer step of time has samples lost
 
 
 class FilterConfig(NamedTuple):
-    """The states of the filters, and the standard deviations of attitude and velocity at rest."""
+    """The states of the filters, their standard deviations before the data, R and the epoch.
+
+    Parameters
+    ----------
+    bias_drift : bool
+        Whether biases drift.
+    table_states : "whole", "lean" or "exact"
+        Which of the table's errors are states. Gyros: all; latency, clock and azimuth; none.
+        Accelerometers: all; the base's lean and an error of each hold's angles; none.
+    attitude_sd : tuple of 2 float or None
+        Standard deviation of the attitude by readback in each filter, gyros first, rad; None is
+        that of the bench.
+    velocity_sd : float
+        Standard deviation of the velocity at rest, m/s.
+    source_values : frozenset of str
+        Which of "readback_sd" and "velocity_sd" are the source's: they are not the noise.
+    epoch : float
+        Time between epochs, s.
+    initial : mapping of str to float
+        Standard deviations before the data, SI, by `INITIAL_TERMS` and `ATTITUDE`; what is absent
+        is as `model.EXPECTED_SIZES` and as the filters have it.
+    """
 
     bias_drift: bool
-    table: bool  # right angles and harmonics in the gyros' filter
-    accelerometer_table: Literal["whole", "lean", "exact"]  # of the accelerometers' filter
-    # rad, of the attitude in each filter; None is that of the bench
-    source_readback_sd: tuple[float, float] | None
-    velocity_sd: float  # m/s
+    table_states: TableStates
+    attitude_sd: tuple[float, float] | None
+    velocity_sd: float
+    source_values: frozenset[str] = frozenset()
+    epoch: float = model.EPOCH_PERIOD
+    initial: Mapping[str, float] = MappingProxyType({})
 
     def readback_sd(self, bench: Turntable) -> tuple[float, float | None]:
         """Return the readback's standard deviation in the two filters, rad; gyros first."""
-        return self.source_readback_sd or (max(bench.white, model.READBACK_NOISE_FLOOR), None)
+        return self.attitude_sd or (max(bench.white, model.READBACK_NOISE_FLOOR), None)
+
+    def expected_sizes(self, kind: FilterKind) -> Mapping[str, float]:
+        """Return the standard deviations of a filter's coefficients before the data, by term."""
+        own = {
+            term: self.initial[name]
+            for name, (of, terms) in INITIAL_TERMS.items()
+            if of == kind and name in self.initial
+            for term in terms
+        }
+        return {**model.EXPECTED_SIZES, **own}
 
     def filter(
         self,
@@ -45,21 +104,106 @@ class FilterConfig(NamedTuple):
         Arguments and errors as of `GyroFilter.from_track` and `AccelerometerFilter.from_track`.
         """
         gyros, accelerometers = self.readback_sd(bench)
+        sizes = self.expected_sizes(kind)
+        alignment = self.initial.get(ATTITUDE, _ALIGNMENT_SD[kind])
         if kind == "w":
             return GyroFilter.from_track(
                 sensor, bench, track, priors,
-                bias_drift=self.bias_drift, table=self.table, readback_sd=gyros,
-                run_duration=run_duration,
+                bias_drift=self.bias_drift, table=self.table_states, readback_sd=gyros,
+                run_duration=run_duration, epoch=self.epoch, expected_sizes=sizes,
+                alignment_sd=alignment,
             )  # fmt: skip
         return AccelerometerFilter.from_track(
             sensor, bench, track, priors,
-            bias_drift=self.bias_drift, table=self.accelerometer_table, readback_sd=accelerometers,
-            velocity_sd=self.velocity_sd, run_duration=run_duration,
+            bias_drift=self.bias_drift, table=self.table_states, readback_sd=accelerometers,
+            velocity_sd=self.velocity_sd, run_duration=run_duration, epoch=self.epoch,
+            expected_sizes=sizes, alignment_sd=alignment,
         )  # fmt: skip
 
+    def untested_reason(self, kind: FilterKind) -> str:
+        """Return why the innovations do not test noise and table; empty where they do."""
+        if "readback_sd" in self.source_values and self.attitude_sd is not None:
+            sd = self.attitude_sd[FILTER_KINDS.index(kind)] / ARCSEC
+            return f"the source's R, {sd:.3g}″, is not the noise of the readback"
+        if kind == "f" and "velocity_sd" in self.source_values:
+            sd = 1e3 * self.velocity_sd
+            return f"the source's R, {sd:.3g} mm/s, is not the noise of the velocity at rest"
+        return ""
 
+    def describe(self) -> dict[str, str]:
+        """Return the value in force of each key of [method.filter], as text with units."""
+        sd = None if self.attitude_sd is None else [f"{x / ARCSEC:.6g}" for x in self.attitude_sd]
+        sizes = {kind: self.expected_sizes(kind) for kind in FILTER_KINDS}
+        start = {name: sizes[kind][terms[0]] for name, (kind, terms) in INITIAL_TERMS.items()}
+        attitude = [
+            self.initial.get(ATTITUDE, _ALIGNMENT_SD[kind]) / ARCSEC for kind in FILTER_KINDS
+        ]
+        return {
+            "readback_sd": "[bench] noise" if sd is None else f"{_both(sd)} ″",
+            "velocity_sd": f"{1e3 * self.velocity_sd:.6g} mm/s",
+            "epoch": f"{self.epoch:.4g} s",
+            "bias_drift": str(self.bias_drift).lower(),
+            "table_states": self.table_states,
+            "initial.gyro_bias": f"{3600 * degrees(start['gyro_bias']):.6g} °/h",
+            "initial.gyro_scale": f"{1e6 * start['gyro_scale']:.6g} ppm",
+            "initial.gyro_misalignment": f"{degrees(start['gyro_misalignment']) * 60:.6g} ′",
+            "initial.accelerometer_bias": f"{1e3 * start['accelerometer_bias'] / G0:.6g} mg",
+            "initial.accelerometer_scale": f"{1e6 * start['accelerometer_scale']:.6g} ppm",
+            "initial.accelerometer_misalignment": (
+                f"{degrees(start['accelerometer_misalignment']) * 60:.6g} ′"
+            ),
+            "initial.attitude": f"{_both([f'{x:.4g}' for x in attitude])} ″",
+        }
+
+
+def _both(texts: Sequence[str]) -> str:
+    """Return the numbers of both filters, gyros first, as one where they are equal."""
+    return " and ".join(dict.fromkeys(texts))
+
+
+_SOURCE_VALUES = frozenset({"readback_sd", "velocity_sd"})
 FILTER_CONFIGS: Mapping[str, FilterConfig] = {
-    "full": FilterConfig(True, True, "whole", None, REST_VELOCITY_SD),
-    "drift": FilterConfig(True, False, "lean", (4 * ARCSEC, ARCSEC), _SOURCE_VELOCITY_SD),
-    "paper": FilterConfig(False, False, "exact", (10 * ARCSEC, 10 * ARCSEC), _SOURCE_VELOCITY_SD),
+    "full": FilterConfig(True, "whole", None, REST_VELOCITY_SD),
+    "drift": FilterConfig(True, "lean", (4 * ARCSEC, ARCSEC), _SOURCE_VELOCITY_SD, _SOURCE_VALUES),
+    "paper": FilterConfig(
+        False, "exact", (10 * ARCSEC, 10 * ARCSEC), _SOURCE_VELOCITY_SD, _SOURCE_VALUES
+    ),
 }
+
+
+def filter_conditions(config: FilterConfig, estimator: str) -> dict[str, str]:
+    """Return the values in force, and those that are not the estimator's own, as conditions."""
+    values, own = config.describe(), FILTER_CONFIGS[estimator].describe()
+    changed = [
+        f"{key} {text} (default {own[key]})" for key, text in values.items() if text != own[key]
+    ]
+    found = {"filter": "; ".join(f"{key} {text}" for key, text in values.items())}
+    return found | ({"filter keys changed": "; ".join(changed)} if changed else {})
+
+
+def require_whole_epoch(epoch: float, step: float) -> None:
+    """Refuse an epoch, other than the default, that is no multiple of the time between samples.
+
+    Parameters
+    ----------
+    epoch, step : float
+        s.
+
+    Raises
+    ------
+    InputError
+    """
+    samples = epoch / step
+    whole = max(round(samples), 1)
+    if epoch != model.EPOCH_PERIOD and abs(samples - whole) > _MAX_EPOCH_REMAINDER:
+        raise InputError(
+            f"[method.filter] epoch: {epoch:.4g} s is {samples:.4g} samples at {1 / step:.5g} Hz; "
+            f"give a whole number of samples, such as {whole * step:.4g} s",
+            key="[method.filter] epoch",
+        )
+
+
+def sampling_step(track: Track) -> float:
+    """Return the mean time between samples, s, where none is lost."""
+    steps = np.diff(track.time)
+    return float(np.mean(steps[steps < _DISTURBED_STEP * np.median(steps)]))

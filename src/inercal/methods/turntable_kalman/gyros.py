@@ -2,17 +2,17 @@
 
 States: φ (3), coefficients, drift of the biases (`turntable.drift`), and errors of the table's
 attitude (latency, clock, right angles, harmonics of the readback). The attitude is integrated from
-the corrected rates and compared with the readback ten times a second; estimates are fed back.
+the corrected rates and compared with the readback at every epoch; estimates are fed back.
 
 A readback may be ahead of the IMU or behind it: the earlier one waits for the other, so that each
 readback is compared with an attitude between samples, at most 8 standard deviations of the latency
 old.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ _MAX_LATENCY_SPAN = 0.1
 _SPARE_SAMPLES = 8
 _DURATION_FACTOR, _PAUSE_ALLOWANCE = 2.0, 600.0  # of the planned duration, and s, for pauses
 _TIMING_PARAMETERS = ("latency", "clock", "azimuth")
-_ALIGNMENT_SD = 60 * ARCSEC  # sd of φ where the attitude is taken from the table
+ALIGNMENT_SD = 60 * ARCSEC  # sd of φ where the attitude is taken from the table
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +65,8 @@ class GyroFilter(Filter[AttitudeState]):
         Whether estimates are fed back to the integration.
     compare_while_turning : bool
         Whether attitudes are compared while the table turns too.
+    alignment_sd : float
+        Standard deviation of φ where the attitude is taken from the table, rad.
     """
 
     readback_sd: float
@@ -72,6 +74,7 @@ class GyroFilter(Filter[AttitudeState]):
     buffer_size: int = 16
     feedback: bool = True
     compare_while_turning: bool = True
+    alignment_sd: float = ALIGNMENT_SD
 
     name: ClassVar[str] = "gyros"
     unit: ClassVar[str] = "rad"
@@ -87,9 +90,12 @@ class GyroFilter(Filter[AttitudeState]):
         priors: Sequence[Gaussian] = (),
         *,
         bias_drift: bool = True,
-        table: bool = True,
+        table: Literal["whole", "lean", "exact"] = "whole",
         readback_sd: float = 4 * ARCSEC,
         run_duration: float | None = None,
+        epoch: float = model.EPOCH_PERIOD,
+        expected_sizes: Mapping[str, float] = model.EXPECTED_SIZES,
+        alignment_sd: float = ALIGNMENT_SD,
     ) -> "GyroFilter":
         """Return the filter, with the biases' first values from the rest that a track begins with.
 
@@ -100,14 +106,19 @@ class GyroFilter(Filter[AttitudeState]):
         track : Track
             Of one trial; its first 20 s are enough.
         priors : sequence of Gaussian
-        bias_drift, table : bool
-            Whether biases drift and readback may be late; whether the table's other errors are
-            states.
+        bias_drift : bool
+            Whether biases drift.
+        table : "whole", "lean" or "exact"
+            Which of the table's errors are states: all; latency, clock and azimuth; none.
         readback_sd : float
             rad. 4″ cover the readback's noise and the error of rates taken as linear between
             samples at 100 Hz.
         run_duration : float, optional
             s that the run takes as planned; pauses come on top. None is the track's.
+        epoch, alignment_sd : float
+            s, rad; as of the class.
+        expected_sizes : mapping of str to float
+            Standard deviations of the coefficients before the data, as `model.EXPECTED_SIZES`.
 
         Raises
         ------
@@ -116,20 +127,26 @@ class GyroFilter(Filter[AttitudeState]):
             too uncertain.
         """
         part = model.triad_model(
-            sensor, "w", model.run_duration(track, run_duration), bias_drift=bias_drift
+            sensor,
+            "w",
+            model.run_duration(track, run_duration),
+            bias_drift=bias_drift,
+            expected_sizes=expected_sizes,
         )
         first, prior = model.initial_estimate(part, priors, model.coarse_bias(bench, track, part))
         loose = [q for q in bench.parameters if q.sd > 0]
-        wanted = [q for q in loose if q.name in _TIMING_PARAMETERS and bias_drift]
-        if table:
+        timing = table != "exact"
+        wanted = [q for q in loose if q.name in _TIMING_PARAMETERS and timing]
+        if table == "whole":
             seen = linear_misalignment(bench, np.zeros((1, len(bench.axes)))).parameters
             # A lean turns all attitudes equally: φ at the start includes it.
             known = ("lean_x", "lean_y", *_TIMING_PARAMETERS)
             wanted += [q for q in seen if q.sd > 0 and q.name not in known]
-        lag, kept = _buffer_lengths(
-            bench, track, bench.latency.sd if bias_drift else 0.0, run_duration
-        )
-        return cls(part, bench, prior, first, tuple(wanted), readback_sd, lag, kept)
+        lag, kept = _buffer_lengths(bench, track, bench.latency.sd if timing else 0.0, run_duration)
+        return cls(
+            part, bench, prior, first, tuple(wanted), readback_sd, lag, kept,
+            alignment_sd=alignment_sd, epoch=epoch,
+        )  # fmt: skip
 
     @property
     def time_varying_states(self) -> tuple[str, ...]:
@@ -138,7 +155,7 @@ class GyroFilter(Filter[AttitudeState]):
 
     def start(self, track: Track) -> AttitudeState:
         """Return the state before the first sample of a track."""
-        covariance = self.covariance(_ALIGNMENT_SD**2)
+        covariance = self.covariance(self.alignment_sd**2)
         x = np.zeros(len(covariance))
         x[len(x) - len(self.table) :] = [one.value for one in self.table]
         time, mat = float(track.time[0]), reference_attitude(self.bench, track.angles[:1])[0]
@@ -176,11 +193,8 @@ class GyroFilter(Filter[AttitudeState]):
         # An epoch waits for the first sample with usable angles, so that pieces of any length have
         # the same epochs.
         usable = np.flatnonzero(np.isfinite(variance))
-        epochs = usable[
-            strapdown.epoch_indices(
-                samples.time[usable], model.EPOCH_PERIOD * (1 - 1e-6), after.time[1]
-            )
-        ]
+        period = self.epoch * (1 - 1e-6)
+        epochs = usable[strapdown.epoch_indices(samples.time[usable], period, after.time[1])]
         if not self.compare_while_turning:
             epochs = epochs[samples.hold[epochs] >= 0]
         angles = np.ascontiguousarray(angles[epochs])
@@ -200,7 +214,7 @@ class GyroFilter(Filter[AttitudeState]):
             self.kernel_model(),
             AttitudeSettings(
                 self.innovation_gate(track),
-                _ALIGNMENT_SD**2,
+                self.alignment_sd**2,
                 MAX_GAP_SECONDS,
                 late,
                 0.0 if late[0] >= 0 else float(self.bench.latency.value),

@@ -49,10 +49,13 @@ class FilterResult(NamedTuple):
         return float(np.sqrt(np.mean(z**2) / ratio)) if z.size and ratio else 1.0
 
 
-def minimum_nis(track: Track) -> float:
-    """Return the least NIS: the trapezoids of an epoch of n samples have the noise of n − ½."""
+def minimum_nis(track: Track, epoch: float = EPOCH_PERIOD) -> float:
+    """Return the least NIS: the trapezoids of an epoch of n samples have the noise of n − ½.
+
+    `epoch`: time between epochs, s.
+    """
     step = float(np.median(np.diff(track.time))) if track.time.size > 1 else 0.0
-    return 1 - 0.5 * min(step / EPOCH_PERIOD, 1.0)
+    return 1 - 0.5 * min(step / epoch, 1.0)
 
 
 def variance_inflation(one: FilterResult) -> float:

@@ -38,6 +38,8 @@ def sequential(
     steps: Sequence[TableStep],
     priors: Sequence[Gaussian],
     rate_hz: float,
+    *,
+    config: FilterConfig | None = None,
 ) -> "FilterPair":
     """Return both filters of an estimator before the first sample.
 
@@ -52,6 +54,8 @@ def sequential(
     priors : sequence of Gaussian
     rate_hz : float
         Unused: samples have their times.
+    config : FilterConfig, optional
+        In place of the estimator's own.
 
     Raises
     ------
@@ -60,7 +64,11 @@ def sequential(
     """
     run_duration = turntable_path_duration(bench, steps)
     return FilterPair(
-        sensor, bench, FILTER_CONFIGS[estimator], split_priors(sensor, priors), run_duration
+        sensor,
+        bench,
+        config or FILTER_CONFIGS[estimator],
+        split_priors(sensor, priors),
+        run_duration,
     )
 
 

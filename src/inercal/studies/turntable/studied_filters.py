@@ -56,7 +56,7 @@ def build_gyro_filter(case: TurntableCase, way: str, sensor: Sensor = SENSOR) ->
         ASSUMED_TABLE,
         case.track,
         bias_drift=one.bias_drift,
-        table=one.table,
+        table=one.table_states,
         readback_sd=one.readback_sd(ASSUMED_TABLE)[0],
     )
 
@@ -96,7 +96,7 @@ def accelerometer_run(way: str) -> FilterRun:
     def run(case: TurntableCase) -> FilterErrors:
         filter_ = AccelerometerFilter.from_track(
             SENSOR, ASSUMED_TABLE, case.track,
-            bias_drift=one.bias_drift, table=one.accelerometer_table,
+            bias_drift=one.bias_drift, table=one.table_states,
             readback_sd=one.readback_sd(ASSUMED_TABLE)[1], velocity_sd=one.velocity_sd,
         )  # fmt: skip
         state, course = filter_.step(filter_.start(case.track), case.track)

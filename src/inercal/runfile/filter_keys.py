@@ -1,0 +1,166 @@
+"""What a run file says of the filters of turntable_kalman: [method.filter]."""
+
+from collections.abc import Mapping
+from math import isclose
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from inercal.keys import CoefficientName
+from inercal.methods import Method
+from inercal.runfile.schema import FilterSection, RunSchema
+from inercal.section_settings import key_error, si_value
+from inercal.sensors import Sensor
+
+if TYPE_CHECKING:
+    from inercal.methods.turntable_kalman.filter_config import FilterConfig
+
+_KEY = "[method.filter]"
+_METHOD = "turntable_kalman"
+_ROUNDING = 1e-12  # of a value by the conversion of its unit
+
+
+class _Range(NamedTuple):
+    """The least and the largest value of a key, as text, and a unit like its own."""
+
+    like: str
+    least: str
+    largest: str
+
+
+_RANGES: Mapping[str, _Range] = {
+    # The floor of R covers the error of rates taken as linear between samples.
+    "readback_sd": _Range("°", "0.1 ″", "1 °"),
+    "velocity_sd": _Range("m/s", "0.1 µm/s", "1 m/s"),
+    # Φ is of first order in an epoch, and a hold of a second has several epochs.
+    "epoch": _Range("s", "0.02 s", "0.5 s"),
+}
+# The filters are of first order in the coefficients.
+_INITIAL_RANGES: Mapping[str, _Range] = {
+    "gyro_bias": _Range("rad/s", "0.001 °/h", "10 °/s"),
+    "gyro_scale": _Range("1", "0.1 ppm", "20 %"),
+    "gyro_misalignment": _Range("°", "0.1 ″", "10 °"),
+    "accelerometer_bias": _Range("m/s²", "0.1 µg", "300 mg"),
+    "accelerometer_scale": _Range("1", "0.1 ppm", "20 %"),
+    "accelerometer_misalignment": _Range("°", "0.1 ″", "10 °"),
+    "attitude": _Range("°", "0.1 ″", "1 °"),
+}
+
+
+def with_filter_keys(
+    schema: RunSchema,
+    chosen: Method[Any, Any],
+    estimator: str,
+    sensor: Sensor,
+    rate_hz: float | None,
+) -> "tuple[Method[Any, Any], FilterConfig | None]":
+    """Return the method and its filters' configuration as the run file states them.
+
+    Parameters
+    ----------
+    schema : RunSchema
+    chosen : Method
+    estimator : str
+        Name of one of the method's.
+    sensor : Sensor
+        With the coefficients that are estimated.
+    rate_hz : float or None
+        As the run file states it.
+
+    Returns
+    -------
+    method : Method
+        Another one where the run file has [method.filter].
+    config : FilterConfig or None
+        None where it has none.
+
+    Raises
+    ------
+    InputError
+        The section with another method, or a value that is out of place or changes nothing.
+    """
+    section = schema.method.filter
+    if section is None:
+        return chosen, None
+    if chosen.name != _METHOD:
+        raise key_error(_KEY, f"it is for {_METHOD}; {chosen.name} has no filter; leave it out")
+    from inercal.methods.turntable_kalman import method_with
+
+    config = _filter_config(schema, section, estimator, sensor, rate_hz)
+    return method_with(config, estimator), config
+
+
+def _filter_config(
+    schema: RunSchema, section: FilterSection, estimator: str, sensor: Sensor, rate_hz: float | None
+) -> "FilterConfig":
+    from inercal.methods.turntable_kalman import filter_config
+
+    config = filter_config.FILTER_CONFIGS[estimator]
+    changes: dict[str, Any] = {}
+    if section.bias_drift is not None:
+        _require_unstable_biases(schema)
+        changes["bias_drift"] = section.bias_drift
+    if section.table_states is not None:
+        changes["table_states"] = section.table_states
+    found = {
+        name: _value(f"{_KEY} {name}", text, limits)
+        for name, limits in _RANGES.items()
+        if (text := getattr(section, name)) is not None
+    }
+    if (sd := found.get("readback_sd")) is not None:
+        changes["attitude_sd"] = (sd, sd)
+    if (sd := found.get("velocity_sd")) is not None:
+        changes["velocity_sd"] = _unrounded(sd, config.velocity_sd)
+    if (epoch := found.get("epoch")) is not None:
+        epoch = _unrounded(epoch, config.epoch)
+        if rate_hz is not None:
+            filter_config.require_whole_epoch(epoch, 1 / rate_hz)
+        changes["epoch"] = epoch
+    if section.initial is not None:
+        initial = {
+            name: _value(f"[method.filter.initial] {name}", text, limits)
+            for name, limits in _INITIAL_RANGES.items()
+            if (text := getattr(section.initial, name)) is not None
+        }
+        for name in initial.keys() & filter_config.INITIAL_TERMS.keys():
+            kind, terms = filter_config.INITIAL_TERMS[name]
+            _require_estimated(name, (kind, terms), sensor)
+            initial[name] = _unrounded(initial[name], config.expected_sizes(kind)[terms[0]])
+        changes["initial"] = initial
+    return config._replace(source_values=config.source_values - found.keys(), **changes)
+
+
+def _value(key: str, text: str, limits: _Range) -> float:
+    """Return a quantity within its limits, SI."""
+    value = si_value(text, limits.like, key)
+    if not value > 0:
+        raise key_error(key, f"{text!r} must be positive")
+    least, largest = (si_value(limit, limits.like, key) for limit in limits[1:])
+    if not least * (1 - 1e-9) <= value <= largest * (1 + 1e-9):
+        raise key_error(key, f"{text!r} is outside {limits.least} to {limits.largest}")
+    return value
+
+
+def _unrounded(value: float, default: float) -> float:
+    """Return the default where it is what was stated: then no bit of a result changes."""
+    return default if isclose(value, default, rel_tol=_ROUNDING) else value
+
+
+def _require_unstable_biases(schema: RunSchema) -> None:
+    """Refuse `bias_drift` where no noise is stated that biases would drift by."""
+    noise = [one for one in (schema.sensor.accelerometer, schema.sensor.gyro) if one is not None]
+    if not any(one.bias_instability or one.random_walk for one in noise):
+        raise key_error(
+            f"{_KEY} bias_drift",
+            "[sensor] states no bias_instability and no random_walk that the biases would drift "
+            "by; state one, or leave bias_drift out",
+        )
+
+
+def _require_estimated(name: str, terms: tuple[str, tuple[str, ...]], sensor: Sensor) -> None:
+    """Refuse a standard deviation of coefficients that are not estimated."""
+    kind, wanted = terms
+    estimated = sensor.select_axes("f" if kind == "f" else "w").coefficients
+    if not any(CoefficientName(one).term in wanted for one in estimated):
+        raise key_error(
+            f"[method.filter.initial] {name}",
+            f"no {' or '.join(wanted)} is among the coefficients that are estimated; leave it out",
+        )
