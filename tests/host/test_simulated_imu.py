@@ -14,11 +14,11 @@ from inercal.errors import InputError
 from inercal.host.link import LinkLost, SerialLink, TcpLink, open_link
 from inercal.host.packets import PRESETS, Decoder, encode, read_layout
 from inercal.host.sim import _imu_kernel as kernel
-from inercal.host.sim.imu_model import SensedMotion, SensorResponse, SimulatedImu
+from inercal.host.sim.imu_model import SensedMotion, SensorResponse, SimulatedImu, draw_bias_drift
 from inercal.host.sim.mimu import PacketSender, packet_rate
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.packet_packer import PacketPacker
-from inercal.host.sim.simulated_errors import draw_errors
+from inercal.host.sim.simulated_errors import draw_errors, noise_generator
 from inercal.host.sim.simulator_port import SimulatorPort, TcpPort, TerminalPort
 from inercal.motion import Motion
 from inercal.runfile import Run, read
@@ -373,3 +373,24 @@ def test_the_bench_is_drawn_alike_from_a_seed(run: Run):
     assert isinstance(run.bench, Turntable)
     many = np.array([draw_errors(run, seed).values["lean_x"] for seed in range(400)])
     assert np.std(many) == pytest.approx(run.bench.lean, rel=0.12)
+
+
+def test_white_noise_drift_and_readback_are_drawn_apart():
+    """Drift in phase with the white noise made accelerometers' errors 1.3 times those stated."""
+    keys = [("white",), ("drift", 0), ("drift", 1), *(("readback", k, 0) for k in range(3))]
+    drawn = [noise_generator(5, what, *key).standard_normal(4096) for what, *key in keys]
+    drawn.append(np.random.default_rng(5).standard_normal(4096))  # of the bench
+    apart = np.corrcoef(drawn) - np.eye(len(drawn))
+    assert np.abs(apart).max() < 5 / np.sqrt(4096)
+
+
+def test_drift_is_not_in_phase_with_the_white_noise():
+    run = read(MIMU)
+    drawn, rate, count = draw_errors(run, 5), 200.0, 1 << 15
+    made = SimulatedImu(run, drawn, rate, count / rate)
+    noise = made._next_noise(np.arange(count))
+    drift = draw_bias_drift(run.sensor, 5, len(made._noise), rate)[:count]
+    white = noise - drift
+    # What changes from sample to sample: drift of long times has no degrees of freedom.
+    for one, other in zip(np.diff(white, axis=0).T, np.diff(drift, axis=0).T, strict=True):
+        assert abs(np.corrcoef(one, other)[0, 1]) < 6 / np.sqrt(count)

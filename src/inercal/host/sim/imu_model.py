@@ -12,7 +12,7 @@ from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.host.sim import _imu_kernel as kernel
 from inercal.host.sim.motion_link import MotionBlock
-from inercal.host.sim.simulated_errors import SimulatedErrors
+from inercal.host.sim.simulated_errors import SimulatedErrors, noise_generator
 from inercal.keys import CoefficientName
 from inercal.runfile import Run
 from inercal.sensors import Sensor
@@ -122,8 +122,7 @@ class SimulatedImu:
         steps = np.array([axis.noise.quantisation for axis in sensor.axes])
         self._limits = steps, -reach, reach
         self._clock_ratio = 1.0 - drawn.values["clock"]
-        # Not that of the bench, which is drawn from the seed alone.
-        self._rng = np.random.default_rng([drawn.seed, 1])
+        self._rng = noise_generator(drawn.seed, "white")
         self._block = noise_block_size(seconds, rate_hz)
         self._blocks = 0
         self._noise = self._draw_noise()
@@ -190,6 +189,6 @@ def draw_bias_drift(sensor: Sensor, seed: int, count: int, rate_hz: float, block
 
     It is drawn by itself, so that its mean over a run, which is part of the bias, can be stated.
     """
-    rng = np.random.default_rng([seed, 1, block])
+    rng = noise_generator(seed, "drift", block)
     drawn = [replace(axis.noise, white=0.0).draw(rng, (count,), rate_hz) for axis in sensor.axes]
     return np.stack(drawn, axis=-1)

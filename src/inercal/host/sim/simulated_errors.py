@@ -13,8 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import cos, sin
+from typing import Literal
 
 import numpy as np
+from numpy.random import Generator
 
 from inercal.benches.turntable import Turntable, require_turntable
 from inercal.errors import InputError
@@ -101,12 +103,22 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
     return drawn
 
 
+def noise_generator(seed: int, what: Literal["white", "drift", "readback"], *key: int) -> Generator:
+    """Return the generator of one kind of noise, independent of that of the others.
+
+    A sequence as seed would not do: [5, 1] and [5, 1, 0] give the same numbers.
+    """
+    purpose = ("white", "drift", "readback").index(what)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, *key)))
+
+
 def _readback_noise(white: float, seed: int, axis: int) -> Callable[[int], float]:
     """Return the readback's noise, rad, in a servo cycle, whoever asks for it and how often."""
 
     @lru_cache(1)
     def drawn(block: int) -> list[float]:
-        return np.random.default_rng([seed, axis, block]).normal(0.0, white, _NOISE_BLOCK).tolist()
+        rng = noise_generator(seed, "readback", axis, block)
+        return rng.normal(0.0, white, _NOISE_BLOCK).tolist()
 
     def noise(cycle: int) -> float:
         block, place = divmod(cycle, _NOISE_BLOCK)
