@@ -9,6 +9,7 @@ from tests.refusals import refused
 from inercal.errors import InputError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import RunFolder, create_run, reopen_run
+from inercal.runfile import read
 
 TABLE, IMU = "pmac://10.0.0.5:1025?motors=1,2,3&counts=3600000", "tcp://10.0.0.5:99?preset=fixed"
 CLOCK, OTHER_CLOCK = "clock://127.0.0.1:40000", "clock://127.0.0.1:40001"
@@ -36,6 +37,19 @@ def test_a_run_in_the_folder_of_its_own_plan_is_refused(tmp_path: Path):
     with refused(file=tmp_path, names=("plan.toml",)):
         create_run(tmp_path, run, (TABLE, IMU, ""))
     assert {one.name: one.read_bytes() for one in tmp_path.iterdir()} == before
+
+
+def test_filter_keys_that_are_changed_are_journalled(tmp_path: Path):
+    for name, more in (("plain", ""), ("keys", '\n[method.filter]\nepoch = "0.2 s"\n')):
+        run = plan(tmp_path / name)
+        run.path.write_text(run.path.read_text(encoding="utf-8") + more, encoding="utf-8")
+        made, journal = create_run(tmp_path / f"run {name}", read(run.path), (TABLE, IMU, ""))
+        with journal:
+            said = [one.words for one in journal.events()]
+        copied = (made.path / run.path.name).read_text(encoding="utf-8")
+        assert copied == run.path.read_text(encoding="utf-8")
+        assert [words for words in said if "epoch 0.2 s (default 0.1 s)" in words] == said
+        assert len(said) == (1 if more else 0)
 
 
 def begun(tmp_path: Path, clock: str = CLOCK) -> RunFolder:

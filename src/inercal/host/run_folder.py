@@ -145,7 +145,11 @@ def create_run(
     folder = RunFolder.create(path, run, content)
     with folder.removed_on_failure():
         name, count = run.path.name, len(run.steps)
-        return folder, Journal.create(folder.journal, name, addresses, poll, count)
+        journal = Journal.create(folder.journal, name, addresses, poll, count)
+        config = folder.run.filter
+        if config is not None and (changes := config.describe_changes(folder.run.estimator)):
+            journal.record_event("info", f"filter keys changed: {changes}")
+        return folder, journal
 
 
 def prepare_folder(path: str | os.PathLike[str]) -> None:

@@ -155,6 +155,15 @@ class FilterConfig(NamedTuple):
             "initial.attitude": f"{_both([f'{x:.4g}' for x in attitude])} ″",
         }
 
+    def describe_changes(self, estimator: str) -> str:
+        """Return the values that are not an estimator's own, with these; empty where none is."""
+        own = FILTER_CONFIGS[estimator].describe()
+        return "; ".join(
+            f"{key} {text} (default {own[key]})"
+            for key, text in self.describe().items()
+            if text != own[key]
+        )
+
 
 def _both(texts: Sequence[str]) -> str:
     """Return the numbers of both filters, gyros first, as one where they are equal."""
@@ -173,12 +182,9 @@ FILTER_CONFIGS: Mapping[str, FilterConfig] = {
 
 def filter_conditions(config: FilterConfig, estimator: str) -> dict[str, str]:
     """Return the values in force, and those that are not the estimator's own, as conditions."""
-    values, own = config.describe(), FILTER_CONFIGS[estimator].describe()
-    changed = [
-        f"{key} {text} (default {own[key]})" for key, text in values.items() if text != own[key]
-    ]
-    found = {"filter": "; ".join(f"{key} {text}" for key, text in values.items())}
-    return found | ({"filter keys changed": "; ".join(changed)} if changed else {})
+    found = {"filter": "; ".join(f"{key} {text}" for key, text in config.describe().items())}
+    changed = config.describe_changes(estimator)
+    return found | ({"filter keys changed": changed} if changed else {})
 
 
 def require_whole_epoch(epoch: float, step: float) -> None:
