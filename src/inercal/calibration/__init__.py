@@ -196,8 +196,8 @@ class Calibration:
         missing = [name for name in self.sensor.channels if name not in recording.channels]
         if missing:
             raise InputError(
-                f"{recording.source or 'recording'}: no channel {missing[0]!r}; "
-                f"it has {', '.join(recording.channels)}",
+                f"{recording.source or 'recording'}: no channel {missing[0]!r}, which the "
+                f"calibration needs; it has {', '.join(recording.channels)}",
                 names=tuple(missing),
             )
         columns = [recording.channels.index(name) for name in self.sensor.channels]

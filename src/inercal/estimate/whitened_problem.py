@@ -88,7 +88,9 @@ class WhitenedProblem:
             )
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
             raise InputError(
-                "the residual or its Jacobian is not finite at the start values", key="linearise"
+                "a residual or a derivative of the model is not finite at the start values; "
+                "check the readings and the stated values for extreme numbers",
+                key="linearise",
             )
 
         targets = [np.broadcast_to(c, (self.trials, c.shape[-1])) for _, c in rows]

@@ -92,7 +92,7 @@ class Table:
         if column.dtype.kind == "U":
             raise InputError(
                 f"{self.source}: column {name!r} holds text ({shorten(str(column[0]))}) "
-                "where numbers are needed",
+                "where numbers are needed; name another column, or correct the file",
                 file=self.source,
                 names=(name,),
             )
@@ -181,7 +181,7 @@ def label_array(values: Sequence[str], column: str, source: str) -> NDArray[np.s
     if len(longest) > LONGEST_LABEL:
         raise InputError(
             f"{source}: column {column!r} has a text of {len(longest)} characters "
-            f"({shorten(longest)}); labels have at most {LONGEST_LABEL}",
+            f"({shorten(longest)}), and a label may have {LONGEST_LABEL}; name another column",
             names=(column,),
         )
     return np.array(values, dtype=np.str_)

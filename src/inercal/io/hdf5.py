@@ -50,7 +50,8 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
             return table_from_variables(path, variables, wanted)
     except DAMAGED as error:
         raise InputError(
-            f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}"
+            f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}; write the "
+            "file again"
         ) from error
 
 
@@ -96,7 +97,9 @@ def read_group(path: Path, group: str, names: Sequence[str]) -> Group:
             return Group(attributes, {name: np.asarray(found[name][()], float) for name in there})
     except DAMAGED as error:
         raise InputError(
-            f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}", file=path
+            f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}; write the "
+            "file again",
+            file=path,
         ) from error
 
 

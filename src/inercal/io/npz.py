@@ -63,7 +63,8 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
                 names, columns, block = _columns(archive, wanted, path.name)
         except _DAMAGED as error:
             raise InputError(
-                f"{path.name} is not an .npz archive or is damaged: {shorten(str(error), 120)}"
+                f"{path.name} is not an .npz archive or is damaged: "
+                f"{shorten(str(error), 120)}; write the file again"
             ) from error
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
 

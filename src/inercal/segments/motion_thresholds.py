@@ -105,7 +105,9 @@ def axis_kinds(recording: Recording, sensor: Sensor) -> list[WeightedAxes]:
             unit = recording.units[int(columns[0])]
             found.append(WeightedAxes(kind, unit, columns, (scale[0] / scale) ** 2))
     if not found:
-        raise InputError(f"sensor {sensor.name} has no axes from which to detect rests")
+        raise InputError(
+            f"sensor {sensor.name} has no axes, and rests are detected from them; name its columns"
+        )
     return found
 
 

@@ -97,7 +97,7 @@ def check_marks(marks: Sequence[Mark], recording: Recording, needed: Sequence[st
         if after.start < before.stop:
             raise InputError(
                 f"{where}: marks {before.label} ({before.start} to {before.stop}) and "
-                f"{after.label} ({after.start} to {after.stop}) overlap",
+                f"{after.label} ({after.start} to {after.stop}) overlap; correct their limits",
                 names=(before.label, after.label),
             )
     labels = [mark.label for mark in used]

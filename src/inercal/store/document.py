@@ -72,7 +72,10 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
         created = created and to_utc(created)
     except ValueError:
         raise InputError(
-            f"{name}: created, {created!r}, is not a time in ISO 8601", file=file, key="created"
+            f"{name}: created, {created!r}, is not a time in ISO 8601; calibrate again or restore "
+            "the file",
+            file=file,
+            key="created",
         ) from None
     return CalibrationDocument(
         name,

@@ -263,7 +263,7 @@ def read_line(text: str) -> TextLine:
             )
         if not _SPEC.fullmatch(spec or ""):
             raise InputError(
-                f"'{{{name}:{spec}}}' has an unknown format; there are :d, :.6f, :.6e and :08x",
+                f"'{{{name}:{spec}}}' has an unknown format; use :d, :.6f, :.6e or :08x",
                 names=(name,),
             )
         group += 1
