@@ -154,7 +154,7 @@ def parse(text: str, source: str) -> Calibration:
         digest = _hash(fields)
     except ValueError:  # half of a surrogate pair
         raise InputError(
-            f"{source}: broken calibration file: a text is not Unicode", file=source
+            f"{source}: broken calibration file: a text is not Unicode; restore it", file=source
         ) from None
     if stated != digest:
         raise InputError(
@@ -166,7 +166,10 @@ def parse(text: str, source: str) -> Calibration:
     try:
         return _from_object(fields)
     except (AttributeError, KeyError, TypeError, ValueError, InercalError) as error:
-        raise InputError(f"{source}: broken calibration file: {error}", file=source) from None
+        raise InputError(
+            f"{source}: broken calibration file: {error}; calibrate again or restore it",
+            file=source,
+        ) from None
 
 
 def _from_object(content: dict[str, Any]) -> Calibration:

@@ -152,7 +152,7 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
             if sensor.form == "reference":
                 if gain == -1:
                     raise InputError(
-                        f"{scale} = -1 means no gain, and then the tilt is not defined; check the value",
+                        f"{scale} = -1 means no gain, and no tilt is defined then; check the value",
                         names=(scale,),
                     )
                 # A reversed axis keeps its sign in the gain; the tilt stays within ±90°.

@@ -66,7 +66,7 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
     content: dict[str, Any] = json.loads(text)
     wrong = _content_defect(calibration, content)
     if wrong:
-        raise InputError(f"{name}: broken calibration file: {wrong}", file=file)
+        raise InputError(f"{name}: broken calibration file: {wrong}; restore it", file=file)
     created = calibration.provenance.get("created", "")
     try:
         created = created and to_utc(created)

@@ -141,7 +141,10 @@ class Acutrol(Closeable):
         ]
         said = self._dialogue.ask((";".join(parts) + "\n").encode()).split(";")
         if len(said) != 3 * len(parts):
-            raise ProtocolError(f"{self._dialogue.address}: {said!r} does not answer a reading")
+            raise ProtocolError(
+                f"{self._dialogue.address}: expected {3 * len(parts)} values as position, rate and "
+                f"interlock of the axes, but the controller replied {said!r}; check its remote mode"
+            )
         return TableState(
             nan, tuple(self._state(i, said[3 * i : 3 * i + 3]) for i in range(len(self._axes)))
         )
@@ -196,7 +199,7 @@ class Acutrol(Closeable):
 
 def _number(text: str) -> float:
     if not _NUMBER.fullmatch(text.strip()):
-        raise ProtocolError(f"{text[:40]!r} is not a number of an ACUTROL")
+        raise ProtocolError(f"the ACUTROL replied {text[:40]!r} where a number was expected")
     return float(text)
 
 
