@@ -33,7 +33,7 @@ from inercal.recording import AngleQuality, Track
 from inercal.sensors import Sensor
 
 REST_VELOCITY_SD = 1e-5  # m/s, how far velocity at rest is known to be zero: 1 µm in 0.1 s
-ALIGNMENT_SD = 5e-4  # rad, sd of φ where a hold begins
+HOLD_ALIGNMENT_SD = 5e-4  # rad, sd of φ where a hold begins
 _BASE_PARAMETERS = ("lean_x", "lean_y")  # of the base; what else a hold is off by is its own
 
 
@@ -59,7 +59,7 @@ class AccelerometerFilter(Filter[VelocityState]):
     hold_errors: bool
     readback_sd: float | None
     velocity_sd: float
-    alignment_sd: float = ALIGNMENT_SD
+    alignment_sd: float = HOLD_ALIGNMENT_SD
 
     name: ClassVar[str] = "accelerometers"
     unit: ClassVar[str] = "m/s"
@@ -81,7 +81,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         run_duration: float | None = None,
         epoch: float = model.EPOCH_PERIOD,
         expected_sizes: Mapping[str, float] = model.EXPECTED_SIZES,
-        alignment_sd: float = ALIGNMENT_SD,
+        alignment_sd: float = HOLD_ALIGNMENT_SD,
     ) -> "AccelerometerFilter":
         """Return the filter, with first values from the rest that a track begins with.
 

@@ -15,10 +15,12 @@ from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods.turntable import model
 from inercal.methods.turntable.model import ARCSEC
-from inercal.methods.turntable_kalman import accelerometers as _of_accelerometers
-from inercal.methods.turntable_kalman import gyros as _of_gyros
-from inercal.methods.turntable_kalman.accelerometers import REST_VELOCITY_SD, AccelerometerFilter
-from inercal.methods.turntable_kalman.gyros import GyroFilter
+from inercal.methods.turntable_kalman.accelerometers import (
+    HOLD_ALIGNMENT_SD,
+    REST_VELOCITY_SD,
+    AccelerometerFilter,
+)
+from inercal.methods.turntable_kalman.gyros import ALIGNMENT_SD, GyroFilter
 from inercal.recording import Track
 from inercal.sensors import G0, Sensor
 
@@ -36,10 +38,7 @@ INITIAL_TERMS: Mapping[str, tuple[FilterKind, tuple[str, ...]]] = {
     "accelerometer_misalignment": ("f", ("delta_o", "delta_p")),
 }
 ATTITUDE = "attitude"  # φ, in both filters
-_ALIGNMENT_SD: Mapping[FilterKind, float] = {
-    "w": _of_gyros.ALIGNMENT_SD,
-    "f": _of_accelerometers.ALIGNMENT_SD,
-}
+_ALIGNMENT_SD: Mapping[FilterKind, float] = {"w": ALIGNMENT_SD, "f": HOLD_ALIGNMENT_SD}
 _MAX_EPOCH_REMAINDER = 0.05  # of a sample: rates are not known better
 _DISTURBED_STEP = 1.5  # medians: a longer step of time has samples lost
 
