@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from tests.host.journal_sections import sections_done
+from tests.refusals import refused
 
-from inercal.errors import InputError
 from inercal.host.journal import Journal
 
 
@@ -49,19 +49,19 @@ def test_a_journal_says_again_what_it_was_told(path: Path):
 
 
 def test_what_is_no_journal_is_refused_in_one_line(path: Path, tmp_path: Path):
-    with pytest.raises(InputError, match="there already"):
+    with refused(file=path.name):
         Journal.create(path, "", ("", "", ""), 0.02, 0)
-    with pytest.raises(InputError, match="there is no journal"):
+    with refused(file="none.sqlite", key=None):
         Journal(tmp_path / "none.sqlite")
-    with pytest.raises(InputError, match="can its folder be written"):
+    with refused(file="run.sqlite"):
         Journal.create(tmp_path / "none" / "run.sqlite", "", ("", "", ""), 0.02, 0)
     (tmp_path / "text").write_text("no database at all, but longer than a hundred bytes " * 4)
-    with pytest.raises(InputError, match="is it a journal"):
+    with refused(file="text", key=None):
         Journal(tmp_path / "text")
     db = sqlite3.connect(tmp_path / "other.sqlite")
     db.execute("CREATE TABLE t (a)")
     db.close()
-    with pytest.raises(InputError, match="not a journal of this version"):
+    with refused(file="other.sqlite", key="user_version"):
         Journal(tmp_path / "other.sqlite")
 
 

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import h5py
 import pytest
 from tests.host.synthetic_log import PATH, Bench, run_file
+from tests.refusals import refused
 
 from inercal.errors import InputError
 from inercal.host import recording_writer
@@ -83,9 +84,9 @@ def test_the_digests_of_the_raw_data_are_kept_before_calibration_begins(
     folder, journal = ended
 
     def fails(_: object) -> None:
-        raise InputError("nothing can be found")
+        raise InputError("the data are not enough", key="calibrate")
 
     monkeypatch.setattr(finishing, "calibrate", fails)
-    with pytest.raises(InputError, match="nothing can be found"):
+    with refused(key="calibrate"):
         finish_run(folder, journal)
     assert set(journal.files()) == RAW

@@ -5,6 +5,7 @@ from itertools import pairwise
 from math import pi, radians
 
 import pytest
+from tests.refusals import refused
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
@@ -156,7 +157,7 @@ def test_abort_stops_and_nothing_follows():
 def test_an_axis_that_does_not_arrive_is_named_with_its_step():
     table, made = Table(), Sequencer(plan_tasks(BENCH, PLAN), LIMITS)
     table.stuck = {1}
-    with pytest.raises(TableFault, match=r"axis 1 at 0\.0000° \(step 2, up: approach\)"):
+    with refused(TableFault, key="approach", names=("1", "up")):
         run(made, table)
 
 
@@ -164,11 +165,13 @@ def test_a_fault_and_a_servo_that_is_off_are_said_in_words():
     table, made = Table(), Sequencer(plan_tasks(BENCH, PLAN), LIMITS)
     run(made, table, 6.5)
     table.faults = {2: ("amplifier fault",)}
-    with pytest.raises(TableFault, match="axis 2: amplifier fault"):
+    assert made.task is not None
+    with refused(TableFault, names=("2", made.task.label)) as fault:
         made.step(table.read())
+    assert "amplifier fault" in str(fault.value)
     table.faults = {}
     table.enabled = False
-    with pytest.raises(TableFault, match="its servo is off"):
+    with refused(TableFault, names=("0", made.task.label)):
         made.step(table.read())
 
 
@@ -204,7 +207,7 @@ def test_an_axis_that_was_stopped_from_outside_is_not_taken_for_arrived():
             table.tell(command)
         table.wait()
     table.tell(StopCommand())
-    with pytest.raises(TableFault, match=r"axis 1 stands at .* instead of 90\.0000°"):
+    with refused(TableFault, key="approach", names=("1", "up")):
         made.step(table.read())
 
 
@@ -216,7 +219,7 @@ def test_an_axis_that_is_moved_from_outside_during_a_hold_is_named(turned: float
     table.angle[1] += turned
     table.tell(StopCommand())  # it stands there, and says no fault
     assert made.step(table.read()) == []
-    with pytest.raises(TableFault, match=r"axis 1 moved during the hold: .* \(step 2, up: work\)"):
+    with refused(TableFault, key="work", names=("1", "up")):
         made.step(table.read())
 
 
@@ -227,7 +230,7 @@ def test_an_axis_that_moves_during_a_hold_is_named_before_it_is_far():
     table.tell(MoveCommand(2, 1.0, 1e-4, 1.0))
     table.wait()
     assert made.step(table.read()) == []
-    with pytest.raises(TableFault, match="axis 2 moved during the hold"):
+    with refused(TableFault, key="work", names=("2", "up")):
         made.step(table.read())
 
 

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from io import StringIO
 
 import pytest
+from tests.refusals import refused
 
 from inercal.host.drivers.pmac import Pmac, PmacAxis
 from inercal.host.link import LinkLost, open_link, read_until
@@ -48,7 +49,7 @@ def test_a_process_of_its_own_serves_at_told_time_and_ends_with_its_input():
             assert _tell(process, "fault amplifier 3") == "ok"
             assert _tell(process, "advance 5.1") == "ok"
             assert "amplifier fault" in table.read().axes[0].faults
-            assert _tell(process, "fault melted 3").startswith("no: no fault 'melted 3'; possible:")
+            assert _tell(process, "fault melted 3").startswith("no: ")
         assert process.stdin
         process.stdin.close()
         assert process.wait(20) == 0
@@ -125,7 +126,7 @@ def test_drop_ends_the_nth_reply_before_it_is_whole(pmac: Served):
 
 @pytest.mark.parametrize("words", ["", "fragment", "fragment x", "delay -1", "delay nan", "burn"])
 def test_words_that_are_no_fault_are_refused_with_those_that_are(words: str):
-    with pytest.raises(ValueError, match="fragment N"):
+    with refused(key="fault", names=(words,)):
         Faults().set_fault(words)
 
 

@@ -120,9 +120,11 @@ class BenchSimulator(Closeable):
         except OSError:
             said = ""
         if not said and words != "die":
-            raise InputError(f"the simulated {which} has ended")
+            raise InputError(
+                f"the process of the simulated {which} has ended; begin a new run", names=(which,)
+            )
         if said.startswith("no: "):
-            raise InputError(said.removeprefix("no: "))
+            raise InputError(said.removeprefix("no: "), key="fault", names=(which,))
 
     @contextmanager
     def run_context(self) -> Generator[None]:
@@ -175,7 +177,10 @@ class BenchSimulator(Closeable):
         assert told
         said = told.readline().strip()
         if not said.startswith("at "):
-            raise InputError(said.removeprefix("no: ") or f"the simulated {which} does not start")
+            raise InputError(
+                said.removeprefix("no: ") or f"the process of the simulated {which} does not start",
+                names=(which,),
+            )
         return said.split()[1:]
 
 

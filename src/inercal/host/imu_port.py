@@ -111,12 +111,15 @@ class ImuPort(Closeable):
                 if self.received_bytes < total_bytes and self._error is None:
                     missing = total_bytes - self.received_bytes
                     raise LinkLost(
-                        f"{self.address}: {missing} sent bytes have not come in {timeout:g} s"
+                        f"{self.address}: {missing} bytes that the IMU sent have not arrived "
+                        f"within {timeout:g} s; check the connection",
+                        key="total_bytes",
+                        names=(self.address,),
                     )
             upto = self.received_bytes if total_bytes is None else total_bytes
             pieces = self._pop_pieces(upto)
             if not pieces and not self._pieces and self._error is not None:
-                raise LinkLost(str(self._error))
+                raise LinkLost(str(self._error), names=(self.address,)) from self._error
             return pieces
 
     def close(self) -> None:
@@ -174,7 +177,10 @@ class ImuPort(Closeable):
                 lost = error
             except Exception as error:
                 # Nobody would hear of a thread that ends otherwise: the IMU would be silent.
-                lost = LinkLost(f"{self.address}: lost: {str(error) or type(error).__name__}")
+                lost = LinkLost(
+                    f"{self.address}: the connection is lost: {str(error) or type(error).__name__}"
+                )
+                lost.__cause__ = error
             if data or lost:
                 with self._condition:
                     if data and not isnan(time):

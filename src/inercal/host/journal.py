@@ -101,7 +101,11 @@ class Journal(Closeable):
     def __init__(self, path: str | os.PathLike[str]):
         self.path = Path(path)
         if not self.path.exists():
-            raise InputError(f"{path}: there is no journal of a run; begin one")
+            raise InputError(
+                f"{path} does not exist: the folder holds no journal of a run; "
+                "begin a run there or name another folder",
+                file=self.path,
+            )
         self._db = _open_database(self.path)
 
     @classmethod
@@ -133,7 +137,9 @@ class Journal(Closeable):
             There is one already, or the folder cannot be written.
         """
         if Path(path).exists():
-            raise InputError(f"{path} is there already; resume that run or name another folder")
+            raise InputError(
+                f"{path} exists already; resume that run or name another folder", file=Path(path)
+            )
         row = (_now(), run_file, *addresses, poll, steps, "running")
         with (
             _sqlite_errors_as_input_errors(Path(path)),
@@ -218,7 +224,10 @@ def _open_database(path: Path) -> sqlite3.Connection:
             (version,) = db.execute("PRAGMA user_version").fetchone()
             if version != _VERSION:
                 raise InputError(
-                    f"{path} is not a journal of this version: it says {version}, not {_VERSION}"
+                    f"{path} is a journal of version {version}; this program reads version "
+                    f"{_VERSION} only: use the program that wrote the journal",
+                    file=path,
+                    key="user_version",
                 )
         except BaseException:
             db.close()
@@ -233,7 +242,9 @@ def _sqlite_errors_as_input_errors(path: Path) -> Generator[None]:
         yield
     except sqlite3.Error as error:
         raise InputError(
-            f"{path}: {error}; is it a journal, and can its folder be written?"
+            f"{path}: SQLite cannot use the journal: {error}; check that the file is a journal "
+            "and that its folder can be written",
+            file=path,
         ) from None
 
 

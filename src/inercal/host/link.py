@@ -28,7 +28,7 @@ _PARITIES = {"none": "N", "even": "E", "odd": "O"}
 
 
 class LinkLost(InercalError):
-    """The other end is gone, or was never there; `str(error)` names its address."""
+    """The other end does not answer or is closed; `names` has its address where it is known."""
 
 
 class Link(Protocol):
@@ -71,9 +71,13 @@ class TcpLink(Closeable):
         except (TimeoutError, BlockingIOError):
             return b""
         except OSError as error:
-            raise LinkLost(f"{self.address}: the connection is lost: {_reason(error)}") from error
+            raise LinkLost(
+                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
+            ) from error
         if not data:
-            raise LinkLost(f"{self.address}: the other end has closed the connection")
+            raise LinkLost(
+                f"{self.address}: the other end has closed the connection", names=(self.address,)
+            )
         return data
 
     def write(self, data: bytes) -> None:
@@ -82,7 +86,9 @@ class TcpLink(Closeable):
             self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(data)
         except OSError as error:
-            raise LinkLost(f"{self.address}: the connection is lost: {_reason(error)}") from error
+            raise LinkLost(
+                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
+            ) from error
 
     def close(self) -> None:
         """As `Link.close`."""
@@ -102,7 +108,10 @@ class SerialLink(Closeable):
         try:
             self._port = serial.Serial(path, baud, bits, _PARITIES[parity], stop, timeout=0)
         except (*self._broken, ValueError) as error:
-            raise LinkLost(f"{self.address}: cannot open: {_reason(error)}") from error
+            raise LinkLost(
+                f"{self.address}: the port cannot be opened: {_reason(error)}",
+                names=(self.address,),
+            ) from error
 
     def read(self, most: int, timeout: float) -> bytes:
         """As `Link.read`."""
@@ -115,14 +124,18 @@ class SerialLink(Closeable):
                 waiting = 1
             return bytes(self._port.read(waiting))
         except self._broken as error:
-            raise LinkLost(f"{self.address}: the connection is lost: {_reason(error)}") from error
+            raise LinkLost(
+                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
+            ) from error
 
     def write(self, data: bytes) -> None:
         """As `Link.write`."""
         try:
             self._port.write(data)
         except self._broken as error:
-            raise LinkLost(f"{self.address}: the connection is lost: {_reason(error)}") from error
+            raise LinkLost(
+                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
+            ) from error
 
     def close(self) -> None:
         """As `Link.close`."""
@@ -195,9 +208,11 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
     try:
         result = socket.create_connection(place, opening)
     except OSError as error:
-        raise LinkLost(f"{address}: cannot connect: {_reason(error)}") from error
+        raise LinkLost(f"{address}: cannot connect: {_reason(error)}", names=(address,)) from error
     except UnicodeError as error:  # what Python says of "a..b", a name that none can have
-        raise LinkLost(f"{address}: cannot connect: this is not the name of a host") from error
+        raise LinkLost(
+            f"{address}: cannot connect: this is not the name of a host", names=(address,)
+        ) from error
     result.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return result
 

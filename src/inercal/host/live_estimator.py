@@ -42,11 +42,18 @@ class LiveEstimator:
         if begin is None:
             able = [name for name, one in METHODS.items() if one.sequential is not None]
             raise InputError(
-                f"{run.path}: [method] name: {run.method.name} estimates nothing while a run goes "
-                f"on; possible: {', '.join(able)}"
+                f"{run.path}: [method] name: {run.method.name} cannot estimate during a run; "
+                f"possible: {', '.join(able)}",
+                file=run.path,
+                key="[method] name",
+                names=(run.method.name,),
             )
         if rate_hz is None:
-            raise InputError(f'{run.path}: [data] rate is missing, such as "200 Hz"')
+            raise InputError(
+                f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
+                file=run.path,
+                key="[data] rate",
+            )
         self.names, self.time = run.sensor.coefficients, nan
         self._start_estimator = partial(
             begin, run.estimator, run.sensor, run.bench, run.steps, run.priors, rate_hz

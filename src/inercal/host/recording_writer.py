@@ -32,10 +32,12 @@ from inercal.host.table_state_codec import unpack_states
 from inercal.io.atomic_files import atomic_write
 from inercal.recording import AngleQuality
 from inercal.runfile import Run
+from inercal.section_settings import key_error
 from inercal.units import to_si
 
 _FRAMES_PER_PIECE = 4096  # worked through at once
 _SUFFIXES = (".h5", ".hdf5")
+_AXIS_KEYS = ("accelerometer", "gyro", "table")  # each names a column per axis
 _REQUIRED_KEYS = {"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'}
 
 
@@ -53,31 +55,49 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
     InputError
         Naming the key and what is possible.
     """
-    data, where = require_turntable_data(run), f"{run.path}: [data]"
+    data = require_turntable_data(run)
+
+    def refusal(key: str, text: str, *names: str) -> InputError:
+        return key_error(f"[data] {key}", text, run.path, names)
+
     if Path(data.file).suffix.lower() not in _SUFFIXES:
-        raise InputError(
-            f"{where} file: {data.file!r}: a run on the bench is written to {_SUFFIXES[0]}"
+        raise refusal(
+            "file", f"a run on the bench is written as {_SUFFIXES[0]}; change {data.file!r} to it"
         )
     for key, example in _REQUIRED_KEYS.items():
         if getattr(data, key) is None:
-            raise InputError(f"{where} {key} is missing, such as {key} = {example}")
+            raise refusal(key, f"the key is missing; add it, such as {key} = {example}")
     if data.time_unit != "s":
-        raise InputError(f'{where} time_unit: {data.time_unit!r}: a run on the bench takes "s"')
+        raise refusal(
+            "time_unit", f'a run on the bench is written in "s"; replace {data.time_unit!r}'
+        )
     for key in ("gyro_file", "table_file"):
         if getattr(data, key) is not None:
-            raise InputError(f"{where} {key}: a run on the bench is one file; leave it out")
-    names = [*data.accelerometer, *data.gyro, *(data.table or ()), data.time, data.label, data.hold]
-    names += [data.temperature] if data.temperature is not None else []
-    for name in names:
+            raise refusal(key, "a run on the bench is written to one file; remove this key")
+    columns = [(key, name) for key in _AXIS_KEYS for name in getattr(data, key) or ()]
+    columns += [(key, getattr(data, key)) for key in ("time", "label", "hold")]
+    columns += [("temperature", data.temperature)] if data.temperature is not None else []
+    for key, name in columns:
         if not isinstance(name, str) or not name or set(name) & set("./()#") or name == BENCH_GROUP:
-            raise InputError(f"{where}: column {name!r} cannot be written; name it by letters")
+            raise refusal(
+                key,
+                f"column {name!r} cannot be written; give a name without . / ( ) #, other than "
+                f"{BENCH_GROUP!r}",
+                str(name),
+            )
         if name.startswith("-"):
-            raise InputError(
-                f"{where}: {name!r}: a run on the bench reverses nothing as it is written; put the "
-                "sign to the description of the packets or to the table's counts"
+            raise refusal(
+                key,
+                f"a run on the bench does not write {name!r} reversed; reverse the sign in the "
+                "description of the packets or in the table's counts",
+                name,
             )
     if data.temperature is not None and layout is not None and "temperature" not in layout.roles:
-        raise InputError(f"{where} temperature: packets of {layout.name!r} have none; leave it out")
+        raise refusal(
+            "temperature",
+            f"the packets of {layout.name!r} have no temperature; remove this key",
+            layout.name,
+        )
 
 
 def write_recording(
@@ -135,7 +155,11 @@ def write_recording(
             take()
     take()
     if not blocks or not said:
-        raise InputError(f"{log} holds no sample of a section: nothing to record")
+        raise InputError(
+            f"{log} holds no sample of a section, so there is no recording to write; "
+            "repeat the run",
+            file=Path(log),
+        )
     columns = _recording_columns(run, assembly, blocks)
     tally, path = assembly.tally, Path(folder) / run.data.file
     told: dict[str, Any] = {
@@ -200,6 +224,9 @@ def _fill_missing(values: Array) -> Array:
     """Return values with what was there last where there is none; at the start with the first."""
     there = np.isfinite(values)
     if not there.any():
-        raise InputError("no packet holds a temperature; leave [data] temperature out")
+        raise InputError(
+            "no packet of the run holds a temperature; remove [data] temperature",
+            key="[data] temperature",
+        )
     at = np.maximum.accumulate(np.where(there, np.arange(values.size), -1))
     return values[np.where(at < 0, int(np.argmax(there)), at)]

@@ -76,8 +76,9 @@ def _verified_files(
         now = path.stat().st_size, file_sha256(path)
         if found.setdefault(name, now) != now:
             raise InputError(
-                f"{path}: changed since the run left it (its SHA-256 differs from the journal's); "
-                "restore the file"
+                f"{path} has changed since the run (its SHA-256 differs from that in the journal); "
+                "restore the file",
+                file=path,
             )
     return found
 

@@ -80,7 +80,9 @@ class RunLog(Closeable):
             self._file = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
             try:
                 # Before a look at it: a frame that another host is at looks like a torn one.
-                lock_file(self._file, f"{self.path}: another host drives this run at this moment")
+                lock_file(
+                    self._file, self.path, "another host drives this run; stop that host first"
+                )
                 sound = max((end for _, end in _frames_with_ends(self.path)), default=0)
                 self.incomplete_bytes = os.fstat(self._file).st_size - sound
                 if self.incomplete_bytes:
@@ -170,13 +172,13 @@ def os_errors_as_input_errors(
         raise InputError(f"{path}: cannot be {what}: {error.strerror}", file=str(path)) from None
 
 
-def lock_file(file: int, held: str) -> None:
+def lock_file(file: int, path: Path, held: str) -> None:
     """Lock a descriptor's file; where a system cannot, do nothing.
 
     Raises
     ------
     InputError
-        Another has it locked; `held` is what is said then.
+        Another process has it locked: `path`, then `held`, which says who and what to do.
     """
     if sys.platform == "win32":
         return
@@ -187,7 +189,7 @@ def lock_file(file: int, held: str) -> None:
         except BlockingIOError:
             # `is_locked` has the file locked for an instant: only a lock that lasts is a host's.
             if monotonic() >= end:
-                raise InputError(held) from None
+                raise InputError(f"{path}: {held}", file=path) from None
         sleep(_LOCK_RETRY_INTERVAL)
 
 

@@ -179,7 +179,7 @@ class Sequencer:
         if self._is_phase_finished(seen):
             self._advance_phase(seen.time)
         elif seen.time - self._phase_start > self._time_limit:
-            raise TableFault(self._timeout_message(seen))
+            raise self._timeout_fault(seen)
         return []
 
     def _commands(self, seen: TableState) -> tuple[list[Command], float]:
@@ -230,9 +230,10 @@ class Sequencer:
             return False
         for i, (axis, angle) in enumerate(zip(seen.axes, self._target, strict=True)):
             if abs(axis.angle - angle) > _ARRIVAL_TOLERANCE:
-                raise TableFault(
-                    f"axis {self._names[i]} stands at {degrees(axis.angle):.4f}° instead of "
-                    f"{degrees(angle):.4f}°: it was stopped from outside{self._step_description()}"
+                raise self._fault(
+                    f"axis {self._names[i]} is at rest at {degrees(axis.angle):.4f}° instead of "
+                    f"{degrees(angle):.4f}°: it was stopped from outside",
+                    i,
                 )
         return True
 
@@ -266,13 +267,9 @@ class Sequencer:
         )
         for i, axis in enumerate(seen.axes):
             if axis.faults and not enabling:
-                raise TableFault(
-                    f"axis {self._names[i]}: {', '.join(axis.faults)}{self._step_description()}"
-                )
+                raise self._fault(f"axis {self._names[i]}: {', '.join(axis.faults)}", i)
             if self.phase in ("approach", "work", "return") and not axis.enabled:
-                raise TableFault(
-                    f"axis {self._names[i]}: its servo is off{self._step_description()}"
-                )
+                raise self._fault(f"axis {self._names[i]}: its servo is off", i)
 
     def _has_moved(self, task: Task, seen: TableState) -> bool:
         """Tell whether an axis leaves its place by this reading; by the second in a row, refuse.
@@ -286,27 +283,34 @@ class Sequencer:
                 continue
             self._motion_suspected = True
             if doubted:
-                raise TableFault(
+                raise self._fault(
                     f"axis {self._names[i]} moved during the hold: it is at "
                     f"{degrees(axis.angle):.4f}° instead of {degrees(angle):.4f}°; it was moved "
-                    f"from outside{self._step_description()}"
+                    "from outside",
+                    i,
                 )
         return self._motion_suspected
 
-    def _timeout_message(self, seen: TableState) -> str:
-        """Say which axes have not done what they were told."""
+    def _timeout_fault(self, seen: TableState) -> TableFault:
+        """Return the fault that names the axes which have not arrived."""
         late = [i for i, axis in enumerate(seen.axes) if not _is_at_rest(axis)] or [0]
         where = ", ".join(
             f"axis {self._names[i]} at {degrees(seen.axes[i].angle):.4f}°" for i in late
         )
-        return (
-            f"after {self._time_limit:.1f} s the table has not arrived: "
-            f"{where}{self._step_description()}"
+        return self._fault(
+            f"after {self._time_limit:.1f} s the table has not arrived: {where}", *late
         )
 
-    def _step_description(self) -> str:
-        task = self.task
-        return f" (step {self.number + 1}, {task.label}: {self.phase})" if task else ""
+    def _fault(self, text: str, *axes: int) -> TableFault:
+        """Return a fault of these axes; `names` has the axes, then the label of the step."""
+        names, task = tuple(self._names[i] for i in axes), self.task
+        if task is None:
+            return TableFault(text, key=self.phase, names=names)
+        return TableFault(
+            f"{text} (step {self.number + 1}, {task.label}: {self.phase})",
+            key=self.phase,
+            names=(*names, task.label),
+        )
 
 
 def _is_at_rest(axis: AxisState) -> bool:

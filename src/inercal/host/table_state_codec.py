@@ -63,7 +63,11 @@ def unpack_states(payloads: Sequence[bytes]) -> StateArrays:
     """
     k = _axis_count(payloads[0])
     if any(len(one) != len(payloads[0]) for one in payloads):
-        raise InputError("states of tables with different numbers of axes in one log")
+        raise InputError(
+            "the log holds states of tables with different numbers of axes; read each run's log "
+            "by itself",
+            key="payloads",
+        )
     rows = np.frombuffer(b"".join(payloads), _record_dtype(k))
     of = rows["axes"]
     settled = (of["flags"] & (_IN_POSITION | _MOVING) == _IN_POSITION).all(axis=-1)
@@ -83,5 +87,9 @@ def _axis_count(payload: bytes) -> int:
     """Return how many axes a payload is of."""
     k, rest = divmod(len(payload) - _HEAD.size, _AXIS.size)
     if k < 1 or rest:
-        raise InputError(f"{len(payload)} bytes are no state of a table")
+        raise InputError(
+            f"the log has a table state of {len(payload)} bytes; a state has {_HEAD.size} bytes "
+            f"and {_AXIS.size} more per axis: the log is of another version",
+            key="payload",
+        )
     return k

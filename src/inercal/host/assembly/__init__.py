@@ -139,7 +139,11 @@ class SampleAssembler:
     def __init__(self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL):
         bench = require_turntable(run)
         if run.rate_hz is None:
-            raise InputError(f'{run.path}: [data] rate is missing, such as "200 Hz"')
+            raise InputError(
+                f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
+                file=run.path,
+                key="[data] rate",
+            )
         self.sensor = run.sensor
         self._imu = ReceivedSamples(run.sensor, layout, run.rate_hz)
         self._table = TablePolls(poll, bench)
@@ -335,7 +339,9 @@ def _parse_event(frame: LogFrame) -> dict[str, Any]:
         return dict(event)
     except (TypeError, ValueError):
         raise InputError(
-            f"the log at {frame.time:.6g} s has an event that cannot be read: {frame.payload!r}"
+            f"the log has an event at {frame.time:.6g} s that is not a JSON object: "
+            f"{frame.payload!r}; the log is damaged or of another version",
+            key="event",
         ) from None
 
 

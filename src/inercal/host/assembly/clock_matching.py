@@ -35,14 +35,16 @@ def wrap_correction(behind: float, wraps: float, outage: float, whose: str) -> f
         added = wraps * round(behind / wraps)
         if wraps / 2 < _ARRIVAL_UNCERTAINTY + drift:
             raise InputError(
-                f"{whose} was not heard for {outage:.3g} s, and its counter begins again every "
-                f"{wraps:.3g} s: its time can no longer be tied to that of the bench; begin a new "
-                "run"
+                f"{whose} sent nothing for {outage:.3g} s, and its counter starts again every "
+                f"{wraps:.3g} s: its clock can no longer be matched to that of the bench; begin a "
+                "new run",
+                names=(whose,),
             )
     if abs(behind - added) > _ARRIVAL_TOLERANCE + drift:
         other = "table's" if whose == "the IMU" else "IMU's"
         raise InputError(
-            f"{whose} began its {'counter' if whose == 'the IMU' else 'clock'} anew: its time can "
-            f"no longer be tied to the {other}; begin a new run"
+            f"{whose} has reset its {'counter' if whose == 'the IMU' else 'clock'}: it can no "
+            f"longer be matched to the {other} clock; begin a new run",
+            names=(whose,),
         )
     return added

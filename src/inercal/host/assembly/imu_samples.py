@@ -117,8 +117,10 @@ class ReceivedSamples:
         roles = {one.role for one in layout.frames[0].fields}
         if layout.rate_hz is not None and abs(layout.rate_hz / rate - 1) > _ROUNDING:
             raise InputError(
-                f"packets of {layout.name!r} come at {layout.rate_hz:g} Hz; [data] rate is "
-                f"{rate:g} Hz"
+                f"the packets of {layout.name!r} come at {layout.rate_hz:g} Hz, but [data] rate "
+                f"is {rate:g} Hz; correct [data] rate",
+                key="[data] rate",
+                names=(layout.name,),
             )
         if layout.sequence == "counter":
             self.per_second = rate * (layout.step or 1.0)
@@ -128,12 +130,17 @@ class ReceivedSamples:
             self._wraps = (layout.wraps.get("time", 0) * layout.time.size) or inf
         else:
             raise InputError(
-                f"packets of {layout.name!r} have neither counter nor time: what is lost of them "
-                "cannot be known"
+                f"the packets of {layout.name!r} have neither counter nor time, so lost packets "
+                "cannot be detected; let the IMU send one of the two",
+                names=(layout.name,),
             )
         missing = [name for name in self._roles if name not in roles]
         if missing:
-            raise InputError(f"packets of {layout.name!r} have no {', '.join(missing)}")
+            raise InputError(
+                f"the packets of {layout.name!r} have no {', '.join(missing)}, which [sensor] "
+                "needs; let the IMU send them or choose another preset",
+                names=tuple(missing),
+            )
         self._columns = [AXES.index(name) for name in self._roles]
         ends = [one.readout.full_scale for one in self.sensor.axes]
         self._ends = np.array([inf if end is None else end * (1 + _ROUNDING) for end in ends])

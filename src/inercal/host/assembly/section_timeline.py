@@ -85,7 +85,11 @@ class SectionTimeline:
             number, label, what = int(event["number"]), str(event["label"]), event["state"]
             time, holds = float(event["time"]) + turns, bool(event.get("hold", False))
         except (KeyError, TypeError, ValueError):
-            raise InputError(f"an event of the log is not a section: {json.dumps(event)}") from None
+            raise InputError(
+                f"the log has an event that does not describe a section: {json.dumps(event)}; "
+                "it must have number, label, state and time",
+                key="section",
+            ) from None
         if what == "begun":
             self._end(time, "void")
             self.spans.append(SectionSpan(number, label, time, inf, "begun", holds))

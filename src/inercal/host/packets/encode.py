@@ -46,7 +46,10 @@ def encode(
     """
     readings = np.asarray(readings, np.float64)
     if readings.ndim != 2 or readings.shape[1] != len(AXES):
-        raise InputError(f"readings {readings.shape}; give (n, {len(AXES)}): {', '.join(AXES)}")
+        raise InputError(
+            f"readings have shape {readings.shape}; give (n, {len(AXES)}): {', '.join(AXES)}",
+            key="readings",
+        )
     n = len(readings)
     given: dict[str, NDArray[Any]] = {role: readings[:, k] for k, role in enumerate(AXES)}
     given["status"] = np.broadcast_to(np.asarray(status, np.int64), n)
@@ -79,12 +82,21 @@ def encode(
 def _raw_values(layout: PacketLayout, field: Field, given: dict[str, NDArray[Any]]) -> NDArray[Any]:
     """Return raw values of a field, rounded where it takes whole numbers."""
     if field.role not in given:
-        raise InputError(f"packets of {layout.name!r} carry {field.role}; give it")
+        raise InputError(
+            f"the packets of {layout.name!r} carry {field.role}, which is not given; pass it",
+            key=field.role,
+            names=(layout.name,),
+        )
     values, scale = given[field.role], layout.scale(field.role)
     if field.role in ("counter", "status"):
         return values * int(field.sign)
     if not np.isfinite(values).all():
-        raise InputError(f"packets of {layout.name!r} carry {field.role}; it is not finite")
+        raise InputError(
+            f"the packets of {layout.name!r} carry {field.role}, which has values that are not "
+            "finite; pass finite values",
+            key=field.role,
+            names=(layout.name,),
+        )
     raw = (np.clip(values, -scale.full_scale, scale.full_scale) - scale.zero) / scale.size
     raw = raw * field.sign
     if field.role == "time" and layout.wraps["time"]:

@@ -233,12 +233,17 @@ def read_log(path: str | Path, layout: PacketLayout) -> tuple[Packets, PacketCou
         with Path(path).open("rb") as file:
             parts = [decoder.feed(chunk) for chunk in iter(lambda: file.read(_BLOCK_SIZE), b"")]
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+        raise InputError(
+            f"{path}: the log cannot be read: {error.strerror or error}", file=path
+        ) from None
     counts = replace(decoder.counts, discarded=decoder.counts.discarded + decoder.pending)
     if not counts.packets:
         raise InputError(
-            f"{path}: no packet of {layout.name!r} in {counts.discarded} bytes"
-            + (f"; {counts.failed} have the form and a wrong check" if counts.failed else "")
+            f"{path}: {counts.discarded} bytes hold no packet of {layout.name!r}"
+            + (f"; {counts.failed} packets have a wrong check" if counts.failed else "")
+            + "; choose the preset or layout of the IMU that sent them",
+            file=path,
+            names=(layout.name,),
         )
     return join_packets(parts), counts
 

@@ -1,5 +1,6 @@
 """What the simulated controllers have in common: a table, whose time they let pass."""
 
+from inercal.errors import InputError
 from inercal.host.sim.dynamics import FAULTS, AxesMotion, SimulatedTable
 
 
@@ -28,7 +29,7 @@ class Controller:
 
         Raises
         ------
-        ValueError
+        InputError
             No such fault or axis; the message says what is possible.
         """
         count = len(self.table.axes)
@@ -40,7 +41,9 @@ class Controller:
             ):
                 self.table.fault(int(number) - 1, what, state != ["off"])
             case _:
-                raise ValueError(
-                    f"no fault {words!r}; possible: {', '.join(FAULTS)}, an axis from 1 to "
-                    f"{count}, and on or off"
+                raise InputError(
+                    f"{words!r} is not a fault; possible: {', '.join(FAULTS)}, then an axis from "
+                    f"1 to {count}, then on or off",
+                    key="fault",
+                    names=(words,),
                 )

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.errors import InputError
 from inercal.host.sim import _table_kernel as kernel
 
 FAULTS = ("amplifier", "frozen", "jammed")
@@ -94,7 +95,7 @@ class SimulatedTable:
 
     Raises
     ------
-    ValueError
+    InputError
         A delay that is negative or longer than what is kept of the encoder.
     """
 
@@ -117,7 +118,10 @@ class SimulatedTable:
             x.delay = axis.delay * frequency
             if not 0 <= x.delay <= kernel.ENCODER_HISTORY - 2:
                 most = (kernel.ENCODER_HISTORY - 2) * self.period
-                raise ValueError(f"a delay of {axis.delay} s; possible: 0 to {most:.3g} s")
+                raise InputError(
+                    f"a delay of {axis.delay:.4g} s is not possible; give 0 to {most:.3g} s",
+                    key="delay",
+                )
         self._encoder_history[:] = np.array([[axis.start] for axis in self.axes])
         # No cycle, but what is not yet compiled is now, and not while a host waits for an answer.
         self._run_cycles(np.empty((0, len(self.axes), 3)))
@@ -190,7 +194,11 @@ class SimulatedTable:
     def fault(self, i: int, what: str, on: bool = True) -> None:
         """Set or clear a fault of `FAULTS`: amplifier off, encoder frozen, axis jammed."""
         if what not in FAULTS:
-            raise ValueError(f"no fault {what!r}; possible: {', '.join(FAULTS)}")
+            raise InputError(
+                f"{what!r} is not a fault; possible: {', '.join(FAULTS)}",
+                key="fault",
+                names=(what,),
+            )
         self.state[i][what] = int(on)
 
     def report(self) -> list[AxisReport]:

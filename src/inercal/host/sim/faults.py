@@ -17,6 +17,8 @@ from math import nan
 
 import numpy as np
 
+from inercal.errors import InputError
+
 FAULT_SYNTAX = "fragment N, delay SECONDS, corrupt N, drop N, die"
 
 
@@ -47,7 +49,7 @@ class Faults:
         return [reply[i : i + size] for i in range(0, len(reply), size)], ends
 
     def set_fault(self, words: str) -> None:
-        """Set a fault told in words; raises `ValueError` that says what is possible."""
+        """Set a fault told in words; raises `InputError` that says what is possible."""
         match words.split():
             case ["die"]:
                 os._exit(9)
@@ -56,7 +58,11 @@ class Faults:
             case ["delay", seconds] if 0 <= parse_number(seconds) < 1e6:
                 self.delay = float(seconds)
             case _:
-                raise ValueError(f"no fault {words!r}; possible: {FAULT_SYNTAX}")
+                raise InputError(
+                    f"{words!r} is not a fault; possible: {FAULT_SYNTAX}",
+                    key="fault",
+                    names=(words,),
+                )
 
 
 def parse_number(text: str | bytes) -> float:

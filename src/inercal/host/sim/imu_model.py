@@ -61,7 +61,12 @@ class SensorResponse:
 
     def __init__(self, sensor: Sensor, c: Array):
         if sensor.form != "reference":
-            raise InputError(f"sensor {sensor.name}: the simulated IMU is of the reference form")
+            raise InputError(
+                f"sensor {sensor.name}: the simulation needs the reference form, not the form "
+                f"{sensor.form!r}; convert the sensor first",
+                key="form",
+                names=(sensor.form,),
+            )
         terms: list[tuple[int, float, list[int]]] = []
         for name, value in zip(sensor.coefficients, c.tolist(), strict=True):
             for product in sensor.coefficient(name).basis.products:
@@ -111,7 +116,13 @@ class SimulatedImu:
         sensor = run.sensor.with_coefficients(*run.truth)
         kinds = [axis.measures for axis in sensor.axes]
         if sorted(kinds) != ["f"] * 3 + ["w"] * 3:
-            raise InputError(f"{run.path}: [sensor]: the simulated IMU has three axes of each kind")
+            raise InputError(
+                f"{run.path}: [sensor]: the simulated IMU needs three accelerometers and three "
+                "gyros; add the missing axes",
+                file=run.path,
+                key="[sensor]",
+                names=tuple(axis.name for axis in sensor.axes),
+            )
         c = np.array([run.truth[name] for name in sensor.coefficients])
         self._channel_order = [k for kind in "fw" for k in range(6) if kinds[k] == kind]
         self._is_ordered = self._channel_order == sorted(self._channel_order)

@@ -83,7 +83,7 @@ class PacketSender:
                 self.sent += self._port.write(data)
 
     def set_fault(self, words: str) -> None:
-        """Set a fault told in words; raises `ValueError` that says what is possible."""
+        """Set a fault told in words; raises `InputError` that says what is possible."""
         with self.lock:
             match words.split():
                 case ["die"]:
@@ -97,7 +97,11 @@ class PacketSender:
                 case ["fault", "replug"]:
                     self._port = self._port or self._open_port()
                 case _:
-                    raise ValueError(f"no fault {words!r}; possible: {FAULT_SYNTAX}")
+                    raise InputError(
+                        f"{words!r} is not a fault; possible: {FAULT_SYNTAX}",
+                        key="fault",
+                        names=(words,),
+                    )
 
     def close(self) -> None:
         """Unplug the port."""
@@ -178,10 +182,23 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
     """
     rate = rate_hz or layout.rate_hz or run.rate_hz
     if rate is None:
-        raise InputError(f"{run.path}: [data] rate is missing, and {layout.name!r} states none")
+        raise InputError(
+            f"{run.path}: [data] rate is missing, and {layout.name!r} states no rate; "
+            'add it, such as rate = "200 Hz"',
+            file=run.path,
+            key="[data] rate",
+            names=(layout.name,),
+        )
     if not (0 < rate < 1e5 and rate == (layout.rate_hz or rate)):
         raise InputError(
-            f"rate {rate:g} Hz; packets of {layout.name!r} come at {layout.rate_hz} Hz"
+            f"rate {rate:g} Hz is not possible; "
+            + (
+                "give a rate above 0 and below 100 kHz"
+                if layout.rate_hz is None
+                else f"the packets of {layout.name!r} come at {layout.rate_hz:g} Hz"
+            ),
+            key="rate",
+            names=(layout.name,),
         )
     return rate
 

@@ -47,7 +47,7 @@ class Device(Protocol):
         ...
 
     def fault(self, words: str) -> None:
-        """Set a fault of the device itself; raises `ValueError` that says what is possible."""
+        """Set a fault of the device itself; raises `InputError` that says what is possible."""
         ...
 
 

@@ -22,6 +22,7 @@ from inercal.benches.turntable import Turntable, require_turntable
 from inercal.errors import InputError
 from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
 from inercal.runfile import Run
+from inercal.section_settings import key_error
 
 # Servo cycles: of the two about a time and one beside them, none may be to come
 _LOOKAHEAD_CYCLES = 4
@@ -98,8 +99,8 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
     drawn = SimulatedErrors(bench, seed, values)
     try:
         SimulatedTable(drawn.axes(1 / 2000))
-    except ValueError as error:
-        raise InputError(f"{run.path}: [bench] latency: {error}") from None
+    except InputError as error:
+        raise key_error("[bench] latency", str(error), run.path) from None
     return drawn
 
 

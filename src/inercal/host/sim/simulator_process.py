@@ -5,6 +5,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from typing import Any, TextIO
 
+from inercal.errors import InputError
 from inercal.host.sim.server import Device, ManualClock, ScaledClock, SimulatorServer
 
 
@@ -38,12 +39,12 @@ def execute_commands(server: SimulatorServer[Any], told: TextIO, answers: TextIO
 
 
 def answer_lines(tell: Callable[[str], None], told: TextIO, answers: TextIO) -> None:
-    """Hand each line of `told` to `tell`, and answer by `ok` or by its `ValueError`."""
+    """Hand each line of `told` to `tell`, and answer by `ok` or by its error."""
     for line in told:
         try:
             tell(line.strip())
             print("ok", file=answers, flush=True)
-        except ValueError as error:
+        except (InputError, ValueError) as error:
             print(f"no: {error}", file=answers, flush=True)
 
 

@@ -50,7 +50,8 @@ class Access:
     def __init__(self, hosts: frozenset[str], token: str | None):
         if token is not None and len(token) < _MIN_TOKEN_LENGTH:
             raise InputError(
-                f"a token of {len(token)} characters; give {_MIN_TOKEN_LENGTH} or more, or none"
+                f"the token has {len(token)} characters; give {_MIN_TOKEN_LENGTH} or more, or none",
+                key="token",
             )
         self.session = secrets.token_urlsafe(32)
         self._hosts, self._token = hosts, token

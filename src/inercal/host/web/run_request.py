@@ -87,7 +87,10 @@ class RunRequest:
             low, high = result.temperature  # JSON has lists alone
             return replace(result, temperature=(low, high))
         except (TypeError, ValueError):
-            raise InputError(f"{line[:80]!r} is not an order for a run") from None
+            raise InputError(
+                f"{line[:80]!r} is not a request for a run; send the JSON object of a RunRequest",
+                key="request",
+            ) from None
 
     @property
     def name(self) -> str:
@@ -163,7 +166,7 @@ def write_process_record(folder: Path, simulated: SimulationRequest | None) -> i
     content = json.dumps(ProcessRecord(os.getpid(), simulated)._asdict()).encode()
     with os_errors_as_input_errors(path, "written"):
         file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        lock_file(file, f"{folder}: another process drives this run")
+        lock_file(file, folder, "another process drives this run; stop that process first")
         os.ftruncate(file, 0)
         os.write(file, content)
     return file
