@@ -13,6 +13,7 @@ from shutil import copy
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 import inercal
 from inercal.benches.turntable.attitude import reference_attitude
@@ -33,7 +34,6 @@ from inercal.methods.turntable_kalman.gyros import GyroFilter
 from inercal.recording import Track
 from inercal.runfile import read
 
-SEEDS = range(10)
 WRONG = 1e-3  # of the digits
 COUNTS = 3_600_000 / tau  # a rad
 GATE = 5.0  # standard deviations of an innovation, beyond which nothing wrong may be used
@@ -122,12 +122,21 @@ def largest_accepted(shown: DemonstrationResult, clean: Track) -> float:
     return float(np.sqrt(np.max(np.sum(error[used] ** 2 / steps.s[used], axis=-1))))
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "seeds",
+    [
+        pytest.param(range(3), marks=pytest.mark.slow),
+        pytest.param(range(10), marks=pytest.mark.evidence),
+    ],
+)
 def test_wrong_digits_are_rejected_or_do_no_harm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    seeds: range,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ):
     nees, moved, accepted, implausible = list[float](), list[float](), list[float](), list[int]()
-    for seed in SEEDS:
+    for seed in seeds:
         tables: list[WrongDigits] = []
 
         monkeypatch.setattr(bench_run, "open_table", partial(open_wrong_table, seed, tables))
@@ -155,4 +164,6 @@ def test_wrong_digits_are_rejected_or_do_no_harm(
             )
     assert max(accepted) < GATE
     assert max(moved) < 0.2
-    assert 0.73 < np.mean(nees) < 1.32
+    dof = 24 * len(seeds)
+    least, most = chi2.ppf([0.0005, 0.9995], dof) / dof
+    assert least < np.mean(nees) < most
