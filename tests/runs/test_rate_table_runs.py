@@ -109,7 +109,8 @@ def run_refused(path: Path, kind: type[InercalError] = InputError, **data: Any) 
 @pytest.mark.parametrize(
     ("old", "new", "key", "names"),
     [
-        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "[data] arm_rate_unit", ["rpm"]),
+        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "[data] arm_rate_unit",
+         ["rpm"]),
         ('["ax", "ay", "az"]', '["ay", "ax", "az"]', "[data] accelerometer", ["ax", "ay", "az"]),
         ('"250 mm ± 0.3 mm"', '"0 mm"', "[bench] radius", []),
         ('"250 mm ± 0.3 mm"', '"25 mm"', None, ["ZY135 at 86 rpm"]),

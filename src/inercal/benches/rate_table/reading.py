@@ -143,8 +143,8 @@ def _parse_mounting(
     found = _NAME.fullmatch(text.strip())
     if found is None:
         raise InputError(
-            f"{where}: column {column!r} is {text!r}; a mounting is {', '.join(PLANES)}, alone or with its tilt in "
-            '°, "XY 30", or with two tilts, "XY 135 + 45"',
+            f"{where}: column {column!r} is {text!r}; a mounting is {', '.join(PLANES)}, alone or "
+            'with its tilt in °, "XY 30", or with two tilts, "XY 135 + 45"',
             file=file,
             line=line,
             names=(column,),
