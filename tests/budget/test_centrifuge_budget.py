@@ -8,11 +8,11 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.centrifuge import EARTH, PAPER_G, RATES, Triad
 from tests.methods.test_centrifuge_norm import NOISE, NOMINAL, sensor
+from tests.refusals import refused
 
 from inercal.benches import Centrifuge
 from inercal.budget import Budget, Experiment, budget
 from inercal.budget.contributions import effect_shifts, first_order_contributions
-from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.methods.centrifuge_norm import ml, series
 from inercal.methods.centrifuge_norm.arm_plans import plan
@@ -237,7 +237,7 @@ def test_a_misalignment_that_is_not_estimated_shifts_the_bias():
 
 def test_unknown_attitudes_are_refused():
     spins = tuple(Spin(f"d{k}", rate) for k, rate in enumerate(RATES))
-    with pytest.raises(InputError, match=r"needs a plan with attitudes \(\[method\] attitudes"):
+    with refused(key="[method] attitudes"):
         Experiment(sensor(), BENCH, spins, ml, np.broadcast_to(np.eye(3), (3, 3, 3)))
 
 

@@ -142,7 +142,7 @@ def test_what_is_the_packets_is_taken_off_the_links_address():
         ("tcp://h:1", "by either preset=NAME or layout=FILE.toml; presets are ascii"),
         ("tcp://h:1?preset=fixed&layout=a.toml", "by either preset=NAME or layout=FILE.toml"),
         ("tcp://h:1?preset=mine.toml", f"possible: {', '.join(PRESETS)}"),
-        ("tcp://h:1?layout=/none.toml", "/none.toml: no description of packets can be read there"),
+        ("tcp://h:1?layout=/none.toml", "/none.toml: no such description of packets; presets are"),
         ("tcp://h:1?preset=fixed&baud=9600", "unknown parameter 'baud'"),
         ("udp://h:1?preset=fixed", "possible: tcp://HOST:PORT or serial:PATH"),
     ],

@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
+from tests.refusals import refused
 from tests.runfile.run_file_texts import FERRARIS
 
 from inercal.benches import Turntable
 from inercal.benches.turntable.settings import TurntableSection, build
-from inercal.errors import InputError
 from inercal.runfile import read, schema
 from inercal.units import Measured
 
@@ -55,33 +56,32 @@ def test_values_and_axes_are_as_stated():
 
 
 @pytest.mark.parametrize(
-    ("keys", "words"),
+    ("keys", "key"),
     [
-        ({"latitude": None, "gravity": "9.8 m/s²"}, "latitude is missing: gyros"),
-        ({"axes": "zz"}, "axes are 'zz'"),
-        ({"latitude": "91 °"}, "latitude 91° is outside"),
-        ({"lean": "2 °"}, "lean: '2 °' is more than a bench can tilt"),
-        ({"harmonics": ("2 °",)}, "harmonics: 2 °: give each from 0 to 1°"),
-        ({"clock": "-1 ppm"}, "clock: '-1 ppm' must not be negative"),
-        ({"rate": ("30 °/s", "30 °/s")}, "2 limits; give one for all or 3"),
-        ({"rate": ("30 °/s",) * 3, "jerk": ("1 °/s³",) * 2}, "jerk: 2 limits; give one for all"),
-        ({"rate": ()}, "rate: 0 limits; give one"),
-        ({"acceleration": ("0 °/s²",)}, "limit of acceleration is 0"),
-        ({"jerk": ("300 °/s²",)}, r"\[bench\] jerk"),
-        ({"latency": "2 °"}, r"\[bench\] latency"),
+        ({"latitude": None, "gravity": "9.8 m/s²"}, "[bench] latitude"),
+        ({"axes": "zz"}, "axes"),
+        ({"latitude": "91 °"}, "latitude"),
+        ({"lean": "2 °"}, "[bench] lean"),
+        ({"harmonics": ("2 °",)}, "[bench] harmonics"),
+        ({"clock": "-1 ppm"}, "[bench] clock"),
+        ({"rate": ("30 °/s", "30 °/s")}, "limits"),
+        ({"rate": ("30 °/s",) * 3, "jerk": ("1 °/s³",) * 2}, "[bench] jerk"),
+        ({"rate": ()}, "[bench] rate"),
+        ({"acceleration": ("0 °/s²",)}, "acceleration"),
+        ({"jerk": ("300 °/s²",)}, "[bench] jerk"),
+        ({"latency": "2 °"}, "[bench] latency"),
     ],
 )
-def test_a_section_that_cannot_be_is_refused(keys: dict[str, Any], words: str):
-    with pytest.raises(InputError, match=words):
+def test_a_section_that_cannot_be_is_refused(keys: dict[str, Any], key: str):
+    with refused(key=key):
         built(**keys)
 
 
 def test_a_method_of_another_bench_says_so(tmp_path: Path):
     path = tmp_path / "run.toml"
     path.write_text(FERRARIS.replace("[bench]", '[bench]\nkind = "turntable"'), encoding="utf-8")
-    with pytest.raises(InputError) as caught:
+    with refused(key="[bench] tilt", file=path):
         read(path)
-    assert "unknown key bench." in str(caught.value)
     text = path.read_text(encoding="utf-8")
     start = text.index("latitude")
     own = text[start : text.index("\n", start)]
@@ -89,12 +89,13 @@ def test_a_method_of_another_bench_says_so(tmp_path: Path):
     path.write_text(
         text.replace(bench, f'[bench]\nkind = "turntable"\n{own}\n\n'), encoding="utf-8"
     )
-    with pytest.raises(InputError, match="method ferraris takes 'hand', not 'turntable'"):
+    with refused(key="[bench] kind", file=path, names=("hand", "turntable")):
         read(path)
 
 
 def test_a_reversed_column_goes_with_a_recording():
     data = {"file": "means.csv", "kind": "means", "accelerometer": ("-ax", "ay", "az")}
-    with pytest.raises(ValueError, match='"-ax" reverses a column of a recording'):
+    with pytest.raises(ValidationError) as no:
         schema.DataSection.model_validate(data)
+    assert [found["type"] for found in no.value.errors()] == ["value_error"]
     assert schema.DataSection.model_validate(data | {"kind": "recording"}).accelerometer[0] == "-ax"

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.errors import InercalError, InputError, NotObserved
@@ -98,38 +100,41 @@ def test_a_budget_of_the_plan_equals_the_stated_uncertainty(tmp_path: Path):
     assert np.all(np.isfinite(made.stated()))
 
 
-def refused(path: Path, words: str, kind: type[InercalError] = InputError) -> None:
-    with pytest.raises(kind, match=words) as refusal:
+def run_refused(path: Path, kind: type[InercalError] = InputError, **data: Any) -> None:
+    with refused(kind, **data) as refusal:
         calibrate(path)
     assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "key", "names"),
     [
-        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "are in rpm, not in"),
-        ('["ax", "ay", "az"]', '["ay", "ax", "az"]', "as x, y, z = ax, ay, az, not as ay, ax, az"),
-        ('"250 mm ± 0.3 mm"', '"0 mm"', r"radius: '0 mm' must be positive"),
-        ('"250 mm ± 0.3 mm"', '"25 mm"', "check arm_rate_unit, \\[bench\\] radius and the scale"),
-        ('mounting = "mounting"\n', "", r"\[data\] mounting is missing: name the column"),
-        ('arm_rate = "rpm"\n', "", r"\[data\] arm_rate is missing: name the column of the table"),
-        ('kind = "means"\n', "", r"\[data\] rate is missing"),
-        ("mounting = \"mounting\"", 'mounting = "mounting"\nangle = "a"', 'kind = "dividing_head"'),
-        ('pose = "0.2 °"', 'pose = "-0.2 °"', "must not be negative"),
-        ('scale = "16384 LSB/g"', 'scale = "1000 LSB/g"', "readings' norm is"),
+        ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"', "[data] arm_rate_unit",
+         ["rpm"]),
+        ('["ax", "ay", "az"]', '["ay", "ax", "az"]', "[data] accelerometer", ["ax", "ay", "az"]),
+        ('"250 mm ± 0.3 mm"', '"0 mm"', "[bench] radius", []),
+        ('"250 mm ± 0.3 mm"', '"25 mm"', None, ["ZY135 at 86 rpm"]),
+        ('mounting = "mounting"\n', "", "[data] mounting", []),
+        ('arm_rate = "rpm"\n', "", "[data] arm_rate", []),
+        ('kind = "means"\n', "", "[data] rate", []),
+        ("mounting = \"mounting\"", 'mounting = "mounting"\nangle = "a"', "[data] angle", []),
+        ('pose = "0.2 °"', 'pose = "-0.2 °"', "[bench] pose", []),
+        ('scale = "16384 LSB/g"', 'scale = "1000 LSB/g"', None, ["YX30 at 46 rpm"]),
     ],
 )  # fmt: skip
-def test_run_files_that_cannot_be_are_refused(tmp_path: Path, old: str, new: str, words: str):
-    refused(write_changed_example(tmp_path, (old, new)), words)
+def test_run_files_that_cannot_be_are_refused(
+    tmp_path: Path, old: str, new: str, key: str | None, names: list[str]
+):
+    path = write_changed_example(tmp_path, (old, new))
+    run_refused(path, file=path, key=key, names=names)
 
 
 def test_rates_in_rad_per_s_are_found_by_the_norm(tmp_path: Path):
     def in_rad(rows: Rows) -> Rows:
         return [[row[0], f"{float(row[1]) * np.pi / 30:.6g}", *row[2:]] for row in rows]
 
-    refused(
-        write_changed_example(tmp_path, rows=in_rad),
-        'the rates are in rad/s, not in rpm; state arm_rate_unit = "rad/s"',
+    run_refused(
+        write_changed_example(tmp_path, rows=in_rad), key="[data] arm_rate_unit", names=["rad/s"]
     )
 
 
@@ -140,16 +145,15 @@ def test_an_unexcited_axis_is_named(tmp_path: Path):
     for estimator in ("planar", "joint"):
         name = 'name = "ship_multi_angle"'
         change = (name, f'{name}\nestimator = "{estimator}"')
-        refused(write_changed_example(tmp_path, change, rows=without_y), "y", NotObserved)
+        path = write_changed_example(tmp_path, change, rows=without_y)
+        run_refused(path, NotObserved, names=["y"], directions=("y",))
 
 
 def test_a_refusal_by_an_estimator_names_the_run_file(tmp_path: Path):
     name = 'name = "ship_multi_angle"'
     change = (name, f'{name}\nestimator = "damped"\ncoefficients = ["bias"]')
-    refused(
-        write_changed_example(tmp_path, change),
-        r"ship\.toml: f = M a \+ p has k0, k1, .*; joint finds what",
-    )
+    path = write_changed_example(tmp_path, change)
+    run_refused(path, file=path, names=["ax.k0", "ay.k0", "az.k0"])
 
 
 def test_fewer_than_twelve_groups_are_refused(tmp_path: Path):
@@ -157,7 +161,7 @@ def test_fewer_than_twelve_groups_are_refused(tmp_path: Path):
         return rows[:-5]
 
     for estimator in ("damped", "global"):
-        with pytest.raises(InercalError, match=r"11 .*12"):
+        with refused(NotObserved, key="steps", file="ship.toml"):
             estimate_example(tmp_path, estimator, rows=few)
 
 
@@ -165,9 +169,8 @@ def test_an_invalid_mounting_is_refused(tmp_path: Path):
     def strange(rows: Rows) -> Rows:
         return [["XZ", *rows[0][1:]], *rows[1:]]
 
-    refused(
-        write_changed_example(tmp_path, rows=strange),
-        r"line 2: column 'mounting' is 'XZ'; a mounting is XY",
+    run_refused(
+        write_changed_example(tmp_path, rows=strange), file="ship.csv", line=2, names=["mounting"]
     )
 
 
@@ -226,7 +229,7 @@ def test_the_angle_by_which_a_mounting_is_off_is_its_own(tmp_path: Path):
 
 def test_a_tilt_of_more_than_a_turn_is_refused(tmp_path: Path):
     path = write_changed_example(tmp_path, rows=misnamed("XY 30", "XY 400"))
-    refused(path, "is 'XY 400': a tilt of 400° is more than a whole turn")
+    run_refused(path, file="ship.csv", names=["mounting"])
 
 
 def test_a_repeated_row_is_reported(tmp_path: Path):
@@ -239,18 +242,17 @@ def test_a_wrong_rate_unit_is_detected_by_the_norms(tmp_path: Path):
     path = write_changed_example(
         tmp_path, ('arm_rate = "rpm"', 'arm_rate = "rpm"\narm_rate_unit = "rad/s"')
     )
-    refused(path, 'the rates are in rpm, not in rad/s; state arm_rate_unit = "rpm"')
+    run_refused(path, file=path, key="[data] arm_rate_unit", names=["rpm"])
 
 
-@pytest.mark.parametrize(
-    ("cell", "words"),
-    [("", "'rpm' is empty or not finite; give the rate, 0 at rest,"), ("inf", "'rpm' is empty or")],
-)
-def test_a_cell_without_a_number_has_its_line(tmp_path: Path, cell: str, words: str):
+@pytest.mark.parametrize("cell", ["", "inf"])
+def test_a_cell_without_a_number_has_its_line(tmp_path: Path, cell: str):
     def without(rows: Rows) -> Rows:
         return [[*rows[0][:1], cell, *rows[0][2:]], *rows[1:]]
 
-    refused(write_changed_example(tmp_path, rows=without), f"ship.csv line 2: column {words}")
+    run_refused(
+        write_changed_example(tmp_path, rows=without), file="ship.csv", line=2, names=["rpm"]
+    )
 
 
 @pytest.mark.parametrize("frame", ["mount", "symmetric"])
@@ -260,8 +262,8 @@ def test_damping_names_what_tilts_of_one_kind_do_not_show(tmp_path: Path, frame:
     path = write_changed_example(
         tmp_path, named, damped, rows=lambda rows: [row for row in rows if "+" not in row[0]]
     )
-    words = "do not show the plan's own Exy . Eyx: .* add tilts of a second kind"
-    refused(path, words, NotObserved)
+    blind = ("the plan's own Exy + Eyx: +1 ax.delta_o -1 ay.delta_p",)
+    run_refused(path, NotObserved, file=path, directions=blind)
 
 
 def recording(folder: Path, seed: int, seconds: float = 20.0) -> Path:
@@ -351,4 +353,4 @@ def test_a_recording_that_never_turns_is_refused(tmp_path: Path):
     head, *body = (tmp_path / "ship.csv").read_text(encoding="utf-8").splitlines()
     still = [",".join([*line.split(",")[:1], "0", *line.split(",")[2:]]) for line in body]
     (tmp_path / "ship.csv").write_text("\n".join([head, *still]) + "\n", encoding="utf-8")
-    refused(tmp_path / "ship.toml", "no dwell")
+    run_refused(tmp_path / "ship.toml", file="ship.csv", names=["arm_rate"])

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 from inercal.benches import RateTable
 from inercal.benches.rate_table.reading import reduce_recording
-from inercal.errors import InputError
 from inercal.io.write import write_recording
 from inercal.pipeline import apply, apply_data_columns, calibrate, simulate
 from inercal.report.report_tables import coefficients
@@ -121,7 +121,7 @@ def test_many_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: i
 
 def test_a_recording_needs_a_rate_to_be_simulated(tmp_path: Path):
     run = run_of(tmp_path, ('rate = "50 Hz"', ""))
-    with pytest.raises(Exception, match="rate is missing; a simulation needs it"):
+    with refused(key="[data] rate", file=run.path):
         simulate(run)
 
 
@@ -140,7 +140,7 @@ def test_a_wrong_rate_unit_of_a_recording_is_detected_by_the_norms(tmp_path: Pat
     made = apply_data_columns(run, simulate(run))
     turned = {name: rate * np.pi / 30 for name, rate in made.readback.items()}
     write_recording(replace(made, readback=turned), run.file(run.data.file))
-    with pytest.raises(InputError, match="rates are in rad/s, not in rpm; state arm_rate_unit = "):
+    with refused(key="[data] arm_rate_unit", file=run.path, names=("rad/s",)):
         calibrate(run)
 
 

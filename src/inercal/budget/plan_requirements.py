@@ -36,8 +36,8 @@ def require_budget_plan(bench: Bench, steps: Sequence[Step]) -> MeanBench:
         raise InputError("the plan has no steps, which a budget needs; add steps", key="steps")
     if any(isinstance(step, Spin) and step.attitude is None for step in steps):
         raise InputError(
-            "a budget needs a plan with attitudes ([method] attitudes and rates): a table of means "
-            "states no attitudes",
+            "a budget needs a plan with attitudes, and a table of means states no attitudes; state "
+            "[method] attitudes and rates",
             key="[method] attitudes",
         )
     return bench

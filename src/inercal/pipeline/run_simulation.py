@@ -84,7 +84,8 @@ def _simulate_run(
 ) -> tuple[Recording, SimulatedMotion]:
     if run.rate_hz is None:
         raise InputError(
-            f"{run.path}: [data] rate is missing; a simulation needs it",
+            f"{run.path}: [data] rate is missing; a simulation needs it: add rate, such as "
+            f'rate = "100 Hz"',
             file=run.path,
             key="[data] rate",
         )

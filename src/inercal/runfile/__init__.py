@@ -205,8 +205,10 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     if not isinstance(bench, chosen.bench):
         needed = kind_name_for_class(chosen.bench)
         raise InputError(
-            f"[bench] kind: method {chosen.name} takes {needed!r}, not {kind.name!r}",
+            f"[bench] kind: method {chosen.name} needs {needed!r}, not {kind.name!r}; change "
+            "[bench] kind or [method] name",
             key="[bench] kind",
+            names=(needed, kind.name),
         )
     schema.data.readback(bench)  # checks its units before any file is read
     stated = stated_plan_keys(schema.method)

@@ -92,6 +92,7 @@ def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
         f"[sensor] frame: estimator {estimator} of {chosen.name} takes no frame {frame!r}; remove "
         f"frame, or use an estimator that uses only norms: {possible}",
         key="[sensor] frame",
+        names=(estimator,),
     )
 
 
@@ -111,6 +112,7 @@ def search_options(
                 f"{_SEARCH} is used only by estimator global of ship_multi_angle; {estimator} of "
                 f"{chosen.name} does not search: remove {_SEARCH}",
                 key=_SEARCH,
+                names=(estimator,),
             )
         return None
     search = section.search or SearchSection.model_validate({})

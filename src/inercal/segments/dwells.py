@@ -97,9 +97,10 @@ def find_dwells(
         reasons = f" ({left_out[0].message})" if left_out else ""
         fastest = float(np.abs(smooth).max()) * 30 / pi
         raise InputError(
-            f"{recording.source or 'recording'}: no dwell: a dwell needs a steady rate for "
-            f"{SETTLING_TIME:g} s and {LEAST_TURNS} turns more, and the {turning_device} has none "
-            f"up to {fastest:.4g} rpm{reasons}",
+            f"{recording.source or 'recording'}: no dwell was detected: a dwell needs a steady "
+            f"rate for {SETTLING_TIME:g} s and {LEAST_TURNS} turns more, and the "
+            f"{turning_device} has none up to {fastest:.4g} rpm{reasons}",
+            file=recording.source or None,
             names=(ARM_RATE,),
         )
     return tuple(dwells), tuple(left_out)

@@ -69,10 +69,8 @@ def _table(run: Source[RateTableData]) -> EstimatorInput:
     table = read_columns(path, wanted, [where, rate])
     rates = number_column(path, table, rate, "give the rate, 0 at rest,") * unit
     poses = [
-        _parse_mounting(
-            position_name(text), f"{path} line {table.first_line + k}: column {where!r}", where
-        )
-        for k, text in enumerate(table.columns[where].tolist())
+        _parse_mounting(position_name(text), where, f"{path} line {line}", path, line)
+        for line, text in enumerate(table.columns[where].tolist(), start=table.first_line)
     ]
     rpm = (rates * 30 / pi).tolist()
     names = [f"{pose.name} at {turning:.6g} rpm" for pose, turning in zip(poses, rpm, strict=True)]
@@ -131,26 +129,35 @@ def reduce_recording(run: Source[RateTableData], recording: Recording) -> Estima
     steps: list[Spin] = []
     for step, mark in zip((*spun, *held), marks, strict=True):
         text, column = str(recording.labels[mark.start]), str(run.data.mounting)
-        where = f"{recording.source} {recording.where(mark.start)}: column {column!r}"
-        steps.append(replace(step, attitude=_parse_mounting(text, where, column)))
+        where = f"{recording.source} {recording.where(mark.start)}"
+        attitude = _parse_mounting(text, column, where, recording.source or None)
+        steps.append(replace(step, attitude=attitude))
     flawed += also
     findings = recording.findings + flawed + omitted_state_findings(recording, marks, flawed)
     return EstimatorInput(recording, marks, observations, tuple(steps), tuple(steps), findings)
 
 
-def _parse_mounting(text: str, where: str, column: str) -> Attitude:
+def _parse_mounting(
+    text: str, column: str, where: str, file: str | Path | None, line: int | None = None
+) -> Attitude:
     found = _NAME.fullmatch(text.strip())
     if found is None:
         raise InputError(
-            f"{where} is {text!r}; a mounting is {', '.join(PLANES)}, alone or with its tilt in "
-            '°, "XY 30", or with two tilts, "XY 135 + 45"',
+            f"{where}: column {column!r} is {text!r}; a mounting is {', '.join(PLANES)}, alone or "
+            'with its tilt in °, "XY 30", or with two tilts, "XY 135 + 45"',
+            file=file,
+            line=line,
             names=(column,),
         )
     plane, first, second = found.groups()
     far = [tilt for tilt in (first, second) if tilt is not None and abs(float(tilt)) > _MOST_TILT]
     if far:
         raise InputError(
-            f"{where} is {text!r}: the tilt of {far[0]}° is more than a whole turn", names=(column,)
+            f"{where}: column {column!r} is {text!r}: the tilt of {far[0]}° is more than a whole "
+            "turn; correct the tilt",
+            file=file,
+            line=line,
+            names=(column,),
         )
     return mounting_attitude(
         cast("Plane", plane),

@@ -102,7 +102,7 @@ class Turntable:
             )
         earth_rate_up_north(self.latitude)  # refuses an impossible latitude
         if len(self.limits) not in (1, k):
-            text = f"turntable: {len(self.limits)} limits; give one for all or {k}"
+            text = f"turntable: {len(self.limits)} limits are given; give one for all axes or {k}"
             raise InputError(text, key="limits")
         if len(self.lever) != len("xyz"):
             text = f"turntable: lever has {len(self.lever)} components; it must have three"
