@@ -6,6 +6,7 @@ refused, since code that walks through it would exceed Python's limit of recursi
 """
 
 import os
+import re
 import stat
 import tomllib
 from collections.abc import Iterable
@@ -74,7 +75,9 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
     try:
         content = tomllib.loads(raw if isinstance(raw, str) else raw.decode("utf-8"))
     except ValueError as error:  # of the encoding, the grammar, or an integer of 5000 digits
-        raise InputError(f"not a TOML {what}: {error}") from None
+        place = re.search(r"at line (\d+)", str(error))
+        line = int(place[1]) if place else None
+        raise InputError(f"not a TOML {what}: {error}", line=line) from None
     except RecursionError:
         raise InputError(_too_deep(what)) from None
     level: list[Any] = [content]

@@ -104,7 +104,7 @@ INPUTS = {
         cells(lambda r: [r[0], *(str(9.80665 * float(x)) for x in r[1:4]), r[4]]),
     ),
     "time backwards": Broken(
-        ("log.csv", "time goes back", "line 500"),
+        ("log.csv", "time decreases", "line 500"),
         row(500, lambda r: ["1.0", *r[1:]]),
     ),
     "time stands still": Broken(
@@ -147,7 +147,7 @@ INPUTS = {
         text=FERRARIS,
     ),
     "swapped columns": Broken(
-        ("section x_p should have +x up", "are columns swapped"),
+        ("section x_p should have +x up", "columns swapped"),
         cells(lambda r: [r[0], r[2], r[1], *r[3:]]),
         (LABELLED,),
     ),
@@ -272,7 +272,7 @@ def test_every_verb_refuses_a_broken_run_file_in_one_line(
     [
         ("calibrate", "none", "no such folder"),
         ("simulate", "none/log.csv", "cannot be written"),
-        ("simulate", "log.xlsx", "the suffix is one of .csv, .npz, .parquet"),
+        ("simulate", "log.xlsx", ".parquet"),
         ("report", "none/page.html", "cannot be written"),
     ],
 )

@@ -17,7 +17,7 @@ from inercal.errors import InercalError
 from inercal.pipeline import Outcome, calibrate
 
 Grade = Literal["consistent", "reservations", "unreliable", "refused"]
-_LIMIT = ("cannot show", "do not tell")
+_LIMIT = ("cannot show", "do not show", "show neither")
 _CHANGE = re.compile(r"change within (.+) \((\w+)\)")
 _DRIFT = re.compile(r"drift common to all sections \((\w+)\)")
 

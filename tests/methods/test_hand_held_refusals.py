@@ -63,10 +63,8 @@ def test_attitudes_added_to_a_plane_as_advised_are_accepted():
     plane = planar(20, np.array([0.0, 0.0, 1.0]), 1.0, np.random.default_rng(0))
     with pytest.raises(NotObserved) as refusal:
         calibrated(plane)
-    advised = str(refusal.value).partition("add: ")[2].split("; ")
-    by_words = {
-        f"hold {Hold('', tuple(up), 0.0).describe()}": up for up in CUBE_DIRECTIONS.tolist()
-    }
+    advised = str(refusal.value).partition("add: hold ")[2].split("; ")
+    by_words = {Hold("", tuple(up), 0.0).describe(): up for up in CUBE_DIRECTIONS.tolist()}
     added = np.array([by_words[words] for words in advised])
     assert calibrated(np.concatenate([plane, added])).converged
 

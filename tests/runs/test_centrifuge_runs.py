@@ -291,10 +291,10 @@ def test_a_bad_row_is_named(tmp_path: Path, row: str, column: str):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (('rates = ["60 rpm", "120 rpm", "180 rpm"]', "rates = []"), ["[method] rates"]),
+        (('rates = ["60 rpm", "120 rpm", "180 rpm"]', "rates = []"), ["[method]", "rates"]),
         (
             ('attitudes = "full-circle"', 'attitudes = "x"'),
-            ["[method] attitudes 'x'", "half-circle"],
+            ["[method]", "attitudes 'x'", "half-circle"],
         ),
         (('rates = ["60 rpm", "120 rpm", "180 rpm"]', 'rates = ["9e6 rpm"]'), ["samples"]),
     ],

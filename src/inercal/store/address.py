@@ -89,12 +89,12 @@ def require_place_of_register(file: Path, *, create: bool) -> None:
                 folder.mkdir(parents=True, exist_ok=True)
             if folder.is_dir() and os.access(folder, os.W_OK | os.X_OK):
                 return
-            reason = "is its folder there, and can it be written?"
+            reason = "its folder must exist and be writable: create it, or name"
         except OSError as error:
-            reason = f"its folder cannot be created: {error}"
+            reason = f"its folder cannot be created ({error}); name"
         raise InputError(
-            f"register {_SQLITE}{file} cannot be opened: {reason} Name another by --register or "
-            f"${ENVIRONMENT_VARIABLE}",
+            f"register {_SQLITE}{file} cannot be opened; {reason} another register by "
+            f"--register or ${ENVIRONMENT_VARIABLE}",
             file=file,
             key="--register",
         )
