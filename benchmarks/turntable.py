@@ -33,7 +33,7 @@ LONG = turntable.complete_path(120.0)
 def ours(table: Turntable, one: Track) -> Array:
     """Return the twelve coefficients by 15 states, biases first, then S row after row."""
     made = GyroFilter.from_track(
-        sensor(), table, one, bias_drift=False, table=False, readback_sd=READBACK
+        sensor(), table, one, bias_drift=False, table="exact", readback_sd=READBACK
     )
     state, _ = made.step(made.start(one), one)
     return columns(made.triad.sensor.coefficients) @ state.theta
@@ -81,7 +81,7 @@ def rows() -> list[Row]:
     peers = best(lambda: peer(table, short), repeat=1)
     found = [Row(name, best(lambda: ours(table, short)), peers, "filterpy")]
     long = track(turntable.draw(1, 1, LONG, hz=HZ)).trial(0)
-    gyros = GyroFilter.from_track(sensor(), bench(), long, table=False)
+    gyros = GyroFilter.from_track(sensor(), bench(), long, table="exact")
     others = AccelerometerFilter.from_track(sensor(), bench(), long, table="lean")
 
     def both() -> None:
