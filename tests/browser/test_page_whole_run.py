@@ -38,7 +38,7 @@ def serving(tmp_path: Path) -> Iterator[Serving]:
         yield serving
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     page: Page, context: BrowserContext, watched: PageErrors, serving: Serving, tmp_path: Path
 ):
