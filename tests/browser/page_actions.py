@@ -63,9 +63,11 @@ def tab_to(page: Page, name: str) -> None:
 
 
 def accessible_text_of_focus(page: Page) -> str:
-    """Return what a reader says of what has the focus, near enough."""
+    """Return what a reader says of what has the focus, near enough; "" where nothing has it."""
     return page.evaluate(
-        """() => { const e = document.activeElement, label = e.labels?.[0]?.textContent;
+        """() => { const e = document.activeElement;
+        if (e === document.body) return "";  // its text has every name
+        const label = e.labels?.[0]?.textContent;
         const words = e.getAttribute("aria-label") ?? label ?? e.textContent;
         return words.replaceAll(/\\s+/g, " ").trim(); }"""
     )

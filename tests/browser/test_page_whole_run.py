@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import BrowserContext, Page, expect
 from tests.browser.conftest import PageErrors
-from tests.browser.test_page_scripted import tab_to
+from tests.browser.page_actions import tab_to
 from tests.host.simulated_runs import plan, quick
 from tests.host.web.test_web_process_survival import Serving
 
@@ -38,7 +38,7 @@ def serving(tmp_path: Path) -> Iterator[Serving]:
         yield serving
 
 
-@pytest.mark.evidence
+@pytest.mark.slow
 def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     page: Page, context: BrowserContext, watched: PageErrors, serving: Serving, tmp_path: Path
 ):
