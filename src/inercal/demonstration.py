@@ -98,7 +98,10 @@ def demo(
                         result, journal, show=show, run_context=lambda _: bench.run_context()
                     )
                 except RunInterrupted as error:
-                    raise InercalError(f"{folder}: the run was interrupted: {error}") from None
+                    raise InercalError(
+                        f"{folder}: the run of the demonstration was interrupted: {error}; start "
+                        "it again in another folder"
+                    ) from None
 
                 def truth(outcome: Outcome) -> Mapping[str, float]:
                     return _truth_with_mean_biases(run, seed, outcome, run_process.time)

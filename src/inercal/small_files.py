@@ -43,16 +43,17 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
                 raise InputError(f"{path}: not a regular file; give a {what}", file=path)
             raw = file.read(largest + 1)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such {what}", file=path) from None
+        raise InputError(f"{path}: no such {what}; check the path", file=path) from None
     except IsADirectoryError:
-        raise InputError(f"{path}: cannot be read: a folder, not a {what}", file=path) from None
+        raise InputError(f"{path}: is a folder; give a {what}", file=path) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
     except ValueError as error:  # a null character in the name
-        raise InputError(f"{str(path)!r} cannot name a {what}: {error}") from None
+        raise InputError(f"{str(path)!r} is not a possible name of a {what}: {error}") from None
     if len(raw) > largest:
         raise InputError(
-            f"{path}: more than {largest} bytes, too many for a {what}; is it another file?",
+            f"{path}: more than {largest} bytes, too many for a {what}; check that this is the "
+            "right file",
             file=path,
         )
     return raw

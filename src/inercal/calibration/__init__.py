@@ -80,11 +80,14 @@ class Calibration:
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)
         if not (np.isfinite(self.values).all() and np.isfinite(self.covariance).all()):
-            raise InputError(f"calibration of {self.sensor.name}: a value is not finite")
+            raise InputError(
+                f"calibration of {self.sensor.name}: values and covariance must be finite; remove "
+                "what is not"
+            )
         if self.values.shape != (p,) or self.covariance.shape != (p, p):
             raise InputError(
-                f"calibration of {self.sensor.name}: {p} coefficients, values {self.values.shape}, "
-                f"covariance {self.covariance.shape}"
+                f"calibration of {self.sensor.name}: values have shape {self.values.shape}, "
+                f"covariance {self.covariance.shape}; expected ({p},) and ({p}, {p})"
             )
         names = [one.name for one in self.shared or ()]
         for one in self.shared or ():

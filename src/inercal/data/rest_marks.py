@@ -133,7 +133,7 @@ def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     names = [name for name, _ in pairs]
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"{name!r} comes twice")
+            raise ValueError(f"{name!r} comes twice; give each mark its own name")
     return dict(pairs)
 
 

@@ -63,7 +63,10 @@ class WhitenedProblem:
         leads = [a.shape[:-1] for a in (start, residual, *(target for _, target in rows))]
         leads.append(jacobian.shape[:-2])
         if any(len(lead) > 1 for lead in leads):
-            raise InputError("arrays of a problem may have one leading axis only, that of trials")
+            raise InputError(
+                f"start, residual, Jacobian and priors have the leading shapes {leads}; give at "
+                "most one leading axis, that of trials"
+            )
         try:
             lead = np.broadcast_shapes(*leads)
         except ValueError:

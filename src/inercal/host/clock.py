@@ -144,7 +144,7 @@ class SimulatedClock:
     def begin(self, until: float) -> None:
         """As `MonotonicClock.begin`; raises `LinkLost` where the bench is gone."""
         if self._awaits_answer:
-            raise RuntimeError("begin() a second time without end()")
+            raise RuntimeError("begin() was called twice; call end() before the next begin()")
         if self._speed is not None:
             # A pause is not made up for in haste, a late wake-up is.
             start = max(self._due_time, monotonic() - _MAX_CATCH_UP)
@@ -155,7 +155,7 @@ class SimulatedClock:
     def end(self) -> Tick:
         """As `MonotonicClock.end`; raises `LinkLost` where the bench is gone."""
         if not self._awaits_answer:
-            raise RuntimeError("end() without begin()")
+            raise RuntimeError("end() was called without begin(); call begin() first")
         self._awaits_answer = False
         tick = self._answer()
         if self._speed is not None and (left := self._due_time - monotonic()) > 0:
@@ -180,13 +180,19 @@ class SimulatedClock:
             try:
                 data = self._socket.recv(4096)
             except BlockingIOError as error:
-                raise LinkLost(f"{self._address}: no answer within {_ANSWER_TIMEOUT} s") from error
+                raise LinkLost(
+                    f"{self._address}: the simulated bench did not answer within "
+                    f"{_ANSWER_TIMEOUT} s; begin a new run"
+                ) from error
             except OSError as error:
                 raise LinkLost(
                     f"{self._address}: the connection is lost: {error.strerror or error}"
                 ) from error
             if not data:
-                raise LinkLost(f"{self._address}: the bench has closed the connection")
+                raise LinkLost(
+                    f"{self._address}: the simulated bench has closed the connection; begin a new "
+                    "run"
+                )
             self._received += data
         line, _, self._received = self._received.partition(b"\n")
         self._answer_time = monotonic()
@@ -194,7 +200,10 @@ class SimulatedClock:
             now, sent, sent_time = line.split()
             return Tick(float(now), int(sent), float(sent_time))
         except ValueError as error:
-            raise LinkLost(f"{self._address}: {line[:40]!r} is not a time of a bench") from error
+            raise LinkLost(
+                f"{self._address}: expected the time of a simulated bench, got {line[:40]!r}; "
+                "check --clock"
+            ) from error
 
 
 Clock = MonotonicClock | SimulatedClock

@@ -76,7 +76,9 @@ class TcpLink(Closeable):
             ) from error
         if not data:
             raise LinkLost(
-                f"{self.address}: the other end has closed the connection", names=(self.address,)
+                f"{self.address}: the device has closed the connection; check its power and that "
+                "no other program uses it",
+                names=(self.address,),
             )
         return data
 
@@ -109,7 +111,8 @@ class SerialLink(Closeable):
             self._port = serial.Serial(path, baud, bits, _PARITIES[parity], stop, timeout=0)
         except (*self._broken, ValueError) as error:
             raise LinkLost(
-                f"{self.address}: the port cannot be opened: {_reason(error)}",
+                f"{self.address}: the port cannot be opened: {_reason(error)}; check its name, "
+                "your rights, and that no other program uses it",
                 names=(self.address,),
             ) from error
 
@@ -208,10 +211,15 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
     try:
         result = socket.create_connection(place, opening)
     except OSError as error:
-        raise LinkLost(f"{address}: cannot connect: {_reason(error)}", names=(address,)) from error
+        raise LinkLost(
+            f"{address}: cannot connect: {_reason(error)}; check the address, the cable and the "
+            "power",
+            names=(address,),
+        ) from error
     except UnicodeError as error:  # what Python says of "a..b", a name that none can have
         raise LinkLost(
-            f"{address}: cannot connect: this is not the name of a host", names=(address,)
+            f"{address}: cannot connect: {place[0]!r} is not a host name; correct the address",
+            names=(address,),
         ) from error
     result.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return result

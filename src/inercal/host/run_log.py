@@ -199,8 +199,14 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
         at = 0
         while head := file.read(_HEAD.size + _CHECK.size):
             if _MAGIC[: len(head)] != head[:2]:
-                what = "is damaged" if at else "is not the log of a run"
-                raise InputError(f"{path} {what}: no frame begins at byte {at}", file=path)
+                what = (
+                    "is damaged; what lies before can be read"
+                    if at
+                    else "is not the log of a run; name another file"
+                )
+                raise InputError(
+                    f"{path}: no frame begins at byte {at}: the file {what}", file=path
+                )
             if len(head) < _HEAD.size + _CHECK.size:
                 return
             _, kind, length, time = _HEAD.unpack_from(head)

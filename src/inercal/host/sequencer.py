@@ -269,7 +269,7 @@ class Sequencer:
             if axis.faults and not enabling:
                 raise self._fault(f"axis {self._names[i]}: {', '.join(axis.faults)}", i)
             if self.phase in ("approach", "work", "return") and not axis.enabled:
-                raise self._fault(f"axis {self._names[i]}: its servo is off", i)
+                raise self._fault(f"axis {self._names[i]}: its servo is off; switch it on", i)
 
     def _has_moved(self, task: Task, seen: TableState) -> bool:
         """Tell whether an axis leaves its place by this reading; by the second in a row, refuse.

@@ -77,7 +77,8 @@ class TableDriver:
             self._say("warning", str(error))
             if self._failed_readings == _MAX_FAILED_READINGS:
                 raise LinkLost(
-                    f"the table is gone: {_MAX_FAILED_READINGS} readings in a row failed: {error}"
+                    f"the table does not answer: {_MAX_FAILED_READINGS} readings in succession "
+                    f"failed: {error}"
                 ) from error
             return None
         self._failed_readings = 0

@@ -97,7 +97,10 @@ def joint_test(difference: Array, covariance: Array) -> JointTest:
     size = difference.size
     scale = np.sqrt(np.diag(covariance))
     if not size or not (scale > 0).all():
-        raise ValueError("the joint test takes coefficients that have an uncertainty")
+        raise ValueError(
+            "covariance has a variance of 0, or difference is empty; pass coefficients with an "
+            "uncertainty"
+        )
     # Scaled to ones on the diagonal: units that differ by many powers of ten say nothing of rank.
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     seen = values > _RANK_TOLERANCE * values[-1]

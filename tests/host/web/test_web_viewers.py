@@ -450,10 +450,7 @@ def test_a_process_that_cannot_be_started_is_said_and_what_was_shown_stays(
     monkeypatch.setattr(run_process, "Popen", fails)
     ada.say("start", plan="demo", sensor=None, **SIMULATED)
     words = ada.until("refused")["words"]
-    assert (
-        words
-        == "the operating system cannot start the process of the run: Too many open files; free memory or disk space, then start again"
-    )
+    assert "Too many open files" in words
     with served.page() as late:
         late.until("done", words="aborted")
     monkeypatch.undo()

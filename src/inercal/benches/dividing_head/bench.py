@@ -63,7 +63,7 @@ def position_plan(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -
         No positions.
     """
     if n < 1:
-        raise InputError(f"a plan of {n} positions; at least one is needed", key="n")
+        raise InputError(f"n is {n}; a plan needs at least one position", key="n")
     angles = [2 * pi * k / n for k in range(n)]
     forward = tuple(
         Index(f"f{k:02d}", angle, seconds=seconds) for k, angle in enumerate(angles, start=1)
@@ -162,7 +162,8 @@ class DividingHead:
         require_possible_values("dividing head", {"gravity": self.gravity.value}, deviations)
         if not all(map(isfinite, self.polygon)):
             raise InputError(
-                "dividing head: the deviation of a face of the polygon is not finite", key="polygon"
+                f"dividing head: polygon has the deviations {self.polygon}; each must be finite",
+                key="polygon",
             )
 
     @property

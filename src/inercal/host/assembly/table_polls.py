@@ -201,7 +201,9 @@ class TablePolls:
         The times must be before `complete_until`.
         """
         if self.history is None:
-            raise InputError("no poll of the table yet")
+            raise InputError(
+                "the table has not been polled yet; add a poll before you ask for angles"
+            )
         found = np.zeros((time.size, self.history.angle.shape[1]))
         quality = AngleQuality(np.full(time.size, inf), np.full(time.size, inf))
         there = np.zeros(time.size, np.bool_)

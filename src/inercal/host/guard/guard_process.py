@@ -146,7 +146,10 @@ class Guard(Closeable):
             lines += self.read_lines()
             if ended or monotonic() > end:
                 said = "; ".join(lines[-1:]).removeprefix("cannot: ")
-                raise LinkLost(f"no guard of the table: {said or 'it is not ready in time'}")
+                raise LinkLost(
+                    "the guard process, which stops the table, did not start: "
+                    f"{said or f'not ready within {_START_TIMEOUT:g} s'}; begin again"
+                )
             select([self._lines], [], [], 0.1)
 
     def _write(self, data: bytes) -> bool:

@@ -233,7 +233,12 @@ def _numbered_holds(run: Source[TurntableData], recording: Recording) -> Indices
         )
     holds = holds_from_numbers(recording.time, number)
     if not len(holds):
-        raise key_error("[data] hold", f"column {run.data.hold!r} numbers no hold", run.path)
+        raise key_error(
+            "[data] hold",
+            f"column {run.data.hold!r} has no hold number, 0 or more; number the holds, or remove "
+            "the key",
+            run.path,
+        )
     return holds
 
 
