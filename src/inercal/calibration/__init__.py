@@ -165,16 +165,21 @@ class Calibration:
             raise InputError(f"readings have shape {data.shape}; expected (..., samples, axes)")
         if dT is None and self.sensor.uses("dT"):
             raise InputError(
-                "the model depends on temperature: pass dT, or a recording with temperature",
+                "the model depends on temperature: pass dT, in K above the reference temperature, "
+                "or a recording with temperature",
                 key="dT",
             )
         dT = 0.0 if dT is None else dT
         if not np.isfinite(dT).all():
-            raise InputError("temperatures are not finite; remove those samples first", key="dT")
+            raise InputError(
+                "dT has temperatures that are not finite; remove those samples first", key="dT"
+            )
         turning = self.sensor.uses("ai", "ap", "ao") and dw is None
         if turning and not isinstance(recording, Recording):
             raise InputError(
-                "the model has lever arms: pass dw, or a Recording, which has times", key="dw"
+                "the model has lever arms: pass dw, the angular acceleration in rad/s², or a "
+                "Recording, which has times",
+                key="dw",
             )
         if data.shape[-1] != len(self.sensor.axes):
             raise InputError(

@@ -25,7 +25,7 @@ from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
 
 SCHEMA = "inercal/calibration/2"
 _READABLE_SCHEMAS = (SCHEMA, "inercal/calibration/1")
-_NOT_JSON = "it is not JSON text"
+_NOT_JSON = "it is not JSON text; give a *.calibration.json file"
 
 
 def as_object(calibration: Calibration) -> dict[str, Any]:

@@ -167,7 +167,7 @@ class WhitenedProblem:
             bad: int = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
             label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
             raise InputError(
-                f"the standard deviation of observation {label} is not positive",
+                f"the standard deviation of observation {label} is not positive; give one above 0",
                 key="noise",
                 names=(label,),
             )

@@ -137,7 +137,8 @@ class Interlocks:
     ):
         if len(limits) != len(bench.names):
             raise InputError(
-                f"limits of {len(limits)} axes are given; the bench has {len(bench.names)}",
+                f"limits has {len(limits)} entries, but the bench has {len(bench.names)} axes; "
+                "give one for each",
                 key="limits",
                 names=bench.names,
             )

@@ -232,7 +232,7 @@ class Sequencer:
             if abs(axis.angle - angle) > _ARRIVAL_TOLERANCE:
                 raise self._fault(
                     f"axis {self._names[i]} is at rest at {degrees(axis.angle):.4f}° instead of "
-                    f"{degrees(angle):.4f}°: it was stopped from outside",
+                    f"{degrees(angle):.4f}°: it was stopped from outside; check the table's panel",
                     i,
                 )
         return True
@@ -286,7 +286,7 @@ class Sequencer:
                 raise self._fault(
                     f"axis {self._names[i]} moved during the hold: it is at "
                     f"{degrees(axis.angle):.4f}° instead of {degrees(angle):.4f}°; it was moved "
-                    "from outside",
+                    "from outside; keep people and panels from the table",
                     i,
                 )
         return self._motion_suspected

@@ -50,8 +50,8 @@ def read_host_readback(path: Path, recording: Recording) -> HostReadback:
     rows = recording.time.size if kept is None else int(kept.max(initial=-1)) + 1
     if any(one.shape[:1] < (rows,) or (kept is None and one.shape != (rows,)) for one in quality):
         raise InputError(
-            f"{path.name}: group {BENCH_GROUP!r} tells how well {quality.noise_gain.size} angles "
-            f"are known; the recording has {rows} samples; use the file as the host wrote it",
+            f"{path.name}: group {BENCH_GROUP!r} has the quality of {quality.noise_gain.size} "
+            f"angles, but the recording {rows} samples; use the file as the host wrote it",
             file=path,
         )
     if kept is not None:
