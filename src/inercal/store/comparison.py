@@ -171,7 +171,8 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
             raise InputError(
                 f"its axis {axis.name} has nominally {mine.scale:.9g} {mine.unit} per SI unit and "
                 f"{mine.offset:g} at zero, not {its.scale:.9g} {its.unit} and {its.offset:g}: "
-                "coefficients are deviations from the nominal readout",
+                "coefficients are deviations from the nominal readout; calibrate with the same "
+                "[sensor]",
                 names=(axis.name,),
             )
 
