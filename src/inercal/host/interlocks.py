@@ -183,7 +183,7 @@ class Interlocks:
                 )
         stands, self._time = state.time == self._time, state.time
         if self._persists("clock", stands, now, _CLOCK_TIMEOUT):
-            return f"the table's controller hangs: its clock stands still at {state.time:.3f} s"
+            return f"the table's controller hangs: its clock stopped at {state.time:.3f} s"
         if self._temperature and temperature is not None and isfinite(temperature):
             low, high = self._temperature
             if self._persists(
@@ -251,15 +251,15 @@ class Interlocks:
             size = degrees(np.sqrt(total / len(left)))
             return (
                 f"gyros and readback differ by {size:.3g} °/s about none of the table's axes; "
-                "is the IMU mounted as the run file says?"
+                "check that the IMU is mounted as the run file states"
             )
         names = " or ".join(name for name, _, _ in found)
         _, said, beyond = found[0]
         stands = abs(said) < _STANDSTILL_RATE
         self.encoder_stuck |= stands
-        does = "stands" if stands else f"turns at {degrees(said):.3g} °/s"
+        does = "stands still" if stands else f"turns at {degrees(said):.3g} °/s"
         return (
-            f"axis {names}: the encoder {does} while the gyros turn at "
+            f"axis {names}: the encoder {does} while the gyros measure "
             f"{degrees(said + beyond):.3g} °/s"
         )
 

@@ -89,7 +89,7 @@ class Interruptions:
         if imu.trouble is None:  # else that is the reason, and said already
             self._follow_trouble("interlocks", interlocks, time, patience)
         if self._sequencer.phase == "paused" and not self._pauses:
-            self._say("info", "goes on")
+            self._say("info", "the run continues")
             self._sequencer.resume()
 
     def check_guard(self) -> None:

@@ -127,20 +127,20 @@ class TableDriver:
             self.send(commands)
         except (TableFault, ProtocolError, LinkLost) as error:
             told = self._guard.stop()
-            does = "is told to stop the table" if told else "is gone too: cut the table's power"
+            does = "now stops the table" if told else "is gone too: cut the table's power"
             self._say("alarm", f"{error}; the watchdog {does}")
 
     def switch_servos_off(self) -> None:
         """Switch all servos off, once: one whose encoder stands drives its axis on and on."""
         if self._servos_off:
             return
-        words = "the servos are switched off, what turns coasts"
+        words = "the servos are switched off; an axis that turns coasts"
         try:
             self._table.kill(coasting=True)
         except TableFault as error:
             words = str(error)
         except (ProtocolError, LinkLost) as error:
-            self._say("alarm", f"{error}; the servos are to be switched off")
+            self._say("alarm", f"{error}; the servos are still to be switched off")
             return  # and tried again
         self._servos_off = True
         self._say("alarm", words)
@@ -157,6 +157,6 @@ class TableDriver:
         if "at rest" in lines:
             return next((f"watchdog: {line}" for line in lines if line.startswith("killed")), None)
         self._guard.release_to_guard()
-        does = "goes on trying to stop it" if self._guard.alive else "is gone: cut its power"
-        words = f"nobody has seen the table come to rest; the watchdog {does}"
+        does = "keeps trying to stop it" if self._guard.alive else "is gone: cut its power"
+        words = f"no reading shows the table at rest; the watchdog {does}"
         return "; ".join([words, *lines[-1:]])

@@ -71,7 +71,7 @@ def section_figure(outcome: Outcome, recording: Recording) -> Markup:
 def signal_figure(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Markup:
     """Return the signals by kind of axis with some sections shaded."""
     figure, _ = _draw_signals(recording, sensor, marks)
-    return svg(figure, "signals", "Recorded signals with the rests that were found")
+    return svg(figure, "signals", "Recorded signals with the detected rests shaded")
 
 
 def _draw_signals(
