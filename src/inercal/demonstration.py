@@ -77,7 +77,7 @@ def demo(
     quick : bool
         A path of five minutes instead of 24.
     show : callable
-        Called with the run while it goes on.
+        Called with the run while it is active.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Small files that a person writes: run files and descriptions of packets, read with bounds.
 
-Whatever stands in the place of such a file, reading ends at once: a FIFO or a device is not opened
-to the end, a file larger than `LARGEST` is not read, and TOML nested deeper than `DEEPEST` is
-refused, since code that walks through it would exceed Python's limit of recursion.
+Reading never blocks and is bounded: a FIFO or a device is refused, a file larger than `LARGEST` is
+not read, and TOML nested deeper than `DEEPEST` is refused, since code that walks through it would
+exceed Python's limit of recursion.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Addresses of tables and IMUs: what is at the other end of a link, and how it is set.
+"""Addresses of tables and IMUs: the link, the kind of device and its settings.
 
     pmac://192.168.0.5:1025?motors=1,2,3&counts=3600000     axes outer to inner; counts of one turn,
                                                             one for all or one an axis, < 0 reverses
@@ -7,7 +7,7 @@
     serial:/dev/ttyUSB0?preset=xsens&baud=921600            an IMU; `preset` is one of `PRESETS`,
     tcp://127.0.0.1:40123?layout=own.toml                   `layout` a file of one's own
 
-What else stands behind `?` is the link's.
+All other parameters after `?` are those of the link.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def layout_of_address(address: str) -> PacketLayout:
 
 
 def link_of_address(address: str) -> str:
-    """Return the address of the link alone, without what says what the packets are."""
+    """Return the address of the link alone, without `preset` or `layout`."""
     whole = _AddressParameters(address).values
     given = {k: v for k, v in whole.items() if k not in ("preset", "layout")}
     if given == whole:

@@ -1,9 +1,9 @@
 """Checks that stop a run although neither the table nor the IMU reports a fault.
 
-Each check returns None, or in words what is wrong. The gyros check the table's readings: a
-controller believes an encoder that stands still while its axis turns.
-With the rates of the gyros w, by the readback θ̇ through the bench's geometry v, and of the axes'
-directions u_i in the body::
+Each check returns None, or a text that states the fault. The gyros check the table's readings: the
+controller cannot see that an encoder is frozen while its axis turns.
+With w the rates of the gyros, v those of the readback θ̇ through the bench's geometry, and u_i the
+directions of the axes in the body::
 
     |w − v| > 5 °/s + |v|/20 for 0.2 s;   axis i explains it with δ_i where  w − v ≈ u_i δ_i
 
@@ -118,7 +118,7 @@ class Interlocks:
     has_gyros : bool
         The sensor has gyros, which `check_gyros` compares with the table.
     encoder_stuck : bool
-        An axis was seen to turn whose encoder stands: a servo that is on drives it on and on.
+        An axis turned while its encoder was frozen: its servo, if on, accelerates it.
     rate_difference : float
         rad/s that the gyros turn otherwise than the readback, as last seen; 0 where they agree.
 

@@ -1,4 +1,4 @@
-"""What keeps a run from going on: reasons to pause, while they last, and reasons to end it."""
+"""Interruptions of a run: reasons to pause it, while they last, and reasons to end it."""
 
 from collections.abc import Callable
 from math import inf

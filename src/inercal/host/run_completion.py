@@ -1,4 +1,4 @@
-"""What is made of a run when all is done: recording, calibration, report, and their digests."""
+"""Completes a run: it makes the recording, the calibration, the report, and their digests."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -52,7 +52,7 @@ def finish_run(
     Raises
     ------
     InercalError
-        The recording cannot be used: it stands all the same, and so does the log.
+        The recording cannot be calibrated; recording and log are kept all the same.
     """
     run = folder.run
     was = journal.header()

@@ -1,13 +1,13 @@
-"""What came from the devices, byte for byte: an append-only file that a kill cannot spoil.
+"""The raw log of a run: an append-only file of the devices' bytes, intact after a kill.
 
 A frame is written by one call and carries its own check:
 
     A5 'i' | kind, 1 byte | length, uint32 | time, float64 | CRC-32 of these | payload | its CRC-32
 
-little-endian; `time` is the host's, s of the run. The head has a check of its own, as a length that
-is not true would make what follows look like a frame that was not finished. A host that is killed
-leaves whole frames and at most one torn one at the end, which `RunLog` cuts off, and says so, when
-it opens the file again.
+little-endian; `time` is the host's, s of the run. The head has its own check, since after a wrong
+length the following frames would look like one unfinished frame. A host that is killed leaves
+complete frames and at most one incomplete frame at the end; `RunLog` removes and reports it when it
+opens the file again.
 """
 
 import os

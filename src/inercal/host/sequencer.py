@@ -1,7 +1,7 @@
-"""From step to step: what the table is told next, by what it says of itself.
+"""Sequences the steps of a plan: it derives the next commands from the state of the table.
 
-The sequencer owns no link, no clock and no thread. It is shown each state of the table and answers
-with commands, so that it is the same on iron, in simulation and in a test::
+The sequencer owns no link, no clock and no thread. It takes each state of the table and returns
+commands, so that it is the same on a real table, in simulation and in a test::
 
     enable -> home -> ( approach -> settle -> work )* -> return -> done
                          ^ paused, or begun anew after an outage: the step is repeated whole
@@ -141,7 +141,7 @@ class Sequencer:
         return left
 
     def pause(self, time: float) -> list[Command]:
-        """Stop the table; the step in hand is repeated when the run goes on."""
+        """Stop the table; the interrupted step is repeated when the run continues."""
         if self.is_over or self.phase == "paused":
             return []
         self._void_section(time)

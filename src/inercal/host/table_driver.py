@@ -1,6 +1,6 @@
-"""The table as a run drives it: read, told, stopped, left at rest.
+"""Drives the table of a run: reads its state, sends commands, stops it, leaves it at rest.
 
-What the host cannot bring about is left to the watchdog (`guard`).
+Where the host cannot stop the table, the watchdog (`guard`) does.
 """
 
 from collections.abc import Callable, Sequence
@@ -118,7 +118,7 @@ class TableDriver:
                     self._table.stop()
 
     def stop(self, commands: Sequence[Command]) -> None:
-        """Tell the table to stop; where it cannot be told, the watchdog goes on trying."""
+        """Stop the table; where it does not accept the command, have the watchdog stop it."""
         off = self.state is not None and not any(axis.enabled for axis in self.state.axes)
         # To stop closes the loops of motors: what somebody has switched off stays off.
         if self._guard.axis_killed or (off and self.at_rest):
@@ -131,7 +131,7 @@ class TableDriver:
             self._say("alarm", f"{error}; the watchdog {does}")
 
     def switch_servos_off(self) -> None:
-        """Switch all servos off, once: one whose encoder stands drives its axis on and on."""
+        """Switch all servos off, once: a servo with a frozen encoder accelerates its axis."""
         if self._servos_off:
             return
         words = "the servos are switched off; an axis that turns coasts"

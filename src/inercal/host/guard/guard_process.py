@@ -1,4 +1,4 @@
-"""The guard as its host has it: a process at the other end of a pipe."""
+"""The host's side of the watchdog: its process and the pipe to it."""
 
 import os
 import signal
@@ -84,7 +84,7 @@ class Guard(Closeable):
         return self._write(b"s") and self.alive
 
     def read_lines(self) -> list[str]:
-        """Return the lines that it said since last asked; never waits."""
+        """Return the lines that it wrote since the last call; never waits."""
         with suppress(OSError):
             while data := os.read(self._lines, 1 << 16):
                 self._received += data

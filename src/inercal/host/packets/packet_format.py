@@ -1,6 +1,6 @@
-"""Pictures of packets: what stands where, as a manual draws it, read into offsets and patterns.
+"""Reads descriptions of packets, in the order of their bytes, into offsets and patterns.
 
-A binary picture is a row of words:
+The description of a binary packet is a row of words:
 
 - `FA`, two hexadecimal digits: a byte that is always there; the packet begins with one or more;
 - `ax:i16`: a field by its role, here a signed integer of 16 bits; `-ay:i16` has its sign reversed;
