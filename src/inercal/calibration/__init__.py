@@ -213,7 +213,8 @@ class Calibration:
             if not _same_unit(axis.readout.unit, recording.units[k]):
                 raise InputError(
                     f"{recording.source or 'recording'}: channel {axis.name} is in "
-                    f"{recording.units[k]}; this calibration is for {axis.readout.unit}",
+                    f"{recording.units[k]}; this calibration is for {axis.readout.unit}; convert "
+                    "the channel",
                     names=(axis.name,),
                 )
         return recording.data[..., columns]

@@ -121,7 +121,7 @@ def read_text(path: str | Path) -> str:
     try:
         return Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise InputError(f"{path}: no such calibration file", file=path) from None
+        raise InputError(f"{path}: no such calibration file; check the path", file=path) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
     except ValueError:

@@ -105,7 +105,7 @@ def marks_from_file(path: Path) -> tuple[Mark, ...]:
             text = path.read_text(encoding="utf-8")
             entries = json.loads(text, object_pairs_hook=_unique_keys)
         except FileNotFoundError:
-            raise InputError(f"{path}: no such file of marks", file=path) from None
+            raise InputError(f"{path}: no such file of marks; check the path", file=path) from None
         except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path}: not a JSON file of marks: {error}", file=path) from None
         if not isinstance(entries, dict):

@@ -117,7 +117,7 @@ class Gauge:
             )
         if np.linalg.matrix_rank(self.matrix) < q:
             raise InputError(
-                f"gauge '{self.words}': its {q} rows are not independent",
+                f"gauge '{self.words}': its {q} rows are not independent; remove a dependent row",
                 key="matrix",
                 names=self.names,
             )

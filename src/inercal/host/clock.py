@@ -173,7 +173,8 @@ class SimulatedClock:
             self._socket.sendall(line)
         except OSError as error:
             raise LinkLost(
-                f"{self._address}: the connection is lost: {error.strerror or error}"
+                f"{self._address}: the connection to the simulated bench is lost: "
+                f"{error.strerror or error}; begin a new run"
             ) from error
 
     def _answer(self) -> Tick:
@@ -187,7 +188,8 @@ class SimulatedClock:
                 ) from error
             except OSError as error:
                 raise LinkLost(
-                    f"{self._address}: the connection is lost: {error.strerror or error}"
+                    f"{self._address}: the connection to the simulated bench is lost: "
+                    f"{error.strerror or error}; begin a new run"
                 ) from error
             if not data:
                 raise LinkLost(

@@ -71,9 +71,7 @@ class TcpLink(Closeable):
         except (TimeoutError, BlockingIOError):
             return b""
         except OSError as error:
-            raise LinkLost(
-                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
-            ) from error
+            raise _lost_connection(self.address, error) from error
         if not data:
             raise LinkLost(
                 f"{self.address}: the device has closed the connection; check its power and that "
@@ -88,9 +86,7 @@ class TcpLink(Closeable):
             self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(data)
         except OSError as error:
-            raise LinkLost(
-                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
-            ) from error
+            raise _lost_connection(self.address, error) from error
 
     def close(self) -> None:
         """As `Link.close`."""
@@ -127,18 +123,14 @@ class SerialLink(Closeable):
                 waiting = 1
             return bytes(self._port.read(waiting))
         except self._broken as error:
-            raise LinkLost(
-                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
-            ) from error
+            raise _lost_connection(self.address, error) from error
 
     def write(self, data: bytes) -> None:
         """As `Link.write`."""
         try:
             self._port.write(data)
         except self._broken as error:
-            raise LinkLost(
-                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
-            ) from error
+            raise _lost_connection(self.address, error) from error
 
     def close(self) -> None:
         """As `Link.close`."""
@@ -247,6 +239,13 @@ def _integer_parameter(
             key=key,
         )
     return int(text)
+
+
+def _lost_connection(address: str, error: Exception) -> LinkLost:
+    return LinkLost(
+        f"{address}: the connection is lost: {_reason(error)}; check the cable and the power",
+        names=(address,),
+    )
 
 
 def _reason(error: Exception) -> str:

@@ -267,8 +267,8 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Sequence[
     n = len(harmonics.distinct_angles(angle)[0]) if len(angle) else 0
     if n < dividing_head_problem.MIN_POSITIONS:
         raise InputError(
-            f"{n} different positions; a tumble test needs {dividing_head_problem.MIN_POSITIONS} "
-            "or more",
+            f"the steps have {n} different positions; a tumble test needs "
+            f"{dividing_head_problem.MIN_POSITIONS} or more: add positions",
             key="steps",
         )
     return angle

@@ -136,7 +136,9 @@ def search_sections(
     rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     if len(force) != 3 or len(rate) not in (0, 3):
         raise InputError(
-            "sections can be detected for triads only; mark them in a file or a column",
+            f"sensor {sensor.name} has {len(force)} accelerometers and {len(rate)} gyros; sections "
+            "are detected only for three of each, or three accelerometers: mark them in a file or "
+            "a column",
             names=sensor.channels,
         )
     window = max(round(WINDOW * recording.rate_hz), 4)

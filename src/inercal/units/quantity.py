@@ -156,7 +156,7 @@ def _plain_quantity(text: object, like: str) -> str:
     if isinstance(text, bool) or not isinstance(text, (int, float)):
         raise NotationError(f"is not a quantity such as {_example_text(1, like)}")
     if not abs(text) <= sys.float_info.max:
-        raise NotationError("is not a finite number")
+        raise NotationError("is not a finite number; write one")
     return repr(float(text))
 
 
@@ -214,7 +214,7 @@ def _value(number: float, unit: str, like: str) -> float:
     read = require_dimension(unit or "1", like)
     value = number * read.size + read.offset
     if not math.isfinite(value):
-        raise NotationError("is too large")
+        raise NotationError("is too large; write a smaller number")
     return value
 
 
@@ -236,7 +236,7 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
     else:
         sd *= read_unit(sd_unit).size * abs(value)
     if not math.isfinite(sd):
-        raise NotationError("states an uncertainty that is too large")
+        raise NotationError("states an uncertainty that is too large; write a smaller one")
     return sd
 
 

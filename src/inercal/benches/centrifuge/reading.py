@@ -56,7 +56,8 @@ def observe(run: Source[CentrifugeData]) -> EstimatorInput:
     if known and run.data.attitude is None:
         raise key_error(
             "[data] attitude",
-            "is missing: lever arms and [bench] indexing need the columns of ψ and θ",
+            "is missing: lever arms and [bench] indexing need the attitude; name the columns of ψ "
+            "and θ",
             run.path,
         )
     if bench.indexing is not None and bench.platform != "locked":

@@ -95,7 +95,7 @@ def mounted_sensor(
     x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
     if not 1 <= len(axes) <= len(held := ((x, y), (y, back))):
         raise InputError(
-            f"the fixture holds one or two accelerometers, not {len(axes)}", key="axes"
+            f"axes has {len(axes)} accelerometers; the fixture holds one or two", key="axes"
         )
     result = (Axis(a, "f", i, p, readout, noise) for a, (i, p) in zip(axes, held, strict=False))
     return Sensor(name, tuple(result), form="tilted")

@@ -129,8 +129,8 @@ class Acutrol(Closeable):
         """Open the interlocks; refused as in `RotaryTable.kill`."""
         if not coasting and any(s.moving for s in self.read().axes):
             raise TableFault(
-                "an axis turns and would coast if killed: stop() first, then kill(), or "
-                "kill(coasting=True) where stopping failed"
+                f"{self._dialogue.address}: an axis turns and would coast if killed; call stop() "
+                "first, then kill(), or kill(coasting=True) where stopping failed"
             )
         self._send(*(f":interlock:open {a.number}" for a in self._axes))
 

@@ -193,8 +193,8 @@ class Pmac(Closeable):
             for name, state in zip(self.axes, self.read().axes, strict=True):
                 if state.enabled and not state.settled:
                     raise TableFault(
-                        f"axis {name} turns and would coast if killed: stop() first, then kill(), "
-                        "or kill(coasting=True) where stopping failed",
+                        f"axis {name} turns and would coast if killed; call stop() first, then "
+                        "kill(), or kill(coasting=True) where stopping failed",
                         names=(name,),
                     )
         self._each((f"#{a.motor}K" for a in self._axes), self._ask)

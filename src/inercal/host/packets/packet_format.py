@@ -275,7 +275,9 @@ def read_line(text: str) -> TextLine:
         sign = -1.0 if name.startswith("-") else 1.0
         fields.append(Field(name.removeprefix("-"), sign, str(spec), group))
     if sum(name is not None for _, name, _, _ in parts) > _MAX_FIELDS:
-        raise InputError(f"the line has more than {_MAX_FIELDS} fields, the most that are possible")
+        raise InputError(
+            f"the line has more than {_MAX_FIELDS} fields; at most {_MAX_FIELDS} are possible"
+        )
     return TextLine(text, tuple(fields), tuple(checks))
 
 
