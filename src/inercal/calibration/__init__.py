@@ -93,9 +93,9 @@ class Calibration:
         for one in self.shared or ():
             if one.covariance.shape != (p,) or names.count(one.name) > 1:
                 raise InputError(
-                    f"calibration of {self.sensor.name}: shared error {one.name} needs {p} "
-                    f"covariances in a single entry, but has {one.covariance.size} in "
-                    f"{names.count(one.name)} entries",
+                    f"calibration of {self.sensor.name}: shared error {one.name} has "
+                    f"{one.covariance.size} covariances in {names.count(one.name)} entries; give "
+                    f"{p} in a single entry",
                     names=(one.name,),
                 )
 

@@ -142,7 +142,9 @@ def _mark(path: Path, label: str, entry: object) -> Mark:
         start, end = (float(entry[key]) for key in ("start", "end"))  # type: ignore[index]
     except (TypeError, KeyError, ValueError):
         raise InputError(
-            f"{path}: mark {label!r} needs numbers 'start' and 'end'", file=path, names=(label,)
+            f"{path}: mark {label!r} lacks numbers 'start' and 'end'; add them",
+            file=path,
+            names=(label,),
         ) from None
     if not (start.is_integer() and end.is_integer()):
         raise InputError(

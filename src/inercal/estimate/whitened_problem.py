@@ -159,8 +159,8 @@ class WhitenedProblem:
             return Whitener(inverse.reshape(-1, m, m), full=True)
         if noise.shape[-1:] != (m,) or noise.shape[:-1] not in leads:
             raise InputError(
-                f"noise has shape {noise.shape}; expected standard deviations ({m},) or"
-                f" ({self.trials}, {m}), or a covariance with one axis of {m} more",
+                f"noise has shape {noise.shape}; expected standard deviations (..., {m}) or a "
+                f"covariance (..., {m}, {m}), with no leading axis or one of 1 or {self.trials}",
                 key="noise",
             )
         if not np.all(np.isfinite(noise) & (noise > 0)):

@@ -223,5 +223,7 @@ def _require_checksum(length: int, checked: bytes, path: Path, at: int) -> None:
     """Refuse bytes that are not those their check was made from."""
     if _CHECK.unpack_from(checked, length)[0] != crc32(checked[:length]):
         raise InputError(
-            f"{path} is damaged: the frame at byte {at} does not match its checksum", file=path
+            f"{path} is damaged: the frame at byte {at} does not match its checksum; restore the "
+            "file, or begin a new run",
+            file=path,
         )

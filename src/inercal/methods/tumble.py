@@ -240,8 +240,8 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Sequence[
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
         words = {"f": "an accelerometer", "w": "a gyro"}
         raise InputError(
-            f"a tumble test takes one accelerometer; sensor {sensor.name} has "
-            f"{', '.join(f'{a.name} ({words[a.measures]})' for a in sensor.axes)}",
+            f"a tumble test takes one accelerometer: name one in [sensor]; sensor {sensor.name} "
+            f"has {', '.join(f'{a.name} ({words[a.measures]})' for a in sensor.axes)}",
             key="[sensor]",
             names=sensor.channels,
         )

@@ -110,7 +110,7 @@ def _read_polygon(path: Path, unit: str) -> tuple[float, ...]:
         if name not in table.columns:
             raise InputError(
                 f"{key}: {path.name} has no column {name!r}; its columns are "
-                f"{', '.join(table.columns)}, but face and deviation are needed",
+                f"{', '.join(table.columns)}; name the two columns face and deviation",
                 file=path,
                 key=key,
                 names=(name,),
