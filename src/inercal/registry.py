@@ -110,7 +110,7 @@ class Registry(Mapping[str, T]):
         except (ImportError, AttributeError) as error:
             raise InputError(
                 f"{self.what} {point.name!r} of package {_distribution_name(point)} cannot be "
-                f"loaded from {point.value}: {error}",
+                f"loaded from {point.value}: {error}; update or uninstall the package",
                 names=(point.name,),
             ) from error
 

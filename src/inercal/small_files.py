@@ -49,7 +49,9 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
     except ValueError as error:  # a null character in the name
-        raise InputError(f"{str(path)!r} is not a possible name of a {what}: {error}") from None
+        raise InputError(
+            f"{str(path)!r} is not a possible name of a {what}: {error}; give another path"
+        ) from None
     if len(raw) > largest:
         raise InputError(
             f"{path}: more than {largest} bytes, too many for a {what}; check that this is the "

@@ -205,7 +205,7 @@ class Calibration:
         if missing:
             raise InputError(
                 f"{recording.source or 'recording'}: no channel {missing[0]!r}, which the "
-                f"calibration needs; it has {', '.join(recording.channels)}",
+                f"calibration needs; name its channel so: it has {', '.join(recording.channels)}",
                 names=tuple(missing),
             )
         columns = [recording.channels.index(name) for name in self.sensor.channels]

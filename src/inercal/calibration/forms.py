@@ -196,7 +196,7 @@ def convert_frame(
     if kinds not in (["f"] * 3, ["f"] * 3 + ["w"] * 3):
         raise InputError(
             f"sensor {sensor.name} has axes {', '.join(sensor.channels)}; only three "
-            "accelerometers, alone or with three gyros, can change their frame",
+            "accelerometers, alone or with three gyros, can change their frame: keep the frame",
             names=sensor.channels,
         )
     groups = ("bias", "scale", "misalignment", *(["g"] if len(kinds) == 6 else []))

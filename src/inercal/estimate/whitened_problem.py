@@ -86,7 +86,8 @@ class WhitenedProblem:
             )
         if jacobian.shape[-2:] != (self.m, p):
             raise InputError(
-                f"the Jacobian has shape {jacobian.shape}; expected (..., {self.m}, {p})",
+                f"linearise returned a Jacobian of shape {jacobian.shape}; expected (..., "
+                f"{self.m}, {p})",
                 key="linearise",
             )
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):

@@ -203,5 +203,6 @@ def rename_sensor(path: Path, sensor: str) -> bytes:
         return tomlkit.dumps(document).encode()
     except (OSError, ValueError, KeyError) as error:
         raise InputError(
-            f"{path}: the sensor name cannot be written into the run file: {error}"
+            f"{path}: the sensor name cannot be written into the run file: {error}; check "
+            "[sensor] name"
         ) from None
