@@ -152,7 +152,9 @@ def _check_keys(part: Any, section: str) -> None:
     where, keys = f"[{section}] " if section else "", KEYS[section]
     if not isinstance(part, dict):
         raise InputError(
-            f"[[{section}]]: give sections with the keys {', '.join(keys)}", key=section
+            f"[[{section}]] has an entry that is no section; give sections with the keys "
+            f"{', '.join(keys)}",
+            key=section,
         )
     for key, value in cast(dict[str, Any], part).items():
         if key not in keys:
@@ -301,7 +303,7 @@ def _whole_number(
     if not least <= value <= most:
         where = f"[{section}] {key}"
         raise InputError(
-            f"{where}: {shorten(str(value), 24)}; give a number from {least} to {most}", key=where
+            f"{where} is {shorten(str(value), 24)}; give a number from {least} to {most}", key=where
         )
     return value
 
@@ -312,7 +314,10 @@ def _invalid_codes(section: str, codes: list[Any]) -> tuple[float, ...]:
         for code in codes
     ):
         where = f"[{section}] invalid"
-        raise InputError(f"{where}: give raw values, such as [-32768]", key=where)
+        raise InputError(
+            f"{where} has an entry that is not a whole number; give raw values, such as [-32768]",
+            key=where,
+        )
     return tuple(float(code) for code in codes)
 
 
