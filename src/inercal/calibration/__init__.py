@@ -204,8 +204,9 @@ class Calibration:
         missing = [name for name in self.sensor.channels if name not in recording.channels]
         if missing:
             raise InputError(
-                f"{recording.source or 'recording'}: no channel {missing[0]!r}, which the "
-                f"calibration needs; name its channel so: it has {', '.join(recording.channels)}",
+                f"{recording.source or 'recording'}: channel {missing[0]!r} of the calibration is "
+                f"missing; the channels are {', '.join(recording.channels)}: rename that of this "
+                "axis",
                 names=tuple(missing),
             )
         columns = [recording.channels.index(name) for name in self.sensor.channels]

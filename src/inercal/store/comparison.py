@@ -140,7 +140,7 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
     if dependent and mine != its:
         raise InputError(
             f"its reference temperature is {mine - ZERO_CELSIUS:g} °C, not "
-            f"{its - ZERO_CELSIUS:g} °C; calibrate one of them again with that of the other"
+            f"{its - ZERO_CELSIUS:g} °C; calibrate both with one reference temperature"
         )
     try:
         # The frame first: it keeps the form, and refuses more than the form.
