@@ -259,9 +259,13 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Sequence[
             key="[method]",
         )
     estimator_inputs.require_matching_rows(observations, sensor, steps)
-    if not (observations.covariance > 0).all():
+    positive = (observations.covariance > 0).reshape(-1, len(observations.labels)).all(0)
+    if not positive.all():
+        label = observations.labels[int(np.argmin(positive))]
         raise InputError(
-            "a reading has no variance; state the variance of every reading", key="observations"
+            f"the reading at {label} has no variance above 0; state the variance of every reading",
+            key="observations",
+            names=(label,),
         )
     angle = _nominal_angles(steps)
     n = len(harmonics.distinct_angles(angle)[0]) if len(angle) else 0
