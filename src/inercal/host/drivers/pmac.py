@@ -209,7 +209,7 @@ class Pmac(Closeable):
             raise ProtocolError(
                 f"{self._dialogue.address}: the servo clock jumped: a reading began at {first:X} "
                 f"and ended at {last:X} (hexadecimal cycles), the previous one was at "
-                f"{self._cycle:X}; a digit was corrupted, or the controller restarted"
+                f"{self._cycle:X}; check the link, and whether the controller restarted"
             )
         states = tuple(
             self._state(i, first, lines[1 + 4 * i : 5 + 4 * i]) for i in range(len(self._axes))
