@@ -108,7 +108,7 @@ def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple
 
 
 def holds_from_marks(marks: Sequence[Mark]) -> tuple[Hold, ...]:
-    """Return a hold for each mark, with an attitude that stands for an unknown one."""
+    """Return a hold for each mark, with a placeholder where its attitude is unknown."""
     return tuple(Hold(mark.label, (0.0, 0.0, 1.0), 0.0) for mark in marks)
 
 
