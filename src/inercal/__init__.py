@@ -59,7 +59,9 @@ _kernels = _provide_kernel_cache()
 
 def __getattr__(name: str) -> Any:
     if name not in _EXPORT_MODULES:
-        raise AttributeError(f"module 'inercal' has no attribute {name!r}")
+        raise AttributeError(
+            f"module 'inercal' has no attribute {name!r}; it has {', '.join(_EXPORT_MODULES)}"
+        )
     return getattr(import_module(_EXPORT_MODULES[name]), name)
 
 

@@ -77,7 +77,7 @@ def demo(
     quick : bool
         A path of five minutes instead of 24.
     show : callable
-        Called with the run while it goes on.
+        Called with the run while it is active.
 
     Raises
     ------
@@ -98,7 +98,10 @@ def demo(
                         result, journal, show=show, run_context=lambda _: bench.run_context()
                     )
                 except RunInterrupted as error:
-                    raise InercalError(f"{folder}: the run was interrupted: {error}") from None
+                    raise InercalError(
+                        f"{folder}: the run of the demonstration was interrupted: {error}; start "
+                        "it again in another folder"
+                    ) from None
 
                 def truth(outcome: Outcome) -> Mapping[str, float]:
                     return _truth_with_mean_biases(run, seed, outcome, run_process.time)

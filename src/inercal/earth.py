@@ -64,7 +64,8 @@ def normal_gravity(latitude_rad: float, height_m: float) -> Measured:
     """
     if not _LOWEST <= height_m <= _HIGHEST:
         raise InputError(
-            f"height {height_m:g} m is outside −1 km … 20 km above the ellipsoid", key="height"
+            f"height {height_m:g} m is not possible; give −1 km to 20 km above the ellipsoid",
+            key="height",
         )
     s2 = sin(_checked_latitude(latitude_rad)) ** 2
     on_ellipsoid = _EQUATOR * (1 + _K * s2) / sqrt(1 - _E2 * s2)
@@ -92,5 +93,7 @@ def earth_rate_up_north(latitude_rad: float) -> tuple[float, float]:
 def _checked_latitude(latitude: float) -> float:
     # A pole given as 90 degrees may come out of a conversion one rounding too large.
     if not abs(latitude) <= pi / 2 * (1 + 1e-12):
-        raise InputError(f"latitude {degrees(latitude):g}° is outside −90° … 90°", key="latitude")
+        raise InputError(
+            f"latitude {degrees(latitude):g}° is not possible; give −90° to 90°", key="latitude"
+        )
     return latitude

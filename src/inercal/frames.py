@@ -156,7 +156,11 @@ def attitude_from_vertical(up: ArrayLike, azimuth: ArrayLike = 0.0) -> Array:
     up_b = np.asarray(up, dtype=float)
     length = np.linalg.norm(up_b, axis=-1, keepdims=True)
     if not np.all((length > 0) & np.isfinite(length)):
-        raise InputError("an upward direction needs a finite length greater than 0", key="up")
+        raise InputError(
+            "up has a direction whose length is 0 or not finite; give vectors (..., 3) with a "
+            "finite length above 0",
+            key="up",
+        )
     x, y, z = np.moveaxis(up_b / length, -1, 0)
     # Duff et al., J. Computer Graphics Techniques 6 (2017) 1: orthonormal for every direction.
     sign = np.copysign(1.0, z)
@@ -219,7 +223,7 @@ def _require_decomposable(mat: ArrayLike) -> Array:
     """Return `mat`; refuse a matrix without a unique decomposition with a rotation."""
     mat = np.asarray(mat, dtype=float)
     if not np.isfinite(mat).all():
-        raise InputError("a matrix with values that are not finite has no decomposition", key="mat")
+        raise InputError("mat has values that are not finite; give a finite matrix", key="mat")
     # With rows scaled to length 1 their directions decide on dependence, not their sensitivities.
     length = np.linalg.norm(mat, axis=-1, keepdims=True)
     rows = mat / np.where(length == 0, 1.0, length)
@@ -231,5 +235,9 @@ def _require_decomposable(mat: ArrayLike) -> Array:
     for what, where in wrong.items():
         if where.any():
             index = ", ".join(map(str, np.argwhere(where)[0]))
-            raise InputError(f"the matrix{f' [{index}]' if index else ''} {what}", key="mat")
+            raise InputError(
+                f"mat{f'[{index}]' if index else ''} {what}; give independent rows in "
+                "right-handed order",
+                key="mat",
+            )
     return mat

@@ -34,7 +34,7 @@ class Hold:
 class Turn:
     """Turn the sensor about its body direction `axis` (unit vector) by `angle`, rad.
 
-    The axis stands vertical, up; a positive angle is counter-clockwise seen from above.
+    The axis points vertically up; a positive angle is counter-clockwise seen from above.
     """
 
     label: str

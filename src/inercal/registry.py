@@ -80,7 +80,9 @@ class Registry(Mapping[str, T]):
     def with_(self, name: str, one: T) -> Generator[None]:
         """Register an object temporarily, as a package would."""
         if name in self:
-            raise InputError(f"there is a {self.what} {name!r} already", names=(name,))
+            raise InputError(
+                f"there is a {self.what} {name!r} already; choose another name", names=(name,)
+            )
         self._added[name] = one
         try:
             yield
@@ -108,7 +110,7 @@ class Registry(Mapping[str, T]):
         except (ImportError, AttributeError) as error:
             raise InputError(
                 f"{self.what} {point.name!r} of package {_distribution_name(point)} cannot be "
-                f"loaded from {point.value}: {error}",
+                f"loaded from {point.value}: {error}; update or uninstall the package",
                 names=(point.name,),
             ) from error
 

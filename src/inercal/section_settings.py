@@ -143,7 +143,7 @@ def section_deviation(
     key, text = f"[bench] {name}", getattr(section, name)
     value = si_value(text, like, key)
     if value < 0:
-        raise key_error(key, f"{text!r} must not be negative")
+        raise key_error(key, f"{text!r} is negative; give 0 or more")
     if limit is not None and value > limit.value:
         raise key_error(key, f"{text!r} is more than {limit.meaning}; check the value and its unit")
     return value
@@ -170,6 +170,6 @@ def section_gravity(section: BenchSection) -> Measured:
     if not 9.5 < gravity.value < 10.0:
         raise key_error(
             "[bench] gravity",
-            f"{section.gravity!r} is not gravity on earth, which is 9.76 to 9.84 m/s²",
+            f"{section.gravity!r} is not possible; give gravity on earth, 9.76 to 9.84 m/s²",
         )
     return gravity

@@ -1,8 +1,8 @@
 """Small files that a person writes: run files and descriptions of packets, read with bounds.
 
-Whatever stands in the place of such a file, reading ends at once: a FIFO or a device is not opened
-to the end, a file larger than `LARGEST` is not read, and TOML nested deeper than `DEEPEST` is
-refused, since code that walks through it would exceed Python's limit of recursion.
+Reading never blocks and is bounded: a FIFO or a device is refused, a file larger than `LARGEST` is
+not read, and TOML nested deeper than `DEEPEST` is refused, since code that walks through it would
+exceed Python's limit of recursion.
 """
 
 import os
@@ -43,16 +43,19 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
                 raise InputError(f"{path}: not a regular file; give a {what}", file=path)
             raw = file.read(largest + 1)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such {what}", file=path) from None
+        raise InputError(f"{path}: no such {what}; check the path", file=path) from None
     except IsADirectoryError:
-        raise InputError(f"{path}: cannot be read: a folder, not a {what}", file=path) from None
+        raise InputError(f"{path}: is a folder; give a {what}", file=path) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
     except ValueError as error:  # a null character in the name
-        raise InputError(f"{str(path)!r} cannot name a {what}: {error}") from None
+        raise InputError(
+            f"{str(path)!r} is not a possible name of a {what}: {error}; give another path"
+        ) from None
     if len(raw) > largest:
         raise InputError(
-            f"{path}: more than {largest} bytes, too many for a {what}; is it another file?",
+            f"{path}: more than {largest} bytes, too many for a {what}; check that this is the "
+            "right file",
             file=path,
         )
     return raw

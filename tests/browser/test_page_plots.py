@@ -249,7 +249,7 @@ def test_nis_and_verdict_have_a_colour_a_sign_and_a_word(
     page.get_by_text("What NIS says").click()
     expect(explained).to_be_visible()
 
-    numbers = "24 coefficients found; the data agree (χ² = 17.0, p = 0.4)"
+    numbers = "24 coefficients estimated; the data agree (χ² = 17.0, p = 0.4)"
     verdict = {"level": level, "words": words, "reasons": ["few rests"]}
     scripted.tell(messages.done(words=numbers, verdict=verdict))
     told = page.locator("#verdict-words")

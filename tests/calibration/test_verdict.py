@@ -39,7 +39,7 @@ def estimate(sensor: Sensor, chi2: float, dof: int, sd: float = 50e-6, **values:
 def test_consistent_data_are_said_to_agree():
     summary, *others = verdict(estimate(SENSOR, 10.5, 12), SENSOR, ())
     assert summary.startswith(
-        "6 coefficients found; the data agree with the stated noise and bench"
+        "6 coefficients estimated; the data agree with the stated noise and bench"
     )
     assert "χ² = 10.5 with 12 degrees of freedom" in summary
     assert "p = 0.57" in summary  # P(χ²₁₂ > 10.5) = 0.572

@@ -174,7 +174,7 @@ def test_the_script_prints_a_verdict_and_leaves_a_calibration_and_a_report(
     )
     word, summary = done.stdout.splitlines()[:2]
     assert word == "consistent"
-    assert summary.startswith("12 coefficients found; the data agree")
+    assert summary.startswith("12 coefficients estimated; the data agree")
     calibration = inercal.load(tmp_path / "six_position.calibration.json")
     assert calibration.sensor.name == "accelerometer SN 0417"
     assert "<html" in (tmp_path / "six_position.report.html").read_text(encoding="utf-8")

@@ -137,7 +137,7 @@ class _Guard:
 
     def stop(self) -> bool:
         self._bench.stop()
-        self._lines = ["stopping: told so", "at rest"]
+        self._lines = ["stopping: the host requested it", "at rest"]
         return True
 
     def read_lines(self) -> list[str]:

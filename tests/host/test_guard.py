@@ -85,11 +85,11 @@ def guard(server: Served, table: Pmac) -> Iterator[Guard]:
 def test_a_table_is_stopped_on_request_and_twice_is_once(server: Served, table: Pmac, guard: Guard):
     assert guard.stop()
     assert guard.stop()
-    assert _hear(guard, "at rest")[0] == "stopping: told so"
+    assert _hear(guard, "at rest")[0] == "stopping: the host requested it"
     assert not _turning(server)
     assert table.read().axes[2].enabled
     guard.stop()  # one that stands
-    assert _hear(guard, "at rest") == ["stopping: told so", "at rest"]
+    assert _hear(guard, "at rest") == ["stopping: the host requested it", "at rest"]
     table.spin("inner", radians(100), radians(200))
     _until(lambda: _turning(server))
     guard.stop()
@@ -142,7 +142,7 @@ def test_what_a_host_commands_while_its_table_is_stopped_is_stopped_again(
     with server.lock:
         simulated.halt = halted
     guard.stop()
-    assert _hear(guard, "at rest") == ["stopping: told so", "at rest"]
+    assert _hear(guard, "at rest") == ["stopping: the host requested it", "at rest"]
     assert halts.count(False) >= 2
     assert not _turning(server)
 
@@ -154,7 +154,7 @@ def test_a_table_that_is_off_is_not_switched_on(server: Served, table: Pmac, gua
     seen = server.faults.replies
     _until(lambda: server.faults.replies > seen)  # the guard has looked
     guard.stop()
-    assert _hear(guard, "at rest") == ["stopping: told so", "at rest"]
+    assert _hear(guard, "at rest") == ["stopping: the host requested it", "at rest"]
     assert not any(axis.enabled for axis in table.read().axes)
 
 
@@ -215,7 +215,7 @@ def test_a_table_that_is_gone_and_comes_back_is_stopped(server: Served, table: P
     simulated, port = server.device, server.port
     server.stop()
     guard.stop()
-    assert "stopping: told so" in _hear(guard, "cannot: ")
+    assert "stopping: the host requested it" in _hear(guard, "cannot: ")
     assert guard.alive
     with SimulatorServer(simulated, ScaledClock(SPEED), port=port) as again:
         _hear(guard, "at rest")
@@ -275,7 +275,10 @@ def test_a_guard_that_is_killed_is_no_longer_alive_and_hears_nothing(guard: Guar
 
 def test_a_guard_told_to_end_stops_the_table_first(server: Served, guard: Guard):
     guard._process.terminate()
-    assert _hear(guard, "at rest") == ["stopping: the guard itself was told to end", "at rest"]
+    assert _hear(guard, "at rest") == [
+        "stopping: the guard process received a signal to end",
+        "at rest",
+    ]
     _until(lambda: not guard.alive)
     assert not _turning(server)
 

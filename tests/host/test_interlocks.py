@@ -75,7 +75,7 @@ def test_a_controller_whose_clock_stands_hangs():
     found = [checks.check(_state(time=min(t, 1.0)), t) for t in times]
     told = times[[words is not None for words in found]]
     assert told[0] == pytest.approx(1.52, abs=0.03)
-    assert found[-1] == "the table's controller hangs: its clock stands still at 1.000 s"
+    assert found[-1] == "the table's controller hangs: its clock stopped at 1.000 s"
     # A table that tells no time does not hang.
     checks = _interlocks()
     assert not any(checks.check(_state(), t) for t in times)
@@ -130,7 +130,7 @@ def test_an_encoder_that_stands_while_the_gyros_turn_is_named(axis: int, name: s
     for piece in _pieces(_track(rates, (axis,)), size):
         if words := checks.check_gyros(piece):
             told.append((piece.time[-1], words))
-    assert told[0][1] == f"axis {name}: the encoder stands while the gyros turn at 12 °/s"
+    assert told[0][1] == f"axis {name}: the encoder stands still while the gyros measure 12 °/s"
     # 0.2 s of it, and half a window of 20 ms.
     assert told[0][0] <= 0.5 + 0.2 + 0.05 + size / RATE
 
@@ -138,7 +138,7 @@ def test_an_encoder_that_stands_while_the_gyros_turn_is_named(axis: int, name: s
 def test_other_axes_that_turn_meanwhile_are_not_blamed():
     checks = _interlocks()
     words = checks.check_gyros(_track((10.0, -12.0, 40.0), (1,)))
-    assert words == "axis middle: the encoder stands while the gyros turn at -12 °/s"
+    assert words == "axis middle: the encoder stands still while the gyros measure -12 °/s"
 
 
 def test_axes_that_are_one_are_both_named():
@@ -150,7 +150,7 @@ def test_axes_that_are_one_are_both_named():
     # At 90° of the middle axis the inner one is the outer one.
     words = checks.check_gyros(_track((12.0, 0.0, 0.0), (0,), at=(0.3, pi / 2, 0.0)))
     assert words is not None
-    assert words.startswith("axis outer or inner: the encoder stands")
+    assert words.startswith("axis outer or inner: the encoder stands still")
 
 
 @pytest.mark.parametrize("rates", [(0.0, 0.0, 0.0), (30.0, -20.0, 10.0), (0.0, 0.0, 100.0)])
@@ -166,7 +166,7 @@ def test_gyros_that_are_dead_are_told():
     dead = Track(track.time, 0 * track.reading, track.angles, track.hold)
     words = _interlocks().check_gyros(dead)
     assert words is not None
-    assert words.startswith("axis inner: the encoder turns at 30 °/s while the gyros turn at")
+    assert words.startswith("axis inner: the encoder turns at 30 °/s while the gyros measure")
 
 
 def test_an_imu_that_is_not_as_the_run_file_says_is_told():
@@ -174,7 +174,7 @@ def test_an_imu_that_is_not_as_the_run_file_says_is_told():
     turned = track.reading[:, [0, 1, 2, 5, 3, 4]]
     words = _interlocks().check_gyros(Track(track.time, turned, track.angles, track.hold))
     assert words is not None
-    assert "about none of the table's axes; is the IMU mounted as the run file says?" in words
+    assert "about none of the table's axes; check that the IMU is mounted" in words
 
 
 def test_a_gap_is_no_difference():

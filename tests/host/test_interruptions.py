@@ -93,7 +93,7 @@ def test_a_watchdog_that_stops_the_table_pauses_the_run_until_it_rests():
     kept.guard.says = ["at rest"]
     kept.update()
     assert (kept.made.pause_reason, kept.sequencer.phase) == ("", "approach")
-    assert kept.done[-1] == "goes on"
+    assert kept.done[-1] == "the run continues"
 
 
 def test_a_run_whose_table_the_watchdog_had_to_switch_off_does_not_go_on():
@@ -104,7 +104,7 @@ def test_a_run_whose_table_the_watchdog_had_to_switch_off_does_not_go_on():
     kept.update()
     assert kept.sequencer.phase == "aborted"
     assert kept.made.trouble == "watchdog: killed: it did not slow down"
-    assert "goes on" not in kept.done
+    assert "the run continues" not in kept.done
 
 
 def test_an_interlock_that_is_overdue_pauses_the_run_and_ends_it_where_that_lasts():

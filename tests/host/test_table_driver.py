@@ -133,7 +133,7 @@ def test_what_cannot_be_told_is_the_watchdogs():
     made, said = driven(Gone([]), guard=guard)
     made.stop([StopCommand()])
     assert guard.stopped == 1
-    assert said == ["gone; the watchdog is told to stop the table"]
+    assert said == ["gone; the watchdog now stops the table"]
     guard.alive = False
     made.stop([StopCommand()])
     assert said[-1] == "gone; the watchdog is gone too: cut the table's power"
@@ -163,9 +163,9 @@ def test_what_the_watchdog_has_switched_off_is_not_switched_on_by_a_stop():
 @pytest.mark.parametrize(
     ("says", "words", "left"),
     [
-        (["stopping: told so", "at rest"], None, False),
+        (["stopping: the host requested it", "at rest"], None, False),
         (["killed: it did not slow down", "at rest"], "watchdog: killed: it did not", False),
-        (["cannot: lost"], "nobody has seen the table come to rest; the watchdog goes on", True),
+        (["cannot: lost"], "no reading shows the table at rest; the watchdog keeps trying", True),
     ],
 )
 def test_a_table_is_left_to_the_watchdog_until_it_rests(

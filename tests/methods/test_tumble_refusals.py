@@ -130,7 +130,7 @@ def test_what_cannot_be_used_is_refused(estimator: Estimator):
     across = replace(mounted_sensor(), axes=mounted_sensor().axes[1:]).with_coefficients("k0")
     with refused(key="[sensor]", names=across.channels):
         run(estimator, plan, across)
-    with refused(key="observations", names=()):
+    with refused(key="observations", names=("p0",)):
         estimator(seen(plan, DEVICE.reading(angles(plan)), 0.0), sensor(), EXACT, plan)
     for steps, names in (
         (plan[:11], ("p11",)),

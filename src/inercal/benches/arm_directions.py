@@ -21,7 +21,7 @@ def outward_and_up_directions(steps: Sequence[Spin]) -> tuple[Array, Array]:
     if len(known) < len(steps):
         lacking = next(step.label for step in steps if step.attitude is None)
         raise InputError(
-            f"{lacking}: the attitude of this step is unknown; state it",
+            f"step {lacking}: its attitude is not stated; add it to the plan or the table of means",
             key="attitude",
             names=(lacking,),
         )

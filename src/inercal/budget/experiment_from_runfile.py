@@ -30,7 +30,7 @@ def experiment_from_run(run: Run) -> Experiment:
     if run.method.unknown_attitudes:
         raise InputError(
             f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} estimates "
-            "them from the recording: use inercal plan, which simulates it",
+            "attitudes from the recording; use inercal plan, which simulates a recording",
             file=run.path,
             key="[method] name",
         )

@@ -80,19 +80,22 @@ class Calibration:
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)
         if not (np.isfinite(self.values).all() and np.isfinite(self.covariance).all()):
-            raise InputError(f"calibration of {self.sensor.name}: a value is not finite")
+            raise InputError(
+                f"calibration of {self.sensor.name}: values and covariance must be finite; remove "
+                "what is not"
+            )
         if self.values.shape != (p,) or self.covariance.shape != (p, p):
             raise InputError(
-                f"calibration of {self.sensor.name}: {p} coefficients, values {self.values.shape}, "
-                f"covariance {self.covariance.shape}"
+                f"calibration of {self.sensor.name}: values have shape {self.values.shape}, "
+                f"covariance {self.covariance.shape}; expected ({p},) and ({p}, {p})"
             )
         names = [one.name for one in self.shared or ()]
         for one in self.shared or ():
             if one.covariance.shape != (p,) or names.count(one.name) > 1:
                 raise InputError(
-                    f"calibration of {self.sensor.name}: shared error {one.name} needs {p} "
-                    f"covariances in a single entry, but has {one.covariance.size} in "
-                    f"{names.count(one.name)} entries",
+                    f"calibration of {self.sensor.name}: shared error {one.name} has "
+                    f"{one.covariance.size} covariances in {names.count(one.name)} entries; give "
+                    f"{p} in a single entry",
                     names=(one.name,),
                 )
 
@@ -162,16 +165,21 @@ class Calibration:
             raise InputError(f"readings have shape {data.shape}; expected (..., samples, axes)")
         if dT is None and self.sensor.uses("dT"):
             raise InputError(
-                "the model depends on temperature: pass dT, or a recording with temperature",
+                "the model depends on temperature: pass dT, in K above the reference temperature, "
+                "or a recording with temperature",
                 key="dT",
             )
         dT = 0.0 if dT is None else dT
         if not np.isfinite(dT).all():
-            raise InputError("temperatures are not finite; remove those samples first", key="dT")
+            raise InputError(
+                "dT has temperatures that are not finite; remove those samples first", key="dT"
+            )
         turning = self.sensor.uses("ai", "ap", "ao") and dw is None
         if turning and not isinstance(recording, Recording):
             raise InputError(
-                "the model has lever arms: pass dw, or a Recording, which has times", key="dw"
+                "the model has lever arms: pass dw, the angular acceleration in rad/s², or a "
+                "Recording, which has times",
+                key="dw",
             )
         if data.shape[-1] != len(self.sensor.axes):
             raise InputError(
@@ -196,8 +204,9 @@ class Calibration:
         missing = [name for name in self.sensor.channels if name not in recording.channels]
         if missing:
             raise InputError(
-                f"{recording.source or 'recording'}: no channel {missing[0]!r}, which the "
-                f"calibration needs; it has {', '.join(recording.channels)}",
+                f"{recording.source or 'recording'}: channel {missing[0]!r} of the calibration is "
+                f"missing; the channels are {', '.join(recording.channels)}: rename that of this "
+                "axis",
                 names=tuple(missing),
             )
         columns = [recording.channels.index(name) for name in self.sensor.channels]
@@ -205,7 +214,8 @@ class Calibration:
             if not _same_unit(axis.readout.unit, recording.units[k]):
                 raise InputError(
                     f"{recording.source or 'recording'}: channel {axis.name} is in "
-                    f"{recording.units[k]}; this calibration is for {axis.readout.unit}",
+                    f"{recording.units[k]}; this calibration is for {axis.readout.unit}; convert "
+                    "the channel",
                     names=(axis.name,),
                 )
         return recording.data[..., columns]

@@ -25,7 +25,7 @@ from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
 
 SCHEMA = "inercal/calibration/2"
 _READABLE_SCHEMAS = (SCHEMA, "inercal/calibration/1")
-_NOT_JSON = "it is not JSON text"
+_NOT_JSON = "it is not JSON text; give a *.calibration.json file"
 
 
 def as_object(calibration: Calibration) -> dict[str, Any]:
@@ -121,7 +121,7 @@ def read_text(path: str | Path) -> str:
     try:
         return Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise InputError(f"{path}: no such calibration file", file=path) from None
+        raise InputError(f"{path}: no such calibration file; check the path", file=path) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
     except ValueError:
@@ -186,7 +186,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
                 f"{name} {value!r} is not possible; it must be one of {', '.join(possible)}"
             )
     if mount.shape != (3, 3):
-        raise InputError(f"mount has shape {mount.shape}, not (3, 3)")
+        raise InputError(f"mount has shape {mount.shape}; expected (3, 3)")
     notes, judged = tuple(content["notes"]), content.get("verdict")
     shared, validity = content.get("shared"), content.get("validity")
     return Calibration(
@@ -222,7 +222,7 @@ def _shared_error(content: dict[str, Any]) -> SharedError:
     date = content["date"]
     texts = [content[key] for key in ("name", "unit", "determination")]
     if not all(isinstance(text, str) for text in (*texts, "" if date is None else date)):
-        raise InputError("shared: name, unit, determination and date must be texts")
+        raise InputError("shared: name, unit, determination and date of an error must be texts")
     name, unit, determination = texts
     return SharedError(name, unit, float(content["std"]), column, determination, date)
 
@@ -234,5 +234,5 @@ def _range(ends: list[float]) -> tuple[float, float]:
 
 def _texts(name: str, content: dict[str, Any]) -> dict[str, str]:
     if not all(isinstance(text, str) for text in content.values()):
-        raise InputError(f"{name}: must be an object of texts")
+        raise InputError(f"{name} must be an object whose values are texts")
     return content

@@ -81,7 +81,8 @@ def ieee1293(
                 units.append("rad" if short.startswith("delta") else _unit_in_g(sensor, full))
     if not names:
         raise InputError(
-            f"sensor {sensor.name} has no accelerometer, and IEEE Std 1293 is for accelerometers",
+            f"sensor {sensor.name} has no accelerometer, for which IEEE Std 1293 is written; give "
+            "a calibration with accelerometers",
             names=sensor.channels,
         )
     scales = {axis.name: axis.readout.scale * G0 for axis in sensor.axes}
@@ -132,8 +133,8 @@ def convert_form(sensor: Sensor, values: Array, covariance: Array) -> tuple[Sens
     beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
         raise InputError(
-            f"{', '.join(beyond)} act along another axis in the other form: only affine terms can "
-            "be converted",
+            f"{', '.join(beyond)} cannot be converted to the other form, in which nonlinear terms "
+            "act along another axis; calibrate in that form instead",
             names=tuple(beyond),
         )
     modelled = {CoefficientName(name).axis for name in sensor.coefficients}
@@ -187,13 +188,15 @@ def convert_frame(
     beyond = [n for n in sensor.coefficients if CoefficientName(n).term not in _AFFINE]
     if beyond:
         raise InputError(
-            f"{', '.join(beyond)} cannot be converted to another frame: only affine terms can",
+            f"{', '.join(beyond)} cannot be converted to another frame, which is possible only for "
+            "affine terms; keep the frame of the calibration",
             names=tuple(beyond),
         )
     kinds = [axis.measures for axis in sensor.axes]
     if kinds not in (["f"] * 3, ["f"] * 3 + ["w"] * 3):
         raise InputError(
-            "only a triad of accelerometers, with or without gyros, can change its frame",
+            f"sensor {sensor.name} has axes {', '.join(sensor.channels)}; only three "
+            "accelerometers, alone or with three gyros, can change their frame: keep the frame",
             names=sensor.channels,
         )
     groups = ("bias", "scale", "misalignment", *(["g"] if len(kinds) == 6 else []))

@@ -35,7 +35,9 @@ class Validity:
         for name, (least, largest) in self.ranges.items():
             if not (isfinite(least) and isfinite(largest) and least <= largest):
                 raise InputError(
-                    f"validity: {name} from {least} to {largest} is not a range", names=(name,)
+                    f"validity: {name} is {least} to {largest}; give finite limits, the lower "
+                    "first",
+                    names=(name,),
                 )
 
     @property

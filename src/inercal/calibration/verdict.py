@@ -115,7 +115,7 @@ def _scale_error_cause(name: str, scale: float) -> str:
 
 def _summary(estimate: Estimate, assessment: Assessment, count: int, wrong: bool) -> list[str]:
     """Return lines on the agreement of the residuals; `wrong`: a check found an error besides."""
-    first = f"{count} coefficients found"
+    first = f"{count} coefficients estimated"
     if estimate.groups:
         lines = _group_summary(estimate, first, wrong)
     elif not estimate.dof:

@@ -205,7 +205,8 @@ def simulate(
             try:
                 if which not in ("table", "imu"):
                     raise InputError(
-                        f"{line.strip()!r} is no command; type table WORDS or imu WORDS"
+                        f"{line.strip()!r} is not a command; type table or imu, then a fault, "
+                        "such as imu fault unplug"
                     )
                 bench.inject_fault(which, words)
                 print("ok", flush=True)

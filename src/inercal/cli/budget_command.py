@@ -43,7 +43,7 @@ def run(
             key="--trials",
         )
     if seed < 0:
-        raise InputError(f"--seed {seed}: must not be negative", key="--seed")
+        raise InputError(f"--seed {seed} is negative; give 0 or more", key="--seed")
     require_output_folder(out)
     plan = read(run_file)
     if plan.search is not None:

@@ -135,5 +135,5 @@ def unit_size(unit: str, like: str, key: str) -> float:
     except InputError as error:
         raise error.located(key, key=key) from None
     if size <= 0:
-        raise InputError(f"{key}: {unit!r} must be positive", key=key)
+        raise InputError(f"{key}: {unit!r} is not possible; give a positive unit", key=key)
     return size

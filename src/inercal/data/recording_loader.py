@@ -198,7 +198,8 @@ def require_distinct_columns(run: Source[DataSection], *further: str) -> None:
     twice = [column for columns in files for column, count in Counter(columns).items() if count > 1]
     if twice:
         raise InputError(
-            f"{run.path}: [data] names column {twice[0]!r} for two things; state a column for each",
+            f"{run.path}: [data] names column {twice[0]!r} for two quantities; name a different "
+            "column for each",
             file=run.path,
             key="[data]",
             names=(twice[0],),
@@ -229,8 +230,8 @@ def _column_rate(run: Source[DataSection]) -> float | None:
     stamped = run.data.time is not None and run.data.time_unit != "sample"
     if run.rate_hz is None and not stamped:
         raise InputError(
-            f'{run.path}: [data] rate is missing: state rate = "100 Hz" or the like, or name the '
-            'column of times in time; for a table of means state kind = "means"',
+            f'{run.path}: [data] rate is missing: state the rate, such as rate = "100 Hz", or name '
+            'the column of times in time; for a table of means state kind = "means"',
             file=run.path,
             key="[data] rate",
         )

@@ -105,7 +105,7 @@ def marks_from_file(path: Path) -> tuple[Mark, ...]:
             text = path.read_text(encoding="utf-8")
             entries = json.loads(text, object_pairs_hook=_unique_keys)
         except FileNotFoundError:
-            raise InputError(f"{path}: no such file of marks", file=path) from None
+            raise InputError(f"{path}: no such file of marks; check the path", file=path) from None
         except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path}: not a JSON file of marks: {error}", file=path) from None
         if not isinstance(entries, dict):
@@ -133,7 +133,7 @@ def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     names = [name for name, _ in pairs]
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"{name!r} comes twice")
+            raise ValueError(f"{name!r} comes twice; give each mark its own name")
     return dict(pairs)
 
 
@@ -142,7 +142,9 @@ def _mark(path: Path, label: str, entry: object) -> Mark:
         start, end = (float(entry[key]) for key in ("start", "end"))  # type: ignore[index]
     except (TypeError, KeyError, ValueError):
         raise InputError(
-            f"{path}: mark {label!r} needs numbers 'start' and 'end'", file=path, names=(label,)
+            f"{path}: mark {label!r} lacks numbers 'start' and 'end'; add them",
+            file=path,
+            names=(label,),
         ) from None
     if not (start.is_integer() and end.is_integer()):
         raise InputError(

@@ -69,7 +69,8 @@ def rehearse_plan(run: Run, sessions: int = SESSIONS) -> RehearsalResult:
     refuse_temperature_terms_in_plan(run.sensor)
     if run.rate_hz is None:
         raise InputError(
-            f"{run.path}: [data] rate is missing; a simulated plan needs it",
+            f'{run.path}: [data] rate is missing; add it for the simulation, such as rate = "100 '
+            'Hz"',
             file=run.path,
             key="[data] rate",
         )
@@ -77,7 +78,7 @@ def rehearse_plan(run: Run, sessions: int = SESSIONS) -> RehearsalResult:
         if not axis.noise.white:
             key = f"[sensor.{'accelerometer' if axis.measures == 'f' else 'gyro'}] white"
             raise InputError(
-                f"{run.path}: {key} is missing; a simulated plan needs it", file=run.path, key=key
+                f"{run.path}: {key} is missing; add it for the simulation", file=run.path, key=key
             )
     std: list[Array] = []
     p, seconds = len(run.sensor.coefficients), 0.0

@@ -50,7 +50,9 @@ class Gaussian:
                 names=self.names,
             )
         if not np.all(np.isfinite(self.mean)):
-            raise InputError(f"{what}: a mean is not finite", key="mean", names=self.names)
+            raise InputError(
+                f"{what}: a mean is not finite; give finite numbers", key="mean", names=self.names
+            )
         cholesky(self.covariance, what, self.names)
 
     @classmethod
@@ -115,7 +117,7 @@ class Gauge:
             )
         if np.linalg.matrix_rank(self.matrix) < q:
             raise InputError(
-                f"gauge '{self.words}': its {q} rows are not independent",
+                f"gauge '{self.words}': its {q} rows are not independent; remove a dependent row",
                 key="matrix",
                 names=self.names,
             )
@@ -145,7 +147,9 @@ def cholesky(covariance: Array, what: str, names: tuple[str, ...] = ()) -> Array
     """
 
     def refusal(fault: str) -> InputError:
-        return InputError(f"{what}: the covariance is not {fault}", key="covariance", names=names)
+        return InputError(
+            f"{what}: the covariance is not {fault}; correct it", key="covariance", names=names
+        )
 
     if not np.all(np.isfinite(covariance)):
         raise refusal("finite")

@@ -96,7 +96,9 @@ class Problem:
         if bad.any():
             unset = tuple(self.names[k] for k in np.flatnonzero(bad))
             raise InputError(
-                f"start: {', '.join(unset)} is not a finite number", key="start", names=unset
+                f"start: {', '.join(unset)} is not a finite number; give one",
+                key="start",
+                names=unset,
             )
         if self.scale.shape != (p,) or not np.all(np.isfinite(self.scale) & (self.scale > 0)):
             raise InputError(

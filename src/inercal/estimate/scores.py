@@ -62,7 +62,7 @@ def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> f
     chi2, dof : float and int
     noise_dof : float
         Degrees of freedom behind the noise by which χ² was formed: F where they are finite. Of
-        channels that were judged apart those of one: the distribution is then a little too wide.
+        channels tested separately those of one channel: the distribution is then a little too wide.
     """
     if dof <= 0:
         return 1.0

@@ -63,7 +63,10 @@ class WhitenedProblem:
         leads = [a.shape[:-1] for a in (start, residual, *(target for _, target in rows))]
         leads.append(jacobian.shape[:-2])
         if any(len(lead) > 1 for lead in leads):
-            raise InputError("arrays of a problem may have one leading axis only, that of trials")
+            raise InputError(
+                f"start, residual, Jacobian and priors have the leading shapes {leads}; give at "
+                "most one leading axis, that of trials"
+            )
         try:
             lead = np.broadcast_shapes(*leads)
         except ValueError:
@@ -83,7 +86,8 @@ class WhitenedProblem:
             )
         if jacobian.shape[-2:] != (self.m, p):
             raise InputError(
-                f"the Jacobian has shape {jacobian.shape}; expected (..., {self.m}, {p})",
+                f"linearise returned a Jacobian of shape {jacobian.shape}; expected (..., "
+                f"{self.m}, {p})",
                 key="linearise",
             )
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
@@ -156,15 +160,15 @@ class WhitenedProblem:
             return Whitener(inverse.reshape(-1, m, m), full=True)
         if noise.shape[-1:] != (m,) or noise.shape[:-1] not in leads:
             raise InputError(
-                f"noise has shape {noise.shape}; expected standard deviations ({m},) or"
-                f" ({self.trials}, {m}), or a covariance with one axis of {m} more",
+                f"noise has shape {noise.shape}; expected standard deviations (..., {m}) or a "
+                f"covariance (..., {m}, {m}), with no leading axis or one of 1 or {self.trials}",
                 key="noise",
             )
         if not np.all(np.isfinite(noise) & (noise > 0)):
             bad: int = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
             label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
             raise InputError(
-                f"the standard deviation of observation {label} is not positive",
+                f"the standard deviation of observation {label} is not positive; give one above 0",
                 key="noise",
                 names=(label,),
             )

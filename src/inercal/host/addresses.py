@@ -1,4 +1,4 @@
-"""Addresses of tables and IMUs: what is at the other end of a link, and how it is set.
+"""Addresses of tables and IMUs: the link, the kind of device and its settings.
 
     pmac://192.168.0.5:1025?motors=1,2,3&counts=3600000     axes outer to inner; counts of one turn,
                                                             one for all or one an axis, < 0 reverses
@@ -7,7 +7,7 @@
     serial:/dev/ttyUSB0?preset=xsens&baud=921600            an IMU; `preset` is one of `PRESETS`,
     tcp://127.0.0.1:40123?layout=own.toml                   `layout` a file of one's own
 
-What else stands behind `?` is the link's.
+All other parameters after `?` are those of the link.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def layout_of_address(address: str) -> PacketLayout:
     given = _AddressParameters(address).values
     if ("preset" in given) == ("layout" in given):
         raise InputError(
-            f"{address!r}: say what the packets are by either preset=NAME or layout=FILE.toml; "
+            f"{address!r} must state the packet format, either preset=NAME or layout=FILE.toml; "
             f"presets are {', '.join(PRESETS)}"
         )
     if "preset" in given and given["preset"] not in PRESETS:
@@ -128,7 +128,7 @@ def layout_of_address(address: str) -> PacketLayout:
 
 
 def link_of_address(address: str) -> str:
-    """Return the address of the link alone, without what says what the packets are."""
+    """Return the address of the link alone, without `preset` or `layout`."""
     whole = _AddressParameters(address).values
     given = {k: v for k, v in whole.items() if k not in ("preset", "layout")}
     if given == whole:
@@ -145,7 +145,7 @@ class _AddressParameters:
         pairs = parse_qsl(urlsplit(address).query, keep_blank_values=True)
         self.values = dict(pairs)
         if len(self.values) < len(pairs):
-            raise InputError(f"{address!r} gives a parameter twice")
+            raise InputError(f"{address!r} gives a parameter twice; give each parameter once")
 
     def axis_numbers(self, key: str, most: int) -> list[int]:
         """Return the numbers of axes, 1 to `most`, each once."""
@@ -169,8 +169,8 @@ class _AddressParameters:
             values = []
         if len(values) not in (1, axes) or not all(isfinite(v) and v for v in values):
             raise InputError(
-                f"counts={text!r} in {self.address!r}; give those of one turn, one number for all "
-                f"or {axes}, other than 0"
+                f"counts={text!r} in {self.address!r}; give the counts per turn, not 0: one "
+                f"number for all axes, or {axes} numbers"
             )
         return values if len(values) == axes else values * axes
 
@@ -187,13 +187,13 @@ class _AddressParameters:
         except ValueError:
             port = None
         if not parts.hostname or not port or parts.path not in ("", "/") or parts.username:
-            raise InputError(f"{self.address!r} names no host and port; possible: {_TABLES}")
+            raise InputError(f"{self.address!r} has no valid host and port; possible: {_TABLES}")
         host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
         return f"tcp://{host}:{port}"
 
     def _take(self, key: str, example: str) -> str:
         if key not in self.values:
-            raise InputError(f"{self.address!r} does not say {key}; give such as {example}")
+            raise InputError(f"{self.address!r} has no parameter {key}; add it, such as {example}")
         return self.values.pop(key)
 
 
@@ -209,7 +209,8 @@ def _axis_names(
         return tuple(str(n) for n in numbers)
     if len(bench.names) != len(numbers):
         raise InputError(
-            f"{address!r}: {len(numbers)} {key}, and the bench's axes are {', '.join(bench.names)}"
+            f"{address!r} gives {len(numbers)} {key}, but the bench has the axes "
+            f"{', '.join(bench.names)}; give one for each axis"
         )
     return bench.names
 
@@ -236,7 +237,9 @@ def _open_acutrol(address: str, bench: Turntable | None, timeout: float) -> Rota
 def _open_motor(address: str, bench: Turntable | None, timeout: float) -> RotaryTable:
     _, at = _scheme(address)
     if not at.startswith(("serial:", "tcp:")):
-        raise InputError(f"{address!r} names no link; possible: {_TABLES} or motor:tcp://HOST:PORT")
+        raise InputError(
+            f"{address!r} has no link after 'motor:'; possible: {_TABLES} or motor:tcp://HOST:PORT"
+        )
     (name,) = _axis_names(address, "motor", (1,), bench)
     limits = AxisLimits()
     if bench is not None:

@@ -114,7 +114,7 @@ class BenchRun:
         layout = layout_of_address(addresses.imu)
         if options.temperature is not None and "temperature" not in layout.roles:
             raise InputError(
-                f"packets of {layout.name} hold no temperature; leave --temperature out",
+                f"the packets of {layout.name} contain no temperature; leave --temperature out",
                 key="--temperature",
                 names=(layout.name,),
             )

@@ -178,7 +178,8 @@ class BenchSimulator(Closeable):
         said = told.readline().strip()
         if not said.startswith("at "):
             raise InputError(
-                said.removeprefix("no: ") or f"the process of the simulated {which} does not start",
+                said.removeprefix("no: ")
+                or f"the process of the simulated {which} ended before it was ready; begin again",
                 names=(which,),
             )
         return said.split()[1:]

@@ -1,19 +1,20 @@
-"""Time of a run: that of the host's monotonic clock, or of a simulated bench, which is granted.
+"""Clock of a run: the host's monotonic clock, or the clock of a simulated bench.
 
-UTC appears nowhere: a step of the host's date moves no time of a run, nor of a run that is resumed.
+The clock does not use UTC: a step of the host's date changes no time of a run, nor of a run that is
+resumed.
 
-`begin(until)` lets the bench go on and returns at once, `end()` comes back when that time has come:
-in between the host works through what it has. A simulated bench grants no more than it is asked
-for, so that how fast host and bench are changes no number.
+`begin(until)` lets the bench advance to a time and returns at once; `end()` returns when the bench
+has reached it, and meanwhile the host processes data. A simulated bench advances no further than
+`until`, so that the speeds of host and bench change no number.
 
-A simulated bench tells how many bytes its IMU has sent up to when, so that the host takes exactly
-these; of a real one nobody knows.
+A simulated bench states how many bytes its IMU has sent by which time, and the host takes exactly
+these; a real bench cannot state this.
 
-**Protocol** of a simulated bench's clock, lines over TCP: `until 12.5` and `now` are answered
-`TIME SENT SENT_BY`, s, bytes, s. The IMU makes the readings of the last grant while the host asks
-the table: `SENT` counts to the grant before, and to the last one where the time asked for has come
-already. Before the first `until` the bench stands still at 0. Where none comes for 5 s, or the
-connection ends, it goes on by itself as the wall's clock does, until the next.
+**Protocol** of a simulated bench's clock, lines over TCP: the bench answers `until 12.5` and `now`
+by `TIME SENT SENT_BY`, s, bytes, s. The IMU makes the readings of the last interval while the host
+polls the table: `SENT` counts up to the interval before, or up to the last one where the requested
+time has passed already. Before the first `until` the clock rests at 0. Without an `until` for 5 s,
+or without a connection, it follows the wall clock until the next `until`.
 """
 
 import socket
@@ -144,7 +145,7 @@ class SimulatedClock:
     def begin(self, until: float) -> None:
         """As `MonotonicClock.begin`; raises `LinkLost` where the bench is gone."""
         if self._awaits_answer:
-            raise RuntimeError("begin() a second time without end()")
+            raise RuntimeError("begin() was called twice; call end() before the next begin()")
         if self._speed is not None:
             # A pause is not made up for in haste, a late wake-up is.
             start = max(self._due_time, monotonic() - _MAX_CATCH_UP)
@@ -155,7 +156,7 @@ class SimulatedClock:
     def end(self) -> Tick:
         """As `MonotonicClock.end`; raises `LinkLost` where the bench is gone."""
         if not self._awaits_answer:
-            raise RuntimeError("end() without begin()")
+            raise RuntimeError("end() was called without begin(); call begin() first")
         self._awaits_answer = False
         tick = self._answer()
         if self._speed is not None and (left := self._due_time - monotonic()) > 0:
@@ -164,7 +165,7 @@ class SimulatedClock:
         return tick
 
     def close(self) -> None:
-        """Let go of the bench; it goes on at the wall's pace."""
+        """Release the bench; its clock then follows the wall clock."""
         self._socket.close()
 
     def _send(self, line: bytes) -> None:
@@ -172,7 +173,8 @@ class SimulatedClock:
             self._socket.sendall(line)
         except OSError as error:
             raise LinkLost(
-                f"{self._address}: the connection is lost: {error.strerror or error}"
+                f"{self._address}: the connection to the simulated bench is lost: "
+                f"{error.strerror or error}; begin a new run"
             ) from error
 
     def _answer(self) -> Tick:
@@ -180,13 +182,20 @@ class SimulatedClock:
             try:
                 data = self._socket.recv(4096)
             except BlockingIOError as error:
-                raise LinkLost(f"{self._address}: no answer within {_ANSWER_TIMEOUT} s") from error
+                raise LinkLost(
+                    f"{self._address}: the simulated bench did not answer within "
+                    f"{_ANSWER_TIMEOUT} s; begin a new run"
+                ) from error
             except OSError as error:
                 raise LinkLost(
-                    f"{self._address}: the connection is lost: {error.strerror or error}"
+                    f"{self._address}: the connection to the simulated bench is lost: "
+                    f"{error.strerror or error}; begin a new run"
                 ) from error
             if not data:
-                raise LinkLost(f"{self._address}: the bench has closed the connection")
+                raise LinkLost(
+                    f"{self._address}: the simulated bench has closed the connection; begin a new "
+                    "run"
+                )
             self._received += data
         line, _, self._received = self._received.partition(b"\n")
         self._answer_time = monotonic()
@@ -194,7 +203,10 @@ class SimulatedClock:
             now, sent, sent_time = line.split()
             return Tick(float(now), int(sent), float(sent_time))
         except ValueError as error:
-            raise LinkLost(f"{self._address}: {line[:40]!r} is not a time of a bench") from error
+            raise LinkLost(
+                f"{self._address}: expected the time of a simulated bench, got {line[:40]!r}; "
+                "check --clock"
+            ) from error
 
 
 Clock = MonotonicClock | SimulatedClock

@@ -1,4 +1,4 @@
-"""What is said of the devices that are connected, a line at a time."""
+"""Lines of text that describe the connected devices."""
 
 from collections.abc import Sequence
 from math import degrees, isfinite

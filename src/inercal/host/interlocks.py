@@ -1,9 +1,9 @@
 """Checks that stop a run although neither the table nor the IMU reports a fault.
 
-Each check returns None, or in words what is wrong. The gyros check the table's readings: a
-controller believes an encoder that stands still while its axis turns.
-With the rates of the gyros w, by the readback θ̇ through the bench's geometry v, and of the axes'
-directions u_i in the body::
+Each check returns None, or a text that states the fault. The gyros check the table's readings: the
+controller cannot see that an encoder is frozen while its axis turns.
+With w the rates of the gyros, v those of the readback θ̇ through the bench's geometry, and u_i the
+directions of the axes in the body::
 
     |w − v| > 5 °/s + |v|/20 for 0.2 s;   axis i explains it with δ_i where  w − v ≈ u_i δ_i
 
@@ -118,7 +118,7 @@ class Interlocks:
     has_gyros : bool
         The sensor has gyros, which `check_gyros` compares with the table.
     encoder_stuck : bool
-        An axis was seen to turn whose encoder stands: a servo that is on drives it on and on.
+        An axis turned while its encoder was frozen: its servo, if on, accelerates it.
     rate_difference : float
         rad/s that the gyros turn otherwise than the readback, as last seen; 0 where they agree.
 
@@ -137,7 +137,8 @@ class Interlocks:
     ):
         if len(limits) != len(bench.names):
             raise InputError(
-                f"limits of {len(limits)} axes are given; the bench has {len(bench.names)}",
+                f"limits has {len(limits)} entries, but the bench has {len(bench.names)} axes; "
+                "give one for each",
                 key="limits",
                 names=bench.names,
             )
@@ -182,7 +183,7 @@ class Interlocks:
                 )
         stands, self._time = state.time == self._time, state.time
         if self._persists("clock", stands, now, _CLOCK_TIMEOUT):
-            return f"the table's controller hangs: its clock stands still at {state.time:.3f} s"
+            return f"the table's controller hangs: its clock stopped at {state.time:.3f} s"
         if self._temperature and temperature is not None and isfinite(temperature):
             low, high = self._temperature
             if self._persists(
@@ -250,15 +251,15 @@ class Interlocks:
             size = degrees(np.sqrt(total / len(left)))
             return (
                 f"gyros and readback differ by {size:.3g} °/s about none of the table's axes; "
-                "is the IMU mounted as the run file says?"
+                "check that the IMU is mounted as the run file states"
             )
         names = " or ".join(name for name, _, _ in found)
         _, said, beyond = found[0]
         stands = abs(said) < _STANDSTILL_RATE
         self.encoder_stuck |= stands
-        does = "stands" if stands else f"turns at {degrees(said):.3g} °/s"
+        does = "stands still" if stands else f"turns at {degrees(said):.3g} °/s"
         return (
-            f"axis {names}: the encoder {does} while the gyros turn at "
+            f"axis {names}: the encoder {does} while the gyros measure "
             f"{degrees(said + beyond):.3g} °/s"
         )
 

@@ -1,4 +1,4 @@
-"""What keeps a run from going on: reasons to pause, while they last, and reasons to end it."""
+"""Interruptions of a run: reasons to pause it, while they last, and reasons to end it."""
 
 from collections.abc import Callable
 from math import inf
@@ -89,7 +89,7 @@ class Interruptions:
         if imu.trouble is None:  # else that is the reason, and said already
             self._follow_trouble("interlocks", interlocks, time, patience)
         if self._sequencer.phase == "paused" and not self._pauses:
-            self._say("info", "goes on")
+            self._say("info", "the run continues")
             self._sequencer.resume()
 
     def check_guard(self) -> None:

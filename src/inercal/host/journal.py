@@ -1,8 +1,8 @@
-"""The journal of a run: what was planned, begun, done and said, in SQLite beside the raw log.
+"""The journal of a run: an SQLite file with its plan, its steps, its events and its files.
 
-The log holds what came from the devices; the journal, what the host made of it. Both together are
-enough to go on with a run whose host was killed: steps that are done stay done, the one in hand is
-repeated whole.
+The raw log holds the bytes of the devices; the journal, the state of the run. With both, a run
+whose host was killed can be resumed: completed steps are kept, and the interrupted step is repeated
+from its beginning.
 """
 
 import os

@@ -71,12 +71,12 @@ class TcpLink(Closeable):
         except (TimeoutError, BlockingIOError):
             return b""
         except OSError as error:
-            raise LinkLost(
-                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
-            ) from error
+            raise _lost_connection(self.address, error) from error
         if not data:
             raise LinkLost(
-                f"{self.address}: the other end has closed the connection", names=(self.address,)
+                f"{self.address}: the device has closed the connection; check its power and that "
+                "no other program uses it",
+                names=(self.address,),
             )
         return data
 
@@ -86,9 +86,7 @@ class TcpLink(Closeable):
             self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(data)
         except OSError as error:
-            raise LinkLost(
-                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
-            ) from error
+            raise _lost_connection(self.address, error) from error
 
     def close(self) -> None:
         """As `Link.close`."""
@@ -109,7 +107,8 @@ class SerialLink(Closeable):
             self._port = serial.Serial(path, baud, bits, _PARITIES[parity], stop, timeout=0)
         except (*self._broken, ValueError) as error:
             raise LinkLost(
-                f"{self.address}: the port cannot be opened: {_reason(error)}",
+                f"{self.address}: the port cannot be opened: {_reason(error)}; check its name, "
+                "your rights, and that no other program uses it",
                 names=(self.address,),
             ) from error
 
@@ -124,18 +123,14 @@ class SerialLink(Closeable):
                 waiting = 1
             return bytes(self._port.read(waiting))
         except self._broken as error:
-            raise LinkLost(
-                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
-            ) from error
+            raise _lost_connection(self.address, error) from error
 
     def write(self, data: bytes) -> None:
         """As `Link.write`."""
         try:
             self._port.write(data)
         except self._broken as error:
-            raise LinkLost(
-                f"{self.address}: the connection is lost: {_reason(error)}", names=(self.address,)
-            ) from error
+            raise _lost_connection(self.address, error) from error
 
     def close(self) -> None:
         """As `Link.close`."""
@@ -208,10 +203,15 @@ def connect_socket(address: str, place: tuple[str, int], opening: float) -> sock
     try:
         result = socket.create_connection(place, opening)
     except OSError as error:
-        raise LinkLost(f"{address}: cannot connect: {_reason(error)}", names=(address,)) from error
+        raise LinkLost(
+            f"{address}: cannot connect: {_reason(error)}; check the address, the cable and the "
+            "power",
+            names=(address,),
+        ) from error
     except UnicodeError as error:  # what Python says of "a..b", a name that none can have
         raise LinkLost(
-            f"{address}: cannot connect: this is not the name of a host", names=(address,)
+            f"{address}: cannot connect: {place[0]!r} is not a host name; correct the address",
+            names=(address,),
         ) from error
     result.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return result
@@ -239,6 +239,13 @@ def _integer_parameter(
             key=key,
         )
     return int(text)
+
+
+def _lost_connection(address: str, error: Exception) -> LinkLost:
+    return LinkLost(
+        f"{address}: the connection is lost: {_reason(error)}; check the cable and the power",
+        names=(address,),
+    )
 
 
 def _reason(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""The coefficients by the samples as they come: the sequential estimator of a run's method, fed."""
+"""Live estimation: the sequential estimator of the method processes the samples of a run."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -13,7 +13,7 @@ from inercal.runfile import Run
 
 
 class LiveEstimator:
-    """The estimate of a run while it goes on.
+    """The estimate of an active run.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Attitude and velocity by the readings alone, beside what the table says: a check for the eye.
+"""Attitude and velocity from the readings alone, to be compared with those of the table.
 
 Level frame: east, north, up; C takes the body's frame to it. Between samples the means of their
 readings serve, with the second-order term of coning, as in the gyros' filter. Attitude and velocity

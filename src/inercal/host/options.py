@@ -1,19 +1,19 @@
-"""What an operator may say of a run, beside what is in its run file."""
+"""Options of a run that the operator sets when it starts; the run file has all others."""
 
 from typing import NamedTuple
 
 
 class RunOptions(NamedTuple):
-    """What an operator may say of a run.
+    """Options of a run that the operator sets.
 
     Parameters
     ----------
     speed : float or None
-        Most seconds of a simulated bench in one of the wall's; None is as fast as it goes.
+        Largest number of seconds that a simulated bench advances per second; None: no limit.
     temperature : (float, float) or None
-        K that the IMU must stay within.
+        Lowest and highest temperature of the IMU, K; outside them the run pauses.
     patience : float
-        s that an IMU may be gone before the run ends.
+        Time without data of the IMU after which the run ends, s.
     """
 
     speed: float | None = None

@@ -1,10 +1,10 @@
-"""What a run needs is compiled before anything moves, and not while a table waits.
+"""Compiles the kernels of a run before the table moves, so that the table never waits for them.
 
-What is compiled is what is called, with the arrays that a run hands it: a rest of the table is
-polled, sent, assembled and followed here, by the sequential estimator of whatever method. Cold,
-that is most of a minute on one core: accelerometers are then followed in another process at the
-same time. Once that is done, on each machine, it is but loaded. What the calibration at the end
-needs besides is compiled then, when the table is at rest for good.
+The module calls each kernel with arrays as a run has them: it polls a rest of the table, encodes
+and assembles packets, and runs the sequential estimator of the method. Without a cache this takes
+most of a minute on one core; a second process compiles the accelerometers' kernels meanwhile. Later
+runs on the machine load them from the cache. The kernels of the final calibration are
+compiled at the end, when the table is at rest.
 """
 # Numba has no types.
 # pyright: reportUnknownMemberType=false
@@ -48,7 +48,7 @@ _LAST_SAMPLES = 10  # samples of the rest that are followed by themselves
 
 
 def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
-    """Have all compiled, for this process too, that a run works with while it goes on.
+    """Compile all kernels that an active run uses, for this process too.
 
     Parameters
     ----------

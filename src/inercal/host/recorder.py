@@ -1,7 +1,7 @@
-"""What came of a run and what was made of it: log, journal, samples, live estimate.
+"""Recorder of a run: it writes log and journal, and derives samples and the live estimate.
 
-The log has what an estimate is made of, and is written first; the journal what an operator and a
-resumed run go by. All else follows from the log, live and again: a run that goes on replays it.
+The log has all data of an estimate and is written first; the journal has what the operator and a
+resumed run need. All else is derived from the log: a resumed run replays it.
 """
 
 import json

@@ -1,7 +1,7 @@
-"""From the log of a run to the recording that its run file names.
+"""Writes the recording that the run file names from the log of a run.
 
-Columns are those of [data]; beside them, in the group `bench`, stands what the table said itself,
-poll by poll, and how well the samples' angles are known.
+The columns are those of [data]. The group `bench` has the readings of the table, poll by poll, and
+the quality of the interpolated angles of the samples.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""A run's folder into the register: the folder is the truth, the register what is kept of it."""
+"""Enters the folder of a run in the register; where the two differ, the folder is right."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -84,7 +84,7 @@ def _verified_files(
 
 
 class RegisterSync:
-    """Enters a run as it goes on; what fails is kept in words and does not stop the run.
+    """Enters an active run in the register; a failure is kept as text and does not stop the run.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ class RegisterSync:
 
     @contextmanager
     def background_work(self) -> Generator[None]:
-        """Enter the run beside what is done: a watchdog waits for no server."""
+        """Enter the run in a separate thread, so that a slow server does not delay the run."""
         thread = Thread(target=self.update, daemon=True)
         thread.start()
         try:

@@ -1,4 +1,4 @@
-"""What is made of a run when all is done: recording, calibration, report, and their digests."""
+"""Completes a run: it makes the recording, the calibration, the report, and their digests."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -52,7 +52,7 @@ def finish_run(
     Raises
     ------
     InercalError
-        The recording cannot be used: it stands all the same, and so does the log.
+        The recording cannot be calibrated; recording and log are kept all the same.
     """
     run = folder.run
     was = journal.header()
@@ -99,14 +99,14 @@ def _record_file(journal: Journal, path: Path, sha256: str | None = None) -> Non
 
 
 def _compare_live_estimate(journal: Journal, live: LiveEstimator, outcome: Outcome) -> None:
-    """Keep how what was found while it ran agrees with what the recording gives."""
+    """Enter in the journal how far the live estimate differs from that of the recording."""
     names = outcome.estimate.names
     found = np.array([outcome.estimate.value[names.index(name)] for name in live.names])
     known = np.isfinite(live.values)
     apart = float(np.max(np.abs(live.values - found)[known], initial=0.0))
     words = (
-        "what was found live is what the recording gives, to the last bit"
+        "the live estimate is that of the recording, to the last bit"
         if apart == 0
-        else f"what was found live and what the recording gives are apart by up to {apart:.2g} (SI)"
+        else f"the live estimate differs from that of the recording by up to {apart:.2g} (SI)"
     )
     journal.record_event("info" if apart == 0 else "warning", words)

@@ -1,4 +1,4 @@
-"""A plan carried out from connecting to rest, whoever looks on: terminal, page or demonstration."""
+"""Executes a plan, from connecting the devices to rest, for terminal, page and demonstration."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
@@ -12,7 +12,7 @@ from inercal.host.run_folder import RunFolder
 
 
 class RunInterrupted(InercalError):
-    """The run can go on later; `str(error)` is why it does not now."""
+    """The run was interrupted and can be resumed; `str(error)` is the reason."""
 
 
 def execute_run(

@@ -3,8 +3,8 @@
 Files::
 
 plan.toml, path.csv   copies: a run is resumed by these, whatever became of the originals
-run.log               what the devices said, byte for byte
-run.journal           what was planned, begun, done and said (SQLite)
+run.log               the bytes that the devices sent
+run.journal           plan, steps, events and files of the run (SQLite)
 recording.h5          by the name in [data], at the end
 plan.calibration.json, plan.report.html
 """

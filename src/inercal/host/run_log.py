@@ -1,13 +1,13 @@
-"""What came from the devices, byte for byte: an append-only file that a kill cannot spoil.
+"""The raw log of a run: an append-only file of the devices' bytes, intact after a kill.
 
 A frame is written by one call and carries its own check:
 
     A5 'i' | kind, 1 byte | length, uint32 | time, float64 | CRC-32 of these | payload | its CRC-32
 
-little-endian; `time` is the host's, s of the run. The head has a check of its own, as a length that
-is not true would make what follows look like a frame that was not finished. A host that is killed
-leaves whole frames and at most one torn one at the end, which `RunLog` cuts off, and says so, when
-it opens the file again.
+little-endian; `time` is the host's, s of the run. The head has its own check, since after a wrong
+length the following frames would look like one unfinished frame. A host that is killed leaves
+complete frames and at most one incomplete frame at the end; `RunLog` removes and reports it when it
+opens the file again.
 """
 
 import os
@@ -199,8 +199,14 @@ def _frames_with_ends(path: Path) -> Generator[tuple[LogFrame, int]]:
         at = 0
         while head := file.read(_HEAD.size + _CHECK.size):
             if _MAGIC[: len(head)] != head[:2]:
-                what = "is damaged" if at else "is not the log of a run"
-                raise InputError(f"{path} {what}: no frame begins at byte {at}", file=path)
+                what = (
+                    "is damaged; what lies before can be read"
+                    if at
+                    else "is not the log of a run; name another file"
+                )
+                raise InputError(
+                    f"{path}: no frame begins at byte {at}: the file {what}", file=path
+                )
             if len(head) < _HEAD.size + _CHECK.size:
                 return
             _, kind, length, time = _HEAD.unpack_from(head)
@@ -217,5 +223,7 @@ def _require_checksum(length: int, checked: bytes, path: Path, at: int) -> None:
     """Refuse bytes that are not those their check was made from."""
     if _CHECK.unpack_from(checked, length)[0] != crc32(checked[:length]):
         raise InputError(
-            f"{path} is damaged: the frame at byte {at} does not match its checksum", file=path
+            f"{path} is damaged: the frame at byte {at} does not match its checksum; restore the "
+            "file, or begin a new run",
+            file=path,
         )

@@ -1,7 +1,7 @@
-"""From step to step: what the table is told next, by what it says of itself.
+"""Sequences the steps of a plan: it derives the next commands from the state of the table.
 
-The sequencer owns no link, no clock and no thread. It is shown each state of the table and answers
-with commands, so that it is the same on iron, in simulation and in a test::
+The sequencer owns no link, no clock and no thread. It takes each state of the table and returns
+commands, so that it is the same on a real table, in simulation and in a test::
 
     enable -> home -> ( approach -> settle -> work )* -> return -> done
                          ^ paused, or begun anew after an outage: the step is repeated whole
@@ -141,7 +141,7 @@ class Sequencer:
         return left
 
     def pause(self, time: float) -> list[Command]:
-        """Stop the table; the step in hand is repeated when the run goes on."""
+        """Stop the table; the interrupted step is repeated when the run continues."""
         if self.is_over or self.phase == "paused":
             return []
         self._void_section(time)
@@ -232,7 +232,7 @@ class Sequencer:
             if abs(axis.angle - angle) > _ARRIVAL_TOLERANCE:
                 raise self._fault(
                     f"axis {self._names[i]} is at rest at {degrees(axis.angle):.4f}° instead of "
-                    f"{degrees(angle):.4f}°: it was stopped from outside",
+                    f"{degrees(angle):.4f}°: it was stopped from outside; check the table's panel",
                     i,
                 )
         return True
@@ -269,7 +269,7 @@ class Sequencer:
             if axis.faults and not enabling:
                 raise self._fault(f"axis {self._names[i]}: {', '.join(axis.faults)}", i)
             if self.phase in ("approach", "work", "return") and not axis.enabled:
-                raise self._fault(f"axis {self._names[i]}: its servo is off", i)
+                raise self._fault(f"axis {self._names[i]}: its servo is off; switch it on", i)
 
     def _has_moved(self, task: Task, seen: TableState) -> bool:
         """Tell whether an axis leaves its place by this reading; by the second in a row, refuse.
@@ -286,7 +286,7 @@ class Sequencer:
                 raise self._fault(
                     f"axis {self._names[i]} moved during the hold: it is at "
                     f"{degrees(axis.angle):.4f}° instead of {degrees(angle):.4f}°; it was moved "
-                    "from outside",
+                    "from outside; keep people and panels from the table",
                     i,
                 )
         return self._motion_suspected

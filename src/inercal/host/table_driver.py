@@ -1,6 +1,6 @@
-"""The table as a run drives it: read, told, stopped, left at rest.
+"""Drives the table of a run: reads its state, sends commands, stops it, leaves it at rest.
 
-What the host cannot bring about is left to the watchdog (`guard`).
+Where the host cannot stop the table, the watchdog (`guard`) does.
 """
 
 from collections.abc import Callable, Sequence
@@ -77,7 +77,8 @@ class TableDriver:
             self._say("warning", str(error))
             if self._failed_readings == _MAX_FAILED_READINGS:
                 raise LinkLost(
-                    f"the table is gone: {_MAX_FAILED_READINGS} readings in a row failed: {error}"
+                    f"the table does not answer: {_MAX_FAILED_READINGS} readings in succession "
+                    f"failed: {error}"
                 ) from error
             return None
         self._failed_readings = 0
@@ -117,7 +118,7 @@ class TableDriver:
                     self._table.stop()
 
     def stop(self, commands: Sequence[Command]) -> None:
-        """Tell the table to stop; where it cannot be told, the watchdog goes on trying."""
+        """Stop the table; where it does not accept the command, have the watchdog stop it."""
         off = self.state is not None and not any(axis.enabled for axis in self.state.axes)
         # To stop closes the loops of motors: what somebody has switched off stays off.
         if self._guard.axis_killed or (off and self.at_rest):
@@ -126,20 +127,20 @@ class TableDriver:
             self.send(commands)
         except (TableFault, ProtocolError, LinkLost) as error:
             told = self._guard.stop()
-            does = "is told to stop the table" if told else "is gone too: cut the table's power"
+            does = "now stops the table" if told else "is gone too: cut the table's power"
             self._say("alarm", f"{error}; the watchdog {does}")
 
     def switch_servos_off(self) -> None:
-        """Switch all servos off, once: one whose encoder stands drives its axis on and on."""
+        """Switch all servos off, once: a servo with a frozen encoder accelerates its axis."""
         if self._servos_off:
             return
-        words = "the servos are switched off, what turns coasts"
+        words = "the servos are switched off; an axis that turns coasts"
         try:
             self._table.kill(coasting=True)
         except TableFault as error:
             words = str(error)
         except (ProtocolError, LinkLost) as error:
-            self._say("alarm", f"{error}; the servos are to be switched off")
+            self._say("alarm", f"{error}; the servos are still to be switched off")
             return  # and tried again
         self._servos_off = True
         self._say("alarm", words)
@@ -156,6 +157,6 @@ class TableDriver:
         if "at rest" in lines:
             return next((f"watchdog: {line}" for line in lines if line.startswith("killed")), None)
         self._guard.release_to_guard()
-        does = "goes on trying to stop it" if self._guard.alive else "is gone: cut its power"
-        words = f"nobody has seen the table come to rest; the watchdog {does}"
+        does = "keeps trying to stop it" if self._guard.alive else "is gone: cut its power"
+        words = f"no reading shows the table at rest; the watchdog {does}"
         return "; ".join([words, *lines[-1:]])

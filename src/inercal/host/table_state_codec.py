@@ -1,7 +1,7 @@
 """A table's state as the bytes of a frame of the log.
 
 Little-endian: time and span, float64, then of each axis angle, rate and following error, float64,
-and a byte of flags. Why an axis stopped is told in words by an event; here it is one flag.
+and a byte of flags. One flag states that an axis has a fault; an event of the journal names it.
 """
 
 from collections.abc import Sequence

@@ -113,7 +113,8 @@ def refuse_unequal_lengths(lengths: Mapping[str, int], source: str) -> None:
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"{name} {n}" for name, n in lengths.items())
         raise InputError(
-            f"{source} has columns of unequal length: {shorten(listed, 120)}",
+            f"{source} has columns of unequal length: {shorten(listed, 120)}; write columns of "
+            "one length",
             names=tuple(lengths),
         )
 

@@ -52,7 +52,8 @@ def read_mat(path: Path, wanted: ReadRequest) -> Table:
             return table_from_variables(path, _variables(path, scipy_io), wanted)
     except (*DAMAGED, scipy_io.matlab.MatReadError) as error:
         raise InputError(
-            f"{path.name} is not a MATLAB file or is damaged: {shorten(str(error), 120)}"
+            f"{path.name} is not a MATLAB file or is damaged: {shorten(str(error), 120)}; write "
+            "the file again"
         ) from error
 
 

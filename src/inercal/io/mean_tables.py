@@ -138,7 +138,13 @@ def observations_from_table(
         _require_within_range(path, table, by_axis[axis.name], axis, output[:, k])
     _refuse_constant_column(path, output, sensor, by_axis)
     if not (np.isfinite(durations) & (durations > 0)).all():
-        raise InputError(f"{path}: durations must be positive numbers of s", file=path)
+        row = int(np.flatnonzero(~(np.isfinite(durations) & (durations > 0)))[0])
+        raise InputError(
+            f"{path} line {table.first_line + row}: the duration is {durations[row]:g} s; it must "
+            "be above 0",
+            file=path,
+            line=table.first_line + row,
+        )
     deviation = _standard_deviations(path, table, by_axis, sensor, sd)
     temperature = None
     if columns.temperature is not None:

@@ -143,7 +143,8 @@ def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArr
         return array.astype(np.str_)
     if array.dtype.kind not in "fiubU":
         raise InputError(
-            f"{source}: array {name!r} of {array.dtype} is neither numbers nor text", names=(name,)
+            f"{source}: array {name!r} has the type {array.dtype}; save real numbers or text",
+            names=(name,),
         )
     return array
 

@@ -47,7 +47,10 @@ def read_parquet(path: Path, wanted: ReadRequest) -> Table:
             chosen = select_columns(names, wanted.names, path.name)
             columns, block = _columns(pyarrow, file, chosen, wanted, path.name)
     except (pyarrow.ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
-        raise InputError(f"{path.name} is damaged: {shorten(str(error), 120)}") from error
+        raise InputError(
+            f"{path.name} is not a Parquet file or is damaged: {shorten(str(error), 120)}; write "
+            "the file again"
+        ) from error
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
 
 
@@ -76,7 +79,10 @@ def _columns(
                 numbers[name][start:stop] = _numbers(pyarrow, values)
         start = stop
     if start != n:
-        raise InputError(f"{source} is damaged: it has {start} rows and states {n}")
+        raise InputError(
+            f"{source} is damaged: it has {start} rows, but its header states {n}; write the file "
+            "again"
+        )
     return {k: np.concatenate(words[k]) if k in words else numbers[k] for k in chosen}, block
 
 
@@ -111,7 +117,8 @@ def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> 
     integer = types.is_integer(kind) or types.is_boolean(kind)
     if not (integer or types.is_floating(kind)):
         raise InputError(
-            f"{source}: column {name!r} of {kind} is neither numbers nor text", names=(name,)
+            f"{source}: column {name!r} has the type {kind}; save real numbers or text",
+            names=(name,),
         )
     return as_text and integer
 

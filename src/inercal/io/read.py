@@ -89,7 +89,7 @@ class Columns:
         counted = self.time is None or self.time_unit == "sample"
         if counted and self.rate_hz is None:
             reason = "there is no time column" if self.time is None else "time counts samples"
-            raise InputError(f"rate_hz is needed: {reason}", key="rate_hz")
+            raise InputError(f"rate_hz is missing: {reason}; give rate_hz", key="rate_hz")
         if not counted and self.rate_hz is not None:
             raise InputError(
                 f"rate_hz and a time column in {self.time_unit or 's'!r} are both stated: remove "
@@ -98,7 +98,8 @@ class Columns:
             )
         if self.modulus is not None and (self.time is None or not counted):
             raise InputError(
-                f"modulus {self.modulus} needs a time column that counts samples", key="modulus"
+                f"modulus {self.modulus} is for a time column that counts samples; remove modulus",
+                key="modulus",
             )
         if self.rate_hz is not None and not 0 < self.rate_hz < np.inf:
             raise InputError(f"rate_hz is {self.rate_hz:g}; it must be positive", key="rate_hz")
@@ -107,7 +108,9 @@ class Columns:
             for column in columns:
                 if columns.count(column) > 1:
                     raise InputError(
-                        f"column {column!r} is stated for more than one channel", names=(column,)
+                        f"column {column!r} is stated for several channels; give each its own "
+                        "column",
+                        names=(column,),
                     )
 
     @property

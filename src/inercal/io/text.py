@@ -207,7 +207,8 @@ def _check_cells(
                 elif not layout.is_number(cells[k]):
                     raise InputError(
                         f"{path.name} line {number}, column {shorten(layout.names[k])!r}: "
-                        f"{shorten(cells[k])!r} is not a number",
+                        f"{shorten(cells[k])!r} is not a number; correct the cell or remove the "
+                        "line",
                         line=number,
                         names=(layout.names[k],),
                     )
@@ -220,8 +221,8 @@ def _refuse_joined_lines(path: Path, layout: TextLayout, rows: int) -> None:
         lines = sum(bool(layout.content(k)) for k in islice(file, layout.first_line - 1, None))
     if lines != rows:
         raise InputError(
-            f"{path.name}: {lines} lines of data give {rows} rows: look for a quotation mark "
-            "without its pair"
+            f"{path.name}: {lines} lines of data give {rows} rows: a quotation mark is not closed; "
+            "close or remove it"
         )
 
 

@@ -61,7 +61,9 @@ def scan(path: Path) -> Scan:
             if (at := block.find(b"\0")) >= 0:
                 line = complete + block.count(newline, 0, at) + 1
                 raise InputError(
-                    f"{path.name} line {line}: binary data where text is expected", line=line
+                    f"{path.name} line {line}: binary data where text is expected; export the "
+                    "file as text",
+                    line=line,
                 )
             _refuse_other_encodings(decoder, block, complete, newline, path.name)
             ends = np.flatnonzero(np.frombuffer(block, np.uint8) == newline[0])

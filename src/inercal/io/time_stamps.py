@@ -247,7 +247,7 @@ def times_from_counter(counter: ArrayLike, modulus: int, rate_hz: float) -> Arra
     if off.size:
         raise InputError(
             f"counter: sample {off[0]} has {read[off[0]]:g}, but the counter takes whole numbers "
-            f"from 0 to {modulus - 1}"
+            f"from 0 to {modulus - 1}; check its column and its modulus"
         )
     step = np.diff(read) % modulus
     bad = np.flatnonzero((step == 0) | (2 * step >= modulus))

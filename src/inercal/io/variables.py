@@ -139,7 +139,10 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
         _refuse_unusable_variable(name, [name for name, _, _ in columns], refused, source)
     if not columns:
         first = next((f": {name!r} {why}" for name, why in refused.items()), "")
-        raise InputError(f"{source} has no columns of numbers{first}", names=tuple(refused))
+        raise InputError(
+            f"{source} has no columns of numbers{first}; save arrays of numbers",
+            names=tuple(refused),
+        )
     counted: Counter[int] = Counter()
     for _, v, _ in columns:
         counted[v.sample_and_column_counts[0]] += v.sample_and_column_counts[0]

@@ -37,7 +37,8 @@ def require_matching_rows(observations: Observations, sensor: Sensor, steps: Seq
         pairs = zip_longest(observations.labels, labels)
         row, step = next(pair for pair in pairs if pair[0] != pair[1])
         raise InputError(
-            f"row {row} has step {step}; give the step of each row, in the order of the rows",
+            f"steps do not match the observations: where these have row {row or 'none'}, steps has "
+            f"{step or 'none'}; give one step per row, in the order of the rows",
             key="steps",
             names=tuple(label for label in (row, step) if label is not None),
         )

@@ -75,7 +75,8 @@ def classical(
     for axes in (sensor.axes[:3], sensor.axes[3:]):
         if axes and (len(axes) != 3 or not np.allclose([a.i for a in axes], np.eye(3))):
             raise InputError(
-                "estimator classical needs orthogonal triads along x, y, z; use estimator ml",
+                f"sensor {sensor.name} has axes that are not triads along x, y, z, which estimator "
+                "classical needs; use estimator ml",
                 key="[sensor]",
                 names=tuple(axis.name for axis in axes),
             )

@@ -115,8 +115,8 @@ def joint(
     noisy = tuple(name for name, one in declared.items() if one.scope == "dwell" and one.sd > 0)
     if noisy:
         raise InputError(
-            f"[bench] {noisy[0]} differs from dwell to dwell, and estimator joint has no model of "
-            "that; set it to 0, or use another estimator",
+            f"[bench] {noisy[0]} differs from dwell to dwell, which estimator joint does not "
+            "model; set it to 0, or use another estimator",
             key=f"[bench] {noisy[0]}",
             names=noisy,
         )

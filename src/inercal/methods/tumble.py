@@ -240,8 +240,8 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Sequence[
     if len(sensor.axes) != 1 or sensor.axes[0].measures != "f":
         words = {"f": "an accelerometer", "w": "a gyro"}
         raise InputError(
-            f"a tumble test takes one accelerometer; sensor {sensor.name} has "
-            f"{', '.join(f'{a.name} ({words[a.measures]})' for a in sensor.axes)}",
+            f"a tumble test takes one accelerometer: name one in [sensor]; sensor {sensor.name} "
+            f"has {', '.join(f'{a.name} ({words[a.measures]})' for a in sensor.axes)}",
             key="[sensor]",
             names=sensor.channels,
         )
@@ -259,16 +259,20 @@ def _checked_angles(observations: Observations, sensor: Sensor, steps: Sequence[
             key="[method]",
         )
     estimator_inputs.require_matching_rows(observations, sensor, steps)
-    if not (observations.covariance > 0).all():
+    positive = (observations.covariance > 0).reshape(-1, len(observations.labels)).all(0)
+    if not positive.all():
+        label = observations.labels[int(np.argmin(positive))]
         raise InputError(
-            "a reading has no variance; state the variance of every reading", key="observations"
+            f"the reading at {label} has no variance above 0; state the variance of every reading",
+            key="observations",
+            names=(label,),
         )
     angle = _nominal_angles(steps)
     n = len(harmonics.distinct_angles(angle)[0]) if len(angle) else 0
     if n < dividing_head_problem.MIN_POSITIONS:
         raise InputError(
-            f"{n} different positions; a tumble test needs {dividing_head_problem.MIN_POSITIONS} "
-            "or more",
+            f"the steps have {n} different positions; a tumble test needs "
+            f"{dividing_head_problem.MIN_POSITIONS} or more: add positions",
             key="steps",
         )
     return angle

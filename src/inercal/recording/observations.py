@@ -139,22 +139,26 @@ class Track:
         n = self.time.size
         if self.angle_quality is not None and any(q.shape != (n,) for q in self.angle_quality):
             raise InputError(
-                f"track: the quality of its angles is not of {n} samples", key="angle_quality"
+                f"track: each array of angle_quality must have shape ({n},), one value per sample",
+                key="angle_quality",
             )
         if self.reading.shape[-2] != n or self.angles.shape[-2] != n or self.hold.shape != (n,):
             raise InputError(
-                f"track: {n} times, readings {self.reading.shape}, angles {self.angles.shape} and "
-                f"holds {self.hold.shape} must have the same number of samples"
+                f"track: time has shape ({n},), reading {self.reading.shape}, angles "
+                f"{self.angles.shape} and hold {self.hold.shape}; give each the same number of "
+                "samples"
             )
         if self.temperature is not None:
             if self.temperature.shape[-1] != n:
                 raise InputError(
-                    f"track: {self.temperature.shape} temperatures for {n} times", key="temperature"
+                    f"track: temperature has shape {self.temperature.shape}; expected (..., {n})",
+                    key="temperature",
                 )
             bad = np.flatnonzero(~np.isfinite(self.temperature).reshape(-1, n).all(axis=0))
             if bad.size:
                 raise InputError(
-                    f"track: the temperature at {self.time[bad[0]]:.6g} s is not finite",
+                    f"track: the temperature at {self.time[bad[0]]:.6g} s is not finite; correct "
+                    "or remove the sample",
                     key="temperature",
                 )
 
@@ -295,7 +299,7 @@ class Observations:
                 )
         if not self.dof > 0:
             raise InputError(
-                f"observations: {self.dof} degrees of freedom; they must be positive", key="dof"
+                f"observations: dof is {self.dof}; degrees of freedom must be above 0", key="dof"
             )
         not_finite = "that is not finite"
         self._refuse(~np.isfinite(self.mean).all(-1), "mean", not_finite)
@@ -315,7 +319,7 @@ class Observations:
         if rows.size:
             label = self.labels[int(rows[0])]
             raise InputError(
-                f"observations: {label} (row {rows[0] + 1}) has a {key} {what}",
+                f"observations: {label} (row {rows[0] + 1}) has a {key} {what}; correct it",
                 key=key,
                 names=(label,),
             )

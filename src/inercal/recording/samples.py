@@ -122,7 +122,8 @@ class Recording:
         step = float(np.median(steps, overwrite_input=True)) if steps.size else 0.0
         if not step > 0:
             raise InputError(
-                f"{self.source or 'recording'}: time does not advance between samples",
+                f"{self.source or 'recording'}: time has {self.time.size} samples, and the median "
+                f"step is {step:g} s; it must be above 0: check the column of times",
                 file=self.source or None,
                 key="time",
             )

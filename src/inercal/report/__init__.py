@@ -105,7 +105,7 @@ def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
     budget : Budget
     path : path
     under : str, optional
-        What stands under the sensor's name: the method and its estimator.
+        Text under the sensor's name: the method and its estimator.
 
     Raises
     ------

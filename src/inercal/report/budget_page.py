@@ -53,7 +53,7 @@ class CoefficientBudget:
 
 
 def page(budget: Budget, under: str) -> str:
-    """Return the whole page, HTML; `under` stands under the sensor's name."""
+    """Return the page as HTML; `under` is the text under the sensor's name."""
     sensor = budget.experiment.sensor
     parts = [_coefficient_budget(budget, k, name) for k, name in enumerate(sensor.coefficients)]
     panels = [(f"{part.name}, {part.unit}", part.rows) for part in parts]

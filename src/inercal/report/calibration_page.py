@@ -195,7 +195,7 @@ def key_facts(outcome: Outcome) -> list[tuple[str, str]]:
 def attitude_rows(outcome: Outcome, found: Sequence[MeasuredDirection]) -> list[AttitudeRow]:
     """Return the rows of the table of positions and turns.
 
-    The axis of a turn has no angle here: the gyros' misalignments were found from it.
+    The axis of a turn has no angle here: the gyros' misalignments were estimated from it.
     """
     observed = outcome.observations
     off = {attitude.step.label: attitude.deviation_angle for attitude in found}

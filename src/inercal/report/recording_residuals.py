@@ -1,9 +1,10 @@
-"""Residuals of a method that takes a whole recording at once: step by step, as means and sizes.
+"""Residuals of a method that estimates from all samples of a recording, summarised per step.
 
-Tens of thousands of whitened residuals r, each of variance 1, are no picture. Of the n in a step
+Tens of thousands of whitened residuals r, each of variance 1, cannot be shown singly. For the n
+residuals of a step, if the model is right:
 
-    √n mean(r)    is off from 0 by about 1: a bias, or an angle, that does not fit there
-    rms(r)        is off from 1 by about 1/√(2n): noise that is not as stated
+    √n mean(r)    differs from 0 by about 1; more shows a bias or an angle that does not fit
+    rms(r)        differs from 1 by about 1/√(2n); more shows noise other than stated
 """
 # matplotlib's stubs leave **kwargs untyped.
 # pyright: reportUnknownMemberType=false

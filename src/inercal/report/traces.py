@@ -71,7 +71,7 @@ def section_figure(outcome: Outcome, recording: Recording) -> Markup:
 def signal_figure(recording: Recording, sensor: Sensor, marks: Sequence[Mark]) -> Markup:
     """Return the signals by kind of axis with some sections shaded."""
     figure, _ = _draw_signals(recording, sensor, marks)
-    return svg(figure, "signals", "Recorded signals with the rests that were found")
+    return svg(figure, "signals", "Recorded signals with the detected rests shaded")
 
 
 def _draw_signals(
@@ -149,7 +149,7 @@ def _name_sections(axes: Axes, outcome: Outcome, recording: Recording) -> None:
 
 @drawing.style
 def scatter_figure(recording: Recording, sensor: Sensor, rests: RestDetection) -> Markup:
-    """Return what rests were found by: the scatter over time, with the thresholds that it met."""
+    """Return how rests were detected: the scatter over time, with the thresholds that it met."""
     figure, rows = stacked_axes(1.3, len(rests.levels), recording.duration)
     stretch = -(-recording.time.size // MAX_POINTS)
     starts = np.arange(0, recording.time.size, stretch)

@@ -81,7 +81,10 @@ def with_filter_keys(
     if section is None:
         return chosen, None
     if chosen.name != _METHOD:
-        raise key_error(_KEY, f"it is for {_METHOD}; {chosen.name} has no filter; leave it out")
+        raise key_error(
+            _KEY,
+            f"only {_METHOD} has these keys, and {chosen.name} has no filter; remove the section",
+        )
     from inercal.methods.turntable_kalman import method_with
 
     config = _filter_config(schema, section, estimator, sensor, rate_hz)

@@ -63,7 +63,9 @@ def _build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     else:
         scale = si_value(section.scale, f"{output}/({quantity})", f"{key} scale")
     if scale == 0:
-        raise InputError(f"{key} scale: must not be zero", key=f"{key} scale")
+        raise InputError(
+            f"{key} scale: {section.scale!r} is zero; give another value", key=f"{key} scale"
+        )
     full = None
     if section.full_scale is not None:
         reach = si_value(section.full_scale, quantity, f"{key} full_scale")
@@ -87,7 +89,7 @@ def _build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
     for name, value in noise.items():
         if value < 0:
             raise InputError(
-                f"{key} {name}: {getattr(section, name)!r} must not be negative",
+                f"{key} {name}: {getattr(section, name)!r} is negative; give 0 or more",
                 key=f"{key} {name}",
             )
     return Readout(scale, section.offset, section.unit, full), Noise(**noise)

@@ -53,7 +53,8 @@ def valid_marks(
         findings.append(Finding("warning", "rests", text, flaw.channel, mark.start, mark.stop))
     if not usable:
         raise InputError(
-            f"{recording.source}: each rest has saturated or stuck samples: {findings[0].message}",
+            f"{recording.source}: each rest has saturated or stuck samples: {findings[0].message}; "
+            "check the sensor and record again",
             names=tuple(mark.label for mark in ordered),
         )
     return tuple(usable), tuple(findings)
@@ -107,7 +108,7 @@ def holds_from_observations(observations: Observations, sensor: Sensor) -> tuple
 
 
 def holds_from_marks(marks: Sequence[Mark]) -> tuple[Hold, ...]:
-    """Return a hold for each mark, with an attitude that stands for an unknown one."""
+    """Return a hold for each mark, with a placeholder where its attitude is unknown."""
     return tuple(Hold(mark.label, (0.0, 0.0, 1.0), 0.0) for mark in marks)
 
 

@@ -99,7 +99,8 @@ def find_dwells(
         raise InputError(
             f"{recording.source or 'recording'}: no dwell was detected: a dwell needs a steady "
             f"rate for {SETTLING_TIME:g} s and {LEAST_TURNS} turns more, and the "
-            f"{turning_device} has none up to {fastest:.4g} rpm{reasons}",
+            f"{turning_device} has none up to {fastest:.4g} rpm{reasons}; check the column of the "
+            "rate, or record again",
             file=recording.source or None,
             names=(ARM_RATE,),
         )

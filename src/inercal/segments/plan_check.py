@@ -82,7 +82,8 @@ def check_marks(marks: Sequence[Mark], recording: Recording, needed: Sequence[st
     if not any(mark.label in needed for mark in marks):
         labels = ", ".join(mark.label for mark in marks) or "none"
         raise InputError(
-            f"{where}: no section is marked {', '.join(needed)}; the marks are {labels}",
+            f"{where}: no section is marked {', '.join(needed)}; the marks are {labels}: mark the "
+            "missing sections",
             names=tuple(needed),
         )
     used = sorted((m for m in marks if m.label in needed), key=lambda m: m.start)

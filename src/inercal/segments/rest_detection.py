@@ -239,7 +239,9 @@ def _detection_text(
     low, high = (f"{s:.2g}" for s in (min(seconds), max(seconds)))
     share = 100 * sum(seconds) / recording.duration
     length = f"{low} s" if low == high else f"{low} to {high} s"
-    parts = [f"{len(marks)} rest{'s' * (len(marks) > 1)} of {length} found, {share:.0f} % of time"]
+    parts = [
+        f"{len(marks)} rest{'s' * (len(marks) > 1)} of {length} detected, {share:.0f} % of time"
+    ]
     parts += map(_threshold_text, levels)
     if crept:
         parts.append(f"{crept} left out because the sensor turned slowly")

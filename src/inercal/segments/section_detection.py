@@ -67,7 +67,7 @@ class SectionDetection:
     @property
     def words(self) -> str:
         """Number of rests and thresholds, in one line."""
-        found = f"{len(self.rests)} rests of {SHORTEST:g} s or more are found"
+        found = f"{len(self.rests)} rests of {SHORTEST:g} s or more are detected"
         return "; ".join([found, *(_threshold_text(level) for level in self.levels)])
 
     @property
@@ -104,7 +104,7 @@ def find_sections(
     found = search_sections(recording, sensor, steps)
     if not found.rests:
         raise InputError(
-            f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s is found "
+            f"{recording.source}: no rest of {SHORTEST + 2 * MARGIN:g} s is detected "
             f"({'; '.join(map(_threshold_text, found.levels))}); mark the sections in a file or a "
             "column",
             names=tuple(step.label for step in steps),
@@ -136,7 +136,9 @@ def search_sections(
     rate = [k for k, axis in enumerate(sensor.axes) if axis.measures == "w"]
     if len(force) != 3 or len(rate) not in (0, 3):
         raise InputError(
-            "sections can be detected for triads only; mark them in a file or a column",
+            f"sensor {sensor.name} has {len(force)} accelerometers and {len(rate)} gyros; sections "
+            "are detected only for three of each, or three accelerometers: mark them in a file or "
+            "a column",
             names=sensor.channels,
         )
     window = max(round(WINDOW * recording.rate_hz), 4)

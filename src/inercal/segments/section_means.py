@@ -91,7 +91,7 @@ def observe(
         if mark.stop - mark.start < MIN_SAMPLES:
             raise InputError(
                 f"{recording.source}: section {mark.label} has {mark.stop - mark.start} "
-                f"sample{'s' * (mark.stop - mark.start > 1)}; at least {MIN_SAMPLES} are needed",
+                f"sample{'s' * (mark.stop - mark.start > 1)}; mark at least {MIN_SAMPLES}",
                 names=(mark.label,),
             )
     holds = [step for step in used if not isinstance(step, Turn | Rotation)]

@@ -77,9 +77,10 @@ def require_affine_triad(sensor: Sensor) -> None:
     kinds = [axis.measures for axis in sensor.axes]
     if kinds != ["f"] * 3 or set(sensor.coefficients) != wanted or sensor.form != "reference":
         raise InputError(
-            f"f = M a + p has k0, k1, delta_o and delta_p of three accelerometers in the reference "
-            f"form, but sensor {sensor.name} has {', '.join(sensor.coefficients) or 'none'} in the "
-            f"{sensor.form} form: choose these, or the estimator joint",
+            "this estimator takes k0, k1, delta_o and delta_p of three accelerometers in the "
+            f"reference form; sensor {sensor.name} has {', '.join(sensor.coefficients) or 'none'} "
+            f"in the {sensor.form} form: correct [method] and [sensor] form, or use estimator "
+            "joint",
             names=sensor.coefficients,
         )
 

@@ -69,7 +69,8 @@ class Axis:
         frame = self.frame
         if not np.allclose(frame @ frame.T, np.eye(3), atol=1e-9):
             raise InputError(
-                f"axis {self.name}: I {self.i} and P {self.p} must be orthogonal unit vectors",
+                f"axis {self.name}: input axis i {self.i} and pendulous axis p {self.p} must be "
+                "orthogonal unit vectors",
                 names=(self.name,),
             )
 

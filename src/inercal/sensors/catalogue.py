@@ -71,7 +71,8 @@ def cluster(name: str, input_axes: Sequence[Sequence[float]], measures: Literal[
         length = np.linalg.norm(row)
         if not np.isfinite(length) or length == 0:
             raise InputError(
-                f"cluster {name}: input axis {k} is {row.tolist()}; state a direction",
+                f"cluster {name}: input axis {k} is {row.tolist()}; give a direction of finite "
+                "length above 0",
                 names=(f"s{k}",),
             )
         i = row / length

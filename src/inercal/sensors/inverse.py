@@ -175,9 +175,9 @@ def _newton(
         row = int(np.flatnonzero(bad.any(axis=tuple(range(bad.ndim - 1))))[0])
         worst = y[..., row, :].reshape(-1, y.shape[-1])[0]
         raise NotInvertible(
-            f"sensor {sensor.name}: the model cannot be inverted at sample {first + row}: the "
-            f"reading {np.array2string(worst, precision=4)} SI is beyond the fold of its nonlinear "
-            "terms"
+            f"sensor {sensor.name}: the model cannot be inverted at sample {first + row}: for the "
+            f"reading {np.array2string(worst, precision=4)} (SI) no unique motion exists; check "
+            "the unit of the reading and the nonlinear coefficients"
         )
     return across + x @ basis.T
 

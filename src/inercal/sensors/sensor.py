@@ -67,7 +67,8 @@ class Sensor:
         names = [axis.name for axis in self.axes]
         if len(set(names)) != len(names):
             raise InputError(
-                f"sensor {self.name}: axes must have distinct names, not {', '.join(names)}",
+                f"sensor {self.name}: two axes of {', '.join(names)} have one name; give each its "
+                "own",
                 names=tuple(names),
             )
         by_axis: dict[str, list[ErrorTerm]] = {name: [] for name in names}

@@ -6,7 +6,7 @@ here of the later beyond the earlier::
     E_n = (x₂ − x₁) / √(U₁² + U₂²),   U = 2 u  (GUM 6.2.1)
 
 |E_n| ≤ 1 is not called a change. Where nothing changed, 4.55 % of them exceed 1 by chance, one in
-22: of many coefficients together the joint test is asked too, with all covariances::
+22. For many coefficients together there is a joint test as well, with all covariances::
 
     χ² = dᵀ (C₁ + C₂)⁺ d,   d = x₂ − x₁
 
@@ -97,7 +97,10 @@ def joint_test(difference: Array, covariance: Array) -> JointTest:
     size = difference.size
     scale = np.sqrt(np.diag(covariance))
     if not size or not (scale > 0).all():
-        raise ValueError("the joint test takes coefficients that have an uncertainty")
+        raise ValueError(
+            "covariance has a variance of 0, or difference is empty; pass coefficients with an "
+            "uncertainty"
+        )
     # Scaled to ones on the diagonal: units that differ by many powers of ten say nothing of rank.
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     seen = values > _RANK_TOLERANCE * values[-1]

@@ -99,7 +99,9 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
         try:
             return build_comparison(first, match_frame_and_form(second, first))
         except InputError:
-            raise error.located("the first cannot be compared with the second") from None
+            raise error.located(
+                "the first calibration cannot be compared with the second"
+            ) from None
 
 
 def build_comparison(first: Calibration, second: Calibration) -> Comparison:
@@ -137,8 +139,8 @@ def match_frame_and_form(calibration: Calibration, like: Calibration) -> Calibra
     mine, its = (one.sensor.reference_temperature for one in (calibration, like))
     if dependent and mine != its:
         raise InputError(
-            f"its reference temperature is {mine - ZERO_CELSIUS:g} °C, "
-            f"not {its - ZERO_CELSIUS:g} °C"
+            f"its reference temperature is {mine - ZERO_CELSIUS:g} °C, not "
+            f"{its - ZERO_CELSIUS:g} °C; calibrate both with one reference temperature"
         )
     try:
         # The frame first: it keeps the form, and refuses more than the form.
@@ -158,7 +160,10 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
             continue
         if axis.measures != other.measures or not np.allclose(axis.frame, other.frame, atol=1e-9):
             raise InputError(
-                f"its axis {axis.name} has another direction in the body frame", names=(axis.name,)
+                f"its axis {axis.name} has another direction in the body frame; calibrate again "
+                "with "
+                "the same [sensor]",
+                names=(axis.name,),
             )
         mine, its = axis.readout, other.readout
         same = np.allclose([mine.scale, mine.offset], [its.scale, its.offset], rtol=1e-12, atol=0)
@@ -166,7 +171,8 @@ def _require_same_axes(calibration: Calibration, like: Calibration) -> None:
             raise InputError(
                 f"its axis {axis.name} has nominally {mine.scale:.9g} {mine.unit} per SI unit and "
                 f"{mine.offset:g} at zero, not {its.scale:.9g} {its.unit} and {its.offset:g}: "
-                "coefficients are deviations from the nominal readout",
+                "coefficients are deviations from the nominal readout; calibrate with the same "
+                "[sensor]",
                 names=(axis.name,),
             )
 

@@ -90,7 +90,9 @@ def translate_errors(address: RegisterAddress) -> Generator[None]:
         ) from None
     except UnicodeEncodeError:
         raise InputError(
-            f"register {address.display_url}: a text is not Unicode", key="--register"
+            f"register {address.display_url}: a text to be stored is not Unicode; correct the "
+            "name or the file that contains it",
+            key="--register",
         ) from None
 
 

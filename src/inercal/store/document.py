@@ -1,4 +1,4 @@
-"""A calibration as it is to be entered: verified, with what the register keeps beside it."""
+"""A verified calibration, ready to be entered, with the columns that the register adds."""
 
 import json
 from dataclasses import dataclass

@@ -50,8 +50,8 @@ def jacobian(function: Callable[[Array], Array], x: Array, step: Array) -> Array
     x : (..., p) array
         Where.
     step : (..., p) or (p,) array
-        Size of the steps: a part of the range over which f matters. A step too small beside x to
-        be told from rounding is enlarged.
+        Size of the steps: a part of the range over which f matters. A step that rounding of x
+        would swallow is enlarged.
     """
     # Rounding costs ε f / h and curvature h⁴ f⁗ / 30: at h = 1e-4 x both are below 1e-11.
     step = np.broadcast_to(np.maximum(step, 1e-4 * np.abs(x)), x.shape)

@@ -160,7 +160,7 @@ def _quote(text: object) -> str:
 def plain_text(text: str) -> str:
     """Return `text` with plain characters in place of look-alikes and superscripts."""
     if len(text) > _LONGEST:
-        raise NotationError(f"is longer than {_LONGEST} characters")
+        raise NotationError(f"is longer than {_LONGEST} characters; shorten it")
     text = text.translate(_LOOK_ALIKE).replace("℃", "°C")
     return re.sub("[⁰¹²³⁴-⁹⁻]+", lambda m: "^" + m[0].translate(_SUPERSCRIPT), text).strip()
 

@@ -90,10 +90,10 @@ def parse_quantity(text: str | float, like: str, *, last_digit: bool = False) ->
                 value, _last_digit_uncertainty(first) * read_unit(unit or "1").size, True
             )
         if len(rest) > 1:
-            raise NotationError("states more than one uncertainty")
+            raise NotationError("states more than one uncertainty; write one")
         sd, sd_unit = _split_number_and_unit(rest[0], like)
         if sd < 0:
-            raise NotationError("states a negative uncertainty")
+            raise NotationError("states a negative uncertainty; write it as 0 or more")
         unit = unit or _shared_unit(number, sd_unit, like)
         value = _value(number, unit, like)
         return Measured(value, _sd(value, unit, sd, sd_unit, like) / (k or 1.0))
@@ -156,7 +156,7 @@ def _plain_quantity(text: object, like: str) -> str:
     if isinstance(text, bool) or not isinstance(text, (int, float)):
         raise NotationError(f"is not a quantity such as {_example_text(1, like)}")
     if not abs(text) <= sys.float_info.max:
-        raise NotationError("is not a finite number")
+        raise NotationError("is not a finite number; write one")
     return repr(float(text))
 
 
@@ -167,7 +167,9 @@ def _coverage(body: str) -> tuple[str, float | None]:
         return body, None
     k = float(found[1])
     if not 0 < k < math.inf:
-        raise NotationError("states a coverage factor k that is not positive and finite")
+        raise NotationError(
+            "states a coverage factor k that is not possible; write a finite k above 0"
+        )
     return body[: found.start()].strip(), k
 
 
@@ -212,7 +214,7 @@ def _value(number: float, unit: str, like: str) -> float:
     read = require_dimension(unit or "1", like)
     value = number * read.size + read.offset
     if not math.isfinite(value):
-        raise NotationError("is too large")
+        raise NotationError("is too large; write a smaller number")
     return value
 
 
@@ -234,7 +236,7 @@ def _sd(value: float, unit: str, sd: float, sd_unit: str, like: str) -> float:
     else:
         sd *= read_unit(sd_unit).size * abs(value)
     if not math.isfinite(sd):
-        raise NotationError("states an uncertainty that is too large")
+        raise NotationError("states an uncertainty that is too large; write a smaller one")
     return sd
 
 

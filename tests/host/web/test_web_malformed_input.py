@@ -74,7 +74,7 @@ def test_plans_and_runs_are_looked_up_and_never_joined_to_a_path(served: Served)
             page.say("resume", run=name, **SIMULATED)
             assert "no interrupted run" in page.until("refused")["words"]
             page.say("stop", run=name)
-            assert "no run goes on" in page.until("refused")["words"]
+            assert "no active run" in page.until("refused")["words"]
             page.say("leave")
             page.until("people", operator=None)
     served.was_refused("no plan")
@@ -92,9 +92,9 @@ MESSAGES = [
     ('{"do": "burn"}', "possible: operate"),
     ('{"do": ["pause"]}', "possible: operate"),
     ('{"do": {"a": 1}}', "possible: operate"),
-    ('{"do": "start", "plan": "demo"}', "choose a table"),
-    ('{"do": "start", "plan": "demo", "table": 3, "imu": []}', "choose a table"),
-    ('{"do": "start", "plan": "demo", "table": {"id": "simulated"}}', "go together"),
+    ('{"do": "start", "plan": "demo"}', "no table is chosen"),
+    ('{"do": "start", "plan": "demo", "table": 3, "imu": []}', "no table is chosen"),
+    ('{"do": "start", "plan": "demo", "table": {"id": "simulated"}}', "both simulated"),
     ('{"do": "operate", "name": 7}', "give a name"),
     ('{"do": "operate", "name": "\\u0007"}', "give a name"),
     ('{"do": "operate", "name": "' + "a" * 1000 + '"}', "give a name"),

@@ -115,7 +115,7 @@ def test_a_server_started_anew_finds_the_run_stops_it_resumes_it_and_ends_with_i
     with Serving(tmp_path, "--speed", "20") as serving, serving.page() as page:
         page.operate("Bob")
         page.say("start", plan="plan", sensor=None, **SIMULATED)
-        assert "continues without this page" in page.until("refused")["words"]
+        assert "is active outside this page" in page.until("refused")["words"]
         page.say("stop", run=folder.name)
         wait_until(lambda: not run_in_progress(folder))
         assert state(folder) == "interrupted"

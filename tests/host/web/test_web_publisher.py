@@ -44,7 +44,7 @@ def test_what_cannot_be_told_is_left_out_with_a_word_and_what_follows_is_told(
     assert read_all(out) == [{"kind": "event", "words": "after"}]
     os.close(out)
     said = capsys.readouterr().err
-    assert said.count("could not be told") == 2  # once of each kind
+    assert said.count("could not be sent") == 2  # once of each kind
     assert "'state'" in said
     assert "'event'" in said
 

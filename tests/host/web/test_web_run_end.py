@@ -64,7 +64,7 @@ def test_packets_without_a_temperature_are_refused_where_it_is_to_be_watched(
         order, imu=f"tcp://{NOBODY}?preset=novatel", temperature=(288.15, 313.15), patience=30.0
     )
     words = failed(order, publisher)
-    assert words == "packets of novatel hold no temperature; leave --temperature out"
+    assert words == "the packets of novatel contain no temperature; leave --temperature out"
     assert premature_end_message(order, words)["state"] == "not begun"
 
 

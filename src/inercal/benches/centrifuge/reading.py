@@ -48,13 +48,16 @@ def observe(run: Source[CentrifugeData]) -> EstimatorInput:
         )
     if run.data.seconds is not None:
         raise key_error(
-            "[data] seconds", "dwells on the arm last whole turns; remove the key", run.path
+            "[data] seconds",
+            "a dwell lasts whole turns of the arm, which fix its duration; remove the key",
+            run.path,
         )
     known = bench.indexing is not None or arms
     if known and run.data.attitude is None:
         raise key_error(
             "[data] attitude",
-            "is missing: lever arms and [bench] indexing need the columns of ψ and θ",
+            "is missing: lever arms and [bench] indexing need the attitude; name the columns of ψ "
+            "and θ",
             run.path,
         )
     if bench.indexing is not None and bench.platform != "locked":
@@ -93,8 +96,8 @@ def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     if bench.platform != "locked":
         raise key_error(
             "[bench] platform",
-            f"{bench.platform!r} needs a recording: over a dwell the mean of the arm's "
-            "acceleration is zero",
+            f"{bench.platform!r} needs a recording instead of a table of means: over a dwell the "
+            "mean of the arm's acceleration is zero",
             run.path,
         )
     named, units = readback_columns(run), readback_units(run)

@@ -63,7 +63,7 @@ def position_plan(n: int = 12, *, reverse: bool = False, seconds: float = 0.0) -
         No positions.
     """
     if n < 1:
-        raise InputError(f"a plan of {n} positions; at least one is needed", key="n")
+        raise InputError(f"n is {n}; a plan needs at least one position", key="n")
     angles = [2 * pi * k / n for k in range(n)]
     forward = tuple(
         Index(f"f{k:02d}", angle, seconds=seconds) for k, angle in enumerate(angles, start=1)
@@ -95,7 +95,7 @@ def mounted_sensor(
     x, y, back = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
     if not 1 <= len(axes) <= len(held := ((x, y), (y, back))):
         raise InputError(
-            f"the fixture holds one or two accelerometers, not {len(axes)}", key="axes"
+            f"axes has {len(axes)} accelerometers; the fixture holds one or two", key="axes"
         )
     result = (Axis(a, "f", i, p, readout, noise) for a, (i, p) in zip(axes, held, strict=False))
     return Sensor(name, tuple(result), form="tilted")
@@ -162,7 +162,8 @@ class DividingHead:
         require_possible_values("dividing head", {"gravity": self.gravity.value}, deviations)
         if not all(map(isfinite, self.polygon)):
             raise InputError(
-                "dividing head: the deviation of a face of the polygon is not finite", key="polygon"
+                f"dividing head: polygon has the deviations {self.polygon}; each must be finite",
+                key="polygon",
             )
 
     @property

@@ -110,7 +110,7 @@ def _read_polygon(path: Path, unit: str) -> tuple[float, ...]:
         if name not in table.columns:
             raise InputError(
                 f"{key}: {path.name} has no column {name!r}; its columns are "
-                f"{', '.join(table.columns)}, but face and deviation are needed",
+                f"{', '.join(table.columns)}; name the two columns face and deviation",
                 file=path,
                 key=key,
                 names=(name,),
@@ -121,8 +121,9 @@ def _read_polygon(path: Path, unit: str) -> tuple[float, ...]:
         line = table.first_line + int(bad[0]) if bad.size else None
         where = f"{len(face)} faces" if line is None else f"line {line}"
         raise InputError(
-            f"{key}: {path.name}, {where}: give each face of the polygon one line with its "
-            "deviation, 1, 2, 3, … in the order in which they are read",
+            f"{key}: {path.name}, {where}: the faces are not numbered 1, 2, 3, …, or a deviation "
+            f"is missing; give each of {_FEWEST_FACES} or more faces one line, in the order of "
+            "reading",
             file=path,
             line=line,
             key=key,

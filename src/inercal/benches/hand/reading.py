@@ -160,7 +160,7 @@ def _planned_sections(
         if not marks:
             raise InputError(
                 f"{recording.source}: no rest agrees with a position of the plan, "
-                f"{', '.join(labels)}: {found.words}",
+                f"{', '.join(labels)}: {found.words}; mark the sections, or correct the plan",
                 file=run.file(run.data.file),
                 names=tuple(labels),
             )

@@ -54,7 +54,9 @@ def observe(run: Source[RateTableData]) -> EstimatorInput:
     """
     bench: RateTable = run.bench
     if run.data.seconds is not None:
-        raise key_error("[data] seconds", "states are means; remove the key", run.path)
+        raise key_error(
+            "[data] seconds", "a table of means needs no durations; remove the key", run.path
+        )
     result = _table(run) if run.data.kind == "means" else reduce_recording(run, load_recording(run))
     steps = [step for step in result.steps if isinstance(step, Spin)]
     require_rates(run, result.observations, bench, steps)

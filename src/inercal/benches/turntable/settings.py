@@ -116,7 +116,7 @@ def build(section: TurntableSection, folder: Path) -> Turntable:
     """Return the bench in SI; files that it names lie in `folder`."""
     if section.latitude is None:
         raise InputError(
-            "[bench] latitude is missing: gyros on a turntable measure the earth's rate",
+            "[bench] latitude is missing; add it: gyros on a turntable measure the earth's rate",
             key="[bench] latitude",
         )
     x, y, z = (

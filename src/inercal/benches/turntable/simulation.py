@@ -112,7 +112,11 @@ def _nearest_rotation(now: Array, goal: Array) -> Array:
 def _refuse_step(bench: Turntable, step: TableStep) -> None:
     k = len(bench.axes)
     if step.angles is not None and len(step.angles) != k:
-        raise _step_error(step, "angles", f"{len(step.angles)} angles; the turntable has {k} axes")
+        raise _step_error(
+            step,
+            "angles",
+            f"{len(step.angles)} angles; give one for each of the {k} axes of the turntable",
+        )
     if isinstance(step, Rotation):
         if step.axis >= k:
             raise _step_error(

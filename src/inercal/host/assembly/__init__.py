@@ -340,7 +340,8 @@ def _parse_event(frame: LogFrame) -> dict[str, Any]:
     except (TypeError, ValueError):
         raise InputError(
             f"the log has an event at {frame.time:.6g} s that is not a JSON object: "
-            f"{frame.payload!r}; the log is damaged or of another version",
+            f"{frame.payload!r}; the log is damaged or of another version: restore it, or use the "
+            "program that wrote it",
             key="event",
         ) from None
 

@@ -1,12 +1,13 @@
-"""The table's polls, and its angles between them.
+"""Interpolates the angles of the table between its polls.
 
-A cubic goes through the four polls about a time, unevenly apart as they are. What it is off by is
-estimated by the polls beyond: a fifth one changes the interpolant by about as much. Where a table
-holds its place and is polled more seldom, the angle is that of the nearest poll: each epoch of a
-filter, ten a second, has a poll of its own, and their noise is independent.
+A cubic passes through the four unevenly spaced polls about a time. Its error is estimated from a
+fifth poll, which changes the interpolant by about as much. Where the table holds an angle and is
+polled less often, the angle is that of the nearest poll: each epoch of a filter, ten per second,
+has its own poll, so that their noise is independent.
 
-Elsewhere the angle is a straight line, which is marked: beside a gap while the table turns it may
-have stopped in between. A poll that is no motion of a table is left out (`reading_plausibility`).
+Elsewhere, next to a gap while the table turns, the interpolation is linear and marked as such: the
+table may have stopped in the gap. A poll that no motion within the limits explains is omitted
+(`reading_plausibility`).
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
@@ -201,7 +202,9 @@ class TablePolls:
         The times must be before `complete_until`.
         """
         if self.history is None:
-            raise InputError("no poll of the table yet")
+            raise InputError(
+                "the table has not been polled yet; add a poll before you ask for angles"
+            )
         found = np.zeros((time.size, self.history.angle.shape[1]))
         quality = AngleQuality(np.full(time.size, inf), np.full(time.size, inf))
         there = np.zeros(time.size, np.bool_)

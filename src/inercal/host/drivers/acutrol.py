@@ -129,8 +129,8 @@ class Acutrol(Closeable):
         """Open the interlocks; refused as in `RotaryTable.kill`."""
         if not coasting and any(s.moving for s in self.read().axes):
             raise TableFault(
-                "an axis turns and would coast if killed: stop() first, then kill(), or "
-                "kill(coasting=True) where stopping failed"
+                f"{self._dialogue.address}: an axis turns and would coast if killed; call stop() "
+                "first, then kill(), or kill(coasting=True) where stopping failed"
             )
         self._send(*(f":interlock:open {a.number}" for a in self._axes))
 
@@ -180,7 +180,8 @@ class Acutrol(Closeable):
         said = self._dialogue.ask(f":limit:absolute? {n}\n".encode()).split(",")
         if len(said) != 6:
             raise ProtocolError(
-                f"{self._dialogue.address}: {said!r} is not the six limits of axis {n}"
+                f"{self._dialogue.address}: expected the six limits of axis {n}, but the "
+                f"controller replied {said!r}; check its remote mode"
             )
         rate, acceleration, _, low, high, _ = (radians(_number(text)) for text in said)
         return AxisLimits(rate, acceleration, low, high)
@@ -191,15 +192,21 @@ class Acutrol(Closeable):
         status = int(_number(self._dialogue.ask(f"{line};*stb?\n".encode(), urgent=urgent)))
         if status & 1:
             raise TableFault(
-                f"interlock fault after {line!r}; enable() resets it if its cause is gone"
+                f"{self._dialogue.address}: interlock fault after {line!r}; remove its cause, "
+                "then call enable() to reset it"
             )
         if status & 4:
-            raise TableFault(f"the controller refuses {line!r}")
+            raise TableFault(
+                f"{self._dialogue.address}: the controller refused {line!r}; check its remote mode "
+                "and the limits of the axis"
+            )
 
 
 def _number(text: str) -> float:
     if not _NUMBER.fullmatch(text.strip()):
-        raise ProtocolError(f"the ACUTROL replied {text[:40]!r} where a number was expected")
+        raise ProtocolError(
+            f"the ACUTROL replied {text[:40]!r} where a number was expected; check its remote mode"
+        )
     return float(text)
 
 

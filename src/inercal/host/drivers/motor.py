@@ -97,8 +97,8 @@ class Motor(Closeable):
     def kill(self, *, coasting: bool = False) -> None:
         """Refuse: see the module."""
         raise TableFault(
-            "this controller has no command that takes the power off; possible: stop(), or the "
-            "drive's own switch"
+            "this motor controller has no command that removes power; call stop(), or use the "
+            "power switch of the drive"
         )
 
     def read(self) -> TableState:
@@ -118,11 +118,19 @@ class Motor(Closeable):
     def _send(self, line: str, *, urgent: bool = False) -> str:
         said = self._dialogue.ask(f"{line}\r".encode(), urgent=urgent)
         if said.startswith("?"):
-            raise TableFault(f"the motor's controller refuses {line!r}: {said}")
+            raise TableFault(
+                f"{self._dialogue.address}: the motor controller refused {line!r}: it replied "
+                f"{said!r}; "
+                "look the code up in the manual of the drive"
+            )
         return said
 
     def _query_number(self, line: str) -> float:
         said = self._send(line)
         if not _NUMBER.fullmatch(said):
-            raise ProtocolError(f"{said[:40]!r} is not a number in answer to {line!r}")
+            raise ProtocolError(
+                f"{self._dialogue.address}: the motor controller replied {said[:40]!r} to "
+                f"{line!r}, where "
+                "a number was expected; check the baud rate and the drive"
+            )
         return float(said)

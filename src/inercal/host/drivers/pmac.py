@@ -92,7 +92,9 @@ class Pmac(Closeable):
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
                 raise InputError(
-                    f"axis {axis.name}: its motor must be 1 to 32, and its counts of a turn not 0",
+                    f"axis {axis.name}: the motor number must be 1 to 32, is {axis.motor}, and "
+                    "the counts "
+                    f"per turn finite and not 0, are {axis.counts_per_turn:g}",
                     names=(axis.name,),
                 )
         motors = [a.motor for a in self._axes]
@@ -104,7 +106,10 @@ class Pmac(Closeable):
         try:
             self.period = codec.parse_number(self._ask("I10", 1)[0]) / 8388608 * 1e-3
             if self.period <= 0:
-                raise ProtocolError(f"{address}: I10 reports that the servo clock is stopped")
+                raise ProtocolError(
+                    f"{address}: the servo clock is stopped (I10 is not above 0); start it with a "
+                    "positive I10"
+                )
             self.wrap_period = _CYCLES * self.period
             self.limits = tuple(self._read_limits(a) for a in self._axes)
         except BaseException:
@@ -188,8 +193,8 @@ class Pmac(Closeable):
             for name, state in zip(self.axes, self.read().axes, strict=True):
                 if state.enabled and not state.settled:
                     raise TableFault(
-                        f"axis {name} turns and would coast if killed: stop() first, then kill(), "
-                        "or kill(coasting=True) where stopping failed",
+                        f"axis {name} turns and would coast if killed; call stop() first, then "
+                        "kill(), or kill(coasting=True) where stopping failed",
                         names=(name,),
                     )
         self._each((f"#{a.motor}K" for a in self._axes), self._ask)
@@ -202,8 +207,9 @@ class Pmac(Closeable):
         most = self._timeout / self.period
         if during > most or 0 < back <= most:
             raise ProtocolError(
-                f"{self._dialogue.address}: a digit of the servo clock is wrong: a reading "
-                f"began at {first:X} and ended at {last:X}, after a reading at {self._cycle:X}"
+                f"{self._dialogue.address}: the servo clock jumped: a reading began at {first:X} "
+                f"and ended at {last:X} (hexadecimal cycles), the previous one was at "
+                f"{self._cycle:X}; check the link, and whether the controller restarted"
             )
         states = tuple(
             self._state(i, first, lines[1 + 4 * i : 5 + 4 * i]) for i in range(len(self._axes))
@@ -256,8 +262,8 @@ class Pmac(Closeable):
         )
         if active != 1 or skipped != 0:
             raise InputError(
-                f"axis {axis.name}: motor {axis.motor} must be activated (I{axis.motor}00=1) and "
-                f"close its loop every servo cycle (I{axis.motor}60=0)",
+                f"axis {axis.name}: motor {axis.motor} is not activated or skips servo cycles; "
+                f"set I{axis.motor}00=1 and I{axis.motor}60=0",
                 names=(axis.name,),
             )
         count = tau / abs(axis.counts_per_turn)

@@ -175,11 +175,15 @@ class ReplyReader:
             self._end = found.start() if found else None
             junk = _JUNK.search(self._data, seen, found.start() if found else len(self._data))
             if junk:
-                raise ProtocolError(f"reply to {self._line!r}: byte {junk[0].hex()} is not text")
+                raise ProtocolError(
+                    f"the reply to {self._line!r} contains byte 0x{junk[0].hex()}, which is not "
+                    "text; check the link to the PMAC"
+                )
         if self._end is None:
             if len(self._data) > _MAX_REPLY_SIZE:
                 raise ProtocolError(
-                    f"reply to {self._line!r}: no end within {_MAX_REPLY_SIZE} bytes"
+                    f"the reply to {self._line!r} has no end within {_MAX_REPLY_SIZE} bytes; "
+                    "check that the address is that of a Turbo PMAC"
                 )
             return None
         if self._data[self._end] == _ACK[0]:
@@ -189,10 +193,16 @@ class ReplyReader:
 
     def _lines(self, end: int) -> list[str]:
         if end + 1 < len(self._data):
-            raise ProtocolError(f"reply to {self._line!r}: bytes follow its end")
+            raise ProtocolError(
+                f"the reply to {self._line!r} is followed by further bytes; check that no other "
+                "program uses the controller"
+            )
         text = self._data[:end].decode("ascii").replace("\n", "")
         if text and not text.endswith("\r"):
-            raise ProtocolError(f"reply to {self._line!r}: its last line {text[-40:]!r} is cut")
+            raise ProtocolError(
+                f"the reply to {self._line!r} is cut short in its last line {text[-40:]!r}; check "
+                "the link to the PMAC"
+            )
         return text.split("\r")[:-1]
 
     def _raise_refusal(self, rest: bytes) -> None:
@@ -201,7 +211,8 @@ class ReplyReader:
         match = _REFUSAL.fullmatch(rest + b"\x07ERR000\r"[len(rest) :])
         if match is None:
             raise ProtocolError(
-                f"reply to {self._line!r}: {rest[:20]!r}; errors are reported as ERRnnn if I6 is 1"
+                f"the PMAC refused {self._line!r} with {rest[:20]!r}, not with ERRnnn; set I6=1 so "
+                "that it states the error number"
             )
         if len(rest) == match.end():
             code = int(match[2])
@@ -218,7 +229,9 @@ def parse_number(text: str) -> float:
         return float(text)
     match = _NUMBER.fullmatch(text)
     if match is None:
-        raise ProtocolError(f"{text[:40]!r} is not a number of a PMAC")
+        raise ProtocolError(
+            f"the PMAC replied {text[:40]!r} where a number was expected; check the link"
+        )
     size = float(int(match[2][1:], 16)) if match[2][0] == "$" else float(match[2])
     return -size if match[1] == "-" else size
 
@@ -229,7 +242,10 @@ def parse_word(text: str, digits: int) -> int:
     Raises `ProtocolError` for any other text.
     """
     if not _WORDS[digits].fullmatch(text):
-        raise ProtocolError(f"{text[:40]!r} is not a word of {digits} hexadecimal digits")
+        raise ProtocolError(
+            f"the PMAC replied {text[:40]!r} where at most {digits} hexadecimal digits were "
+            "expected; check the link"
+        )
     return int(text, 16)
 
 
@@ -238,7 +254,10 @@ def parse_word(text: str, digits: int) -> int:
 def parse_status(text: str) -> MotorStatus:
     """Return the status of a motor from the 12 digits that answer `#n?`: two words of 24 bits."""
     if len(text.strip()) != 12:
-        raise ProtocolError(f"{text[:40]!r} is not a status of 12 hexadecimal digits")
+        raise ProtocolError(
+            f"the PMAC replied {text[:40]!r} where a motor status of 12 hexadecimal digits was "
+            "expected; check the link"
+        )
     both = parse_word(text, 12)
     first, second = both >> 24, both & 0xFFFFFF
     activated = bool(first >> 23 & 1)

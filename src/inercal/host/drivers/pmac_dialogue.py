@@ -62,8 +62,8 @@ class PmacDialogue(Closeable):
         try:
             if stray := link.read(codec.CHUNK_SIZE, 0.0):
                 raise ProtocolError(
-                    f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent: "
-                    "it answers no request"
+                    f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent; check that "
+                    "no other program uses the controller"
                 )
             return self._exchange(link, line, replies, self._timeout)
         except (ProtocolError, LinkLost):
@@ -139,12 +139,13 @@ class PmacDialogue(Closeable):
         link.write(codec.response_request(line))
         if not read_until(link, take, timeout, codec.CHUNK_SIZE):
             raise ProtocolError(
-                f"{self.address}: no whole reply to {line!r} within {timeout:g} s "
-                f"({reader.size} bytes came); the command may have been executed"
+                f"{self.address}: no complete reply to {line!r} within {timeout:g} s "
+                f"({reader.size} bytes came); the controller may have executed it: check the table"
             )
         if len(lines) != replies:
             raise ProtocolError(
-                f"{self.address}: {len(lines)} lines answer {line!r}; {replies} are expected"
+                f"{self.address}: the reply to {line!r} has {len(lines)} lines, expected "
+                f"{replies}; check that no other program uses the controller"
             )
         return lines
 
@@ -164,11 +165,15 @@ class PmacDialogue(Closeable):
             if not read_until(link, flushed, self._timeout) or not came.endswith(
                 codec.FLUSH_ANSWER
             ):
-                raise LinkLost(f"{self.address}: no Turbo PMAC answers there (to FLUSH)")
+                raise LinkLost(
+                    f"{self.address}: no Turbo PMAC answered FLUSH there; check the address, the "
+                    "cable and the power"
+                )
             link.write(codec.response_request(_REPLY_FORMAT_COMMAND))
             if not read_until(link, lambda data: reader.feed(data) is not None, self._timeout):
                 raise LinkLost(
-                    f"{self.address}: no Turbo PMAC answers there (to {_REPLY_FORMAT_COMMAND!r})"
+                    f"{self.address}: no Turbo PMAC answered {_REPLY_FORMAT_COMMAND!r} there; "
+                    "check the address, the cable and the power"
                 )
         except BaseException:
             link.close()

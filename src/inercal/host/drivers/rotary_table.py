@@ -55,16 +55,16 @@ class AxisLimits:
                 key="angle",
                 names=(axis,),
             )
-        requested = [("acceleration", acceleration, self.acceleration)]
+        requested = [("acceleration", acceleration, self.acceleration, "°/s²")]
         if angle is not None:
-            requested.append(("rate", rate, self.rate))
+            requested.append(("rate", rate, self.rate, "°/s"))
         elif rate != 0:  # A spin at 0 brings the axis to rest; a move needs a rate to get there.
-            requested.append(("rate", abs(rate), self.rate))
-        for what, value, most in requested:
+            requested.append(("rate", abs(rate), self.rate, "°/s"))
+        for what, value, most, unit in requested:
             if not (0 < value <= most and isfinite(value)):
                 raise InputError(
-                    f"axis {axis}: {what} {degrees(value):.6g} is not possible; it must be more "
-                    f"than 0 and at most {degrees(most):.6g} (in degrees and seconds)",
+                    f"axis {axis}: {what} {degrees(value):.6g} {unit} is not possible; it must be "
+                    f"above 0 and at most {degrees(most):.6g} {unit}",
                     key=what,
                     names=(axis,),
                 )
@@ -201,7 +201,12 @@ def axis_index(axis: str, axes: tuple[str, ...]) -> int:
 def require_unique_names(axes: tuple[str, ...]) -> None:
     """Raise `InputError` where there are no axes, or two of one name."""
     if not axes or len(set(axes)) < len(axes):
-        raise InputError("a table needs at least one axis, and no two of one name", names=axes)
+        raise InputError(
+            f"the axes of the table are {', '.join(axes) or 'none'}; give at least one, each with "
+            "its "
+            "own name",
+            names=axes,
+        )
 
 
 def stop_with_retry(stop: Callable[[], object]) -> None:

@@ -57,26 +57,29 @@ class TextDialogue(Closeable):
             came.extend(data)
             if len(came) > _MAX_REPLY_SIZE:
                 raise ProtocolError(
-                    f"{self.address}: a reply has no end within {_MAX_REPLY_SIZE} bytes"
+                    f"{self.address}: the reply to {line!r} has no end within {_MAX_REPLY_SIZE} "
+                    "bytes; check the address and the baud rate"
                 )
             return self._ending in data
 
         try:
             if not urgent and (stray := link.read(_MAX_REPLY_SIZE, 0.0)):
                 raise ProtocolError(
-                    f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent: "
-                    "it answers no request"
+                    f"{self.address}: {stray[:20]!r} arrived before {line!r} was sent; check that "
+                    "no other program uses the controller"
                 )
             link.write(line)
             if not read_until(link, whole, self._timeout):
                 raise ProtocolError(
-                    f"{self.address}: no whole reply to {line!r} within {self._timeout:g} s "
-                    f"({len(came)} bytes came); the command may have been executed"
+                    f"{self.address}: no complete reply to {line!r} within {self._timeout:g} s "
+                    f"({len(came)} bytes came); the controller may have executed it: check the "
+                    "table"
                 )
             text, behind = came.split(self._ending, 1)
             if behind or not text.isascii():
                 raise ProtocolError(
-                    f"{self.address}: {bytes(came[-40:])!r} is not a reply to {line!r}"
+                    f"{self.address}: {bytes(came[-40:])!r} is not one line of ASCII text in reply "
+                    f"to {line!r}; check the baud rate"
                 )
         except (ProtocolError, LinkLost):
             self._open()

@@ -1,22 +1,23 @@
-"""Stops the table when it is told to, and when the host no longer says that it lives.
+"""The watchdog: it stops the table on request, and when the heartbeat of the host fails.
 
-A process of its own with its own connection, so that neither the host's lock of the interpreter nor
-its end keeps the table from stopping. It reads a pipe that the host alone writes to::
+The watchdog is a separate process with its own connection to the table, so that it can stop the
+table although the host is blocked or has ended. It reads a pipe to which only the host writes::
 
-    .           the host lives; from the first on, none for `silence` s is a reason to stop
-    s           stop now; so are the bytes 2 and 15, which signals write without the interpreter
-    q           let go of the table and end
-    the end     the host is gone: stop now, and end when the table is at rest
+    .           heartbeat; after the first, a gap of `silence` s is a reason to stop
+    s           stop now; so are the bytes 2 and 15, which signal handlers write
+    q           release the table and end
+    end of file the host has ended: stop now, and end when the table is at rest
 
-and says in lines `ready`, `stopping: WHY`, `at rest`, `killed: WHY`, `cannot: WHY`. Between
-`stopping` and `at rest` whatever turns is stopped again: nothing may be commanded meanwhile.
+It writes lines: `ready`, `stopping: WHY`, `at rest`, `killed: WHY`, `cannot: WHY`. Between
+`stopping` and `at rest` it stops any axis that turns again; the host must not command the table.
 
-To stop is `RotaryTable.stop`: all axes decelerate and are held. One that does not slow down as its
-limits allow is killed, and coasts. Judged is by the controller's clock where it tells one. A table
-whose servos are all off, at rest, is left so: to stop it would switch them on. Where the link is
-lost it is made anew and the table stopped again, until it is at rest.
+It stops by `RotaryTable.stop`: all axes decelerate and are held. It kills an axis that does not
+decelerate as its limits allow; that axis coasts. It measures the deceleration by the clock of the
+controller, where there is one. It does not stop a table at rest whose servos are all off, as that
+would switch them on. Where the link is lost, it connects again and stops again, until the table is
+at rest.
 
-No safety function: that is the hardware interlock.
+This is no safety function: that is the hardware interlock.
 """
 
 from inercal.host.guard.guard_process import Guard

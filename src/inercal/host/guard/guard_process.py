@@ -1,4 +1,4 @@
-"""The guard as its host has it: a process at the other end of a pipe."""
+"""The host's side of the watchdog: its process and the pipe to it."""
 
 import os
 import signal
@@ -84,7 +84,7 @@ class Guard(Closeable):
         return self._write(b"s") and self.alive
 
     def read_lines(self) -> list[str]:
-        """Return the lines that it said since last asked; never waits."""
+        """Return the lines that it wrote since the last call; never waits."""
         with suppress(OSError):
             while data := os.read(self._lines, 1 << 16):
                 self._received += data
@@ -146,7 +146,10 @@ class Guard(Closeable):
             lines += self.read_lines()
             if ended or monotonic() > end:
                 said = "; ".join(lines[-1:]).removeprefix("cannot: ")
-                raise LinkLost(f"no guard of the table: {said or 'it is not ready in time'}")
+                raise LinkLost(
+                    "the guard process, which stops the table, did not start: "
+                    f"{said or f'not ready within {_START_TIMEOUT:g} s'}; begin again"
+                )
             select([self._lines], [], [], 0.1)
 
     def _write(self, data: bytes) -> bool:

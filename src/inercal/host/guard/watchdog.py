@@ -150,7 +150,7 @@ class Watchdog:
         if self._signals in ready:
             os.read(self._signals, 64)
             self._host_gone = True
-            self._stop("the guard itself was told to end")
+            self._stop("the guard process received a signal to end")
         elif self._pipe in ready:
             told = os.read(self._pipe, 1 << 16)
             if not told:
@@ -160,7 +160,9 @@ class Watchdog:
                 self._last_beat_time = monotonic()
             for byte in told:
                 if byte in b"s\x02\x0f":
-                    self._stop("told so" if byte == ord("s") else signal.Signals(byte).name)
+                    self._stop(
+                        "the host requested it" if byte == ord("s") else signal.Signals(byte).name
+                    )
                 elif byte == ord("q"):
                     self._released = True
                     return

@@ -1,4 +1,4 @@
-"""Finds binary packets in a buffer, whatever stands between them.
+"""Finds binary packets in a buffer, whatever bytes lie between them.
 
 A packet may begin at any byte. From left to right, one is taken where its fixed bytes and its
 checks are right and no packet taken before reaches: this depends on the bytes alone, not on how

@@ -1,4 +1,4 @@
-"""Counters and clocks that start again at zero: counted on, and what their steps say was lost."""
+"""Unwraps counters and clocks that restart at zero, and detects lost packets by their steps."""
 
 from dataclasses import dataclass
 from enum import IntFlag
@@ -11,7 +11,7 @@ _MAX_STEP = 2.0**62  # a longer step is not a step
 
 
 class Flag(IntFlag):
-    """What is to be said of a packet."""
+    """Properties of a packet that a reader must know."""
 
     SATURATED = 1  # a reading at its full scale
     INVALID = 2  # a reading that the device calls none; it is NaN

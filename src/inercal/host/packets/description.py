@@ -110,7 +110,9 @@ def _build_layout(content: dict[str, Any], name: str) -> PacketLayout:
         else None
     )
     if rate is not None and rate <= 0:
-        raise InputError(f"rate: {content['rate']!r} is not above 0", key="rate")
+        raise InputError(
+            f"rate: {content['rate']!r} is not possible; give a rate above 0", key="rate"
+        )
     carried = {
         "accelerometer": roles & set(AXES[:3]),
         "gyro": roles & set(AXES[3:]),
@@ -150,7 +152,9 @@ def _check_keys(part: Any, section: str) -> None:
     where, keys = f"[{section}] " if section else "", KEYS[section]
     if not isinstance(part, dict):
         raise InputError(
-            f"[[{section}]]: give sections with the keys {', '.join(keys)}", key=section
+            f"[[{section}]] has an entry that is no section; give sections with the keys "
+            f"{', '.join(keys)}",
+            key=section,
         )
     for key, value in cast(dict[str, Any], part).items():
         if key not in keys:
@@ -175,7 +179,10 @@ def _with_key(key: str, made: Callable[[], T]) -> T:
 
 def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine]:
     if ("line" in content) == ("frame" in content):
-        raise InputError("state either a line of text, line = …, or binary packets, [[frame]]")
+        raise InputError(
+            'the packet format is missing or ambiguous; give either line = "…" for text, or '
+            "[[frame]] for binary packets"
+        )
     if "line" in content:
         return (_with_key("line", lambda: read_line(content["line"])),)
     order = content.get("byte_order")
@@ -185,10 +192,11 @@ def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine
         )
     frames = tuple(_frame(section, order) for section in content["frame"])
     if not frames:
-        raise InputError("[[frame]] is missing")
+        raise InputError("[[frame]] is missing; add one section for each kind of packet")
     if any(not _distinguishable(*pair) for pair in combinations(frames, 2)):
         raise InputError(
-            "[frame] packet: no fixed byte distinguishes this packet from another; add one",
+            "[frame] packet: no fixed byte distinguishes two of the packets; add a different fixed "
+            "byte to each",
             key="[frame] packet",
         )
     for frame in frames[1:]:
@@ -207,11 +215,14 @@ def _frames(content: dict[str, Any]) -> tuple[BinaryFrame, ...] | tuple[TextLine
 def _frame(section: dict[str, Any], order: str | None) -> BinaryFrame:
     for key in ("packet", "length"):
         if key not in section:
-            raise InputError(f"[frame] {key} is missing", key=f"[frame] {key}")
+            raise InputError(
+                f"[frame] {key} is missing; add it to each [[frame]]", key=f"[frame] {key}"
+            )
     frame = _with_key("[frame] packet", lambda: read_frame(section["packet"], order))
     if frame.length != section["length"]:
         raise InputError(
-            f"[frame] packet has {frame.length} bytes, but length states {section['length']}",
+            f"[frame] packet has {frame.length} bytes, but length is {section['length']}; correct "
+            "one of the two",
             key="[frame] length",
         )
     return frame
@@ -239,7 +250,9 @@ def _scale(section: str, given: dict[str, Any] | None, rate: float | None) -> Sc
         unit = "K" if "C" in unit or "℃" in unit else unit
     size = _with_key(key, lambda: number * _unit_size(unit, like, increment, rate))
     if not (math.isfinite(size) and size):
-        raise InputError(f"{key}: {given['scale']!r} is not a finite size other than 0", key=key)
+        raise InputError(
+            f"{key}: {given['scale']!r} is not possible; give a finite number other than 0", key=key
+        )
     full = given.get("full_scale")
     return Scale(
         size,
@@ -262,7 +275,7 @@ def _parse_scale(text: str, example: str) -> tuple[float, str]:
     powers = [2.0 ** int(t[2:]) if t.startswith("2^") else float(t) for t in terms]
     first, *others = powers
     if not all(others):
-        raise InputError(f"{text!r} divides by 0")
+        raise InputError(f"{text!r} divides by 0; correct the divisor")
     return first / math.prod(others), found[2]
 
 
@@ -290,7 +303,7 @@ def _whole_number(
     if not least <= value <= most:
         where = f"[{section}] {key}"
         raise InputError(
-            f"{where}: {shorten(str(value), 24)}; give a number from {least} to {most}", key=where
+            f"{where} is {shorten(str(value), 24)}; give a number from {least} to {most}", key=where
         )
     return value
 
@@ -301,7 +314,10 @@ def _invalid_codes(section: str, codes: list[Any]) -> tuple[float, ...]:
         for code in codes
     ):
         where = f"[{section}] invalid"
-        raise InputError(f"{where}: give raw values, such as [-32768]", key=where)
+        raise InputError(
+            f"{where} has an entry that is not a whole number; give raw values, such as [-32768]",
+            key=where,
+        )
     return tuple(float(code) for code in codes)
 
 

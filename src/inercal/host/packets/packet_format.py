@@ -1,6 +1,6 @@
-"""Pictures of packets: what stands where, as a manual draws it, read into offsets and patterns.
+"""Reads descriptions of packets, in the order of their bytes, into offsets and patterns.
 
-A binary picture is a row of words:
+The description of a binary packet is a row of words:
 
 - `FA`, two hexadecimal digits: a byte that is always there; the packet begins with one or more;
 - `ax:i16`: a field by its role, here a signed integer of 16 bits; `-ay:i16` has its sign reversed;
@@ -275,7 +275,9 @@ def read_line(text: str) -> TextLine:
         sign = -1.0 if name.startswith("-") else 1.0
         fields.append(Field(name.removeprefix("-"), sign, str(spec), group))
     if sum(name is not None for _, name, _, _ in parts) > _MAX_FIELDS:
-        raise InputError(f"the line has more than {_MAX_FIELDS} fields, the most that are possible")
+        raise InputError(
+            f"the line has more than {_MAX_FIELDS} fields; at most {_MAX_FIELDS} are possible"
+        )
     return TextLine(text, tuple(fields), tuple(checks))
 
 

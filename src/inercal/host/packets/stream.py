@@ -91,7 +91,7 @@ def join_packets(parts: Iterable[Packets]) -> Packets:
     """
     parts = list(parts)
     if not parts:
-        raise InputError("no packets to join")
+        raise InputError("parts is empty; give at least one object of packets", key="parts")
     columns: dict[str, Any] = {}
     for one in fields(Packets):
         there = [column for part in parts if (column := getattr(part, one.name)) is not None]

@@ -119,7 +119,8 @@ class SimulatedTable:
             if not 0 <= x.delay <= kernel.ENCODER_HISTORY - 2:
                 most = (kernel.ENCODER_HISTORY - 2) * self.period
                 raise InputError(
-                    f"a delay of {axis.delay:.4g} s is not possible; give 0 to {most:.3g} s",
+                    f"an encoder delay of {axis.delay:.4g} s is not possible; give 0 to "
+                    f"{most:.3g} s",
                     key="delay",
                 )
         self._encoder_history[:] = np.array([[axis.start] for axis in self.axes])

@@ -191,11 +191,11 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
         )
     if not (0 < rate < 1e5 and rate == (layout.rate_hz or rate)):
         raise InputError(
-            f"rate {rate:g} Hz is not possible; "
+            f"sample rate {rate:g} Hz is not possible; "
             + (
                 "give a rate above 0 and below 100 kHz"
                 if layout.rate_hz is None
-                else f"the packets of {layout.name!r} come at {layout.rate_hz:g} Hz"
+                else f"give {layout.rate_hz:g} Hz, the rate of {layout.name!r} packets"
             ),
             key="rate",
             names=(layout.name,),

@@ -105,7 +105,7 @@ def receive_byte_count(end: socket.socket, timeout: float) -> int | None:
         return None
     data = _receive_exactly(end, _BYTE_COUNT.size)
     if data is None:
-        raise ConnectionResetError("the IMU is gone")
+        raise ConnectionResetError("the simulated IMU has closed the connection")
     return int(_BYTE_COUNT.unpack(data)[0])
 
 

@@ -51,7 +51,9 @@ def answer_lines(tell: Callable[[str], None], told: TextIO, answers: TextIO) -> 
 def add_pace_option(parser: ArgumentParser) -> None:
     """Add the option `--pace`: a factor of the wall clock, or `told`."""
     parser.add_argument(
-        "--pace", default="1", help="bench time against the wall's, as 10; or told: by `advance T`"
+        "--pace",
+        default="1",
+        help="bench time per second, such as 10; told: it advances by `advance T` alone",
     )
 
 

@@ -50,7 +50,8 @@ class Access:
     def __init__(self, hosts: frozenset[str], token: str | None):
         if token is not None and len(token) < _MIN_TOKEN_LENGTH:
             raise InputError(
-                f"the token has {len(token)} characters; give {_MIN_TOKEN_LENGTH} or more, or none",
+                f"the token has {len(token)} characters; give at least {_MIN_TOKEN_LENGTH}, or no "
+                "token",
                 key="token",
             )
         self.session = secrets.token_urlsafe(32)

@@ -107,9 +107,9 @@ class Page:
             requested = parse_object(await request.body())
         except ValueError:
             self._refusals(who, "probe: no JSON object")
-            return JSONResponse({"words": "send a JSON object"}, 400)
+            return JSONResponse({"words": "the request is not a JSON object; send one"}, 400)
         if self._hub.probe_lock.locked():
-            words = "the devices are being probed: try again when the probe has ended"
+            words = "the devices are still being probed; try again when the probe has ended"
             return JSONResponse({"words": words}, 409)
         async with self._hub.probe_lock:
             try:
@@ -220,7 +220,11 @@ class Page:
                 else:
                     await self._hub.execute(viewer, requested)
             except (InercalError, ValueError) as error:
-                words = str(error) if isinstance(error, InercalError) else "not a JSON object"
+                words = (
+                    str(error)
+                    if isinstance(error, InercalError)
+                    else "the message is not a JSON object; send one"
+                )
                 self._refusals(who, f"viewer {viewer.number}: {words}")
                 viewer.send("refused", json.dumps({"kind": "refused", "words": words}))
 

@@ -88,7 +88,10 @@ class DeviceCatalogue:
             return ChosenDevices("", "", "", _preset_name(_require_object(imu, "IMU")) or "fixed")
         if any(simulated):
             raise InputError(
-                "a simulated table and a simulated IMU go together", names=("table", "IMU")
+                "one device is simulated and one is real; choose table and IMU both simulated or "
+                "both "
+                "real",
+                names=("table", "IMU"),
             )
         clock = (
             self._clock if _text_value(table, "id") == _text_value(imu, "id") == CONFIGURED else ""
@@ -125,19 +128,21 @@ class DeviceCatalogue:
             link, _, query = given.partition("?")
             if not _IMU.fullmatch(link):
                 raise InputError(
-                    f"{given!r} is not an IMU on the network; possible: tcp://HOST:PORT?preset=NAME",
+                    f"{given!r} is not an IMU on the network; possible: "
+                    "tcp://HOST:PORT?preset=NAME",
                     key="address",
                 )
             key, _, named = query.partition("=")
             if query and key != "preset":
                 raise InputError(
-                    f"{given!r}: after the ? only preset=NAME is possible", key="address"
+                    f"{given!r}: only preset=NAME may follow the '?', not {key!r}", key="address"
                 )
             preset = _preset_name({"preset": named} if query else of)
         if preset is None:
             if preset_needed:
                 raise InputError(
-                    f"say what the IMU sends: preset is one of {', '.join(PRESETS)}", key="preset"
+                    f"the packet format of the IMU is missing; choose preset: {', '.join(PRESETS)}",
+                    key="preset",
                 )
             return link
         return f"{link}{'&' if '?' in link else '?'}preset={preset}"
@@ -146,7 +151,10 @@ class DeviceCatalogue:
         name = of.get("id")
         port = self._ports.get(name) if isinstance(name, str) else None
         if port is None:
-            raise InputError(f"no {what} {name!r} here; look at the list again", key="id")
+            raise InputError(
+                f"this server has no {what} {name!r}; reload the page and choose from its list",
+                key="id",
+            )
         return port
 
 
@@ -194,14 +202,20 @@ def _port_text(port: SerialPort) -> str:
 def _require_object(asked: object, what: str) -> JsonObject:
     result = as_object(asked)
     if result is None:
-        raise InputError(f"choose a {what}", key=what)
+        raise InputError(
+            f"no {what} is chosen; choose one from the list or give its address", key=what
+        )
     return result
 
 
 def _text_value(asked: object, key: str) -> str | None:
     value = (as_object(asked) or {}).get(key)
     if value is not None and not (isinstance(value, str) and len(value) <= _MAX_TEXT):
-        raise InputError(f"{key} must be a text of at most {_MAX_TEXT} characters", key=key)
+        raise InputError(
+            f"{key} {str(value)[:40]!r} is not possible; give a text of at most {_MAX_TEXT} "
+            "characters",
+            key=key,
+        )
     return value
 
 
@@ -222,5 +236,8 @@ def _baud(of: JsonObject, usual: int) -> int:
     value = of.get("baud", usual)
     low, high = _BAUD_RANGE
     if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-        raise InputError(f"baud {value!r}; give a whole number from {low} to {high}", key="baud")
+        raise InputError(
+            f"baud rate {value!r} is not possible; give a whole number from {low} to {high}",
+            key="baud",
+        )
     return value

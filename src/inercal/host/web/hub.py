@@ -116,10 +116,12 @@ class Hub:
             Why not, in words.
         """
         if asked.get("do") not in COMMANDS:
-            raise InputError(f'say {{"do": …}}; possible: {", ".join(COMMANDS)}')
+            raise InputError(
+                f'the request has no known command in "do"; possible: {", ".join(COMMANDS)}'
+            )
         what: str = asked["do"]
         if what in _OPERATOR_COMMANDS and not self.people.is_operator(viewer):
-            raise InputError(f"{what!r} is the operator's; become operator first")
+            raise InputError(f"only the operator may send {what!r}; become operator first")
         match what:
             case "operate":
                 if (words := self.people.take_seat(viewer, asked.get("name"))) is not None:
@@ -136,12 +138,19 @@ class Hub:
                 await self._resume_run(asked)
             case "put away":
                 if self.is_run_active:
-                    raise InputError("the run goes on")
+                    raise InputError(
+                        "the run is still active; stop it, or wait until it has ended, before you "
+                        "close its view"
+                    )
                 self._dismiss_run()
             case "note":
                 text = _printable_line(asked.get("text"), _MAX_NOTE)
                 if text is None:
-                    raise InputError(f"a note has 1 to {_MAX_NOTE} characters", key="text")
+                    raise InputError(
+                        f"the note is empty or too long; write 1 to {_MAX_NOTE} printable "
+                        "characters",
+                        key="text",
+                    )
                 self._send_to_run(f"{NOTE}{self.people.operator}: {text}")
             case _:
                 self._send_to_run(what)
@@ -149,7 +158,7 @@ class Hub:
     def _send_to_run(self, line: str) -> None:
         run_process = self.run_process if self.is_run_active else None
         if run_process is None or not run_process.send_line(line):
-            raise InputError("no run goes on")
+            raise InputError("no run is active; start or resume a run first")
 
     async def stop(self, name: object = None) -> None:
         """Have the table stopped: at once of the run that is shown, else of one without a page.
@@ -177,9 +186,11 @@ class Hub:
         """
         runs = await asyncio.to_thread(self.runs.all)
         if self.run_process is not None:
-            raise InputError("a run goes on")
+            raise InputError("another run is active; stop it, or wait until it has ended")
         if name := next((n for n, one in runs.items() if one.state == "running"), None):
-            raise InputError(f"the run {name} continues without this page: stop it, or wait")
+            raise InputError(
+                f"run {name} is active outside this page; stop it, or wait until it has ended"
+            )
         return runs
 
     async def wait_until_idle(self, patience: float | None = None) -> None:
@@ -192,10 +203,14 @@ class Hub:
         runs = self.runs.all().items()
         there = [one for key, one in runs if one.state == "running" and name in (None, key)]
         if not there:
-            raise InputError("no run goes on")
+            raise InputError("there is no active run to stop; reload the page to see all runs")
         reached = [_interrupt_process(one.path) for one in there]
         if not all(reached):
-            raise InputError("a terminal drives it: stop it there, or by the emergency stop")
+            raise InputError(
+                "this page cannot stop the run: a terminal controls it; stop it there, or press "
+                "the "
+                "emergency stop"
+            )
 
     async def _start_run(self, asked: JsonObject) -> None:
         """Begin a run as asked."""
@@ -205,7 +220,9 @@ class Hub:
         name = asked.get("plan")
         plan = plans.get(name) if isinstance(name, str) else None
         if plan is None:
-            raise InputError(f"no plan {name!r}; look at the list again")
+            raise InputError(
+                f"this server has no plan {name!r}; reload the page and choose from its list"
+            )
         if plan.summary["trouble"]:
             raise InputError(plan.summary["trouble"])
         _require_room(self.runs.folder, plan.summary["bytes"])
@@ -221,7 +238,10 @@ class Hub:
         name = asked.get("run")
         run = runs.get(name) if isinstance(name, str) else None
         if run is None or run.state not in ("interrupted", "carried out"):
-            raise InputError(f"no interrupted run {name!r}; look at the list again")
+            raise InputError(
+                f"this server has no interrupted run {name!r}; reload the page and choose from "
+                "its list"
+            )
         table, imu = asked.get("table"), asked.get("imu")
         as_before = table is None and imu is None
         chosen = ChosenDevices("", "") if as_before else self.choice.chosen(table, imu)
@@ -233,7 +253,9 @@ class Hub:
             await self.wait_until_idle(_EXIT_TIMEOUT)
         runs = await self.require_no_active_run()
         if self.probe_lock.locked():
-            raise InputError("the devices are being probed: start when the probe has ended")
+            raise InputError(
+                "the devices are still being probed; start the run when the probe has ended"
+            )
         return runs
 
     def _run_request(
@@ -241,7 +263,10 @@ class Hub:
     ) -> RunRequest:
         sensor = asked.get("sensor") if plan is not None else None
         if sensor is not None and (sensor := _printable_line(sensor, _MAX_NAME)) is None:
-            raise InputError(f"sensor: give a name of 1 to {_MAX_NAME} characters", key="sensor")
+            raise InputError(
+                f"the sensor name is empty or too long; give 1 to {_MAX_NAME} printable characters",
+                key="sensor",
+            )
         return RunRequest(
             str(folder.absolute()),
             None if plan is None else str(plan.absolute()),
@@ -260,7 +285,10 @@ class Hub:
         try:
             self.run_process = self._start(order)
         except OSError as error:
-            raise InputError(f"the run's process cannot be started: {error.strerror}") from None
+            raise InputError(
+                f"the operating system cannot start the process of the run: {error.strerror}; "
+                "free memory or disk space, then start again"
+            ) from None
         self._history, self._end_published = MessageHistory(), False
         # The process takes seconds before it tells anything itself.
         starts = _message_text("phase", run=order.name, words="starting the run's process")
@@ -358,7 +386,9 @@ def _ambient_temperature(asked: object) -> float | None:
         return None
     if not isinstance(asked, (int, float)) or isinstance(asked, bool) or not low <= asked <= high:
         raise InputError(
-            f"the ambient temperature must be a number from {low:g} to {high:g} °C", key="ambient"
+            f"the ambient temperature {str(asked)[:40]!r} is not possible; give a number from "
+            f"{low:g} to {high:g} °C",
+            key="ambient",
         )
     return float(asked)
 

@@ -20,7 +20,7 @@ def parse_object(text: str | bytes) -> JsonObject:
     except RecursionError:
         result = None
     if result is None:
-        raise ValueError("the message is not a JSON object")
+        raise ValueError("the message is not a JSON object; send one")
     return result
 
 

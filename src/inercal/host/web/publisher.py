@@ -96,7 +96,7 @@ class Publisher(Closeable):
                 # NaN, or half a surrogate pair: those that follow are to be told still.
                 if kind not in unsaid:
                     unsaid.add(kind)
-                    words = f"a message of kind {kind!r} could not be told"
+                    words = f"a message of kind {kind!r} could not be sent"
                     print(f"inercal: {words}: {error}", file=sys.stderr, flush=True)
                 continue
             try:

@@ -202,4 +202,7 @@ def rename_sensor(path: Path, sensor: str) -> bytes:
         document["sensor"]["name"] = sensor
         return tomlkit.dumps(document).encode()
     except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: the sensor cannot be named: {error}") from None
+        raise InputError(
+            f"{path}: the sensor name cannot be written into the run file: {error}; check "
+            "[sensor] name"
+        ) from None

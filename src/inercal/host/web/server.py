@@ -198,7 +198,10 @@ def listening_socket(host: str, port: int) -> socket.socket:
         return socket.create_server((host, port), family=family)
     except (OSError, OverflowError) as error:
         words = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"--host {host} --port {port}: {words}; another --port?") from None
+        raise InputError(
+            f"--host {host} --port {port}: the server cannot listen there: {words}; give another "
+            "--port"
+        ) from None
 
 
 def host_header_values(names: Iterable[str], port: int) -> frozenset[str]:
@@ -226,7 +229,9 @@ def _page_address_text(address: str, given: str | None, token: str | None) -> st
 def _registered_runs(options: ServerOptions) -> Runs:
     """Return the runs there are, once all of them are in the register."""
     if not options.plans.is_dir():
-        raise InputError(f"--plans {options.plans}: there is no such folder")
+        raise InputError(
+            f"--plans {options.plans}: this folder does not exist; give the folder of the plans"
+        )
     with os_errors_as_input_errors(f"--runs {options.runs}", "made"):
         options.runs.mkdir(parents=True, exist_ok=True)
     Register(options.register).close()

@@ -39,7 +39,7 @@ def require_gauge(sensor: Sensor, priors: Sequence[Gaussian]) -> None:
             free[f"{_ROTATION} about {axis} ({' + '.join(names)})"] = names
     if free:
         raise NotObserved(
-            f"norms show no {'; no '.join(free)}: choose nonorthogonality, set "
+            f"norms do not determine the {'; the '.join(free)}: choose nonorthogonality, set "
             '[sensor] frame = "symmetric", or give a prior',
             tuple(free),
             names=tuple(name for names in free.values() for name in names),

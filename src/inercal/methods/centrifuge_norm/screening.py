@@ -131,7 +131,7 @@ def screen_rows(
     bad: list[int] = agreement.outlier_rows.tolist()
     if agreement.inconsistent:
         raise InputError(
-            f"the rows agree with no norm: {len(bad)} of {len(steps)} are outliers, and the others "
+            f"{len(bad)} of {len(steps)} rows are outliers, and the norms of the others "
             f"scatter {noise:.3g} times as much as stated; check the rates, the radius and the "
             "nominal scale before single rows",
             names=tuple(observations.labels[k] for k in bad),

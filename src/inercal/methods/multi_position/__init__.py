@@ -111,7 +111,9 @@ def _checked_rests(
     observations: Observations, sensor: Sensor, bench: Hand, priors: Sequence[Gaussian]
 ) -> Rests:
     if observations.mean.ndim != 2:
-        raise InputError("multi_position takes one recording, not several trials at once")
+        raise InputError(
+            "multi_position takes one recording, not several trials at once; pass one trial"
+        )
     if len(sensor.axes) > len(sensor.select_axes("f").axes) and observations.transitions is None:
         raise InputError(
             "the sensor has gyros but the observations have no transitions between rests; "

@@ -100,8 +100,8 @@ def inverse_models(sensor: Sensor, c: Array, dT: Array) -> InverseModel:
     at_rest, at_rest_design = at_rest[:, 0], at_rest_design[:, 0]
     if (np.linalg.matrix_rank(slope) < 6).any():
         raise NotInvertible(
-            f"sensor {sensor.name}: with these coefficients its output does not determine specific "
-            "force and rate"
+            f"sensor {sensor.name}: with these coefficients the output does not determine specific "
+            "force and rate; check that no two axes are parallel and no gain is 0"
         )
     inverse: Array = np.asarray(np.linalg.pinv(slope), dtype=np.float64)
     scale = np.array([axis.readout.scale for axis in sensor.axes])

@@ -48,7 +48,7 @@ def gyro_delay(
         count = 0 if way is None else len(way.rest)
         raise NotObserved(
             f"[method] time_offset needs gyros and {_MIN_PASSAGES} turns between rests; the "
-            f"recording has {count}",
+            f"recording has {count}: record more turns, or remove time_offset",
             key="[method] time_offset",
         )
     force, c = sensor.select_axes("f"), estimate.value[: len(sensor.coefficients)]
@@ -68,8 +68,8 @@ def gyro_delay(
     )
     if not square.sum() > 0:
         raise NotObserved(
-            "[method] time_offset needs turns about horizontal axes; every turn is about the "
-            "vertical",
+            "[method] time_offset needs turns about horizontal axes, but every turn is about the "
+            "vertical; record other turns, or remove time_offset",
             key="[method] time_offset",
         )
     value = along.sum() / square.sum()

@@ -95,7 +95,7 @@ def require_convergence(
     )
     if blind:
         raise NotObserved(
-            f"not observed: norms of these {len(groups)} tilted states do not show "
+            f"not observed: norms of these {len(groups)} tilted states do not determine "
             f"{'; '.join(blind)}: the damped iteration does not converge; add tilts of a second "
             "kind, such as XY 135 + 45, or use estimator joint",
             blind,
@@ -123,8 +123,8 @@ def _start_from_priors(
             else "tilts of a second kind, such as XY 135 + 45"
         )
         raise NotObserved(
-            f"not observed: norms leave free {'; '.join(words)}; add the untilted states XY, YX "
-            f"and ZY, or {others}, or use estimator joint",
+            f"not observed: these norms do not determine {'; '.join(words)}; add the untilted "
+            f"states XY, YX and ZY, or {others}, or use estimator joint",
             words,
             names=without,
         )

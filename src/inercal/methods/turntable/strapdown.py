@@ -271,7 +271,7 @@ def interpolate_attitude(
     newest : int
         Row of the last one.
     when : float
-        s; beyond what is kept, and beyond the last one, the rate goes on.
+        s; beyond what is kept, and beyond the last one, the rate is constant.
     out : (3, 3) array
     rate, left : (3,) arrays
         rad/s; and by how much a sudden acceleration may have bent the way, rad.

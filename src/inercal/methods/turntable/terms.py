@@ -68,12 +68,14 @@ def terms(sensor: Sensor) -> Terms:
     if len(sensor.axes) != 3 or len(kinds) != 1:
         axes = tuple(axis.name for axis in sensor.axes)
         raise InputError(
-            f"{sensor.name}: the method takes three axes of one kind, not {', '.join(axes)}",
+            f"sensor {sensor.name} has axes {', '.join(axes)}; the method takes three "
+            "accelerometers or three gyros",
             names=axes,
         )
     if sensor.form != "reference":
         raise InputError(
-            f'{sensor.name}: the method takes form = "reference", not "{sensor.form}"', key="form"
+            f'sensor {sensor.name} has form = "{sensor.form}"; the method takes form = "reference"',
+            key="form",
         )
     rng = np.random.default_rng(0)
     motion = Motion(G0 * rng.standard_normal((40, 3)), rng.standard_normal((40, 3)))

@@ -167,8 +167,8 @@ def _rows_from_readback(
         at = np.flatnonzero(np.abs(track.time - observations.time[r]) <= half * (1 + 1e-9))
         if at.size < _MIN_SAMPLES:
             raise InputError(
-                f"step {step.label}: the recording has {at.size} samples of it, and {_MIN_SAMPLES} "
-                "are needed; check the step's times",
+                f"step {step.label}: the recording has {at.size} samples of this step; it needs "
+                f"{_MIN_SAMPLES}: check the times of the step",
                 names=(step.label,),
             )
         if isinstance(step, Rotation):

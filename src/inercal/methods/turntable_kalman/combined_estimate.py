@@ -100,7 +100,8 @@ def estimate_by_filters(
     """
     if observations.track is None:
         raise InputError(
-            "the filters need a recording; the data are means of positions", key="track"
+            "the data are means of positions, but the filters need samples; give a recording",
+            key="track",
         )
     track = temperature.with_steady_temperature(observations.track)
     kinds = {axis.measures for axis in sensor.axes}

@@ -75,7 +75,9 @@ def trajectory(
     """
     if observations.track is None:
         raise InputError(
-            "turntable_trajectory needs a recording; the data are means of positions", key="track"
+            "the data are means of positions, but turntable_trajectory needs samples; give a "
+            "recording",
+            key="track",
         )
     track = temperature.with_steady_temperature(observations.track)
     lead = track.reading.shape[:-2]

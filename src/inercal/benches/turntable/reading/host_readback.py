@@ -1,7 +1,7 @@
-"""What a bench host wrote of its readings of the table, beside the samples of a recording.
+"""Reads what a bench host adds to a recording about its readings of the table.
 
-The group `bench` of its HDF5 file has, a row a sample, how well the interpolated angles are known
-(`recording.AngleQuality`), and as attributes how many readings were left out.
+The group `bench` of the HDF5 file has the quality of the interpolated angles, a row per sample
+(`recording.AngleQuality`), and as attributes the numbers of omitted readings.
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ _SUFFIXES = (".h5", ".hdf5")
 
 
 class HostReadback(NamedTuple):
-    """How well a recording's angles are known, and what is to be said of the readings."""
+    """The quality of a recording's angles, and findings about the readings of the table."""
 
     quality: AngleQuality | None
     findings: tuple[Finding, ...] = ()
@@ -50,8 +50,8 @@ def read_host_readback(path: Path, recording: Recording) -> HostReadback:
     rows = recording.time.size if kept is None else int(kept.max(initial=-1)) + 1
     if any(one.shape[:1] < (rows,) or (kept is None and one.shape != (rows,)) for one in quality):
         raise InputError(
-            f"{path.name}: group {BENCH_GROUP!r} tells how well {quality.noise_gain.size} angles "
-            f"are known; the recording has {rows} samples; use the file as the host wrote it",
+            f"{path.name}: group {BENCH_GROUP!r} has the quality of {quality.noise_gain.size} "
+            f"angles, but the recording {rows} samples; use the file as the host wrote it",
             file=path,
         )
     if kept is not None:

@@ -166,7 +166,9 @@ def _gyro_readings(run: Source[TurntableData], recording: Recording) -> Array:
     gyros = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "w"]
     if len(gyros) != len("xyz"):
         raise InputError(
-            f"its clock offset is estimated from three gyros, but the sensor has {len(gyros)}"
+            "the clock offset of the readback is estimated from three gyros, but the sensor has "
+            f"{len(gyros)}; name three gyros in [sensor.gyro], or write the readback into the "
+            "recording"
         )
     places = [recording.channels.index(name) for name in run.sensor.channels]
     return run.sensor.to_si(recording.data[:, places])[:, gyros]
@@ -177,8 +179,8 @@ def _require_readings(time: Array, angles: Array) -> None:
     step = float(np.median(np.diff(time)))
     if step > _SLOWEST:
         raise InputError(
-            f"{1 / step:.3g} readings per second; at least 20 are needed to show when moves begin "
-            "and end"
+            f"the readback has {1 / step:.3g} readings per second; record at least 20, which show "
+            "when moves begin and end"
         )
     at = np.flatnonzero(np.diff(time) > _LONG)
     moved = np.abs(angles[at + 1] - angles[at]).max(axis=-1, initial=0.0)
@@ -186,6 +188,6 @@ def _require_readings(time: Array, angles: Array) -> None:
     if lost.size:
         k = int(lost[0])
         raise InputError(
-            f"no reading for {time[k + 1] - time[k]:.3g} s after {time[k]:.6g} s while the table "
-            "turns; record again, or cut both files at this time"
+            f"the readback lacks {time[k + 1] - time[k]:.3g} s after {time[k]:.6g} s while the "
+            "table turns; record again, or cut both files at this time"
         )

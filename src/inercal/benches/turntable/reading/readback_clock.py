@@ -127,7 +127,7 @@ def align_readback(
     for name, clock in (("time", time), ("the readback's time", table_time)):
         if clock.size < _FEWEST:
             raise InputError(
-                f"{name} has {clock.size} samples; at least {_FEWEST} are needed", names=(name,)
+                f"{name} has {clock.size} samples; record at least {_FEWEST}", names=(name,)
             )
         if (np.diff(clock) <= 0).any():
             raise InputError(
@@ -161,8 +161,8 @@ def align_readback(
     for end, beyond in ((0, said[0] < table_time[0]), (-1, said[-1] > table_time[-1])):
         if beyond and np.linalg.norm(table.rate[end]) > _STANDS:
             raise InputError(
-                f"the readback {'begins' if end == 0 else 'ends'} while the table turns; remove "
-                "the readings before its beginning and after its end"
+                f"the readback {'begins' if end == 0 else 'ends'} while the table turns; cut "
+                "the sensor's recording to the time that the readback covers"
             )
     drift_sd, offset_sd = sqrt(covariance[0, 0]), sqrt(covariance[1, 1])
     return ClockAlignment(
@@ -184,9 +184,10 @@ def _require_span(said: Array, table_time: Array, reach: float) -> None:
     if table_time[0] - slack <= said[0] and said[-1] <= table_time[-1] + slack:
         return
     raise InputError(
-        f"the readback is from {table_time[0]:.6g} s to {table_time[-1]:.6g} s, but the readings "
-        f"from {said[0]:.6g} s to {said[-1]:.6g} s of the table's clock; cut the readings, or "
-        'state within 1 s how far its clock is ahead, such as [bench] latency = "12.5 s"',
+        f"the readback covers {table_time[0]:.6g} s to {table_time[-1]:.6g} s of the table's "
+        f"clock, but the recording {said[0]:.6g} s to {said[-1]:.6g} s; cut the recording, or "
+        "state within "
+        '1 s how far that clock is ahead, such as [bench] latency = "12.5 s"',
         names=("[bench] latency",),
     )
 

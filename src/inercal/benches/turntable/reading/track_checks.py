@@ -107,8 +107,8 @@ def _require_motion(where: str, track: Track, made: BlockMeans) -> None:
             key="[data] table",
         )
     raise InputError(
-        f"{where}: by its readback the table never moved; a calibration needs holds in several "
-        "attitudes and turns about all axes"
+        f"{where}: by its readback the table never moved; check [data] table, or record holds in "
+        "several attitudes and turns about all axes"
     )
 
 

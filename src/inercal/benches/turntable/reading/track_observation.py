@@ -191,7 +191,9 @@ def _require_track(run: Source[TurntableData]) -> None:
     """Refuse keys of other benches: filters follow the samples of one recording."""
     if run.data.kind == "means":
         raise key_error(
-            "[data] kind", "filters on a turntable need a recording, not means", run.path
+            "[data] kind",
+            "the filters on a turntable need samples, not means; give a recording",
+            run.path,
         )
     if run.data.seconds is not None or run.data.marks != "found":
         key = "marks" if run.data.seconds is None else "seconds"
@@ -233,7 +235,12 @@ def _numbered_holds(run: Source[TurntableData], recording: Recording) -> Indices
         )
     holds = holds_from_numbers(recording.time, number)
     if not len(holds):
-        raise key_error("[data] hold", f"column {run.data.hold!r} numbers no hold", run.path)
+        raise key_error(
+            "[data] hold",
+            f"column {run.data.hold!r} has no hold number, 0 or more; number the holds, or remove "
+            "the key",
+            run.path,
+        )
     return holds
 
 
