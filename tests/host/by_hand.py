@@ -11,15 +11,17 @@ from pathlib import Path
 import pytest
 from tests.host.in_process_bench import ADDRESSES, InProcessBench, Port, ReplacedGuard
 
-from inercal.host import clock, dead_man, imu_receiver, manual_imu, manual_session, table_driver
+from inercal.host import clock, imu_receiver, table_driver
 from inercal.host.addresses import DeviceAddresses
 from inercal.host.journal import Journal, JournalEvent
-from inercal.host.manual_commands import parse_command
-from inercal.host.manual_session import ManualSession
+from inercal.host.manual import dead_man, session
+from inercal.host.manual import imu as manual_imu
+from inercal.host.manual.commands import parse_command
+from inercal.host.manual.session import ManualSession
 from inercal.host.sim.bench_simulator import COUNTS_PER_TURN
 from inercal.runfile import Run
 
-_CLOCK_READERS = (clock, dead_man, imu_receiver, manual_session, table_driver)
+_CLOCK_READERS = (clock, dead_man, imu_receiver, session, table_driver)
 Act = Callable[["ByHand"], None]
 
 
@@ -44,8 +46,8 @@ class ByHand:
         for module in _CLOCK_READERS:
             monkeypatch.setattr(module, "monotonic", self.bench.monotonic)
         monkeypatch.setattr(clock, "sleep", self._pass)
-        monkeypatch.setattr(manual_session, "Guard", lambda *_: ReplacedGuard(self.bench))
-        monkeypatch.setattr(manual_session, "open_table", lambda *_: self.bench.table())
+        monkeypatch.setattr(session, "Guard", lambda *_: ReplacedGuard(self.bench))
+        monkeypatch.setattr(session, "open_table", lambda *_: self.bench.table())
         monkeypatch.setattr(
             manual_imu, "open_imu", lambda _, now, *__, **___: Port(self.bench, now)
         )
@@ -98,4 +100,3 @@ class Moment:
     time: float
     angles: Sequence[float]
     rates: Sequence[float]
-

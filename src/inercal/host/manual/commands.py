@@ -1,7 +1,7 @@
 """What an operator may ask of a table by hand: a short list, each with its fields and no others.
 
 A page asks by JSON objects in degrees and seconds; here they become commands in SI. Whether the
-table can do what is asked is for the session (`manual_session`) to judge.
+table can do what is asked is for the session (`manual.session`) to judge.
 
     {"what": "servo", "axis": "inner", "on": true}
     {"what": "home", "axis": "inner"}

@@ -27,7 +27,6 @@ from inercal.host.addresses import DeviceAddresses, open_table
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.clock import MonotonicClock, SimulatedClock
-from inercal.host.dead_man import HOLD_TIMEOUT, DeadMan
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
     AxisLimits,
@@ -40,7 +39,7 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.guard import Guard
 from inercal.host.interlocks import Interlocks, LastChecks
 from inercal.host.journal import NOTE_LEVEL, Journal
-from inercal.host.manual_commands import (
+from inercal.host.manual.commands import (
     AxisCommand,
     GoCommand,
     HaltCommand,
@@ -51,7 +50,8 @@ from inercal.host.manual_commands import (
     ReleaseCommand,
     ServoCommand,
 )
-from inercal.host.manual_imu import ManualImu
+from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
+from inercal.host.manual.imu import ManualImu
 from inercal.host.sequencer import (
     Command,
     DisableCommand,
