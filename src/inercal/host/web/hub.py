@@ -12,7 +12,7 @@ from pathlib import Path
 from zlib import crc32
 
 from inercal.errors import InputError
-from inercal.host.manual.commands import ManualCommand, ReleaseCommand, parse_command
+from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
 from inercal.host.web.command_relay import NOTE
@@ -156,7 +156,8 @@ class Hub:
             case "manual":
                 self._send_manual(parse_command(as_object(asked.get("ask")) or {}))
             case "release":
-                self._send_manual(ReleaseCommand())
+                everything = asked.get("all") is True
+                self._send_manual(HaltCommand() if everything else ReleaseCommand())
             case "put away":
                 if self.is_run_active:
                     raise InputError("the run goes on")

@@ -105,15 +105,15 @@ def _state_message(session: ManualSession) -> dict[str, Any]:
 def _imu_fields(session: ManualSession) -> dict[str, Any] | None:
     if session.imu is None:
         return None
-    tally = session.imu.tally
-    counts = tally.bytes
+    counts = session.imu.tally.bytes
     return {
         "packets": counts.packets,
         "lost": counts.lost,
         "failed": counts.failed,
         "thrown": counts.discarded,
-        "samples": tally.samples,
-        "no_angle": tally.samples_without_angle,
+        # No sample is kept; most have no angle, before the axes are homed.
+        "samples": None,
+        "no_angle": None,
         "temperature": None,
     }
 
