@@ -15,7 +15,7 @@ Both are software; the hardware interlock is the safety function.
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees, inf, isfinite, nan, radians
 from queue import Empty, SimpleQueue
 from time import monotonic
@@ -66,6 +66,7 @@ from inercal.runfile import Run
 
 SHOW_INTERVAL = 0.1  # s of the wall's between two looks at the session
 LIMIT_MARGIN = radians(0.1)  # rad before a soft limit, where a jog toward it ends
+_LEAST_JOG = radians(0.01)  # rad to a limit below which an axis is at it
 _REPLY_TIMEOUT = 0.5  # s that the table may take for a reply
 _HOMING_TIMEOUT = 300.0  # s
 _DURATION_MARGIN, _GRACE = 1.5, 5.0  # times what a motion takes by its limits, and s on top
@@ -76,7 +77,7 @@ _STARTING_TIME = 0.3  # s after a command in which an axis may still say that it
 Activity = Literal["idle", "home", "go", "jog", "stop"]
 
 
-@dataclass
+@dataclass(frozen=True)
 class AxisTask:
     """What an axis was told last.
 
@@ -124,7 +125,8 @@ class ManualSession:
         The session's, s.
     state : TableState or None
         The table's, as last read.
-    tasks : tuple of AxisTask
+    tasks : list of AxisTask
+        What each axis was told last.
     imu : ManualImu or None
     dead_man : DeadMan
 
@@ -190,7 +192,7 @@ class ManualSession:
                 )  # fmt: skip
             self._open_resources = opened.pop_all()
         self.time, self._next = tick.time, tick.time + POLL_INTERVAL
-        self.tasks = tuple(AxisTask() for _ in self.axes)
+        self.tasks = [AxisTask() for _ in self.axes]
 
     @property
     def state(self) -> TableState | None:
@@ -355,7 +357,8 @@ class ManualSession:
                 self._require_ready(i, axis, rate)
                 self._stop_jog(f"replaced by a jog of axis {command.axis}")
                 end = limits.high - LIMIT_MARGIN if rate > 0 else limits.low + LIMIT_MARGIN
-                if isfinite(end) and (end - axis.angle) * rate <= 0:
+                way = end - axis.angle if rate > 0 else axis.angle - end
+                if way < _LEAST_JOG:
                     raise InputError(
                         f"it is at {degrees(axis.angle):.4f}°, and its limit is at "
                         f"{degrees(limits.high if rate > 0 else limits.low):.6g}°; turn it back"
@@ -390,8 +393,7 @@ class ManualSession:
             raise InputError("it seeks its zero; wait, or halt it")
 
     def _start(self, i: int, task: AxisTask) -> None:
-        task.begun = self.time
-        self.tasks[i].__dict__.update(task.__dict__)
+        self.tasks[i] = replace(task, begun=self.time)
 
     def _forget(self, command: AxisCommand) -> None:
         """Stop an axis that has refused a motion: what it did before is not known to be wanted."""
@@ -519,7 +521,8 @@ class ManualSession:
         name = self.axes[i]
         if not axis.enabled:
             self._start(i, AxisTask())
-            self._halt(f"axis {name}: its servo has gone off")
+            if task.activity != "stop":
+                self._halt(f"axis {name}: its servo has gone off")
         elif task.activity == "home" and axis.homed and axis.settled:
             self._start(i, AxisTask(goal=0.0))
             self._say("info", f"axis {name}: homed")
