@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from tests.host.by_hand import Act, ByHand, Moment
-from tests.host.in_process_bench import ReplacedGuard
 from tests.host.simulated_runs import plan
 
 from inercal.host.manual.session import LIMIT_MARGIN
@@ -74,24 +73,6 @@ def test_a_key_that_is_let_go_stops_at_once_and_late_messages_revive_nothing(my:
     my.operate(*on(my, "inner"), jog("inner", my), *script, until=6)
     assert rests_from(my, INNER) < 2.0 + 0.05 + RATE / ACCELERATION + SERVO_LAG
     assert any("not begun" in words for words in my.said("info"))
-
-
-def test_where_the_loop_does_not_stop_in_time_the_watchdog_is_told(
-    my: ByHand, monkeypatch: pytest.MonkeyPatch
-):
-    told: list[float] = []
-    stop = ReplacedGuard.stop
-    monkeypatch.setattr(ReplacedGuard, "stop", lambda one: told.append(my.bench.time) or stop(one))
-
-    def stuck(host: ByHand) -> None:
-        host.bench.advance(0.4)  # the table does not answer for so long
-        host.session.dead_man.set_moving(True)
-        thread = host.session.dead_man._thread  # pyright: ignore[reportPrivateUsage]
-        thread.join(0.5)
-
-    my.operate(*on(my, "inner"), jog("inner", my), (2.0, stuck), until=6)
-    assert told
-    assert told[0] < 2.5
 
 
 def test_an_angle_or_a_rate_beyond_the_limits_is_refused_before_anything_moves(my: ByHand):
