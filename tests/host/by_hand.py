@@ -46,7 +46,7 @@ class ByHand:
         for module in _CLOCK_READERS:
             monkeypatch.setattr(module, "monotonic", self.bench.monotonic)
         monkeypatch.setattr(clock, "sleep", self._pass)
-        monkeypatch.setattr(session, "Guard", lambda *_: ReplacedGuard(self.bench))
+        monkeypatch.setattr(session, "Guard", lambda *_, **__: ReplacedGuard(self.bench))
         monkeypatch.setattr(session, "open_table", lambda *_: self.bench.table())
         monkeypatch.setattr(
             manual_imu, "open_imu", lambda _, now, *__, **___: Port(self.bench, now)

@@ -4,7 +4,7 @@ All times are of the bench within the test's process, every servo cycle of which
 """
 
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, radians
 from pathlib import Path
 
 import pytest
@@ -157,6 +157,19 @@ def test_a_servo_is_switched_off_by_axis_and_a_halt_leaves_it_off(my: ByHand):
     assert state is not None
     assert [axis.enabled for axis in state.axes] == [False, False, True]
     assert any("moves" in words for words in my.said("warning"))
+
+
+def test_a_hand_may_turn_an_axis_whose_servo_is_off(my: ByHand):
+    def push(host: ByHand) -> None:
+        host.bench.device.pmac.table.state[INNER].rate = radians(90.0)  # three times the limit
+
+    pushes = [(1.0 + 0.03 * k, push) for k in range(20)]
+    ended = my.operate(*on(my, "middle"), *pushes, until=3)
+    assert ended == "the script is over"
+    assert not my.said("alarm")
+    state = my.session.state
+    assert state is not None
+    assert [axis.enabled for axis in state.axes] == [False, True, False]
 
 
 def test_the_journal_has_every_command_by_whom_and_when_and_the_end(my: ByHand):

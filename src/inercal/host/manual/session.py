@@ -112,6 +112,8 @@ class ManualSession:
         The IMU's may be empty.
     show : callable, optional
         Called with the session itself, now and then.
+    patience : float
+        s that the watchdog looks for a table that is gone.
 
     Attributes
     ----------
@@ -144,12 +146,13 @@ class ManualSession:
         journal: Journal,
         addresses: DeviceAddresses,
         show: Callable[["ManualSession"], None] | None = None,
+        patience: float = 600.0,
     ):
         bench = require_turntable(run)
         self._journal, self._show = journal, show
         self._requests: SimpleQueue[tuple[str, ManualCommand | str]] = SimpleQueue()
         self._end_words = ""
-        self._watchdog_stops = self._is_alarmed = False
+        self._watchdog_stops = self._is_alarmed = self._was_read = self._was_commanded = False
         self._fault_words: list[tuple[str, ...]] = [()] * len(bench.names)
         self._jog: tuple[int, int, str] | None = None  # axis, press, by whom
         self._last_checks = LastChecks()
@@ -176,7 +179,7 @@ class ManualSession:
                 for of, held in zip(self._table.limits, bench.axis_motion_limits, strict=True)
             )
             self._interlocks = Interlocks(self._table.limits, bench, run.sensor)
-            self._guard = opened.enter_context(Guard(addresses.table))
+            self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self.dead_man = DeadMan(self._guard.stop)
             opened.callback(self.dead_man.close)
             self._driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
@@ -247,7 +250,9 @@ class ManualSession:
         commanded = self._do_requests()
         if not commanded:
             self._driver.send([])
+        self._was_commanded, self._was_read = commanded, False
         fresh = self._driver.read()
+        self._was_read = fresh is not None
         if self.imu is not None:
             self.imu.take(tick)
         self._clock.begin(self._next)
@@ -331,6 +336,8 @@ class ManualSession:
         axis, limits = state.axes[i], self.limits[i]
         match command:
             case ServoCommand(on=True):
+                if axis.enabled and not axis.faults:
+                    raise InputError("its servo is on already")
                 return EnableCommand(i)
             case ServoCommand():
                 self._require_supported("servo")
@@ -459,7 +466,13 @@ class ManualSession:
         """Stop all and end, because of what an interlock has found."""
         self._end_words, self._is_alarmed = self._end_words or words, True
         self._jog = None
-        self._driver.stop([StopCommand()])
+        on = [axis.enabled for axis in self.state.axes] if self.state is not None else []
+        if all(on):
+            self._driver.stop([StopCommand()])
+        else:
+            # Somebody may have a hand on an axis whose servo is off: it is not closed.
+            for i in range(len(self.axes)):
+                self._stop_axis(i)
         self.dead_man.set_moving(False)
         self._say("alarm", words)
 
@@ -486,6 +499,10 @@ class ManualSession:
             self._alarm_end("the watchdog is gone")
 
     def _is_plausible(self, state: TableState) -> bool:
+        if not all(axis.enabled for axis in state.axes):
+            # A hand that turns an axis keeps to no limits.
+            self._plausibility.restart()
+            return True
         if self._plausibility.accept_state(state):
             return True
         if self._plausibility.is_fault and not self._end_words:
@@ -502,7 +519,7 @@ class ManualSession:
         self._last_checks.record("table", self.time)
         if self._end_words:
             return
-        if (words := self._interlocks.check(state, self.time)) is not None:
+        if (words := self._interlocks.check(_without_free_axes(state), self.time)) is not None:
             self._alarm_end(words)
             return
         for i, axis in enumerate(state.axes):
@@ -566,9 +583,20 @@ class ManualSession:
     def _wait_for_rest(self) -> None:
         """See the table come to rest; where it does not, the watchdog has it."""
         slowest = max(one.rate / one.acceleration for one in self.limits)
-        until = self.time + slowest + _GRACE
-        while self.time < until and not self._driver.at_rest:
+        # One that was told to go a moment ago may not say so yet.
+        least, until = self.time + _STARTING_TIME, self.time + slowest + _GRACE
+        while self.time < least or (self.time < until and not self._is_at_rest):
             self._tick()
+
+    @property
+    def _is_at_rest(self) -> bool:
+        """By the last reading no axis moves whose servo is on."""
+        axes = self.state.axes if self.state is not None and self._was_read else ()
+        return self._driver.at_rest or (
+            bool(axes)
+            and not self._was_commanded
+            and not any(a.enabled and (a.moving or abs(a.rate) >= REST_RATE) for a in axes)
+        )
 
     def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
         self._journal.record_event(level, words, self.time)
@@ -578,7 +606,7 @@ class ManualSession:
 
     def __exit__(self, *_: object) -> None:
         try:
-            if not self._driver.at_rest:
+            if not self._is_at_rest:
                 self._clock.close()  # a simulated bench goes on by itself then
                 if (words := self._driver.release_to_guard()) is not None:
                     self._say("alarm", words)
@@ -587,3 +615,12 @@ class ManualSession:
             raise
         finally:
             self._open_resources.close()
+
+
+def _without_free_axes(state: TableState) -> TableState:
+    """Return a state in which an axis without its servo stands: a hand may turn it."""
+    axes = (
+        axis if axis.enabled else replace(axis, rate=0.0, following_error=0.0)
+        for axis in state.axes
+    )
+    return replace(state, axes=tuple(axes))

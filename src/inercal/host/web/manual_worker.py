@@ -43,6 +43,8 @@ from inercal.host.web.run_request import (
 from inercal.host.web.worker import LineReader
 from inercal.runfile import read
 
+_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that the watchdog looks for a table that is gone
+
 
 class SessionRelay:
     """Hands on what is asked to the session, once there is one.
@@ -162,7 +164,11 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
             journal.record_event("info", _begin_text(order))
             telemetry = ManualTelemetry(order, run, publisher, journal)
             opened.callback(telemetry.publish_events)
-            session = opened.enter_context(ManualSession(run, journal, addresses, telemetry))
+            # A simulated table ends with this process: nobody need look for it.
+            patience = _SIMULATED_PATIENCE if simulated is not None else _PATIENCE
+            session = opened.enter_context(
+                ManualSession(run, journal, addresses, telemetry, patience)
+            )
             # What was connected to is kept, whatever becomes of it.
             removed.pop_all()
         telemetry.publish_plan(session)
