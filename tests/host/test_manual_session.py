@@ -11,7 +11,7 @@ import pytest
 from tests.host.by_hand import Act, ByHand, Moment
 from tests.host.simulated_runs import plan
 
-from inercal.host.manual.session import LIMIT_MARGIN
+from inercal.host.manual.command_check import LIMIT_MARGIN
 from inercal.runfile import Run
 
 INNER = 2  # its place

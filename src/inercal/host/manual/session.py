@@ -3,10 +3,9 @@
     clock -> commands, dead-man -> table told and read, IMU's bytes -> interlocks, journal
 
 The driver, the watchdog and the interlocks are those of a run (`bench_run`); there are no steps.
-The limits are those of the run file's [bench] and of the controller, whichever are narrower, and
-what is beyond them is refused before anything moves. A jog toward a limit is a move to just before
-it: the controller itself stops there. Everything that is asked for is in the journal, with who
-asked and when, and so is everything that stops an axis.
+What an axis cannot do, or is beyond its limits, is refused before anything moves (`command_check`).
+Everything that is asked for is in the journal, with who asked and when, and so is everything that
+stops an axis.
 
 A fault of an axis stops all axes, and the session goes on: the fault is mended by hand. What the
 interlocks find ends it. On any way out the table comes to rest, by the loop or by the watchdog.
@@ -15,8 +14,8 @@ Both are software; the hardware interlock is the safety function.
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
-from math import degrees, inf, isfinite, nan, radians
+from dataclasses import replace
+from math import degrees, inf, radians
 from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Literal, Self
@@ -29,7 +28,6 @@ from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.clock import MonotonicClock, SimulatedClock
 from inercal.host.drivers.rotary_table import (
     REST_RATE,
-    AxisLimits,
     AxisState,
     Feature,
     TableFault,
@@ -39,6 +37,8 @@ from inercal.host.drivers.rotary_table import (
 from inercal.host.guard import Guard
 from inercal.host.interlocks import Interlocks, LastChecks
 from inercal.host.journal import NOTE_LEVEL, Journal
+from inercal.host.manual.axis_task import AxisTask
+from inercal.host.manual.command_check import CommandCheck, narrower_limits
 from inercal.host.manual.commands import (
     AxisCommand,
     GoCommand,
@@ -48,16 +48,11 @@ from inercal.host.manual.commands import (
     JogCommand,
     ManualCommand,
     ReleaseCommand,
-    ServoCommand,
 )
 from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
 from inercal.host.manual.imu import ManualImu
 from inercal.host.sequencer import (
     Command,
-    DisableCommand,
-    EnableCommand,
-    HomeCommand,
-    MoveCommand,
     SpinCommand,
     StopCommand,
 )
@@ -65,39 +60,11 @@ from inercal.host.table_driver import TableDriver
 from inercal.runfile import Run
 
 SHOW_INTERVAL = 0.1  # s of the wall's between two looks at the session
-LIMIT_MARGIN = radians(0.1)  # rad before a soft limit, where a jog toward it ends
-_LEAST_JOG = radians(0.01)  # rad to a limit below which an axis is at it
 _REPLY_TIMEOUT = 0.5  # s that the table may take for a reply
-_HOMING_TIMEOUT = 300.0  # s
-_DURATION_MARGIN, _GRACE = 1.5, 5.0  # times what a motion takes by its limits, and s on top
+_GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
 _STOP_GRACE = 1.0  # s that a stop may take beyond what the deceleration takes
 _ARRIVAL_TOLERANCE = radians(0.05)  # rad
 _STARTING_TIME = 0.3  # s after a command in which an axis may still say that it rests
-
-Activity = Literal["idle", "home", "go", "jog", "stop"]
-
-
-@dataclass(frozen=True)
-class AxisTask:
-    """What an axis was told last.
-
-    Parameters
-    ----------
-    activity : "idle", "home", "go", "jog" or "stop"
-        Stop: it decelerates.
-    goal : float
-        rad, where it was sent; NaN where it was sent nowhere.
-    rate : float
-        rad/s that it was told to turn at, signed in a jog.
-    begun, due : float
-        s of the session: when it was told, and by when it should be over.
-    """
-
-    activity: Activity = "idle"
-    goal: float = nan
-    rate: float = 0.0
-    begun: float = -inf
-    due: float = inf
 
 
 class ManualSession:
@@ -168,16 +135,8 @@ class ManualSession:
             opened.callback(self._clock.close)
             self.axes = self._table.axes
             self.unsupported: Mapping[Feature, str] = self._table.unsupported
-            self.limits = tuple(
-                AxisLimits(
-                    min(of.rate, held.rate),
-                    min(of.acceleration, held.acceleration),
-                    of.low,
-                    of.high,
-                    of.following_error,
-                )
-                for of, held in zip(self._table.limits, bench.axis_motion_limits, strict=True)
-            )
+            self.limits = narrower_limits(self._table.limits, bench.axis_motion_limits)
+            self._check = CommandCheck(self.axes, self.limits, self.unsupported)
             self._interlocks = Interlocks(self._table.limits, bench, run.sensor)
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self.dead_man = DeadMan(self._guard.stop)
@@ -322,82 +281,22 @@ class ManualSession:
 
         Raises
         ------
-        InputError
-            Beyond a limit, no such axis, or not possible now.
-        TableFault
-            The axis has a fault, or its servo is off.
+        InputError, TableFault
+            As `CommandCheck.judge`, or the watchdog stops the table.
         """
-        state = self.state
-        i = axis_index(command.axis, self.axes)
-        if state is None:
+        if self.state is None:
             raise InputError("the table has not been read yet; try again")
         if self._watchdog_stops:
             raise InputError("the watchdog stops the table; wait until it is at rest")
-        axis, limits = state.axes[i], self.limits[i]
-        match command:
-            case ServoCommand(on=True):
-                if axis.enabled and not axis.faults:
-                    raise InputError("its servo is on already")
-                return EnableCommand(i)
-            case ServoCommand():
-                self._require_supported("servo")
-                if self.tasks[i].activity != "idle" or abs(axis.rate) > REST_RATE:
-                    raise InputError("the axis moves; stop it first")
-                return DisableCommand(i)
-            case HomeAxisCommand():
-                self._require_supported("home")
-                self._require_ready(i, axis)
-                self._start(i, AxisTask("home", due=self.time + _HOMING_TIMEOUT))
-                return HomeCommand(i)
-            case GoCommand(_, angle, rate):
-                limits.check(command.axis, rate, limits.acceleration, angle)
-                self._require_ready(i, axis)
-                if not axis.homed:
-                    raise InputError("its angle is not known yet; home it first")
-                due = self._due(abs(angle - axis.angle), rate, i)
-                self._start(i, AxisTask("go", angle, rate, due=due))
-                return MoveCommand(i, angle, rate, limits.acceleration)
-            case JogCommand(_, rate, press):
-                if rate == 0:
-                    raise InputError("the rate of a jog is not 0")
-                limits.check(command.axis, abs(rate), limits.acceleration)
-                self._require_ready(i, axis, rate)
-                self._stop_jog(f"replaced by a jog of axis {command.axis}")
-                end = limits.high - LIMIT_MARGIN if rate > 0 else limits.low + LIMIT_MARGIN
-                way = end - axis.angle if rate > 0 else axis.angle - end
-                if way < _LEAST_JOG:
-                    raise InputError(
-                        f"it is at {degrees(axis.angle):.4f}°, and its limit is at "
-                        f"{degrees(limits.high if rate > 0 else limits.low):.6g}°; turn it back"
-                    )
-                self._start(i, AxisTask("jog", end if isfinite(end) else nan, rate))
-                self._jog = i, press, by
-                self.dead_man.set_moving(True)
-                if isfinite(end):
-                    return MoveCommand(i, end, abs(rate), limits.acceleration)
-                return SpinCommand(i, rate, limits.acceleration)
-
-    def _require_supported(self, feature: Feature) -> None:
-        if feature in self.unsupported:
-            raise InputError(self.unsupported[feature])
-
-    def _require_ready(self, i: int, axis: AxisState, rate: float = 0.0) -> None:
-        """Refuse a motion of an axis that cannot move; off a limit switch it may be jogged."""
-        at_limit = axis.at_low or axis.at_high
-        leaves = (rate > 0 and axis.at_low and not axis.at_high) or (
-            rate < 0 and axis.at_high and not axis.at_low
-        )
-        if at_limit and not leaves:
-            raise TableFault("a limit switch is closed; jog the axis away from it")
-        if not axis.enabled:
-            why = f"{', '.join(axis.faults)}: " if axis.faults else ""
-            raise TableFault(f"{why}its servo is off; switch it on first")
-        if axis.faults and not at_limit:
-            raise TableFault(
-                f"{', '.join(axis.faults)}; switch its servo on anew once that is gone"
-            )
-        if self.tasks[i].activity == "home":
-            raise InputError("it seeks its zero; wait, or halt it")
+        told, task = self._check.judge(command, self.state, self.tasks, self.time)
+        i = axis_index(command.axis, self.axes)
+        if isinstance(command, JogCommand):
+            self._stop_jog(f"replaced by a jog of axis {command.axis}")
+            self._jog = i, command.press, by
+            self.dead_man.set_moving(True)
+        if task is not None:
+            self._start(i, task)
+        return told
 
     def _start(self, i: int, task: AxisTask) -> None:
         self.tasks[i] = replace(task, begun=self.time)
@@ -409,10 +308,6 @@ class ManualSession:
                 self._jog = None
                 self.dead_man.set_moving(False)
             self._stop_axis(axis_index(command.axis, self.axes))
-
-    def _due(self, way: float, rate: float, i: int) -> float:
-        takes = way / rate + 2 * rate / self.limits[i].acceleration
-        return self.time + _DURATION_MARGIN * takes + _GRACE
 
     # What stops.
 

@@ -10,7 +10,9 @@ from typing import Any
 
 from inercal.host.drivers.rotary_table import AxisLimits, AxisState
 from inercal.host.journal import Journal
-from inercal.host.manual.session import LIMIT_MARGIN, AxisTask, ManualSession
+from inercal.host.manual.axis_task import AxisTask
+from inercal.host.manual.command_check import LIMIT_MARGIN
+from inercal.host.manual.session import ManualSession
 from inercal.host.web import page_messages
 from inercal.host.web.manual_request import ManualRequest
 from inercal.host.web.page_messages import axis_fields, rounded_number
