@@ -81,9 +81,12 @@ def begin(page: Page, table: WatchedTable, name: str = "Ada") -> str:
     chosen = {"table": {"address": table.address}, "imu": IMU}
     page.say("begin manual", plan="demo", with_imu=False, **chosen)
     session = page.until("plan")["run"]
-    page.until("state")
-    page.say("manual", ask={"what": "servo", "axis": "inner", "on": True})
-    page.until("event", words=f"{name}: axis inner: servo on")
+    state = page.until("state")
+    while not state["manual"]:  # the table has not been read yet
+        state = page.until("state")
+    if not state["manual"][INNER]["servo"]:  # a session before has left it on
+        page.say("manual", ask={"what": "servo", "axis": "inner", "on": True})
+        page.until("event", words=f"{name}: axis inner: servo on")
     return session
 
 

@@ -303,6 +303,7 @@ export function makeManual(theme, marks) {
 
   function ends() {
     release();
+    put(said, "");
     for (const { does } of axes) put(does, "");
     show();
   }
