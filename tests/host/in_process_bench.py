@@ -118,17 +118,18 @@ class InProcessBench:
         monkeypatch.setattr(
             bench_run, "read_host_uptime", lambda: HostUptime(self.boot, 1000.0 + self.time)
         )
-        monkeypatch.setattr(bench_run, "Guard", lambda *_, **__: _Guard(self))
-        monkeypatch.setattr(bench_run, "open_table", lambda *_: self._table())
-        monkeypatch.setattr(bench_run, "open_imu", lambda _, now, *__, **___: _Port(self, now))
+        monkeypatch.setattr(bench_run, "Guard", lambda *_, **__: ReplacedGuard(self))
+        monkeypatch.setattr(bench_run, "open_table", lambda *_: self.table())
+        monkeypatch.setattr(bench_run, "open_imu", lambda _, now, *__, **___: Port(self, now))
 
-    def _table(self) -> Pmac:
+    def table(self) -> Pmac:
+        """Return the table as a driver."""
         names = [axis.name for axis in self.device.pmac.table.axes]
         axes = [PmacAxis(name, motor, COUNTS_PER_TURN) for motor, name in enumerate(names, 1)]
         return Pmac("tcp://127.0.0.1:9", axes, opener=lambda _: ScriptedLink(self.answer()))
 
 
-class _Guard:
+class ReplacedGuard:
     """A watchdog that stops the table at once."""
 
     def __init__(self, bench: InProcessBench):
@@ -152,13 +153,13 @@ class _Guard:
     def catch_signals(self) -> Generator[None]:
         yield
 
-    def __enter__(self) -> "_Guard":
+    def __enter__(self) -> "ReplacedGuard":
         return self
 
     def __exit__(self, *_: object) -> None: ...
 
 
-class _Port:
+class Port:
     """The IMU's port: what came before it was opened is lost."""
 
     def __init__(self, bench: InProcessBench, now: Callable[[], float]):

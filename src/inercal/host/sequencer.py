@@ -30,11 +30,21 @@ _RETURN_RATE_SHARE = 0.5  # of the limit of rate: nothing hurries any more
 
 
 class EnableCommand(NamedTuple):
-    """Close the servo loops."""
+    """Close the servo loop of an axis (0 is the outermost), or of all."""
+
+    axis: int | None = None
+
+
+class DisableCommand(NamedTuple):
+    """Open the servo loop of an axis that rests."""
+
+    axis: int
 
 
 class HomeCommand(NamedTuple):
-    """Find the zeros."""
+    """Find the zero of an axis, or of all."""
+
+    axis: int | None = None
 
 
 class MoveCommand(NamedTuple):
@@ -46,11 +56,19 @@ class MoveCommand(NamedTuple):
     acceleration: float
 
 
+class SpinCommand(NamedTuple):
+    """Turn an axis at a rate, rad/s, signed, reached at an acceleration, rad/s²; 0 stops it."""
+
+    axis: int
+    rate: float
+    acceleration: float
+
+
 class StopCommand(NamedTuple):
     """Decelerate all axes and hold them."""
 
 
-Command = EnableCommand | HomeCommand | MoveCommand | StopCommand
+Command = EnableCommand | DisableCommand | HomeCommand | MoveCommand | SpinCommand | StopCommand
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,14 @@ from inercal.host.drivers.rotary_table import (
 )
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
-from inercal.host.sequencer import Command, EnableCommand, HomeCommand, MoveCommand
+from inercal.host.sequencer import (
+    Command,
+    DisableCommand,
+    EnableCommand,
+    HomeCommand,
+    MoveCommand,
+    SpinCommand,
+)
 
 _MAX_FAILED_READINGS = 5  # readings in a row that may fail
 _GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
@@ -108,14 +115,22 @@ class TableDriver:
         self.at_rest = self.at_rest and not commands
         for command in commands:
             match command:
-                case EnableCommand():
-                    self._table.enable()
-                case HomeCommand():
-                    self._table.home()
+                case EnableCommand(axis):
+                    self._table.enable(self._name(axis))
+                case DisableCommand(axis):
+                    self._table.kill(self._name(axis))
+                case HomeCommand(axis):
+                    self._table.home(self._name(axis))
                 case MoveCommand(axis, angle, rate, acceleration):
                     self._table.move(self._table.axes[axis], angle, rate, acceleration)
+                case SpinCommand(axis, rate, acceleration):
+                    self._table.spin(self._table.axes[axis], rate, acceleration)
                 case _:
                     self._table.stop()
+
+    def _name(self, axis: int | None) -> str | None:
+        """Return the name of an axis; None, which is all of them, for None."""
+        return None if axis is None else self._table.axes[axis]
 
     def stop(self, commands: Sequence[Command]) -> None:
         """Stop the table; where it does not accept the command, have the watchdog stop it."""

@@ -12,7 +12,7 @@ Position mode brings a demand from before: each is set before its mode is.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import degrees, inf, nan, radians
 
@@ -20,10 +20,12 @@ from inercal.host.closeable import Closeable
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
+    Feature,
     ProtocolError,
     TableFault,
     TableState,
     axis_index,
+    axis_indices,
     require_unique_names,
     stop_with_retry,
 )
@@ -35,6 +37,7 @@ _ANGLE_TOLERANCE = radians(0.001)  # rad of a demand: a few arc seconds, as such
 # rad/s at rest; a readout of rates is noisier than one of angles, and a table that stands and is
 # held to turn is stopped again and killed.
 _REST_RATE = radians(0.05)
+_NO_HOMING = "the encoders of this controller are absolute: no axis is homed"
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ class Acutrol(Closeable):
     ):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
+        self.unsupported: Mapping[Feature, str] = {"home": _NO_HOMING}
         self.wrap_period = inf  # it tells no time
         require_unique_names(self.axes)
         # What each axis was last told: an angle, or a rate.
@@ -84,14 +88,14 @@ class Acutrol(Closeable):
         """Return what answers `*idn?`."""
         return self._dialogue.ask(b"*idn?\n")
 
-    def enable(self) -> None:
-        """Close the interlocks, at rest in rate mode."""
-        for i, axis in enumerate(self._axes):
-            n = axis.number
+    def enable(self, axis: str | None = None) -> None:
+        """Close the interlock of an axis, or of all, at rest in rate mode."""
+        for i in axis_indices(axis, self.axes):
+            n = self._axes[i].number
             self._send(":interlock:reset", f":mode:off {n}", f":interlock:close {n}")
             self._send(*self._rest_commands(i))
 
-    def home(self) -> None:
+    def home(self, axis: str | None = None) -> None:
         """Do nothing: the encoders are taken to be absolute."""
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
@@ -125,14 +129,15 @@ class Acutrol(Closeable):
         lines = [line for i in range(len(self._axes)) for line in self._rest_commands(i)]
         stop_with_retry(lambda: self._send(*lines, urgent=True))
 
-    def kill(self, *, coasting: bool = False) -> None:
-        """Open the interlocks; refused as in `RotaryTable.kill`."""
-        if not coasting and any(s.moving for s in self.read().axes):
+    def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
+        """Open the interlock of an axis, or of all; refused as in `RotaryTable.kill`."""
+        chosen = axis_indices(axis, self.axes)
+        if not coasting and any(self.read().axes[i].moving for i in chosen):
             raise TableFault(
                 f"{self._dialogue.address}: an axis turns and would coast if killed; call stop() "
                 "first, then kill(), or kill(coasting=True) where stopping failed"
             )
-        self._send(*(f":interlock:open {a.number}" for a in self._axes))
+        self._send(*(f":interlock:open {self._axes[i].number}" for i in chosen))
 
     def read(self) -> TableState:
         """Return where the table is now, without a time."""

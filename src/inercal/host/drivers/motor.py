@@ -9,23 +9,29 @@ its own, `TableState.time` is NaN, and has no command that takes its power off.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import degrees, inf, nan, radians
 
 from inercal.host.closeable import Closeable
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
+    Feature,
     ProtocolError,
     TableFault,
     TableState,
     axis_index,
+    axis_indices,
     stop_with_retry,
 )
 from inercal.host.drivers.text_dialogue import TextDialogue
 from inercal.host.link import Link, open_link
 
 _BAND = radians(0.05)  # rad and rad/s within which the axis is in position, and at rest
+_NO_SERVO_OFF = (
+    "this controller has no command that takes the power off; possible: stop(), or the drive's own "
+    "switch"
+)
 _NUMBER = re.compile(r"[+-]?\d{1,12}(?:\.\d{0,12})?", re.ASCII)
 
 
@@ -55,6 +61,7 @@ class Motor(Closeable):
         opener: Callable[[str], Link] = open_link,
     ):
         self.limits, self.axes = (limits,), (axis,)
+        self.unsupported: Mapping[Feature, str] = {"servo": _NO_SERVO_OFF}
         self.wrap_period = inf  # it tells no time
         self._goal, self._spinning, self._homing, self._homed = nan, 0.0, False, False
         self._dialogue = TextDialogue(address, b">", timeout, opener)
@@ -63,12 +70,14 @@ class Motor(Closeable):
         """Return nothing: no command is known that asks for it."""
         return ""
 
-    def enable(self) -> None:
+    def enable(self, axis: str | None = None) -> None:
         """Ask for the position, to see that somebody answers: such a servo is on with its power."""
+        axis_indices(axis, self.axes)
         self._send("PPO")
 
-    def home(self) -> None:
+    def home(self, axis: str | None = None) -> None:
         """Start the search for zero (`HOM`)."""
+        axis_indices(axis, self.axes)
         self._send("HOM")
         self._goal, self._spinning, self._homing = 0.0, 0.0, True
 
@@ -94,12 +103,10 @@ class Motor(Closeable):
         self._goal, self._spinning = nan, 0.0
         stop_with_retry(lambda: self._send("STO", urgent=True))
 
-    def kill(self, *, coasting: bool = False) -> None:
+    def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
         """Refuse: see the module."""
-        raise TableFault(
-            "this motor controller has no command that removes power; call stop(), or use the "
-            "power switch of the drive"
-        )
+        axis_indices(axis, self.axes)
+        raise TableFault(_NO_SERVO_OFF)
 
     def read(self) -> TableState:
         """Return where the axis is now, without a time."""

@@ -20,7 +20,7 @@ limits are Ixx13 and Ixx14 (0: none).
 Source: Delta Tau, Turbo PMAC Software Reference Manual.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf, tau
@@ -33,10 +33,12 @@ from inercal.host.drivers.pmac_dialogue import PmacDialogue
 from inercal.host.drivers.rotary_table import (
     AxisLimits,
     AxisState,
+    Feature,
     ProtocolError,
     TableFault,
     TableState,
     axis_index,
+    axis_indices,
     require_unique_names,
 )
 from inercal.host.link import Link, LinkLost, open_link
@@ -88,6 +90,7 @@ class Pmac(Closeable):
     ):
         self._axes = tuple(axes)
         self.axes = tuple(a.name for a in self._axes)
+        self.unsupported: Mapping[Feature, str] = {}
         require_unique_names(self.axes)
         for axis in self._axes:
             if not (1 <= axis.motor <= 32 and 0 < abs(axis.counts_per_turn) < inf):
@@ -121,15 +124,18 @@ class Pmac(Closeable):
         version, kind = self._ask("VERSION TYPE", 2)
         return f"Turbo PMAC {kind.strip()}, firmware {version.strip()}"
 
-    def enable(self) -> None:
-        """Close the servo loops where the axes stand (`J/`)."""
-        self._ask(" ".join(f"#{a.motor}J/" for a in self._axes))
+    def enable(self, axis: str | None = None) -> None:
+        """Close the servo loop of an axis, or of all, where it stands (`J/`)."""
+        chosen = axis_indices(axis, self.axes)
+        self._ask(" ".join(f"#{self._axes[i].motor}J/" for i in chosen))
 
-    def home(self) -> None:
-        """Start the search for zero on all axes (`HM`)."""
-        homing = " ".join(f"#{a.motor}HM" for a in self._axes)
+    def home(self, axis: str | None = None) -> None:
+        """Start the search for zero on an axis, or on all (`HM`)."""
+        chosen = axis_indices(axis, self.axes)
+        homing = " ".join(f"#{self._axes[i].motor}HM" for i in chosen)
         cycle = codec.parse_word(self._ask(f"{homing} RHX$0", 1)[0], 6)
-        self._start_cycles = [cycle] * len(self._axes)
+        for i in chosen:
+            self._start_cycles[i] = cycle
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
         """Start toward `angle` (`J=`); see `RotaryTable.move`."""
@@ -181,23 +187,25 @@ class Pmac(Closeable):
             if not heard:
                 self._dialogue.drop()  # late replies may be under way
 
-    def kill(self, *, coasting: bool = False) -> None:
-        """Open the loops and take the power off (`K`).
+    def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
+        """Open the loop of an axis, or of all, and take the power off (`K`).
 
         Raises
         ------
         TableFault
             An axis turns, and would coast; `coasting=True` says that it shall.
         """
+        chosen = axis_indices(axis, self.axes)
         if not coasting:
-            for name, state in zip(self.axes, self.read().axes, strict=True):
+            axes = self.read().axes
+            for name, state in ((self.axes[i], axes[i]) for i in chosen):
                 if state.enabled and not state.settled:
                     raise TableFault(
                         f"axis {name} turns and would coast if killed; call stop() first, then "
                         "kill(), or kill(coasting=True) where stopping failed",
                         names=(name,),
                     )
-        self._each((f"#{a.motor}K" for a in self._axes), self._ask)
+        self._each((f"#{self._axes[i].motor}K" for i in chosen), self._ask)
 
     def read(self) -> TableState:
         """Return where the table is now; its time is the servo clock as it stands."""
@@ -244,6 +252,8 @@ class Pmac(Closeable):
         if started is not None and (cycle - started) % _CYCLES * self.period > _STARTING:
             started = self._start_cycles[i] = None
         count = tau / axis.counts_per_turn
+        ends = [codec.NEGATIVE_END in status.faults, codec.POSITIVE_END in status.faults]
+        at_low, at_high = ends if count > 0 else reversed(ends)
         return AxisState(
             angle=position * count,
             rate=velocity * count / self.period,
@@ -253,6 +263,8 @@ class Pmac(Closeable):
             enabled=status.enabled,
             homed=status.homed,
             faults=status.faults,
+            at_low=at_low,
+            at_high=at_high,
         )
 
     def _read_limits(self, axis: PmacAxis) -> AxisLimits:

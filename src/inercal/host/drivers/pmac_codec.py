@@ -56,10 +56,11 @@ ERRORS = {
     19: "position may not be changed while moves are stored",
 }
 
+NEGATIVE_END, POSITIVE_END = "negative end limit", "positive end limit"
 # Bits of the two status words by which a motor says that something is wrong.
 _FAULTS = (
-    (1, 22, "negative end limit"),
-    (1, 21, "positive end limit"),
+    (1, 22, NEGATIVE_END),
+    (1, 21, POSITIVE_END),
     (2, 12, "stopped on the desired position's limit"),
     (2, 11, "stopped on a position limit"),
     (2, 8, "phasing reference error"),

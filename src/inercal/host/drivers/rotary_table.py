@@ -5,14 +5,15 @@ as the controller counts. `TableState.time` is the controller's servo clock, nev
 30 °/s, 20 ms of jitter on the way are 0.6°.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import degrees, inf, isfinite, radians
-from typing import Protocol, Self
+from typing import Literal, Protocol, Self
 
 from inercal.errors import InercalError, InputError
 from inercal.host.link import LinkLost
 
+Feature = Literal["servo", "home"]  # what a controller may be unable to do on one axis
 REST_RATE = radians(0.5)  # rad/s; a PMAC of few counts a turn rounds its rates to almost that
 
 
@@ -84,6 +85,8 @@ class AxisState:
         The servo holds the axis; its zero has been found.
     faults : tuple of str
         Why it does not turn, in words; empty if all is well.
+    at_low, at_high : bool
+        A limit switch is closed, at the end of smaller or larger angles.
     """
 
     angle: float
@@ -94,6 +97,8 @@ class AxisState:
     enabled: bool
     homed: bool
     faults: tuple[str, ...] = ()
+    at_low: bool = False
+    at_high: bool = False
 
     @property
     def settled(self) -> bool:
@@ -150,16 +155,21 @@ class RotaryTable(Protocol):
         """After how many s the controller's clock starts again at 0; infinite where never."""
         ...
 
+    @property
+    def unsupported(self) -> Mapping[Feature, str]:
+        """What the controller cannot do on one axis: "servo" off, "home", each with the reason."""
+        ...
+
     def identity(self) -> str:
         """Return what the controller says that it is; "" where it has no answer."""
         ...
 
-    def enable(self) -> None:
-        """Close the servo loops where the axes stand."""
+    def enable(self, axis: str | None = None) -> None:
+        """Close the servo loop of an axis where it stands; without an axis, of all."""
         ...
 
-    def home(self) -> None:
-        """Start the search for zero on all axes; over when all are homed and settled."""
+    def home(self, axis: str | None = None) -> None:
+        """Start the search for zero on an axis, or on all; over when homed and settled."""
         ...
 
     def move(self, axis: str, angle: float, rate: float, acceleration: float) -> None:
@@ -174,8 +184,8 @@ class RotaryTable(Protocol):
         """Decelerate all axes and hold them. No safety function: that is the hardware interlock."""
         ...
 
-    def kill(self, *, coasting: bool = False) -> None:
-        """Take the power off all axes; refused while one turns, unless it may coast."""
+    def kill(self, axis: str | None = None, *, coasting: bool = False) -> None:
+        """Take the power off an axis, or off all; refused while it turns, unless it may coast."""
         ...
 
     def read(self) -> TableState:
@@ -196,6 +206,11 @@ def axis_index(axis: str, axes: tuple[str, ...]) -> int:
     if axis not in axes:
         raise InputError(f"no axis {axis!r}; this table has {', '.join(axes)}", names=(axis,))
     return axes.index(axis)
+
+
+def axis_indices(axis: str | None, axes: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the place of one axis, or those of all; raises as `axis_index`."""
+    return tuple(range(len(axes))) if axis is None else (axis_index(axis, axes),)
 
 
 def require_unique_names(axes: tuple[str, ...]) -> None:

@@ -12,16 +12,24 @@ from pathlib import Path
 from zlib import crc32
 
 from inercal.errors import InputError
+from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
 from inercal.host.web.command_relay import NOTE
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
-from inercal.host.web.json_objects import JsonObject
+from inercal.host.web.json_objects import JsonObject, as_object
+from inercal.host.web.manual_request import (
+    HALT,
+    ManualRequest,
+    manual_line,
+    start_manual_process,
+)
 from inercal.host.web.message_history import MessageHistory, is_alarm
 from inercal.host.web.plans import Plans
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
     PROCESS_RECORD,
+    ProcessRequest,
     RunRequest,
     premature_end_message,
     read_process_record,
@@ -35,7 +43,8 @@ _TIMER_MARGIN = 0.1  # s: a timer may be that early
 _MAX_NOTE = 400  # characters of a note
 _AMBIENT_RANGE = (-90.0, 100.0)  # °C
 _COMMANDS = ("pause", "go on", "abort")
-_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away", "note")
+_MANUAL_COMMANDS = ("begin manual", "manual", "release")
+_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away", "note", *_MANUAL_COMMANDS)
 COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
@@ -53,6 +62,8 @@ class Hub:
         Of each run.
     start : callable, optional
         Makes an order a run that goes on.
+    start_manual : callable, optional
+        Makes an order a session by hand that goes on.
 
     Attributes
     ----------
@@ -68,12 +79,14 @@ class Hub:
         register: str | None = None,
         options: RunOptions = DEFAULT_OPTIONS,
         start: Callable[[RunRequest], RunProcess] = RunProcess,
+        start_manual: Callable[[ManualRequest], RunProcess] = start_manual_process,
     ):
         self.probe_lock = asyncio.Lock()
         self.plans, self.runs, self.choice = plans, runs, choice
         self.people = Viewers()
         self._stop_executor = ThreadPoolExecutor(1, "stop")
-        self._register, self._options, self._start = register, options, start
+        self._register, self._options = register, options
+        self._start, self._start_manual = start, start_manual
         self.run_process: RunProcess | None = None
         self._end_published = False
         self._history: MessageHistory | None = None
@@ -100,6 +113,8 @@ class Hub:
     def remove_viewer(self, viewer: Viewer) -> None:
         """Let a viewer go; an operator's place is nobody's after a while, and then all know it."""
         operated = self.people.is_operator(viewer)
+        if operated:
+            self._halt_manual("the operator's page is gone")
         self.people.remove_viewer(viewer)
         self._broadcast_viewers()
         if operated:
@@ -128,6 +143,8 @@ class Hub:
                     raise InputError(words)
                 self._broadcast_viewers()
             case "leave":
+                if self.people.is_operator(viewer):
+                    self._halt_manual("the operator has given control back")
                 if self.people.leave_seat(viewer):
                     self._broadcast_viewers()
             case "stop":
@@ -136,6 +153,13 @@ class Hub:
                 await self._start_run(asked)
             case "resume":
                 await self._resume_run(asked)
+            case "begin manual":
+                await self._begin_manual(asked)
+            case "manual":
+                self._send_manual(parse_command(as_object(asked.get("ask")) or {}))
+            case "release":
+                everything = asked.get("all") is True
+                self._send_manual(HaltCommand() if everything else ReleaseCommand())
             case "put away":
                 if self.is_run_active:
                     raise InputError(
@@ -155,7 +179,24 @@ class Hub:
             case _:
                 self._send_to_run(what)
 
+    def _send_manual(self, command: ManualCommand) -> None:
+        if not self._is_manual:
+            raise InputError("no session by hand is active; begin one first")
+        self._send_to_run(manual_line(self.people.operator or "", command))
+
+    def _halt_manual(self, why: str) -> None:
+        """Have all axes stopped that are operated by hand: nobody operates any more."""
+        if self._is_manual and self.run_process is not None:
+            self.run_process.send_line(f"{HALT}{why}")
+
+    @property
+    def _is_manual(self) -> bool:
+        run_process = self.run_process if self.is_run_active else None
+        return run_process is not None and isinstance(run_process.order, ManualRequest)
+
     def _send_to_run(self, line: str) -> None:
+        if self._is_manual and line in ("pause", "go on"):
+            raise InputError("no run is active: the table is operated by hand")
         run_process = self.run_process if self.is_run_active else None
         if run_process is None or not run_process.send_line(line):
             raise InputError("no run is active; start or resume a run first")
@@ -186,7 +227,15 @@ class Hub:
         """
         runs = await asyncio.to_thread(self.runs.all)
         if self.run_process is not None:
+            if isinstance(self.run_process.order, ManualRequest):
+                raise InputError(
+                    "the table is operated by hand; end that session before you start a run"
+                )
             raise InputError("another run is active; stop it, or wait until it has ended")
+        if sessions := await asyncio.to_thread(self.runs.manual_sessions):
+            raise InputError(
+                f"session by hand {sessions[0].name} has not ended yet; stop it, or wait"
+            )
         if name := next((n for n, one in runs.items() if one.state == "running"), None):
             raise InputError(
                 f"run {name} is active outside this page; stop it, or wait until it has ended"
@@ -201,15 +250,16 @@ class Hub:
     def _stop_external_run(self, name: object) -> None:
         """Have a run stopped that is not shown."""
         runs = self.runs.all().items()
-        there = [one for key, one in runs if one.state == "running" and name in (None, key)]
+        there = [
+            one.path for key, one in runs if one.state == "running" and name in (None, key)
+        ] + [one for one in self.runs.manual_sessions() if name in (None, one.name)]
         if not there:
             raise InputError("there is no active run to stop; reload the page to see all runs")
-        reached = [_interrupt_process(one.path) for one in there]
+        reached = [_interrupt_process(one) for one in there]
         if not all(reached):
             raise InputError(
                 "this page cannot stop the run: a terminal controls it; stop it there, or press "
-                "the "
-                "emergency stop"
+                "the emergency stop"
             )
 
     async def _start_run(self, asked: JsonObject) -> None:
@@ -231,6 +281,26 @@ class Hub:
                 _new_run_folder(self.runs.folder, plan.path.stem), chosen, asked, plan.path
             )
         )
+
+    async def _begin_manual(self, asked: JsonObject) -> None:
+        """Begin to operate the table by hand, within the limits of a plan's [bench]."""
+        chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
+        plans = await asyncio.to_thread(self.plans.all)
+        await self._require_idle()
+        name = asked.get("plan")
+        plan = plans.get(name) if isinstance(name, str) else None
+        if plan is None:
+            raise InputError(f"no plan {name!r}, whose [bench] states the limits; choose one")
+        if plan.summary["trouble"]:
+            raise InputError(plan.summary["trouble"])
+        folder = _new_run_folder(self.runs.folder, "manual")
+        with_imu = asked.get("with_imu") is True
+        table, imu, clock, simulated = chosen
+        order = ManualRequest(
+            str(folder.absolute()), str(plan.path.absolute()), self.people.operator or "", table,
+            imu if with_imu else "", clock, simulated, crc32(folder.name.encode()), with_imu,
+        )  # fmt: skip
+        self._launch(order, lambda: self._start_manual(order))
 
     async def _resume_run(self, asked: JsonObject) -> None:
         """Go on with an interrupted run as asked."""
@@ -282,8 +352,11 @@ class Hub:
         )
 
     def _launch_process(self, order: RunRequest) -> None:
+        self._launch(order, lambda: self._start(order))
+
+    def _launch(self, order: ProcessRequest, start: Callable[[], RunProcess]) -> None:
         try:
-            self.run_process = self._start(order)
+            self.run_process = start()
         except OSError as error:
             raise InputError(
                 f"the operating system cannot start the process of the run: {error.strerror}; "
@@ -305,11 +378,7 @@ class Hub:
         status = await run_process.wait_for_exit()
         self.run_process = None
         if not self._end_published:
-            since = (
-                "; the watchdog brings the table to rest, and the run can be resumed"
-                if run_process.order.is_resumable
-                else " before anything moved"
-            )
+            since = run_process.order.loss_text
             words = f"the run's process has ended (status {status}){since}"
             text = _message_text("done", **premature_end_message(run_process.order, words))
             kept.add_message("done", text)

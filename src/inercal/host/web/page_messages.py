@@ -73,7 +73,7 @@ def state_message(run: BenchRun, bench: Turntable, angles: Array | None) -> dict
     """
     seen, tally = run.state, run.recorder.assembly.tally
     remaining = run.sequencer.remaining_time(seen.time) if seen is not None else None
-    table = None if seen is None else {"axes": [_axis_fields(axis) for axis in seen.axes]}
+    table = None if seen is None else {"axes": [axis_fields(axis) for axis in seen.axes]}
     counts = tally.bytes
     return {
         "time": rounded_number(run.time),
@@ -148,7 +148,8 @@ def rounded_numbers(values: Sequence[float] | Array) -> list[float | None]:
     return [rounded_number(float(value)) for value in values]
 
 
-def _axis_fields(axis: AxisState) -> dict[str, Any]:
+def axis_fields(axis: AxisState) -> dict[str, Any]:
+    """Return what an axis does, in °, °/s and ″."""
     return {
         "angle": rounded_number(degrees(axis.angle), 9),
         "rate": rounded_number(degrees(axis.rate)),

@@ -12,22 +12,22 @@ from collections.abc import AsyncGenerator
 from contextlib import suppress
 from subprocess import PIPE, Popen
 
-from inercal.host.web.run_request import RunRequest
+from inercal.host.web.run_request import ProcessRequest
 
 _MAX_MESSAGE = 1 << 20  # bytes of a message
 
 
 class RunProcess:
-    """A run that goes on.
+    """A run, or a session by hand, that goes on.
 
     Parameters
     ----------
-    order : RunRequest
+    order : ProcessRequest
     command : sequence of str, optional
         Starts the process; the worker's unless told.
     """
 
-    def __init__(self, order: RunRequest, command: tuple[str, ...] = ()):
+    def __init__(self, order: ProcessRequest, command: tuple[str, ...] = ()):
         self.order = order
         python = (sys.executable, "-P", "-m", "inercal.host.web.worker")
         self._process = Popen(command or python, stdin=PIPE, stdout=PIPE, start_new_session=True)

@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import tomlkit
 
@@ -17,6 +17,30 @@ from inercal.small_files import read_toml
 
 PROCESS_RECORD = "run.page.json"
 EndMessage = dict[str, Any]
+
+
+class ProcessRequest(Protocol):
+    """What a process that drives the bench is started by: a run, or a session by hand."""
+
+    @property
+    def name(self) -> str:
+        """What it is called: its folder's name."""
+        ...
+
+    @property
+    def json_line(self) -> str:
+        """The request as a line of JSON."""
+        ...
+
+    @property
+    def premature_state(self) -> str:
+        """Its `state` in the message of an end before its own."""
+        ...
+
+    @property
+    def loss_text(self) -> str:
+        """What becomes of the table and of it where its process is lost."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -107,15 +131,28 @@ class RunRequest:
         """Whether there is a journal by which the run can be resumed."""
         return (Path(self.folder) / JOURNAL).is_file()
 
+    @property
+    def premature_state(self) -> str:
+        """As of `ProcessRequest`."""
+        return "interrupted" if self.is_resumable else "not begun"
 
-def end_message(order: RunRequest, state: str, words: str = "", **more: object) -> EndMessage:
+    @property
+    def loss_text(self) -> str:
+        """As of `ProcessRequest`."""
+        if self.is_resumable:
+            return "; the watchdog brings the table to rest, and the run can be resumed"
+        return " before anything moved"
+
+
+def end_message(order: ProcessRequest, state: str, words: str = "", **more: object) -> EndMessage:
     """Return what is told of an end.
 
     Parameters
     ----------
-    order : RunRequest
-    state : "done", "carried out", "interrupted" or "not begun"
+    order : ProcessRequest
+    state : "done", "carried out", "interrupted", "not begun" or "manual"
         Carried out: without a calibration. Not begun: nothing was kept that could be resumed.
+        Manual: the end of a session by hand.
     words : str
         Why, where it is not done.
     **more
@@ -126,9 +163,9 @@ def end_message(order: RunRequest, state: str, words: str = "", **more: object) 
     return {"run": order.name, "state": state, "words": words, **links, **more}
 
 
-def premature_end_message(order: RunRequest, words: str) -> EndMessage:
-    """Return what is told of a run whose process came to nothing more."""
-    return end_message(order, "interrupted" if order.is_resumable else "not begun", words)
+def premature_end_message(order: ProcessRequest, words: str) -> EndMessage:
+    """Return what is told of a run or a session whose process came to nothing more."""
+    return end_message(order, order.premature_state, words)
 
 
 class SimulationRequest(NamedTuple):

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from inercal.errors import InercalError, InputError
 from inercal.host.journal import Journal
 from inercal.host.run_folder import JOURNAL
+from inercal.host.web.manual_request import MANUAL_JOURNAL
 from inercal.host.web.run_request import run_in_progress
 from inercal.small_files import read_toml
 from inercal.store import Register
@@ -58,6 +59,11 @@ class Runs:
                 continue  # a journal of another version, or none
         found.sort(key=lambda one: one.summary["begun"], reverse=True)
         return {one.path.name: one for one in found}
+
+    def manual_sessions(self) -> list[Path]:
+        """Return the folders of sessions by hand that go on, whoever started them."""
+        folders = [journal.parent for journal in self.folder.glob(f"*/{MANUAL_JOURNAL}")]
+        return [folder for folder in folders if run_in_progress(folder)]
 
     def enter(self, register: str | None) -> list[str]:
         """Put all runs that nobody drives into the register; return in words what fails.

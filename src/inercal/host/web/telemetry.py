@@ -22,7 +22,7 @@ from inercal.runfile import Run
 
 UPDATE_INTERVAL = 0.1  # s of the wall's between two looks at the run
 _ESTIMATE_INTERVAL = 0.5  # s of the wall's
-_FINE_RATE, _COARSE_RATE = 250.0, 10.0  # samples a second of the wall's for a viewer
+FINE_RATE, COARSE_RATE = 250.0, 10.0  # samples a second of the wall's for a viewer
 _RATE_TOLERANCE = 1.2  # times the rate before means are taken: that of a piece is uneven
 _INNOVATION_WINDOW = 30.0  # s of the recording over which innovations are judged
 _MAX_EVENTS = 500  # of a run that goes on after an interruption
@@ -47,8 +47,8 @@ class RunTelemetry:
         self._published_events = max(0, len(journal.events()) - _MAX_EVENTS)
         self._angles: Array | None = None
         self._streams = {
-            "coarse": _MeanStream(_COARSE_RATE),
-            "samples": _MeanStream(_FINE_RATE),
+            "coarse": MeanStream(COARSE_RATE),
+            "samples": MeanStream(FINE_RATE),
         }
         self._estimates_published_at = monotonic()
         self._estimates_time: float = nan
@@ -116,7 +116,7 @@ class RunTelemetry:
         )
 
 
-class _MeanStream:
+class MeanStream:
     """Samples for a viewer, or means of several: more than a page can draw it need not be sent.
 
     Parameters

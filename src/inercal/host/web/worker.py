@@ -22,7 +22,7 @@ from inercal.host.web.run_request import RunRequest, premature_end_message
 _MAX_LINE = 1 << 16  # bytes of a line
 
 
-class _LineReader:
+class LineReader:
     """Lines of a descriptor, one by one; a line is complete or none."""
 
     def __init__(self, descriptor: int):
@@ -47,7 +47,7 @@ def main() -> int:
     # What else is printed here must not get between the messages.
     told = os.dup(1)
     os.dup2(2, 1)
-    lines, control = _LineReader(0), CommandRelay()
+    lines, control = LineReader(0), CommandRelay()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, control.interrupt)
     try:

@@ -70,6 +70,7 @@ export function makeControls() {
     const paused = Boolean(seen.state?.paused) || seen.state?.phase === "paused";
     const phase = seen.state?.phase; // also while it is said in other words what is made of the run
     const why = !going() ? "no run is active"
+      : seen.plan?.manual ? "the table is operated by hand: see its panel"
       : phase === "done" ? "the table is at rest, results are being made"
       : phase === "aborted" ? "the run is ending already"
       : seen.link === "lost" ? "not connected"

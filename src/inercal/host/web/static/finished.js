@@ -16,6 +16,7 @@ const TITLES = {
   "carried out": "The run is measured, but not calibrated",
   interrupted: "The run was interrupted",
   "not begun": "The run did not begin",
+  manual: "Operation by hand has ended",
 };
 
 export function makeFinished(people) {
@@ -32,15 +33,16 @@ export function makeFinished(people) {
 
   function done(message) {
     const { verdict, state } = message;
-    const tone = verdict?.level ?? (state === "done" ? "good" : "bad");
+    const tone = verdict?.level ?? ({ done: "good", manual: "care" }[state] ?? "bad");
     section.className = `verdict ${tone}`;
     put(byId("verdict"), TITLES[state] ?? state);
-    put(byId("verdict-words"), verdict ? `${SIGNS[tone] ?? ""} ${verdict.words}` : "");
+    const byHand = state === "manual"; // nothing was tested: why it ended is all there is
+    put(byId("verdict-words"), verdict ? `${SIGNS[tone] ?? ""} ${verdict.words}` : byHand ? message.words : "");
     put(byId("verdict-reasons"), verdict?.reasons?.join("; ") ?? "");
     put(byId("done-words"), message.words ?? "");
     // The numbers behind a verdict are one click away; why there is none is in sight.
     byId("verdict-details").open = !verdict;
-    byId("verdict-details").hidden = !message.words;
+    byId("verdict-details").hidden = !message.words || byHand;
     const link = { target: "_blank", rel: "noopener", class: "button" };
     results.replaceChildren(...LINKS.filter(([key]) => own(message[key])).map(([key, words]) =>
       make("a", { href: message[key], download: key === "calibration", ...link }, words)));

@@ -12,6 +12,7 @@ const PHASES = {
   moves: "turning",
   holds: "holding",
   return: "returning to zero",
+  manual: "operated by hand",
   paused: "paused",
   done: "all steps done",
   aborted: "stopped",
@@ -61,7 +62,8 @@ export function makeHeader() {
     const [gone, left] = [state.time, Math.max(state.remaining ?? 0, 0)];
     progress.value = seen.done?.state === "done" ? 1 : gone / Math.max(gone + left, 1e-9);
     const fast = state.speed > 1.5 ? ` · ${fixed(state.speed, 0)} × real time` : "";
-    put(time, `${clock(gone)} gone${seen.done ? "" : `, ${clock(left)} to go${fast}`}`);
+    if (seen.plan?.manual) put(time, `${clock(gone)} since it began`);
+    else put(time, `${clock(gone)} gone${seen.done ? "" : `, ${clock(left)} to go${fast}`}`);
     put(trouble, state.trouble && !seen.done ? `▲ ${state.trouble}` : "");
   }
 
@@ -95,7 +97,7 @@ const fives = (seconds) => Math.floor(seconds / 5) * 5;
 
 function words() {
   const { state, done } = seen;
-  if (done) return done.state;
+  if (done) return done.state === "manual" ? "operation by hand has ended" : done.state;
   if (seen.phase) return seen.phase;
   if (!state) return seen.plan ? "beginning" : "";
   if (state.paused) return /^paused/.test(state.paused) ? state.paused : `paused: ${state.paused}`;

@@ -20,6 +20,7 @@ import { makeFinished } from "./finished.js";
 import { makeHeader } from "./header.js";
 import { listen } from "./keys.js";
 import { connect, seen } from "./live.js";
+import { makeManual, makeManualStart } from "./manual.js";
 import { makeMarks } from "./marks.js";
 import { notice } from "./notice.js";
 import { makePeople } from "./people.js";
@@ -39,6 +40,7 @@ const course = made("course", () => makeCourse(theme, marks));
 const setup = made("set-up", () => makeSetup(people));
 const attitude = made("attitude", () => makeAttitude(theme));
 const estimates = made("estimates", () => makeEstimates(course));
+const manual = made("manual panel", () => makeManual(theme, marks));
 
 const parts = Object.entries({
   view: { hello: showView, idle: showView, plan: showView, phase: showView, done: showView },
@@ -46,6 +48,8 @@ const parts = Object.entries({
   people,
   controls,
   "set-up": setup,
+  "manual panel": manual,
+  "manual start": made("manual start", () => makeManualStart(people, setup)),
   "earlier runs": made("earlier runs", () => makeEarlier(people, setup)),
   charts,
   bench: made("bench", makeBench),
@@ -95,11 +99,13 @@ function frame(now) {
   safely("attitude", () => attitude.frame?.(now));
   safely("estimates", () => estimates.frame?.(now));
   safely("course", () => course.frame?.());
+  safely("manual panel", () => manual.frame?.());
 }
 
 /** Show in the plots what was read at a time of the run. */
 function showTime(time) {
-  if (!charts.showTime?.(time)) notice("Readings of that time are not here any more: see the report.");
+  const trends = manual.showTime?.(time);
+  if (!charts.showTime?.(time) && !trends) notice("Readings of that time are not here any more: see the report.");
   course.showTime?.(time);
 }
 

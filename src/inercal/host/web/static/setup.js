@@ -132,10 +132,9 @@ export function makeSetup(people) {
     const plan = planNow();
     if (!plan) return;
     wanted = { plan: planId(), sensor: named(), ambient: ambient(), ...devices() };
-    const what = (device, address) => device.value === TYPED ? address.value.trim()
-      : device.selectedOptions[0]?.textContent ?? "";
     const facts = [["plan", `${plan.file}, ${plan.steps} steps, about ${lasting(plan.seconds)}`],
-      ["sensor", wanted.sensor ?? plan.sensor], ["table", what(table, tableAddress)], ["IMU", what(imu, imuAddress)]];
+      ["sensor", wanted.sensor ?? plan.sensor], ["table", deviceText(table, tableAddress)],
+      ["IMU", deviceText(imu, imuAddress)]];
     const [level, words] = room(plan);
     put(byId("ask-start-room"), level === "care" ? words : "");
     byId("ask-start-facts").replaceChildren(...facts.map(([name, value]) =>
@@ -202,10 +201,25 @@ export function makeSetup(people) {
       make("pre", { tabindex: "0" }, said[key].lines.join("\n"))]));
   }
 
-  return Object.assign(setup, { idle: load });
+  /** What is chosen, for who operates by hand; `why` says what is missing. */
+  function chosen(withImu) {
+    const plan = planNow();
+    const unknown = withImu && isPort(imu) && !preset.value;
+    const why = plan ? unclear() || (unknown ? "say what packets the IMU sends; probing tells" : "")
+      : "choose the plan whose bench this is";
+    return { why, plan, planId: planId(), table: deviceText(table, tableAddress),
+      imu: deviceText(imu, imuAddress), devices: devices() };
+  }
+
+  return Object.assign(setup, { idle: load, chosen });
 }
 
 const megabytes = (bytes) => bytes < 1e9 ? `${fixed(Math.max(bytes / 1e6, 1), 0)} MB` : `${fixed(bytes / 1e9, 1)} GB`;
+
+/** A device that is chosen, in words. */
+function deviceText(device, address) {
+  return device.value === TYPED ? address.value.trim() : device.selectedOptions[0]?.textContent ?? "";
+}
 
 /** Whether what is chosen is a port of the bench's computer. */
 function isPort(select) {

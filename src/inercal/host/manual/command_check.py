@@ -1,0 +1,164 @@
+"""Whether an axis can do what is asked of it by hand, and what its table is told then.
+
+The limits are those of the run file's [bench] and of the controller, whichever are narrower. A jog
+toward a soft limit is a move that ends `LIMIT_MARGIN` before it: the controller itself stops there.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import degrees, isfinite, nan, radians
+
+from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.errors import InputError
+from inercal.host.drivers.rotary_table import (
+    REST_RATE,
+    AxisLimits,
+    AxisState,
+    Feature,
+    TableFault,
+    TableState,
+    axis_index,
+)
+from inercal.host.manual.axis_task import AxisTask
+from inercal.host.manual.commands import (
+    AxisCommand,
+    GoCommand,
+    HomeAxisCommand,
+    JogCommand,
+    ServoCommand,
+)
+from inercal.host.sequencer import (
+    Command,
+    DisableCommand,
+    EnableCommand,
+    HomeCommand,
+    MoveCommand,
+    SpinCommand,
+)
+
+LIMIT_MARGIN = radians(0.1)  # rad before a soft limit, where a jog toward it ends
+_LEAST_JOG = radians(0.01)  # rad to that place below which an axis is there
+_HOMING_TIMEOUT = 300.0  # s
+_DURATION_MARGIN, _GRACE = 1.5, 5.0  # times what a motion takes by its limits, and s on top
+
+
+def narrower_limits(
+    controller: Sequence[AxisLimits], bench: Sequence[AxisMotionLimits]
+) -> tuple[AxisLimits, ...]:
+    """Return what each axis is held to by its controller and by what its bench states."""
+    return tuple(
+        AxisLimits(
+            min(of.rate, held.rate),
+            min(of.acceleration, held.acceleration),
+            of.low,
+            of.high,
+            of.following_error,
+        )
+        for of, held in zip(controller, bench, strict=True)
+    )
+
+
+class CommandCheck:
+    """Judges commands of one table.
+
+    Parameters
+    ----------
+    axes : sequence of str
+        Names, outer to inner.
+    limits : sequence of AxisLimits
+        What each axis is held to.
+    unsupported : mapping
+        What the controller cannot do, with the reason.
+    """
+
+    def __init__(
+        self,
+        axes: tuple[str, ...],
+        limits: Sequence[AxisLimits],
+        unsupported: Mapping[Feature, str],
+    ):
+        self._axes, self._limits, self._unsupported = axes, limits, unsupported
+
+    def judge(
+        self, command: AxisCommand, state: TableState, tasks: Sequence[AxisTask], time: float
+    ) -> tuple[Command, AxisTask | None]:
+        """Return what to tell the table, and the task that the axis has then; None: as before.
+
+        Parameters
+        ----------
+        command : AxisCommand
+        state : TableState
+            As last read.
+        tasks : sequence of AxisTask
+            Of each axis.
+        time : float
+            s of the session.
+
+        Raises
+        ------
+        InputError
+            Beyond a limit, no such axis, or not possible now.
+        TableFault
+            The axis has a fault, or its servo is off.
+        """
+        i = axis_index(command.axis, self._axes)
+        axis, limits, task = state.axes[i], self._limits[i], tasks[i]
+        match command:
+            case ServoCommand(on=True):
+                if axis.enabled and not axis.faults:
+                    raise InputError("its servo is on already")
+                return EnableCommand(i), None
+            case ServoCommand():
+                self._require_supported("servo")
+                if task.activity != "idle" or abs(axis.rate) > REST_RATE:
+                    raise InputError("the axis moves; stop it first")
+                return DisableCommand(i), None
+            case HomeAxisCommand():
+                self._require_supported("home")
+                _require_ready(axis, task)
+                return HomeCommand(i), AxisTask("home", due=time + _HOMING_TIMEOUT)
+            case GoCommand(_, angle, rate):
+                limits.check(command.axis, rate, limits.acceleration, angle)
+                _require_ready(axis, task)
+                if not axis.homed:
+                    raise InputError("its angle is not known yet; home it first")
+                takes = abs(angle - axis.angle) / rate + 2 * rate / limits.acceleration
+                due = time + _DURATION_MARGIN * takes + _GRACE
+                goes = AxisTask("go", angle, rate, due=due)
+                return MoveCommand(i, angle, rate, limits.acceleration), goes
+            case JogCommand(_, rate):
+                if rate == 0:
+                    raise InputError("the rate of a jog is not 0")
+                limits.check(command.axis, abs(rate), limits.acceleration)
+                _require_ready(axis, task, rate)
+                end = limits.high - LIMIT_MARGIN if rate > 0 else limits.low + LIMIT_MARGIN
+                way = end - axis.angle if rate > 0 else axis.angle - end
+                if way < _LEAST_JOG:
+                    raise InputError(
+                        f"it is at {degrees(axis.angle):.4f}°, and its limit is at "
+                        f"{degrees(limits.high if rate > 0 else limits.low):.6g}°; turn it back"
+                    )
+                if isfinite(end):
+                    moves = MoveCommand(i, end, abs(rate), limits.acceleration)
+                    return moves, AxisTask("jog", end, rate)
+                return SpinCommand(i, rate, limits.acceleration), AxisTask("jog", nan, rate)
+
+    def _require_supported(self, feature: Feature) -> None:
+        if feature in self._unsupported:
+            raise InputError(self._unsupported[feature])
+
+
+def _require_ready(axis: AxisState, task: AxisTask, rate: float = 0.0) -> None:
+    """Refuse a motion of an axis that cannot move; off a limit switch it may be jogged."""
+    at_limit = axis.at_low or axis.at_high
+    leaves = (rate > 0 and axis.at_low and not axis.at_high) or (
+        rate < 0 and axis.at_high and not axis.at_low
+    )
+    if at_limit and not leaves:
+        raise TableFault("a limit switch is closed; jog the axis away from it")
+    if not axis.enabled:
+        why = f"{', '.join(axis.faults)}: " if axis.faults else ""
+        raise TableFault(f"{why}its servo is off; switch it on first")
+    if axis.faults and not at_limit:
+        raise TableFault(f"{', '.join(axis.faults)}; switch its servo on anew once that is gone")
+    if task.activity == "home":
+        raise InputError("it seeks its zero; wait, or halt it")

@@ -1,0 +1,171 @@
+"""What an operator may ask of a table by hand: a short list, each with its fields and no others.
+
+A page asks by JSON objects in degrees and seconds; here they become commands in SI. Whether the
+table can do what is asked is for the session (`manual.session`) to judge.
+
+    {"what": "servo", "axis": "inner", "on": true}
+    {"what": "home", "axis": "inner"}
+    {"what": "go", "axis": "inner", "angle": 30, "rate": 10}            °, °/s
+    {"what": "jog", "axis": "inner", "rate": -5, "press": 7}            °/s, signed
+    {"what": "hold", "press": 7}                                        while the key is held
+    {"what": "release"}                                                 the key is up
+    {"what": "halt"}                                                    all axes
+"""
+
+from collections.abc import Callable, Mapping
+from math import degrees, isfinite, radians
+from typing import Any, NamedTuple
+
+from inercal.errors import InputError
+
+_MAX_NAME = 40  # characters of an axis' name
+_MAX_NUMBER = 1e6  # ° and °/s
+_MAX_PRESS = 1 << 53  # whole numbers that every JSON reader has exactly
+
+
+class ServoCommand(NamedTuple):
+    """Switch the servo of an axis on or off."""
+
+    axis: str
+    on: bool
+
+    def __str__(self) -> str:
+        return f"axis {self.axis}: servo {'on' if self.on else 'off'}"
+
+
+class HomeAxisCommand(NamedTuple):
+    """Find the zero of an axis."""
+
+    axis: str
+
+    def __str__(self) -> str:
+        return f"axis {self.axis}: home"
+
+
+class GoCommand(NamedTuple):
+    """Bring an axis to an angle, rad, at a rate, rad/s."""
+
+    axis: str
+    angle: float
+    rate: float
+
+    def __str__(self) -> str:
+        return f"axis {self.axis}: go to {degrees(self.angle):.6g}° at {degrees(self.rate):.6g} °/s"
+
+
+class JogCommand(NamedTuple):
+    """Turn an axis at a rate, rad/s, signed, while the press of this number is held."""
+
+    axis: str
+    rate: float
+    press: int
+
+    def __str__(self) -> str:
+        return f"axis {self.axis}: jog at {degrees(self.rate):+.6g} °/s"
+
+
+class HoldCommand(NamedTuple):
+    """The press of this number is still held."""
+
+    press: int
+
+
+class ReleaseCommand(NamedTuple):
+    """What is jogged shall stop."""
+
+    def __str__(self) -> str:
+        return "the key is released"
+
+
+class HaltCommand(NamedTuple):
+    """All axes shall stop and be held."""
+
+    why: str = ""
+
+    def __str__(self) -> str:
+        return f"halt all axes: {self.why}" if self.why else "halt all axes"
+
+
+AxisCommand = ServoCommand | HomeAxisCommand | GoCommand | JogCommand
+ManualCommand = AxisCommand | HoldCommand | ReleaseCommand | HaltCommand
+
+
+def parse_command(asked: Mapping[str, Any]) -> ManualCommand:
+    """Return the command that a JSON object asks for.
+
+    Raises
+    ------
+    InputError
+        Another command, a field that is missing, unknown or not of its kind.
+    """
+    what = asked.get("what")
+    if not isinstance(what, str) or what not in _COMMANDS:
+        raise InputError(
+            f"no manual command {str(what)[:_MAX_NAME]!r}; possible: {', '.join(_COMMANDS)}",
+            key="what",
+        )
+    kind, fields = _COMMANDS[what]
+    given = set(asked) - {"what"}
+    if given != set(fields):
+        listed = ", ".join(fields) or "no more fields"
+        raise InputError(
+            f"{what} takes {listed}", key=what, names=tuple(sorted(given ^ set(fields)))
+        )
+    return kind(*(check(name, asked[name]) for name, check in fields.items()))
+
+
+def command_fields(command: ManualCommand) -> dict[str, Any]:
+    """Return the JSON object that asks for a command: `parse_command` in the other direction."""
+    for what, (kind, fields) in _COMMANDS.items():
+        if isinstance(command, kind):
+            values = command._asdict()
+            return {"what": what} | {
+                name: degrees(values[name]) if check is _number else values[name]
+                for name, check in fields.items()
+            }
+    raise TypeError(command)
+
+
+def _axis(key: str, value: object) -> str:
+    if not (isinstance(value, str) and 0 < len(value) <= _MAX_NAME and value.isprintable()):
+        raise InputError(f"{key}: give the name of an axis", key=key)
+    return value
+
+
+def _number(key: str, value: object) -> float:
+    if (
+        not isinstance(value, (int, float))
+        or isinstance(value, bool)
+        or not isfinite(value)
+        or abs(value) > _MAX_NUMBER
+    ):
+        raise InputError(
+            f"{key}: give a number from {-_MAX_NUMBER:g} to {_MAX_NUMBER:g} (in degrees and "
+            "seconds)",
+            key=key,
+        )
+    return radians(value)
+
+
+def _switch(key: str, value: object) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{key}: give true or false", key=key)
+    return value
+
+
+def _press(key: str, value: object) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _MAX_PRESS:
+        raise InputError(f"{key}: give a whole number from 0 on", key=key)
+    return value
+
+
+_Check = Callable[[str, object], Any]
+_COMMANDS: dict[str, tuple[type[Any], dict[str, _Check]]] = {
+    "servo": (ServoCommand, {"axis": _axis, "on": _switch}),
+    "home": (HomeAxisCommand, {"axis": _axis}),
+    "go": (GoCommand, {"axis": _axis, "angle": _number, "rate": _number}),
+    "jog": (JogCommand, {"axis": _axis, "rate": _number, "press": _press}),
+    "hold": (HoldCommand, {"press": _press}),
+    "release": (ReleaseCommand, {}),
+    "halt": (HaltCommand, {}),
+}

@@ -1,0 +1,121 @@
+"""The IMU during manual operation: its readings for who looks on, and its gyros as an interlock."""
+
+import json
+from collections.abc import Callable
+from math import inf, isfinite
+
+from inercal.arrays import Array
+from inercal.host.addresses import layout_of_address, open_imu
+from inercal.host.assembly import SampleAssembler, SampleTally
+from inercal.host.clock import Tick
+from inercal.host.closeable import Closeable
+from inercal.host.drivers.rotary_table import TableState
+from inercal.host.imu_receiver import ImuReceiver
+from inercal.host.interlocks import Interlocks
+from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
+from inercal.host.table_state_codec import pack_state
+from inercal.runfile import Run
+
+_WORK_INTERVAL = 0.2  # s between two comparisons of gyros and table
+
+
+class ManualImu(Closeable):
+    """An IMU on the table; nothing of it is kept.
+
+    Parameters
+    ----------
+    address : str
+    run : Run
+        States the sensor and the bench.
+    interlocks : Interlocks
+        Are shown the gyros.
+    now : callable
+        Returns the session's time, s.
+    tick : Tick
+        Of the bench when the port is opened.
+    wraps : float
+        s after which the table's clock begins again.
+
+    Raises
+    ------
+    InputError
+        Packets that do not go with the sensor.
+    LinkLost
+        Nobody is there.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        run: Run,
+        interlocks: Interlocks,
+        now: Callable[[], float],
+        tick: Tick,
+        wraps: float = inf,
+    ):
+        self._wraps = wraps
+        self._assembly = SampleAssembler(run, layout_of_address(address))
+        self._interlocks = interlocks
+        self._work_time = tick.time
+        self._receiver = ImuReceiver(
+            lambda timeout: open_imu(
+                address, now, timeout, synchronous=tick.bytes_sent is not None
+            ),
+            tick,
+        )
+        self._begin(tick.time)
+
+    @property
+    def trouble(self) -> str | None:
+        """What is wrong with the port, in words; None while bytes come."""
+        return self._receiver.trouble
+
+    @property
+    def tally(self) -> SampleTally:
+        """What became of what came."""
+        return self._assembly.tally
+
+    def take(self, tick: Tick) -> None:
+        """Take what came by a tick."""
+        heard = self._receiver.take(tick)
+        if heard.reopened:
+            self._begin(tick.time)
+        for time, data in heard.pieces:
+            self._assembly.feed(LogFrame(IMU, time, data))
+
+    def take_table(self, time: float, state: TableState) -> None:
+        """Take a reading of the table, at a time of the session, s."""
+        self._assembly.feed(LogFrame(TABLE, time, pack_state(state)))
+
+    def check_gyros(self, time: float) -> str | None:
+        """Return in words how the gyros' rates differ from those of the readback, if they do.
+
+        Raises
+        ------
+        InputError
+            A device that has set its clock anew.
+        """
+        if time - self._work_time < _WORK_INTERVAL:
+            return None
+        self._work_time = time
+        block = self._assembly.take()
+        return (
+            None if block is None else self._interlocks.check_gyros(block.track.with_known_angles)
+        )
+
+    def take_received(self) -> tuple[Array, Array] | None:
+        """Return times and outputs since the last call; see `SampleAssembler.take_received`."""
+        return self._assembly.take_received()
+
+    def close(self) -> None:
+        """Close the port."""
+        self._receiver.close()
+
+    def _begin(self, time: float) -> None:
+        """Let what follows be compared with nothing of before."""
+        known = {"wraps": self._wraps} if isfinite(self._wraps) else {}
+        session = {"what": "session", "next": 0, **known}
+        # One section without an end: samples outside of sections are not assembled.
+        section = {"what": "section", "number": 0, "label": "", "state": "begun", "hold": False}
+        for event in (session, section | {"time": -1e9}):
+            self._assembly.feed(LogFrame(EVENT, time, json.dumps(event).encode()))

@@ -1,0 +1,521 @@
+"""A table operated by hand, from the connection to the table at rest: one loop of 20 ms.
+
+    clock -> commands, dead-man -> table told and read, IMU's bytes -> interlocks, journal
+
+The driver, the watchdog and the interlocks are those of a run (`bench_run`); there are no steps.
+What an axis cannot do, or is beyond its limits, is refused before anything moves (`command_check`).
+Everything that is asked for is in the journal, with who asked and when, and so is everything that
+stops an axis.
+
+A fault of an axis stops all axes, and the session goes on: the fault is mended by hand. What the
+interlocks find ends it. On any way out the table comes to rest, by the loop or by the watchdog.
+Both are software; the hardware interlock is the safety function.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from math import degrees, inf, radians
+from queue import Empty, SimpleQueue
+from time import monotonic
+from typing import Literal, Self
+
+from inercal.benches.turntable import require_turntable
+from inercal.errors import InercalError, InputError
+from inercal.host.addresses import DeviceAddresses, open_table
+from inercal.host.assembly.reading_plausibility import ReadingPlausibility
+from inercal.host.assembly.table_polls import POLL_INTERVAL
+from inercal.host.clock import MonotonicClock, SimulatedClock
+from inercal.host.drivers.rotary_table import (
+    REST_RATE,
+    AxisState,
+    Feature,
+    TableFault,
+    TableState,
+    axis_index,
+)
+from inercal.host.guard import Guard
+from inercal.host.interlocks import Interlocks, LastChecks
+from inercal.host.journal import NOTE_LEVEL, Journal
+from inercal.host.manual.axis_task import AxisTask
+from inercal.host.manual.command_check import CommandCheck, narrower_limits
+from inercal.host.manual.commands import (
+    AxisCommand,
+    GoCommand,
+    HaltCommand,
+    HoldCommand,
+    HomeAxisCommand,
+    JogCommand,
+    ManualCommand,
+    ReleaseCommand,
+)
+from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
+from inercal.host.manual.imu import ManualImu
+from inercal.host.sequencer import (
+    Command,
+    SpinCommand,
+    StopCommand,
+)
+from inercal.host.table_driver import TableDriver
+from inercal.runfile import Run
+
+SHOW_INTERVAL = 0.1  # s of the wall's between two looks at the session
+_REPLY_TIMEOUT = 0.5  # s that the table may take for a reply
+_GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
+_STOP_GRACE = 1.0  # s that a stop may take beyond what the deceleration takes
+_ARRIVAL_TOLERANCE = radians(0.05)  # rad
+_STARTING_TIME = 0.3  # s after a command in which an axis may still say that it rests
+
+
+class ManualSession:
+    """One session; a context manager that leaves the table at rest.
+
+    Parameters
+    ----------
+    run : Run
+        Its [bench] names the axes and states their limits, its [sensor] is the IMU's.
+    journal : Journal
+    addresses : DeviceAddresses
+        The IMU's may be empty.
+    show : callable, optional
+        Called with the session itself, now and then.
+    patience : float
+        s that the watchdog looks for a table that is gone.
+
+    Attributes
+    ----------
+    axes : tuple of str
+        Names, outer to inner.
+    limits : tuple of AxisLimits
+        What each axis is held to.
+    unsupported : mapping
+        What the controller cannot do, with the reason.
+    time : float
+        The session's, s.
+    state : TableState or None
+        The table's, as last read.
+    tasks : list of AxisTask
+        What each axis was told last.
+    imu : ManualImu or None
+    dead_man : DeadMan
+
+    Raises
+    ------
+    InputError
+        A run file that is none of a turntable, or an address that is none.
+    LinkLost
+        Nobody is there.
+    """
+
+    def __init__(
+        self,
+        run: Run,
+        journal: Journal,
+        addresses: DeviceAddresses,
+        show: Callable[["ManualSession"], None] | None = None,
+        patience: float = 600.0,
+    ):
+        bench = require_turntable(run)
+        self._journal, self._show = journal, show
+        self._requests: SimpleQueue[tuple[str, ManualCommand | str]] = SimpleQueue()
+        self._end_words = ""
+        self._watchdog_stops = self._is_alarmed = self._was_read = self._was_commanded = False
+        self._fault_words: list[tuple[str, ...]] = [()] * len(bench.names)
+        self._jog: tuple[int, int, str] | None = None  # axis, press, by whom
+        self._last_checks = LastChecks()
+        self._check_trouble: str | None = None
+        self._plausibility = ReadingPlausibility(bench)
+        self._show_time = -inf
+        self.imu: ManualImu | None = None
+        with ExitStack() as opened:
+            self._table = opened.enter_context(open_table(addresses.table, bench, _REPLY_TIMEOUT))
+            self._clock = (
+                SimulatedClock(addresses.clock, 1.0) if addresses.clock else MonotonicClock(0.0)
+            )
+            opened.callback(self._clock.close)
+            self.axes = self._table.axes
+            self.unsupported: Mapping[Feature, str] = self._table.unsupported
+            self.limits = narrower_limits(self._table.limits, bench.axis_motion_limits)
+            self._check = CommandCheck(self.axes, self.limits, self.unsupported)
+            self._interlocks = Interlocks(self._table.limits, bench, run.sensor)
+            self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
+            self.dead_man = DeadMan(self._guard.stop)
+            opened.callback(self.dead_man.close)
+            self._driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
+            now = self._clock.now()
+            self._clock.begin(now)
+            tick = self._clock.end()
+            if addresses.imu:
+                self.imu = opened.enter_context(
+                    ManualImu(
+                        addresses.imu, run, self._interlocks, self._clock.now, tick,
+                        self._table.wrap_period,
+                    )
+                )  # fmt: skip
+            self._open_resources = opened.pop_all()
+        self.time, self._next = tick.time, tick.time + POLL_INTERVAL
+        self.tasks = [AxisTask() for _ in self.axes]
+
+    @property
+    def state(self) -> TableState | None:
+        """The table's, as last read."""
+        return self._driver.state
+
+    def request(self, by: str, command: ManualCommand) -> None:
+        """Ask for something, from whichever thread; the dead-man hears it at once."""
+        match command:
+            case JogCommand(press=press):
+                self.dead_man.begin(press)
+            case HoldCommand(press):
+                self.dead_man.hold(press)
+                return
+            case ReleaseCommand() | HaltCommand():
+                self.dead_man.release()
+            case _:
+                pass
+        self._requests.put((by, command))
+
+    def write_note(self, words: str) -> None:
+        """Have a note written down, from whichever thread."""
+        self._requests.put(("", words))
+
+    def end(self, words: str) -> None:
+        """Have the session end, from whichever thread or a signal; the first reason is kept."""
+        self._end_words = self._end_words or words
+        self.dead_man.release()
+
+    def operate(self) -> str:
+        """Do what is asked for until the session ends; return why it did."""
+        with self._guard.catch_signals():
+            try:
+                self._clock.begin(self._next)
+                while not self._end_words:
+                    self._tick()
+                if not self._is_alarmed:
+                    self._halt(f"the session ends: {self._end_words}", "info")
+                self._wait_for_rest()
+            except InercalError as error:
+                self._alarm_end(str(error))
+        self._show_state()
+        return self._end_words
+
+    def _tick(self) -> None:
+        tick = self._clock.end()
+        self._next = max(self._next, tick.time) + POLL_INTERVAL
+        self.time = tick.time
+        self._guard.beat()
+        self._hear_guard()
+        self._follow_dead_man()
+        commanded = self._do_requests()
+        if not commanded:
+            self._driver.send([])
+        self._was_commanded, self._was_read = commanded, False
+        fresh = self._driver.read()
+        self._was_read = fresh is not None
+        if self.imu is not None:
+            self.imu.take(tick)
+        self._clock.begin(self._next)
+        if fresh is not None and self._is_plausible(fresh[1]):
+            self._follow_state(*fresh)
+        self._last_checks.update(self.time)
+        trouble, before = self._last_checks.trouble, self._check_trouble
+        self._check_trouble = trouble
+        if trouble is not None and before is None and self._is_driving:
+            self._halt(trouble)
+        self._check_gyros()
+        if monotonic() - self._show_time >= SHOW_INTERVAL:
+            self._show_time = monotonic()
+            self._show_state()
+
+    def _show_state(self) -> None:
+        if self._show is not None:
+            self._show(self)
+
+    @property
+    def _is_driving(self) -> bool:
+        return any(task.activity != "idle" for task in self.tasks)
+
+    # What is asked for.
+
+    def _do_requests(self) -> bool:
+        """Do what was asked for; tell whether the table was told anything."""
+        commanded = False
+        with suppress(Empty):
+            while not self._end_words:
+                by, command = self._requests.get_nowait()
+                if isinstance(command, str):
+                    self._journal.record_event(NOTE_LEVEL, command, self.time)
+                    continue
+                commanded |= self._do(by, command)
+        return commanded
+
+    def _do(self, by: str, command: ManualCommand) -> bool:
+        """Do one thing, or refuse it; tell whether the table was told anything."""
+        if isinstance(command, (ReleaseCommand, HoldCommand)):
+            return isinstance(command, ReleaseCommand) and self._stop_jog(f"released by {by}")
+        # First stopped, then written down; all else is written down first.
+        if isinstance(command, HaltCommand):
+            self._halt(f"{by}: {command}", "info")
+            return True
+        if isinstance(command, JogCommand) and not self.dead_man.is_live(command.press):
+            self._say("info", f"{by}: {command}: not begun, the key is up already")
+            return False
+        try:
+            told = self._judged(command, by)
+        except (InputError, TableFault) as error:
+            why = str(error).removeprefix(f"axis {command.axis}: ")
+            self._say("warning", f"refused: {by}: {command}: {why}")
+            return False
+        self._say("info", f"{by}: {command}")
+        try:
+            self._driver.send([told])
+        except TableFault as error:
+            self._say("warning", f"refused by the table: {command}: {error}")
+            self._forget(command)
+        except InercalError as error:
+            self._halt(f"{command}: {error}")
+        return True
+
+    def _judged(self, command: AxisCommand, by: str) -> Command:
+        """Return what to tell the table; what an axis does then is in `tasks`.
+
+        Raises
+        ------
+        InputError, TableFault
+            As `CommandCheck.judge`, or the watchdog stops the table.
+        """
+        if self.state is None:
+            raise InputError("the table has not been read yet; try again")
+        if self._watchdog_stops:
+            raise InputError("the watchdog stops the table; wait until it is at rest")
+        told, task = self._check.judge(command, self.state, self.tasks, self.time)
+        i = axis_index(command.axis, self.axes)
+        if isinstance(command, JogCommand):
+            self._stop_jog(f"replaced by a jog of axis {command.axis}")
+            self._jog = i, command.press, by
+            self.dead_man.set_moving(True)
+        if task is not None:
+            self._start(i, task)
+        return told
+
+    def _start(self, i: int, task: AxisTask) -> None:
+        self.tasks[i] = replace(task, begun=self.time)
+
+    def _forget(self, command: AxisCommand) -> None:
+        """Stop an axis that has refused a motion: what it did before is not known to be wanted."""
+        if isinstance(command, (HomeAxisCommand, GoCommand, JogCommand)):
+            if isinstance(command, JogCommand):
+                self._jog = None
+                self.dead_man.set_moving(False)
+            self._stop_axis(axis_index(command.axis, self.axes))
+
+    # What stops.
+
+    def _follow_dead_man(self) -> None:
+        """Stop what is jogged where nobody holds the key any more."""
+        if self._jog is not None and not self.dead_man.is_live(self._jog[1]):
+            # A release that was asked for says by whom when it is read.
+            if self._requests.empty():
+                self._stop_jog(f"no message of a held key for {HOLD_TIMEOUT:g} s", "warning")
+            else:
+                self._stop_axis(self._jog[0])
+                self.dead_man.set_moving(False)
+
+    def _stop_jog(self, why: str, level: Literal["info", "warning"] = "info") -> bool:
+        """Stop what is jogged, if anything is; tell whether the table was told so."""
+        if self._jog is None:
+            return False
+        i, _, by = self._jog
+        self._jog = None
+        if self.tasks[i].activity == "jog":
+            self._stop_axis(i)
+        self.dead_man.set_moving(False)
+        held = self.dead_man.count
+        self._say(level, f"axis {self.axes[i]}: the jog of {by} ends after {held} messages: {why}")
+        return True
+
+    def _stop_axis(self, i: int) -> None:
+        """Decelerate one axis and hold it; one whose servo is off stays so."""
+        state = self.state
+        if state is not None and not state.axes[i].enabled:
+            self._start(i, AxisTask())
+            return
+        rate = abs(state.axes[i].rate) if state is not None else self.limits[i].rate
+        due = self.time + rate / self.limits[i].acceleration + _STOP_GRACE
+        self._start(i, AxisTask("stop", due=due))
+        try:
+            self._driver.send([SpinCommand(i, 0.0, self.limits[i].acceleration)])
+        except InercalError as error:
+            self._say("alarm", str(error))
+            self._driver.stop([StopCommand()])
+
+    def _halt(self, why: str, level: Literal["info", "alarm"] = "alarm") -> None:
+        """Stop all axes whose servos are on, one by one: what is switched off stays off."""
+        self._jog = None
+        for i in range(len(self.axes)):
+            self._stop_axis(i)
+        self.dead_man.set_moving(False)
+        self._say(level, why if level == "info" else f"{why}: all axes are stopped")
+
+    def _alarm_end(self, words: str) -> None:
+        """Stop all and end, because of what an interlock has found."""
+        self._end_words, self._is_alarmed = self._end_words or words, True
+        self._jog = None
+        on = [axis.enabled for axis in self.state.axes] if self.state is not None else []
+        if all(on):
+            self._driver.stop([StopCommand()])
+        else:
+            # Somebody may have a hand on an axis whose servo is off: it is not closed.
+            for i in range(len(self.axes)):
+                self._stop_axis(i)
+        self.dead_man.set_moving(False)
+        self._say("alarm", words)
+
+    # What is seen.
+
+    def _hear_guard(self) -> None:
+        """Hear what the watchdog says, and that it is there."""
+        if self._guard.signal_received and not self._end_words:
+            self._alarm_end("stopped by the operator")
+        for line in self._guard.read_lines():
+            if line == "at rest":
+                self._watchdog_stops = False
+                self._say("info", "watchdog: at rest")
+            elif line.startswith("stopping"):
+                self._watchdog_stops, self._jog = True, None
+                for i in range(len(self.axes)):
+                    self._start(i, AxisTask())
+                self._say("alarm", f"watchdog: {line}")
+            elif line.startswith("killed"):
+                self._alarm_end(f"watchdog: {line}")
+            elif line != "ready":
+                self._say("warning", f"watchdog: {line}")
+        if not self._guard.alive and not self._end_words:
+            self._alarm_end("the watchdog is gone")
+
+    def _is_plausible(self, state: TableState) -> bool:
+        if not all(axis.enabled for axis in state.axes):
+            # A hand that turns an axis keeps to no limits.
+            self._plausibility.restart()
+            return True
+        if self._plausibility.accept_state(state):
+            return True
+        if self._plausibility.is_fault and not self._end_words:
+            self._alarm_end(
+                f"{self._plausibility.in_a_row} readings of the table in a row are no motion "
+                "within its limits: an encoder jumps, or digits of its replies are wrong"
+            )
+        return False
+
+    def _follow_state(self, time: float, state: TableState) -> None:
+        """See what has become of each axis, and that the interlocks hold."""
+        if self.imu is not None:
+            self.imu.take_table(time, state)
+        self._last_checks.record("table", self.time)
+        if self._end_words:
+            return
+        if (words := self._interlocks.check(_without_free_axes(state), self.time)) is not None:
+            self._alarm_end(words)
+            return
+        for i, axis in enumerate(state.axes):
+            self._follow_faults(i, axis)
+            self._follow_task(i, axis, self.tasks[i])
+
+    def _follow_faults(self, i: int, axis: AxisState) -> None:
+        fresh = set(axis.faults) - set(self._fault_words[i])
+        self._fault_words[i] = axis.faults
+        if fresh:
+            self._halt(f"axis {self.axes[i]}: {', '.join(sorted(fresh))}")
+
+    def _follow_task(self, i: int, axis: AxisState, task: AxisTask) -> None:
+        if task.activity == "idle" or self.time - task.begun < _STARTING_TIME:
+            return
+        name = self.axes[i]
+        if not axis.enabled:
+            self._start(i, AxisTask())
+            if task.activity != "stop":
+                self._halt(f"axis {name}: its servo has gone off")
+        elif task.activity == "home" and axis.homed and axis.settled:
+            self._start(i, AxisTask(goal=0.0))
+            self._say("info", f"axis {name}: homed")
+        elif task.activity == "go" and axis.settled:
+            self._start(i, AxisTask(goal=task.goal))
+            where = f"axis {name}: at rest at {degrees(axis.angle):.4f}°"
+            if abs(axis.angle - task.goal) > _ARRIVAL_TOLERANCE:
+                there = f"{degrees(task.goal):.4f}°: it was stopped from outside"
+                self._say("warning", f"{where} instead of {there}")
+            else:
+                self._say("info", where)
+        elif task.activity == "stop" and axis.settled:
+            self._start(i, AxisTask())
+        elif self.time > task.due:
+            self._late(i, task)
+
+    def _late(self, i: int, task: AxisTask) -> None:
+        """See to an axis that does not do in time what it was told."""
+        name, what = self.axes[i], task.activity
+        if what == "stop":
+            self._start(i, AxisTask())
+            self._guard.stop()
+            self._say("alarm", f"axis {name} does not come to rest; the watchdog stops the table")
+        else:
+            doing = "found its zero" if what == "home" else "arrived"
+            self._halt(f"axis {name} has not {doing} in {self.time - task.begun:.1f} s")
+
+    def _check_gyros(self) -> None:
+        """See that gyros and encoders agree."""
+        if self.imu is None:
+            return
+        try:
+            words = self.imu.check_gyros(self.time)
+        except InputError as error:
+            words = str(error)
+        if words is not None and not self._end_words:
+            self._alarm_end(words)
+        if self._interlocks.encoder_stuck:
+            self._driver.switch_servos_off()
+
+    def _wait_for_rest(self) -> None:
+        """See the table come to rest; where it does not, the watchdog has it."""
+        slowest = max(one.rate / one.acceleration for one in self.limits)
+        # One that was told to go a moment ago may not say so yet.
+        least, until = self.time + _STARTING_TIME, self.time + slowest + _GRACE
+        while self.time < least or (self.time < until and not self._is_at_rest):
+            self._tick()
+
+    @property
+    def _is_at_rest(self) -> bool:
+        """By the last reading no axis moves whose servo is on."""
+        axes = self.state.axes if self.state is not None and self._was_read else ()
+        return self._driver.at_rest or (
+            bool(axes)
+            and not self._was_commanded
+            and not any(a.enabled and (a.moving or abs(a.rate) >= REST_RATE) for a in axes)
+        )
+
+    def _say(self, level: Literal["info", "warning", "alarm"], words: str) -> None:
+        self._journal.record_event(level, words, self.time)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        try:
+            if not self._is_at_rest:
+                self._clock.close()  # a simulated bench goes on by itself then
+                if (words := self._driver.release_to_guard()) is not None:
+                    self._say("alarm", words)
+        except BaseException:
+            self._guard.release_to_guard()
+            raise
+        finally:
+            self._open_resources.close()
+
+
+def _without_free_axes(state: TableState) -> TableState:
+    """Return a state in which an axis without its servo stands: a hand may turn it."""
+    axes = (
+        axis if axis.enabled else replace(axis, rate=0.0, following_error=0.0)
+        for axis in state.axes
+    )
+    return replace(state, axes=tuple(axes))

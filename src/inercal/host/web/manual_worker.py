@@ -1,0 +1,188 @@
+"""A session by hand as a process of its own: `python -m inercal.host.web.manual_worker`.
+
+The first line of its standard input is the `ManualRequest`. Then come the operator's commands, and
+`abort` ends it. Unlike a run it does not go on without its server: at the end of the input all axes
+are stopped and the session ends. SIGINT and SIGTERM stop the table, by the watchdog too.
+"""
+
+import os
+import shutil
+import signal
+import sys
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+from inercal.errors import InercalError
+from inercal.host.addresses import DeviceAddresses
+from inercal.host.assembly.table_polls import POLL_INTERVAL
+from inercal.host.bench_simulator import STARTUP_MESSAGE, BenchSimulator
+from inercal.host.journal import Journal
+from inercal.host.manual.commands import HaltCommand
+from inercal.host.manual.session import ManualSession
+from inercal.host.run_log import os_errors_as_input_errors
+from inercal.host.web.command_relay import NOTE
+from inercal.host.web.manual_request import (
+    END,
+    HALT,
+    MANUAL,
+    MANUAL_JOURNAL,
+    ManualRequest,
+    parse_manual_line,
+)
+from inercal.host.web.manual_telemetry import ManualTelemetry
+from inercal.host.web.publisher import Publisher
+from inercal.host.web.run_request import (
+    SimulationRequest,
+    end_message,
+    premature_end_message,
+    write_process_record,
+)
+from inercal.host.web.worker import LineReader
+from inercal.runfile import read
+
+_PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that the watchdog looks for a table that is gone
+
+
+class SessionRelay:
+    """Hands on what is asked to the session, once there is one.
+
+    Attributes
+    ----------
+    session : ManualSession or None
+    """
+
+    def __init__(self):
+        self.session: ManualSession | None = None
+        self._end_words = ""
+
+    def attach(self, session: ManualSession) -> None:
+        """Have a session hear from now on, of an end too that was asked for before."""
+        self.session = session
+        if self._end_words:
+            session.end(self._end_words)
+
+    def hear(self, lines: LineReader) -> None:
+        """Hand on lines until there are no more, which is the server's end."""
+        while (line := lines.next_line()) is not None:
+            self.hear_line(line)
+        self.end("the server of the page is gone")
+
+    def hear_line(self, line: str) -> None:
+        """Do what a line says; before there is a session, only its end is kept."""
+        if line == END:
+            self.end("ended by the operator")
+        elif self.session is None:
+            return
+        elif line.startswith(HALT):
+            self.session.request("the server", HaltCommand(line.removeprefix(HALT)))
+        elif line.startswith(NOTE):
+            self.session.write_note(line.removeprefix(NOTE))
+        elif line.startswith(MANUAL):
+            try:
+                self.session.request(*parse_manual_line(line.removeprefix(MANUAL)))
+            except InercalError as error:
+                print(f"inercal: {error}", file=sys.stderr, flush=True)
+
+    def end(self, words: str) -> None:
+        """Have the session end."""
+        self._end_words = words
+        if self.session is not None:
+            self.session.end(words)
+
+    def interrupt(self, *_: object) -> None:
+        """Hear a signal that the session does not catch itself.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            Nothing moves yet.
+        """
+        if self.session is None:
+            raise KeyboardInterrupt
+        self.session.end("stopped by the operator")
+
+
+def main() -> int:
+    """Carry out the session; return the status to exit with."""
+    # What else is printed here must not get between the messages.
+    told = os.dup(1)
+    os.dup2(2, 1)
+    lines, relay = LineReader(0), SessionRelay()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, relay.interrupt)
+    try:
+        order = ManualRequest.from_json(lines.next_line() or "")
+    except InercalError as error:
+        print(f"inercal: {error}", file=sys.stderr)
+        return 2
+    Thread(target=relay.hear, args=(lines,), name="commands", daemon=True).start()
+    with Publisher(told) as publisher:
+        publisher.publish("done", **_execute(order, publisher, relay))
+    return 0
+
+
+def _execute(order: ManualRequest, publisher: Publisher, relay: SessionRelay) -> Mapping[str, Any]:
+    try:
+        return end_message(order, "manual", _operate(order, publisher, relay))
+    except InercalError as error:
+        return premature_end_message(order, str(error))
+    except KeyboardInterrupt:
+        return premature_end_message(order, "stopped before anything moved")
+    except Exception as error:
+        # Told to who looks on; where it comes from stands in the server's log.
+        sys.excepthook(*sys.exc_info())  # pyright: ignore[reportArgumentType]
+        words = f"the session's process failed: {type(error).__name__}: {error}"
+        return premature_end_message(order, words)
+
+
+def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) -> str:
+    """Let the table be operated until the session ends; return why it did."""
+    folder, plan = Path(order.folder), Path(order.plan)
+    run = read(plan)
+    with ExitStack() as opened:
+        addresses, simulated = DeviceAddresses(order.table, order.imu, order.clock), None
+        if order.simulated is not None:
+            publisher.publish("phase", run=order.name, words=STARTUP_MESSAGE)
+            # By hand a second is a second: what is simulated goes at the pace of who operates.
+            bench = BenchSimulator(plan, order.seed, order.simulated, pace=1.0)
+            opened.enter_context(bench)
+            addresses = DeviceAddresses(bench.table, bench.imu if order.with_imu else "")
+            simulated = SimulationRequest(order.simulated, order.seed)
+        publisher.publish("phase", run=order.name, words="connecting to the table")
+        with os_errors_as_input_errors(folder, "made"):
+            folder.mkdir(parents=True)
+            (folder / plan.name).write_bytes(plan.read_bytes())
+        with ExitStack() as removed:
+            removed.callback(shutil.rmtree, folder, ignore_errors=True)
+            opened.callback(os.close, write_process_record(folder, simulated))
+            journal = opened.enter_context(
+                Journal.create(folder / MANUAL_JOURNAL, plan.name, addresses, POLL_INTERVAL, 0)
+            )
+            journal.record_event("info", _begin_text(order))
+            telemetry = ManualTelemetry(order, run, publisher, journal)
+            opened.callback(telemetry.publish_events)
+            # A simulated table ends with this process: nobody need look for it.
+            patience = _SIMULATED_PATIENCE if simulated is not None else _PATIENCE
+            session = opened.enter_context(
+                ManualSession(run, journal, addresses, telemetry, patience)
+            )
+            # What was connected to is kept, whatever becomes of it.
+            removed.pop_all()
+        telemetry.publish_plan(session)
+        relay.attach(session)
+        words = session.operate()
+        journal.set_state("done")
+        return words
+
+
+def _begin_text(order: ManualRequest) -> str:
+    by = order.requested_by or "an operator without a name"
+    words = f"operated by hand, begun from the page by {by}; limits of {Path(order.plan).name}"
+    return f"{words}; simulated bench, seed {order.seed}" if order.simulated else words
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,389 @@
+/**
+ * The table by hand: for each axis lamps, set against actual value, a trend, and what can be asked.
+ *
+ * A jog lasts as long as a button or a key is held: while it is, the page says so ten times a second,
+ * and whatever takes the hand or the eye away ends it at once. That these messages come is checked
+ * where the table is driven: it stops 0.3 s after the last, whatever has become of this page.
+ */
+
+import { allow, allowed, byId, make, mark, put } from "./dom.js";
+import { fixed, minus, signed } from "./format.js";
+import { going, say, seen } from "./live.js";
+import { order, unsent } from "./notice.js";
+import { makePlot, makeZoom, zoomButtons } from "./plot.js";
+import { Ring } from "./ring.js";
+
+const HOLD = 100; // ms between two messages of a key that is held
+const HEIGHT = 136; // px of a trend
+const SPAN = 30; // s of it
+const LEAST = 0.002; // ° that are in sight at least, so that noise of a servo is not all there is
+const LAMPS = [
+  ["servo", "servo on", "servo off", "good"],
+  ["homed", "homed", "not homed", "good"],
+  ["in_position", "in position", "not in position", "good"],
+  ["moving", "moving", "at rest", "care"],
+  ["low", "at limit −", "limit − free", "bad"],
+  ["high", "at limit +", "limit + free", "bad"],
+  ["fault", "fault", "no fault", "bad"],
+];
+const SHORT = { servo: "servo", homed: "homed", in_position: "in position", moving: "moving",
+  low: "limit −", high: "limit +", fault: "fault" };
+const SIGNS = { good: "●", care: "▶", bad: "✗" }; // of a lamp that is lit, beside its colour
+const DOES = { idle: "", home: "seeks its zero", go: "goes", jog: "is jogged", stop: "stops" };
+const JOG_KEYS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
+
+export function makeManual(theme, marks) {
+  const panel = byId("manual");
+  let axes = []; // one for each axis, with its elements
+  let ring = null;
+  let limits = [];
+  let unsupported = {};
+  let stale = false;
+  let press = null; // what is held: axis, number, timer, button
+  let number = Date.now(); // of a press: none comes a second time, not after a reload either
+
+  const said = make("p", { id: "manual-said", class: "care", role: "status" });
+  const halt = make("button", { type: "button", class: "grave", id: "halt" }, "Halt all axes");
+  const end = make("button", { type: "button", id: "end-manual" }, "End operation by hand");
+  const tools = make("div", { class: "tools", role: "group", "aria-label": "Time of the trends that is shown" },
+    ...zoomButtons(`Last ${SPAN} s`));
+  const places = make("div", { id: "manual-axes" });
+  const hint = make("p", { class: "small", id: "jog-hint" }, "Hold a jog button, or with the focus on "
+    + "it Space, Enter, ← or →: the axis turns while it is held and stops when it is let go.");
+  const zoom = makeZoom(tools, {
+    limits: () => (ring?.end ? [ring.time[0], newest()] : [0, 1]),
+    normal: () => [Math.max(newest(), SPAN) - SPAN, Math.max(newest(), SPAN)],
+    changed: redraw,
+  });
+  for (const source of [theme, marks]) source.changed.push(redraw);
+  new ResizeObserver(redraw).observe(panel);
+
+  halt.addEventListener("click", () => {
+    release();
+    if (!allowed(halt)) tell(halt.title);
+    else if (!say({ do: "release", all: true })) tell(unsent());
+  });
+  end.addEventListener("click", () => {
+    release();
+    if (allowed(end)) order({ do: "abort" }, "Operation by hand is being ended.");
+    else tell(end.title);
+  });
+  // Whatever takes the hand or the eye away.
+  for (const [target, name] of [[window, "blur"], [window, "pagehide"], [window, "pointerup"],
+    [window, "pointercancel"], [document, "visibilitychange"]]) target.addEventListener(name, release);
+
+  const newest = () => (ring?.end ? ring.time[ring.end - 1] : 0);
+
+  function redraw() {
+    stale = true;
+  }
+
+  function plan(message) {
+    release();
+    const { manual } = message;
+    mark(document.body, "manual", manual ? (message.channels.length ? "imu" : "table") : "no");
+    for (const { plot } of axes) plot.end();
+    axes = [];
+    panel.replaceChildren();
+    put(said, "");
+    ring = null;
+    if (!manual) return;
+    ({ limits, unsupported } = manual);
+    ring = new Ring(2 * message.axes.length);
+    zoom.reset();
+    axes = message.axes.map((name, i) => makeAxis(name, i));
+    places.replaceChildren(...axes.map(({ node }) => node));
+    panel.replaceChildren(make("div", { class: "manual-head" },
+      make("div", { class: "buttons" }, halt, end), said, tools), places, hint);
+    show();
+  }
+
+  function makeAxis(name, i) {
+    const limit = limits[i];
+    const axis = { name, lamps: {}, values: {} };
+    const id = (what) => `${what}-${i}`;
+    const lamps = make("ul", { class: "lamps", "aria-label": `Lamps of axis ${name}` },
+      ...LAMPS.map(([key]) => {
+        const lamp = make("li", { "data-lamp": key });
+        axis.lamps[key] = lamp;
+        return lamp;
+      }));
+    const value = (key, words, unit) => {
+      axis.values[key] = make("dd", {}, "—");
+      return make("div", {}, make("dt", {}, `${words}, ${unit}`), axis.values[key]);
+    };
+    const values = make("dl", { class: "facts" }, value("set", "set angle", "°"),
+      value("angle", "actual angle", "°"), value("set_rate", "set rate", "°/s"),
+      value("rate", "actual rate", "°/s"), value("error", "following error", "″"));
+    const field = (key, words, start) => {
+      axis[key] = make("input", { id: id(key), type: "text", inputmode: "decimal", value: start,
+        autocomplete: "off", maxlength: "12", "aria-describedby": id("limits") });
+      return make("label", {}, words, axis[key]);
+    };
+    const button = (key, words, label, act) => {
+      axis[key] = make("button", { type: "button", "aria-label": label }, words);
+      axis[key].addEventListener("click", () => (allowed(axis[key]) ? act() : tell(axis[key].title)));
+      return axis[key];
+    };
+    const jog = (key, sign) => {
+      const words = sign < 0 ? "Jog −" : "Jog +";
+      axis[key] = make("button", { type: "button", class: "jog", "aria-label":
+        `${words} axis ${name}, while it is held`, "aria-describedby": "jog-hint" }, words);
+      hold(axis, axis[key], sign);
+      return axis[key];
+    };
+    const rate = Math.min(5, limit.rate ?? 5);
+    axis.does = make("span", { class: "small does" });
+    axis.node = make("section", { class: "manual-axis", "aria-label": `Axis ${name}` },
+      make("div", { class: "now" }, make("h3", {}, name, " ", axis.does), lamps, values),
+      make("div", { class: "ask" },
+        make("div", { class: "buttons" },
+          button("servo", "Servo on", `Servo of axis ${name}`, () => ask({ what: "servo", axis: name, on: !axis.is?.servo })),
+          button("home", "Home", `Home axis ${name}`, () => ask({ what: "home", axis: name })),
+          jog("back", -1), jog("onward", 1)),
+        make("div", { class: "fields" }, field("goal", "angle, °", "0"), field("pace", "rate, °/s", minus(String(rate))),
+          button("go", "Go", `Go: axis ${name} to the angle`, () => go(axis))),
+        make("p", { class: "small", id: id("limits") }, limitWords(limit))),
+      make("div", { class: "trend" },
+        make("div", { class: "legend" }, make("span", { class: "actual" }, "actual"),
+          make("span", { class: "set" }, "set"), make("span", { class: "small" }, "angle, °"),
+          (axis.at = make("span", { class: "small value-at" })), (axis.said = make("span", { class: "small at" }))),
+        (axis.place = make("div", { class: "plot" }))));
+    axis.range = [-1, 1];
+    axis.plot = makePlot(axis.place, {
+      label: `Set and actual angle of axis ${name}, ° over time`, height: HEIGHT, theme, marks, zoom,
+      said: axis.said,
+      range: () => axis.range,
+      read: (k) => put(axis.at, k === null || !ring ? ""
+        : `actual ${fixed(ring.values[2 * i][axis.first + k], 4)}, set ${fixed(ring.values[2 * i + 1][axis.first + k], 4)}`),
+      series: [{ stroke: () => theme.accent, width: 1.8, points: { show: false } },
+        { stroke: () => theme.care, width: 1.5, dash: [6, 4], points: { show: false } }],
+    });
+    return axis;
+  }
+
+  /** A button that is held, by a finger, the mouse or a key. */
+  function hold(axis, button, sign) {
+    button.addEventListener("pointerdown", (event) => {
+      if (event.button !== 0) return;
+      button.focus(); // not every browser gives it to what is clicked
+      begin(axis, button, sign);
+    });
+    for (const name of ["pointerup", "pointercancel", "pointerleave", "blur"]) button.addEventListener(name, release);
+    button.addEventListener("contextmenu", (event) => event.preventDefault()); // a finger that holds
+    button.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.altKey || event.metaKey) return;
+      const way = event.key === " " || event.key === "Enter" ? sign : JOG_KEYS[event.key];
+      if (!way) return;
+      event.preventDefault();
+      if (!event.repeat) begin(axis, way < 0 ? axis.back : axis.onward, way);
+    });
+    button.addEventListener("keyup", release);
+  }
+
+  function begin(axis, button, sign) {
+    release();
+    if (!allowed(button)) return tell(button.title);
+    const rate = typed(axis.pace);
+    if (!(rate > 0)) return tell(`Axis ${axis.name}: the rate is a number of °/s above 0.`);
+    number += 1;
+    if (!ask({ what: "jog", axis: axis.name, rate: sign * rate, press: number })) return;
+    press = { number, button };
+    press.timer = setInterval(() => {
+      if (!seen.people.yours || !say({ do: "manual", ask: { what: "hold", press: press.number } })) release();
+    }, HOLD);
+    button.classList.add("held");
+  }
+
+  function release() {
+    if (!press) return;
+    clearInterval(press.timer);
+    press.button.classList.remove("held");
+    press = null;
+    say({ do: "release" });
+  }
+
+  function go(axis) {
+    const [angle, rate] = [typed(axis.goal), typed(axis.pace)];
+    if (!Number.isFinite(angle)) return tell(`Axis ${axis.name}: the angle is a number of °.`);
+    if (!(rate > 0)) return tell(`Axis ${axis.name}: the rate is a number of °/s above 0.`);
+    ask({ what: "go", axis: axis.name, angle, rate });
+  }
+
+  function ask(what) {
+    put(said, "");
+    const sent = say({ do: "manual", ask: what });
+    if (!sent) tell(unsent());
+    return sent;
+  }
+
+  function tell(words) {
+    put(said, words);
+  }
+
+  function state(message) {
+    if (!ring || !message.manual) return;
+    const now = message.table?.axes ?? [];
+    if (now.length === axes.length) {
+      ring.append([message.time], now.flatMap(({ angle }, i) => [[angle], [message.manual[i].set]]));
+      redraw();
+    }
+    message.manual.forEach((is, i) => {
+      const axis = axes[i];
+      if (!axis) return;
+      axis.is = is;
+      for (const [key, lit, dark, tone] of LAMPS) {
+        const lamp = axis.lamps[key];
+        mark(lamp, "lit", is[key] ? tone : "no");
+        put(lamp, `${is[key] ? SIGNS[tone] : "○"} ${SHORT[key]}`);
+        lamp.setAttribute("aria-label", is[key] ? lit : dark);
+      }
+      put(axis.values.set, fixed(is.set, 4));
+      put(axis.values.angle, fixed(now[i]?.angle, 4));
+      put(axis.values.set_rate, is.activity === "jog" ? signed(is.set_rate, 3) : fixed(is.set_rate, 3));
+      put(axis.values.rate, fixed(now[i]?.rate, 3));
+      put(axis.values.error, fixed(now[i]?.error, 1));
+      put(axis.does, now[i]?.fault ? `✗ ${now[i].state}` : DOES[is.activity] ?? "");
+      axis.does.classList.toggle("bad", Boolean(now[i]?.fault));
+      put(axis.servo, is.servo ? "Servo off" : "Servo on");
+    });
+    show();
+  }
+
+  /** What can be done now, and why not. */
+  function show() {
+    const why = !going() ? "operation by hand has ended"
+      : seen.link !== "live" ? "what is shown is old"
+      : !seen.people.yours ? "only who operates may: take control first" : "";
+    const mayStop = !going() ? why : !seen.people.yours ? why : "";
+    allow(halt, !mayStop, mayStop);
+    allow(end, !mayStop, mayStop);
+    for (const axis of axes) {
+      const is = axis.is ?? {};
+      const moves = is.activity && is.activity !== "idle";
+      const servo = is.servo && unsupported.servo ? unsupported.servo : is.servo && moves ? "the axis moves" : "";
+      const ready = !is.servo ? "its servo is off" : is.activity === "home" ? "it seeks its zero" : "";
+      const reasons = { servo, home: unsupported.home || ready, go: ready || (is.homed ? "" : "home it first"),
+        back: ready || (is.low ? "it is at its limit −" : ""), onward: ready || (is.high ? "it is at its limit +" : "") };
+      for (const [key, own] of Object.entries(reasons)) {
+        const reason = why || own;
+        allow(axis[key], !reason, reason && `Axis ${axis.name}: ${reason}.`);
+      }
+    }
+  }
+
+  /** Refusals and what was stopped stand where they were asked for. */
+  function event({ level, words }) {
+    if (ring && (level === "warning" || level === "alarm")) tell(words);
+  }
+
+  function frame() {
+    if (!stale || !ring?.end) return;
+    stale = false;
+    const [from, to] = zoom.shown;
+    const first = Math.max(0, ring.from(from) - 1);
+    const last = Math.min(ring.from(to) + 1, ring.end);
+    axes.forEach((axis, i) => {
+      axis.first = first;
+      const rows = [ring.values[2 * i], ring.values[2 * i + 1]].map((row) => row.subarray(first, last));
+      axis.range = rangeOf(rows);
+      axis.plot.draw([ring.time.subarray(first, last), ...rows], from, to);
+    });
+  }
+
+  /** Show what was at a time of the session, where that is still there. */
+  function showTime(time) {
+    if (!ring?.end || time < ring.time[0] || time > newest()) return false;
+    zoom.set(time - 5, time + 5);
+    stale = true;
+    frame();
+    for (const { plot } of axes) plot.pointAt(time);
+    return true;
+  }
+
+  function ends() {
+    release();
+    put(said, "");
+    for (const { does } of axes) put(does, "");
+    show();
+  }
+
+  function leave() {
+    release();
+    mark(document.body, "manual", "no");
+  }
+
+  return { plan, state, event, frame, showTime, done: ends, idle: leave,
+    people: () => {
+      if (!seen.people.yours) release();
+      show();
+    },
+    link: () => {
+      if (seen.link !== "live") release();
+      show();
+    } };
+}
+
+/** The way to it: a part of the set-up, and a question that names the table. */
+export function makeManualStart(people, setup) {
+  const [start, why, asking, withImu] = ["start-manual", "start-manual-why", "ask-manual", "with-imu"].map(byId);
+  let wanted = null; // what the question names is what is begun
+
+  start.addEventListener("click", () => {
+    if (allowed(start)) people.whenOperating(confirm);
+    else put(why, start.title);
+  });
+  byId("manual-yes").addEventListener("click", () => {
+    asking.close();
+    if (wanted) order({ do: "begin manual", ...wanted }, "Starting …");
+    wanted = null;
+  });
+  for (const name of ["change", "input"]) byId("form").addEventListener(name, show);
+  setup.loaded?.push(show);
+
+  function show() {
+    const reason = setup.chosen?.(withImu.checked).why ?? "";
+    allow(start, !reason, reason);
+    put(why, reason ? `Before it can begin: ${reason}` : "");
+  }
+
+  function confirm() {
+    const { planId, plan, table, imu, devices } = setup.chosen(withImu.checked);
+    wanted = { plan: planId, with_imu: withImu.checked, ...devices };
+    const facts = [["table", table], ["limits and axes of", plan.file], ["IMU", withImu.checked ? imu : "not read"]];
+    byId("ask-manual-facts").replaceChildren(...facts.map(([name, value]) =>
+      make("div", {}, make("dt", {}, name), make("dd", {}, value))));
+    put(byId("ask-manual-table"), table);
+    if (!asking.open) asking.show();
+    asking.querySelector("[autofocus]")?.focus();
+  }
+
+  return { idle: show };
+}
+
+/** A number as somebody types it; NaN where it is none. */
+function typed(field) {
+  const text = field.value.trim().replace(",", ".").replace("\u2212", "-");
+  return /^[+-]?(\d+\.?\d*|\.\d+)$/.test(text) ? Number(text) : NaN;
+}
+
+function limitWords({ rate, low, high }) {
+  const ends = Number.isFinite(low) || Number.isFinite(high)
+    ? `${Number.isFinite(low) ? fixed(low, 1) : "−∞"} to ${Number.isFinite(high) ? fixed(high, 1) : "∞"} °` : "no soft limits";
+  return `Limits: ${ends}; ${Number.isFinite(rate) ? `up to ${minus(String(+rate.toPrecision(6)))} °/s` : "no limit of rate"}`;
+}
+
+/** A range about all that is in sight. */
+function rangeOf(rows) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const row of rows) {
+    for (const y of row) {
+      if (y < low) low = y;
+      if (y > high) high = y;
+    }
+  }
+  if (low > high) return [-1, 1];
+  const span = Math.max(high - low, LEAST);
+  const middle = (low + high) / 2;
+  return [middle - 0.6 * span, middle + 0.6 * span];
+}
