@@ -54,7 +54,7 @@ class InProcessBench:
     def __init__(self, run: Run, seed: int = 1):
         self._run, self._drawn = run, draw_errors(run, seed)
         self.device = BenchDevice(self._drawn)
-        self._period = self.device.pmac.table.period
+        self._period = self.device.controller.table.period
         self._packer = PacketPacker(_LAYOUT, 200.0)
         self.time, self.utc_step, self.boot, self.garbled = 0.0, 0.0, "first", False
         self.commands: list[str] = []
@@ -62,7 +62,7 @@ class InProcessBench:
 
     def restart_imu(self) -> None:
         """Switch the IMU on, or off and on: its counter begins at 0, now."""
-        table = self.device.pmac.table
+        table = self.device.controller.table
         self._imu = SimulatedImu(self._run, self._drawn, 200.0, 600.0)
         self._imu_start = self.time, table.cycle
         self.pieces: list[tuple[float, bytes]] = []
@@ -80,7 +80,7 @@ class InProcessBench:
     def advance(self, seconds: float) -> None:
         """Let time pass."""
         self.time += seconds
-        table = self.device.pmac.table
+        table = self.device.controller.table
         first = table.cycle + 1
         self._feel(self.time, first, table.advance_array(self.time))
 
@@ -105,8 +105,8 @@ class InProcessBench:
 
     def stop(self) -> None:
         """Stop the table as a watchdog does, and see it at rest."""
-        for i in range(len(self.device.pmac.table.axes)):
-            self.device.pmac.table.halt(i, abort=True)
+        for i in range(len(self.device.controller.table.axes)):
+            self.device.controller.table.halt(i, abort=True)
         self.advance(10.0)
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +123,7 @@ class InProcessBench:
         monkeypatch.setattr(bench_run, "open_imu", lambda _, now, *__, **___: _Port(self, now))
 
     def _table(self) -> Pmac:
-        names = [axis.name for axis in self.device.pmac.table.axes]
+        names = [axis.name for axis in self.device.controller.table.axes]
         axes = [PmacAxis(name, motor, COUNTS_PER_TURN) for motor, name in enumerate(names, 1)]
         return Pmac("tcp://127.0.0.1:9", axes, opener=lambda _: ScriptedLink(self.answer()))
 

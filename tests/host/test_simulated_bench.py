@@ -233,7 +233,7 @@ def test_the_readback_is_that_of_the_bench(run: Run):
         whole.until(2.0)
         said = [axis.angle for axis in whole.table.read().axes]
         late = drawn.latencies(whole.table.period)[1]
-        now = whole.bench.pmac.table.state
+        now = whole.bench.controller.table.state
         true = np.array([now["encoder"] - now["rate"] * late])
         # The encoders count from where the table stood when it was switched on.
         q = {name: np.asarray(value) for name, value in drawn.values.items()}

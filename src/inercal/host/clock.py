@@ -9,8 +9,9 @@ for, so that how fast host and bench are changes no number.
 A simulated bench tells how many bytes its IMU has sent up to when, so that the host takes exactly
 these; of a real one nobody knows.
 
-**Protocol** of a simulated bench's clock, lines over TCP: `until 12.5` and `now` are answered
-`TIME SENT SENT_BY`, s, bytes, s. The IMU makes the readings of the last grant while the host asks
+**Protocol** of a simulated bench's clock, lines over TCP: `until 12.5`, `now` and `mounted NAME`,
+by which the host tells how an operator has mounted the sensor, are answered `TIME SENT SENT_BY`,
+s, bytes, s. The IMU makes the readings of the last grant while the host asks
 the table: `SENT` counts to the grant before, and to the last one where the time asked for has come
 already. Before the first `until` the bench stands still at 0. Where none comes for 5 s, or the
 connection ends, it goes on by itself as the wall's clock does, until the next.
@@ -85,6 +86,9 @@ class MonotonicClock:
             sleep(left)
         now = self.now()
         return Tick(now, None, now)
+
+    def mount(self, mounting: str) -> None:
+        """Tell a simulated bench how its operator has mounted the sensor; here somebody has."""
 
     def close(self) -> None:
         """Let go of the bench."""
@@ -162,6 +166,13 @@ class SimulatedClock:
             sleep(left)
         self._time = tick.time
         return tick
+
+    def mount(self, mounting: str) -> None:
+        """Have the sensor of the simulated bench mounted so; raises `LinkLost` without a bench."""
+        if self._awaits_answer:
+            raise RuntimeError("mount() between begin() and end()")
+        self._send(b"mounted " + mounting.encode() + b"\n")
+        self._time = self._answer().time
 
     def close(self) -> None:
         """Let go of the bench; it goes on at the wall's pace."""

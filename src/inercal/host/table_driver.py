@@ -19,7 +19,13 @@ from inercal.host.drivers.rotary_table import (
 )
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
-from inercal.host.sequencer import Command, EnableCommand, HomeCommand, MoveCommand
+from inercal.host.task_sequencer import (
+    Command,
+    EnableCommand,
+    HomeCommand,
+    MoveCommand,
+    SpinCommand,
+)
 
 _MAX_FAILED_READINGS = 5  # readings in a row that may fail
 _GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
@@ -113,6 +119,8 @@ class TableDriver:
                     self._table.home()
                 case MoveCommand(axis, angle, rate, acceleration):
                     self._table.move(self._table.axes[axis], angle, rate, acceleration)
+                case SpinCommand(axis, rate, acceleration):
+                    self._table.spin(self._table.axes[axis], rate, acceleration)
                 case _:
                     self._table.stop()
 

@@ -8,7 +8,6 @@ from time import sleep
 from typing import Any
 from urllib.parse import quote
 
-from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
@@ -84,7 +83,7 @@ class RunController:
                     words = f"{by}: the ambient temperature is {self._order.ambient:g} °C"
                     journal.record_event(NOTE_LEVEL, words)
                 ending = _RunFinalizer(self._order, result, journal)
-                teller = RunTelemetry(self._publisher, result.run, require_turntable(run), journal)
+                teller = RunTelemetry(self._publisher, result.run, journal)
                 told = self._complete_run(result, journal, teller, ending)
                 teller.publish_events()
                 return told
@@ -115,7 +114,7 @@ class RunController:
             with Journal(self._folder / JOURNAL) as journal:
                 was = journal.header()
             run, clock = read(self._folder / was.run_file), clock or was.clock
-        told = page_messages.plan_message(run, require_turntable(run)) | {"run": order.name}
+        told = page_messages.plan_message(run) | {"run": order.name}
         told["simulated"] = _simulation_request(order) is not None or bool(clock)
         told["sensor"] = order.sensor or told["sensor"]
         self._publisher.publish("plan", **told)
