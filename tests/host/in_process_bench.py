@@ -15,11 +15,14 @@ from tests.host.conftest import ScriptedLink
 
 from inercal.host import bench_run, clock, imu_receiver, interruptions, recorder, table_driver
 from inercal.host.clock import HostUptime
+from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
+from inercal.host.drivers.rotary_table import AxisLimits
 from inercal.host.packets import read_layout
 from inercal.host.sim.bench_simulator import COUNTS_PER_TURN, BenchDevice
 from inercal.host.sim.imu_model import SimulatedImu
 from inercal.host.sim.motion_link import MotionBlock
+from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import Run
@@ -55,7 +58,8 @@ class InProcessBench:
         self._run, self._drawn = run, draw_errors(run, seed)
         self.device = BenchDevice(self._drawn)
         self._period = self.device.controller.table.period
-        self._packer = PacketPacker(_LAYOUT, 200.0)
+        self._rate = run.rate_hz or 200.0
+        self._packer = PacketPacker(_LAYOUT, self._rate)
         self.time, self.utc_step, self.boot, self.garbled = 0.0, 0.0, "first", False
         self.commands: list[str] = []
         self.restart_imu()
@@ -63,7 +67,7 @@ class InProcessBench:
     def restart_imu(self) -> None:
         """Switch the IMU on, or off and on: its counter begins at 0, now."""
         table = self.device.controller.table
-        self._imu = SimulatedImu(self._run, self._drawn, 200.0, 600.0)
+        self._imu = SimulatedImu(self._run, self._drawn, self._rate, 600.0)
         self._imu_start = self.time, table.cycle
         self.pieces: list[tuple[float, bytes]] = []
         standing = np.zeros((1, len(table.axes), 3))
@@ -73,7 +77,9 @@ class InProcessBench:
     def _feel(self, until: float, first_cycle: int, moved: NDArray[np.float64]) -> None:
         start, cycle = self._imu_start
         number = self._imu.next_number
-        part = MotionBlock(until - start, self._period, first_cycle - cycle, moved)
+        part = MotionBlock(
+            until - start, self._period, first_cycle - cycle, moved, self.device.mounting
+        )
         if data := b"".join(self._packer(number, self._imu.read_block(part))):
             self.pieces.append((until, bytes(len(data)) if self.garbled else data))
 
@@ -122,7 +128,11 @@ class InProcessBench:
         monkeypatch.setattr(bench_run, "open_table", lambda *_: self._table())
         monkeypatch.setattr(bench_run, "open_imu", lambda _, now, *__, **___: _Port(self, now))
 
-    def _table(self) -> Pmac:
+    def _table(self) -> Pmac | Motor:
+        if isinstance(self.device.controller, SimulatedMotor):
+            (limit,) = self._drawn.bench.axis_motion_limits
+            limits = AxisLimits(limit.rate, limit.acceleration)
+            return Motor("tcp://9", limits, opener=lambda _: ScriptedLink(self.answer()))
         names = [axis.name for axis in self.device.controller.table.axes]
         axes = [PmacAxis(name, motor, COUNTS_PER_TURN) for motor, name in enumerate(names, 1)]
         return Pmac("tcp://127.0.0.1:9", axes, opener=lambda _: ScriptedLink(self.answer()))

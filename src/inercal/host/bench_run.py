@@ -182,6 +182,11 @@ class BenchRun:
         """The mounting that an operator is asked for; None where none is."""
         return self._mounting.request
 
+    @property
+    def has_mountings(self) -> bool:
+        """Whether an operator mounts the sensor during the run."""
+        return any(isinstance(task, SpinTask) for task in self.tasks)
+
     def confirm_mounting(self, number: int, by: str) -> None:
         """Confirm the mounting for the step `number`, from whichever thread; see the request."""
         self._mounting.confirm(number, by)

@@ -21,6 +21,7 @@ from inercal.host.task_sequencer import (
     GRACE,
     Command,
     EnableCommand,
+    Phase,
     SpinCommand,
     StopCommand,
     TaskSequencer,
@@ -74,7 +75,6 @@ class SpinSequencer(TaskSequencer[SpinTask]):
             return [] if _is_ready(axis) else [EnableCommand()], GRACE
         braking = DURATION_MARGIN * abs(axis.rate) / limits.acceleration + GRACE
         if self.phase in ("mount", "return"):
-            self._is_waiting = False
             return ([] if _rests(axis) else [StopCommand()]), braking
         task = self._tasks[self.number]
         if self.phase == "approach":
@@ -108,6 +108,11 @@ class SpinSequencer(TaskSequencer[SpinTask]):
             return seen.time - self._steady_since >= _STEADY_TIME
         self._require_rate(axis, task)
         return seen.time - self._phase_start >= task.seconds
+
+    def _enter_phase(self, phase: Phase) -> None:
+        super()._enter_phase(phase)
+        # Of the mounting before: until the table is seen at rest nobody is asked for the next.
+        self._is_waiting = False
 
     def _advance_phase(self, time: float) -> None:
         if self.phase == "mount":

@@ -50,6 +50,11 @@ class BenchDevice:
     answer_timeout : float
         s of the wall that the IMU's answer is waited for. One that is later, as of a process that
         was stopped, gets the motion that it has missed as soon as it answers.
+
+    Attributes
+    ----------
+    mounting : str
+        How the sensor is mounted; empty where it never was.
     """
 
     def __init__(
@@ -65,7 +70,7 @@ class BenchDevice:
             for task in drawn.driven.tasks(drawn.bench, drawn.steps)
             if isinstance(task, SpinTask)
         }
-        self._mounting = ""
+        self.mounting = ""
         self.bytes_sent, self.sent_until = 0, 0.0
         self._imu, self._answer_timeout = imu, answer_timeout
         self._imu_is_late = False  # its last answer was given up waiting for
@@ -91,7 +96,7 @@ class BenchDevice:
             first = self.controller.table.cycle + 1
             moved = self.controller.table.advance_array(self._until)
             self._unsent_blocks.append(
-                MotionBlock(self._until, self.controller.table.period, first, moved, self._mounting)
+                MotionBlock(self._until, self.controller.table.period, first, moved, self.mounting)
             )
 
     def receive_acknowledgements(self) -> None:
@@ -113,7 +118,7 @@ class BenchDevice:
                 key="mounted",
                 names=(mounting,),
             )
-        self._mounting = mounting
+        self.mounting = mounting
 
     def session(self) -> Session:
         """Return the controller's side of a new connection."""

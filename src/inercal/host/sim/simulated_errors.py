@@ -70,7 +70,7 @@ class SimulatedErrors:
         return imu, latency + imu
 
     def axes(self, period: float) -> tuple[AxisDynamics, ...]:
-        """Return the axes of a table of angles, outer to inner; index pulses are at the true zero."""
+        """Return the axes of a table of angles, outer to inner; index pulses are at their zeros."""
         built = {axis.name: axis for axis in three_axes()}
         delay = self.latencies(period)[1]
         return tuple(

@@ -14,7 +14,7 @@ from zlib import crc32
 from inercal.errors import InputError
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
-from inercal.host.web.command_relay import NOTE
+from inercal.host.web.command_relay import MOUNTED, NOTE
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
 from inercal.host.web.json_objects import JsonObject
 from inercal.host.web.message_history import MessageHistory, is_alarm
@@ -35,7 +35,7 @@ _TIMER_MARGIN = 0.1  # s: a timer may be that early
 _MAX_NOTE = 400  # characters of a note
 _AMBIENT_RANGE = (-90.0, 100.0)  # °C
 _COMMANDS = ("pause", "go on", "abort")
-_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away", "note")
+_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away", "note", "mounted")
 COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
@@ -143,6 +143,14 @@ class Hub:
                 if text is None:
                     raise InputError(f"a note has 1 to {_MAX_NOTE} characters", key="text")
                 self._send_to_run(f"{NOTE}{self.people.operator}: {text}")
+            case "mounted":
+                number = asked.get("number")
+                if not isinstance(number, int) or isinstance(number, bool):
+                    raise InputError(
+                        f"number {number!r} is not that of the step that waits for a mounting",
+                        key="number",
+                    )
+                self._send_to_run(f"{MOUNTED}{number} {self.people.operator}")
             case _:
                 self._send_to_run(what)
 

@@ -21,6 +21,7 @@ import { makeHeader } from "./header.js";
 import { listen } from "./keys.js";
 import { connect, seen } from "./live.js";
 import { makeMarks } from "./marks.js";
+import { makeMounting } from "./mounting.js";
 import { notice } from "./notice.js";
 import { makePeople } from "./people.js";
 import { makeSetup } from "./setup.js";
@@ -50,6 +51,7 @@ const parts = Object.entries({
   charts,
   bench: made("bench", makeBench),
   attitude,
+  mounting: made("mounting", makeMounting),
   steps: made("steps", makeSteps),
   estimates,
   events: made("events", () => makeEvents(marks, showTime)),
