@@ -191,7 +191,7 @@ def test_a_section_is_done_when_the_samples_of_its_end_are_in_the_log(
     tmp_path: Path, logged: list[LogFrame]
 ):
     folder = interrupted(tmp_path, [])
-    ended = SectionEvent(0, "rest", "done", 40.0)
+    ended = SectionEvent(0, "rest", "done", 40.0, "rest")
     with Journal(folder.journal) as journal, RunRecorder(folder, journal, LAYOUT) as account:
         account.record_section(40.0, ended, holds=True)
         done_at: list[float] = []

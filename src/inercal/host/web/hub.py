@@ -16,6 +16,7 @@ from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
 from inercal.host.web.command_relay import MOUNTED, NOTE
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
+from inercal.host.web.filter_changes import filter_changes, require_filter_changes
 from inercal.host.web.json_objects import JsonObject
 from inercal.host.web.message_history import MessageHistory, is_alarm
 from inercal.host.web.plans import Plans
@@ -216,6 +217,7 @@ class Hub:
             raise InputError(f"no plan {name!r}; look at the list again")
         if plan.summary["trouble"]:
             raise InputError(plan.summary["trouble"])
+        await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
         _require_room(self.runs.folder, plan.summary["bytes"])
         self._launch_process(
             self._run_request(
@@ -262,6 +264,7 @@ class Hub:
             self._options.temperature,
             self._options.patience,
             _ambient_temperature(asked.get("ambient")),
+            None if plan is None else filter_changes(asked.get("filter")),
         )
 
     def _launch_process(self, order: RunRequest) -> None:

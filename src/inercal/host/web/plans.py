@@ -1,6 +1,6 @@
 """The plans there are to choose from: run files of one folder, and that of the demonstration."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -9,6 +9,7 @@ from inercal.errors import InputError
 from inercal.host.recording_writer import require_recordable
 from inercal.host.tasks import driven_plan
 from inercal.runfile import Run, read
+from inercal.runfile.filter_fields import filter_fields
 from inercal.runfile.schema import RunSchema
 from inercal.small_files import read_toml
 
@@ -85,7 +86,7 @@ def _read_plan(name: str, path: Path) -> Plan | None:
         return Plan(path, summary | {"trouble": str(error)}) if _resembles_run_file(path) else None
     fields = {
         "steps": len(plan.tasks), "seconds": round(plan.seconds, 3), "bytes": expected_size(run),
-        "spins": plan.spins,
+        "spins": plan.spins, "filter": [asdict(field) for field in filter_fields(run)],
     }  # fmt: skip
     return Plan(path, summary | fields)
 

@@ -29,9 +29,9 @@ from inercal.host.web.run_request import (
     EndMessage,
     RunRequest,
     SimulationRequest,
+    changed_run_file,
     end_message,
     read_process_record,
-    rename_sensor,
     write_process_record,
 )
 from inercal.host.web.telemetry import UPDATE_INTERVAL, RunTelemetry
@@ -78,6 +78,8 @@ class RunController:
             ):
                 opened.callback(os.close, write_process_record(result.path, bench))
                 journal.record_event("info", self._start_text(bench))
+                if self._order.filter and self._order.plan is not None:
+                    journal.record_event("info", self._filter_text(self._order.filter))
                 if self._order.ambient is not None and self._order.plan is not None:
                     by = self._order.requested_by or "an operator without a name"
                     words = f"{by}: the ambient temperature is {self._order.ambient:g} °C"
@@ -140,7 +142,7 @@ class RunController:
         order = self._order
         if order.plan is None:
             return reopen_run(self._folder, addresses)
-        content = None if order.sensor is None else rename_sensor(run.path, order.sensor)
+        content = changed_run_file(run.path, order.sensor, order.filter)
         return create_run(self._folder, run, addresses, content=content)
 
     def _execute_plan(
@@ -173,6 +175,11 @@ class RunController:
 
     def _publish_phase(self, words: str) -> None:
         self._publisher.publish("phase", run=self._order.name, words=words)
+
+    def _filter_text(self, changes: Mapping[str, str]) -> str:
+        by = self._order.requested_by or "an operator without a name"
+        listed = "; ".join(f"{key} {text or 'as by default'}" for key, text in changes.items())
+        return f"{by} has set on the page: {listed}"
 
     def _start_text(self, bench: SimulationRequest | None) -> str:
         what = "begun" if self._order.plan is not None else "resumed"
