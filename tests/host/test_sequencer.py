@@ -8,7 +8,7 @@ import pytest
 from tests.refusals import refused
 
 from inercal.benches import Turntable
-from inercal.benches.driven_bench import TurnTask
+from inercal.benches.motion_control import TurnTask
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.benches.turntable.driving import plan_tasks
 from inercal.host.drivers.rotary_table import AxisState, TableFault, TableState

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
-from inercal.benches.driven_bench import DrivenKind
+from inercal.benches.motion_control import MotionControl
 from inercal.benches.operator_sheet import Sheet
 from inercal.benches.report_data import (
     Columns,
@@ -254,7 +254,7 @@ class Kind(Generic[B, D]):
         A row in words.
     tables : callable
         Tables written with the calibration, by their content: "states".
-    driven : DrivenKind or None
+    motion_control : MotionControl or None
         What a host asks; None of a bench that no host drives.
     """
 
@@ -286,4 +286,4 @@ class Kind(Generic[B, D]):
     plots: Callable[[ReportInput], tuple[Plot, ...]] = no_plots
     row: Callable[[Step, ReportInput, int], str] = describe_row
     tables: Callable[[Source[D], ReportInput], Mapping[str, Columns]] = no_tables
-    driven: DrivenKind | None = None
+    motion_control: MotionControl | None = None

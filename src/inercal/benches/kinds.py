@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from inercal.benches.contract import Bench
-from inercal.benches.driven_bench import DrivenKind
 from inercal.benches.kind_definition import Kind
+from inercal.benches.motion_control import MotionControl
 from inercal.errors import InputError
 from inercal.registry import Registry
 from inercal.section_settings import key_error
@@ -66,7 +66,7 @@ class RunOnBench(Protocol):
         ...
 
 
-def require_driven(run: RunOnBench) -> DrivenKind:
+def require_motion_control(run: RunOnBench) -> MotionControl:
     """Return what a host asks of the bench of a run.
 
     Raises
@@ -74,7 +74,9 @@ def require_driven(run: RunOnBench) -> DrivenKind:
     InputError
         A bench that no host drives.
     """
-    if run.kind.driven is None:
-        able = " or ".join(f'"{name}"' for name, kind in KINDS.items() if kind.driven is not None)
+    if run.kind.motion_control is None:
+        able = " or ".join(
+            f'"{name}"' for name, kind in KINDS.items() if kind.motion_control is not None
+        )
         raise key_error("[bench] kind", f"must be {able} here", run.path)
-    return run.kind.driven
+    return run.kind.motion_control

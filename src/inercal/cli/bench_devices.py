@@ -9,7 +9,7 @@ from inercal.cli.bench_options import TABLE_HELP
 from inercal.cli.console import print_json
 
 if TYPE_CHECKING:
-    from inercal.benches.driven_bench import DrivenBench
+    from inercal.benches.motion_control import ControlledBench
 
 
 def devices(
@@ -66,8 +66,8 @@ def devices(
         print(line)
 
 
-def _read_bench(run_file: Path | None) -> "DrivenBench | None":
-    from inercal.host.tasks import driven_plan
+def _read_bench(run_file: Path | None) -> "ControlledBench | None":
+    from inercal.host.tasks import host_plan
     from inercal.runfile import read
 
-    return None if run_file is None else driven_plan(read(run_file)).bench
+    return None if run_file is None else host_plan(read(run_file)).bench

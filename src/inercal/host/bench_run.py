@@ -51,7 +51,7 @@ from inercal.host.spin_sequencer import SpinSequencer
 from inercal.host.table_driver import TableDriver
 from inercal.host.table_state_codec import pack_state
 from inercal.host.task_sequencer import Command
-from inercal.host.tasks import DrivenPlan, SpinTask, TurnTask, driven_plan
+from inercal.host.tasks import HostPlan, SpinTask, TurnTask, host_plan
 
 SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
 _PACKET_TIMEOUT = 5.0  # s
@@ -103,7 +103,7 @@ class BenchRun:
         show: Callable[["BenchRun"], None] | None = None,
         show_interval: float = SHOW_INTERVAL,
     ):
-        run, plan = folder.run, driven_plan(folder.run)
+        run, plan = folder.run, host_plan(folder.run)
         bench, self.tasks = plan.bench, plan.tasks
         self.sequencer = _create_sequencer(plan, journal.completed_steps(), journal.mounting())
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
@@ -448,7 +448,7 @@ class BenchRun:
             self._open_resources.close()
 
 
-def _create_sequencer(plan: DrivenPlan, first: int, mounting: str) -> Sequencer | SpinSequencer:
+def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | SpinSequencer:
     """Return what carries out a plan from a step on, with the sensor in a mounting."""
     limits, names = plan.bench.axis_motion_limits, plan.bench.names
     if plan.spins:

@@ -99,7 +99,7 @@ class BenchSimulator(Closeable):
         motors = ",".join(f"{i + 1}" for i in range(len(self._drawn_errors.bench.names)))
         self.table = (
             f"{table.replace('tcp', 'pmac', 1)}?motors={motors}&counts={COUNTS_PER_TURN}"
-            if self._drawn_errors.driven.has_attitude
+            if self._drawn_errors.motion_control.has_attitude
             else f"motor:{table}"
         )
         self.imu = f"{imu}?preset={preset}"

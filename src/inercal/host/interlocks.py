@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.driven_bench import DrivenBench
+from inercal.benches.motion_control import ControlledBench
 from inercal.benches.turntable import Turntable, is_turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.benches.turntable.reading.implied_rates import gyro_rates, half_window, table_rates
@@ -107,7 +107,7 @@ class Interlocks:
     ----------
     limits : sequence of AxisLimits
         As the table's controller is set.
-    bench : DrivenBench
+    bench : ControlledBench
         Its axes and what they are held to.
     sensor : Sensor
         Whose readings `check_gyros` is shown.
@@ -133,7 +133,7 @@ class Interlocks:
     def __init__(
         self,
         limits: Sequence[AxisLimits],
-        bench: DrivenBench,
+        bench: ControlledBench,
         sensor: Sensor,
         temperature: tuple[float, float] | None = None,
     ):

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numba.core import event
 
-from inercal.benches.kinds import require_driven
+from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import Turntable, require_turntable
 from inercal.benches.turntable.attitude import motion
 from inercal.errors import InercalError
@@ -66,7 +66,7 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
     # Packets hold no temperature of each sample: coefficients of it are found afterwards.
     if run.method.sequential is not None and not run.sensor.uses("dT"):
         _compile_estimator(run)
-    if not require_driven(run).has_attitude:
+    if not require_motion_control(run).has_attitude:
         if layout is not None:
             _assemble_rest(run, layout)
         return
@@ -146,7 +146,12 @@ def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
 
 def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
     """Return what is assembled of a rest, in two pieces."""
-    lasting = _CLOCKS_MATCHED + _REST + 3 * require_driven(run).settling(run.bench) + _SECOND_PIECE
+    lasting = (
+        _CLOCKS_MATCHED
+        + _REST
+        + 3 * require_motion_control(run).settling(run.bench)
+        + _SECOND_PIECE
+    )
     result, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
     tracks: list[Track] = []
     for early in (True, False):
@@ -161,7 +166,7 @@ def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
 def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFrame]:
     """Return what the log has of a rest: polls and packets, and in between the first section."""
     assert run.rate_hz is not None
-    k = len(require_driven(run).readback(run.bench))
+    k = len(require_motion_control(run).readback(run.bench))
     rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
     section = {
         "what": "section",
@@ -194,9 +199,9 @@ def _event_frame(time: float, told: dict[str, object]) -> LogFrame:
 
 def _rest_readings(run: Run) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
     """Return what packets hold of a rest, (6,), in the order of `AXES`."""
-    sensor, driven = run.sensor, require_driven(run)
-    if driven.has_attitude:
-        zero = np.zeros((1, len(driven.readback(run.bench))))
+    sensor, control = run.sensor, require_motion_control(run)
+    if control.has_attitude:
+        zero = np.zeros((1, len(control.readback(run.bench))))
         sensed = motion(require_turntable(run), zero, zero, zero, {})
     else:
         sensed = Motion(np.array([[0.0, 0.0, G0]]), np.zeros((1, 3)))

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from inercal.benches.kinds import require_driven
+from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError
 from inercal.host.assembly import SampleAssembler, SampleBlock
@@ -99,7 +99,7 @@ class RunRecorder(Closeable):
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live_estimator = LiveEstimator(run) if self._estimates else None
         whole = all(len(run.sensor.select_axes(kind).axes) == _TRIAD for kind in ("f", "w"))
-        navigates = whole and require_driven(run).has_attitude
+        navigates = whole and require_motion_control(run).has_attitude
         self._new_navigator = lambda: (
             Navigator(run.sensor, require_turntable(run)) if navigates else None
         )

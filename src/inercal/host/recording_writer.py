@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.kinds import require_driven
+from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable.reading.host_readback import (
     BENCH_GROUP,
     IMPLAUSIBLE_POLLS,
@@ -55,7 +55,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
     InputError
         Naming the key and what is possible.
     """
-    driven, data = require_driven(run), run.data
+    control, data = require_motion_control(run), run.data
 
     def refusal(key: str, text: str, *names: str) -> InputError:
         return key_error(f"[data] {key}", text, run.path, names)
@@ -64,7 +64,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
         raise refusal(
             "file", f"a run on the bench is written as {_SUFFIXES[0]}; change {data.file!r} to it"
         )
-    for key, example in driven.required_keys.items():
+    for key, example in control.required_keys.items():
         if getattr(data, key) is None:
             raise refusal(key, f"the key is missing; add it, such as {key} = {example}")
     if data.time_unit != "s":
@@ -198,13 +198,13 @@ def _recording_columns(
     run: Run, assembly: SampleAssembler, blocks: list[SampleBlock]
 ) -> dict[str, NDArray[Any]]:
     """Return the columns by their names in [data]."""
-    data, driven = run.data, require_driven(run)
+    data, control = run.data, require_motion_control(run)
     output = np.concatenate([one.output for one in blocks])
     said = np.concatenate([one.angle_output for one in blocks])
     table = np.concatenate([one.table for one in blocks])
     given = {"f": iter(data.accelerometer), "w": iter(data.gyro)}
     names = [next(given[axis.measures]) for axis in run.sensor.axes]
-    of_table = [readback_columns(run)[name] for name in driven.readback(run.bench)]
+    of_table = [readback_columns(run)[name] for name in control.readback(run.bench)]
     columns: dict[str, NDArray[Any]] = {
         str(data.time): np.concatenate([one.time for one in blocks]),
         **{str(name): output[:, k] for k, name in enumerate(names)},

@@ -12,7 +12,7 @@ clock.
 from collections.abc import Sequence
 from math import degrees, pi, radians
 
-from inercal.benches.driven_bench import AxisMotionLimits, TurnTask
+from inercal.benches.motion_control import AxisMotionLimits, TurnTask
 from inercal.host.drivers.rotary_table import TableState
 from inercal.host.task_sequencer import (
     DURATION_MARGIN,

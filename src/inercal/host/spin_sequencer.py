@@ -14,7 +14,7 @@ needed, so that the table does not look for one.
 from collections.abc import Sequence
 from math import inf, pi
 
-from inercal.benches.driven_bench import AxisMotionLimits, SpinTask
+from inercal.benches.motion_control import AxisMotionLimits, SpinTask
 from inercal.host.drivers.rotary_table import REST_RATE, AxisState, TableState
 from inercal.host.task_sequencer import (
     DURATION_MARGIN,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import degrees
 from typing import Generic, Literal, NamedTuple, TypeVar
 
-from inercal.benches.driven_bench import AxisMotionLimits, SpinTask, TurnTask
+from inercal.benches.motion_control import AxisMotionLimits, SpinTask, TurnTask
 from inercal.host.drivers.rotary_table import AxisState, TableFault, TableState
 
 T = TypeVar("T", TurnTask, SpinTask)

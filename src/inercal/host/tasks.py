@@ -2,16 +2,16 @@
 
 from typing import Any, NamedTuple
 
-from inercal.benches.driven_bench import DrivenBench, DrivenKind, SpinTask, Task, TurnTask
-from inercal.benches.kinds import require_driven
+from inercal.benches.kinds import require_motion_control
+from inercal.benches.motion_control import ControlledBench, MotionControl, SpinTask, Task, TurnTask
 from inercal.runfile import Run
 
 
-class DrivenPlan(NamedTuple):
+class HostPlan(NamedTuple):
     """What a host drives of a run file."""
 
-    bench: DrivenBench
-    kind: DrivenKind
+    bench: ControlledBench
+    kind: MotionControl
     tasks: tuple[Task, ...]
 
     @property
@@ -25,7 +25,7 @@ class DrivenPlan(NamedTuple):
         return self.kind.quantity == "rate"
 
 
-def driven_plan(run: Run) -> DrivenPlan:
+def host_plan(run: Run) -> HostPlan:
     """Return what a host drives of a run file.
 
     Raises
@@ -33,9 +33,9 @@ def driven_plan(run: Run) -> DrivenPlan:
     InputError
         A bench that no host drives, or a plan that it cannot carry out.
     """
-    kind, bench = require_driven(run), run.bench
-    driven: Any = bench  # the kind states that its benches have axes
-    return DrivenPlan(driven, kind, tuple(kind.tasks(bench, run.steps)))
+    kind, bench = require_motion_control(run), run.bench
+    controlled: Any = bench  # the kind states that its benches have axes
+    return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)))
 
 
-__all__ = ["DrivenPlan", "SpinTask", "Task", "TurnTask", "driven_plan"]
+__all__ = ["HostPlan", "SpinTask", "Task", "TurnTask", "host_plan"]

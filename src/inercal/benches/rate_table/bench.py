@@ -33,13 +33,13 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.benches.arm_directions import outward_and_up_directions
 from inercal.benches.contract import MeanMotion, require_possible_values
-from inercal.benches.driven_bench import AxisMotionLimits
 from inercal.benches.key_declarations import (
     declarations,
     declared_parameters,
     deviation,
     small_angle,
 )
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity

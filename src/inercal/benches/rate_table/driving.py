@@ -18,7 +18,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.arm_directions import outward_and_up_directions
-from inercal.benches.driven_bench import DrivenKind, SensedMotion, SpinTask
+from inercal.benches.motion_control import MotionControl, SensedMotion, SpinTask
 from inercal.benches.rate_table.bench import RateTable, mounting_names, speed_names
 from inercal.benches.rate_table.fixture import PLANES, group_by_mounting, is_tilted
 from inercal.benches.rate_table.simulation import rotate_horizontal
@@ -65,7 +65,7 @@ def _describe_mounting(step: Spin) -> str:
 def sensed_motion(
     bench: RateTable, steps: Sequence[Spin], values: Mapping[str, float]
 ) -> SensedMotion:
-    """Return what is sensed on a rate table of errors; see `DrivenKind.sensed_motion`."""
+    """Return what is sensed on a rate table of errors; see `MotionControl.sensed_motion`."""
     speeds = dict(zip((abs(step.rate) for step in steps), speed_names(steps), strict=True))
     rates = sorted({0.0, *speeds})
     off = np.array([values.get(f"speed[{speeds.get(rate, '')}]", 0.0) for rate in rates])
@@ -112,7 +112,7 @@ def _errors(bench: RateTable, steps: Sequence[Spin]) -> Mapping[str, Parameter]:
     return bench.acting_parameters(steps)
 
 
-DRIVEN = DrivenKind(
+MOTION_CONTROL = MotionControl(
     tasks=spin_tasks,
     readback=_readback,
     quantity="rate",

@@ -20,7 +20,7 @@ from math import sqrt
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.driven_bench import AxisMotionLimits
+from inercal.benches.motion_control import AxisMotionLimits
 
 
 @dataclass(frozen=True, eq=False)

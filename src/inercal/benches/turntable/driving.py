@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.driven_bench import Angles, DrivenKind, SensedMotion, TurnTask
+from inercal.benches.motion_control import Angles, MotionControl, SensedMotion, TurnTask
 from inercal.benches.turntable.attitude import true_attitude
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import settling_time
@@ -48,7 +48,7 @@ def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[TurnTask, 
 def sensed_motion(
     bench: Turntable, steps: Sequence[Step], values: Mapping[str, float]
 ) -> SensedMotion:
-    """Return what is sensed on a turntable of errors; see `DrivenKind.sensed_motion`."""
+    """Return what is sensed on a turntable of errors; see `MotionControl.sensed_motion`."""
     # Numba loads with the first simulation, not with each run file.
     from inercal.benches.turntable import _sensed_kernel as kernel
 
@@ -89,7 +89,7 @@ def _errors(bench: Turntable, steps: Sequence[Step]) -> Mapping[str, Parameter]:
     return bench.acting_parameters()
 
 
-DRIVEN = DrivenKind(
+MOTION_CONTROL = MotionControl(
     tasks=_tasks,
     readback=_names,
     quantity="angle",

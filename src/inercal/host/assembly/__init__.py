@@ -31,7 +31,7 @@ from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
 from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
-from inercal.host.tasks import driven_plan
+from inercal.host.tasks import host_plan
 from inercal.recording import AngleQuality, Track
 from inercal.runfile import Run
 
@@ -138,8 +138,8 @@ class SampleAssembler:
     """
 
     def __init__(self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL):
-        plan = driven_plan(run)
-        driven, bench = plan.kind, plan.bench
+        plan = host_plan(run)
+        control, bench = plan.kind, plan.bench
         if run.rate_hz is None:
             raise InputError(
                 f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
@@ -149,13 +149,13 @@ class SampleAssembler:
         self.sensor = run.sensor
         self._imu = ReceivedSamples(run.sensor, layout, run.rate_hz)
         self._table = (
-            TablePolls(poll, require_turntable(run)) if driven.has_attitude else RatePolls(bench)
+            TablePolls(poll, require_turntable(run)) if control.has_attitude else RatePolls(bench)
         )
-        self._settling = driven.settling(bench)
+        self._settling = control.settling(bench)
         self._sections = SectionTimeline(self._settling)
         # SI size of a unit of each axis' column in the recording; negative reverses.
         sizes = readback_units(run)
-        self._units = np.array([sizes[name] for name in driven.readback(bench)])
+        self._units = np.array([sizes[name] for name in control.readback(bench)])
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
         self._start_recording()

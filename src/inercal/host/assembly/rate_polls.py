@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.driven_bench import AxisMotionLimits, DrivenBench
+from inercal.benches.motion_control import AxisMotionLimits, ControlledBench
 from inercal.errors import InputError
 from inercal.host.assembly.poll_record import MAX_UNREAD, PollRecord
 from inercal.host.drivers.rotary_table import TableState
@@ -103,11 +103,11 @@ class RatePolls(PollRecord):
 
     Parameters
     ----------
-    bench : DrivenBench
+    bench : ControlledBench
         Its limits: what is no motion within them is left out.
     """
 
-    def __init__(self, bench: DrivenBench):
+    def __init__(self, bench: ControlledBench):
         self._plausibility = RatePlausibility(bench.axis_motion_limits)
         super().__init__(self._plausibility)
 

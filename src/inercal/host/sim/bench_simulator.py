@@ -18,7 +18,7 @@ from time import monotonic
 
 import numpy as np
 
-from inercal.benches.driven_bench import SpinTask
+from inercal.benches.motion_control import SpinTask
 from inercal.errors import InputError
 from inercal.host.sim import motion_link
 from inercal.host.sim.faults import parse_number
@@ -67,7 +67,7 @@ class BenchDevice:
         period = self.controller.table.period
         self._mountings = {
             task.mounting
-            for task in drawn.driven.tasks(drawn.bench, drawn.steps)
+            for task in drawn.motion_control.tasks(drawn.bench, drawn.steps)
             if isinstance(task, SpinTask)
         }
         self.mounting = ""
@@ -177,7 +177,7 @@ class BenchDevice:
 
 def _create_controller(drawn: SimulatedErrors) -> SimulatedPmac | SimulatedMotor:
     """Return the controller of a table of angles or of rates."""
-    if not drawn.driven.has_attitude:
+    if not drawn.motion_control.has_attitude:
         return SimulatedMotor()
     i10 = 3713707
     pmac = SimulatedPmac(drawn.axes(i10 / 8388608e3), COUNTS_PER_TURN, i10)

@@ -18,8 +18,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.random import Generator
 
-from inercal.benches.driven_bench import DrivenKind, SensedMotion
-from inercal.benches.kinds import require_driven
+from inercal.benches.kinds import require_motion_control
+from inercal.benches.motion_control import MotionControl, SensedMotion
 from inercal.errors import InputError
 from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
 from inercal.plan import Step
@@ -42,7 +42,7 @@ class SimulatedErrors:
     seed : int
     values : mapping of str to float
         All of the bench's parameters by name, SI.
-    driven : DrivenKind
+    motion_control : MotionControl
         Of the bench.
     steps : sequence of Step
         Of the plan.
@@ -51,7 +51,7 @@ class SimulatedErrors:
     bench: Any
     seed: int
     values: dict[str, float]
-    driven: DrivenKind
+    motion_control: MotionControl
     steps: Sequence[Step]
 
     @property
@@ -61,7 +61,7 @@ class SimulatedErrors:
 
     def sensed_motion(self) -> SensedMotion:
         """Return the function that gives what is sensed on this bench."""
-        return self.driven.sensed_motion(self.bench, self.steps, self.values)
+        return self.motion_control.sensed_motion(self.bench, self.steps, self.values)
 
     def latencies(self, period: float) -> tuple[float, float]:
         """Return how late the IMU's readings and the readback are, s; `period` is the servo's."""
@@ -109,14 +109,14 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
     InputError
         No host drives the bench, or a latency is longer than the table's memory.
     """
-    driven, bench = require_driven(run), run.bench
+    control, bench = require_motion_control(run), run.bench
     rng = np.random.default_rng(seed)
     values = {
         name: p.value + p.sd * float(rng.standard_normal())
-        for name, p in driven.errors(bench, run.steps).items()
+        for name, p in control.errors(bench, run.steps).items()
     }
-    drawn = SimulatedErrors(bench, seed, values, driven, run.steps)
-    if not driven.has_attitude:
+    drawn = SimulatedErrors(bench, seed, values, control, run.steps)
+    if not control.has_attitude:
         return drawn
     try:
         SimulatedTable(drawn.axes(1 / 2000))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.kinds import require_driven
+from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import require_turntable
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.calibration import Calibration
@@ -18,7 +18,7 @@ from inercal.calibration.grade import GRADE_TONES, GRADE_WORDS, Grade
 from inercal.estimate.scores import chi2_tail_probability
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState
-from inercal.host.tasks import SpinTask, Task, driven_plan
+from inercal.host.tasks import SpinTask, Task, host_plan
 from inercal.keys import CoefficientName
 from inercal.runfile import Run
 from inercal.units import ZERO_CELSIUS
@@ -31,7 +31,7 @@ _MAX_NIS = 4.0  # innovations twice as large as stated
 
 def plan_message(run: Run) -> dict[str, Any]:
     """Return what is known of a run before anything moves."""
-    sensor, plan = run.sensor, driven_plan(run)
+    sensor, plan = run.sensor, host_plan(run)
     coefficients = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
     measures = {axis.name: axis.measures for axis in sensor.axes}
     return {
@@ -173,7 +173,7 @@ def _task_text(task: Task) -> str:
 
 def _attitude_fields(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any] | None:
     """Return the attitude by the table and beside it by the readings, as far as either is known."""
-    if not require_driven(plan).has_attitude:
+    if not require_motion_control(plan).has_attitude:
         return None
     bench = require_turntable(plan)
     seen = run.state

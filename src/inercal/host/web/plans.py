@@ -7,7 +7,7 @@ from typing import Any
 
 from inercal.errors import InputError
 from inercal.host.recording_writer import require_recordable
-from inercal.host.tasks import driven_plan
+from inercal.host.tasks import host_plan
 from inercal.runfile import Run, read
 from inercal.runfile.filter_fields import filter_fields
 from inercal.runfile.schema import RunSchema
@@ -81,7 +81,7 @@ def _read_plan(name: str, path: Path) -> Plan | None:
         run = read(path)
         summary |= {"sensor": run.sensor.name, "method": run.method.name}
         require_recordable(run)
-        plan = driven_plan(run)
+        plan = host_plan(run)
     except InputError as error:
         return Plan(path, summary | {"trouble": str(error)}) if _resembles_run_file(path) else None
     fields = {
@@ -98,7 +98,7 @@ def expected_size(run: Run) -> int:
     of 15 steps in the tests, 59 000 samples of six axes: 46 bytes in the log, 90 in the recording,
     and 1 MB of all else.
     """
-    plan = driven_plan(run)
+    plan = host_plan(run)
     columns = len(run.sensor.axes) + len(plan.bench.names) + _OTHER_COLUMNS
     a_sample = _LOGGED_BYTES + _COLUMN_BYTES * columns
     return int(_OTHER_BYTES + a_sample * (run.rate_hz or 0.0) * (plan.seconds + _HOMING_TIME))

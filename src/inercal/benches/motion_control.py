@@ -1,8 +1,8 @@
 """What a host asks of a bench that it drives: axes, limits, the tasks of a plan, what it senses.
 
-A host knows no class of bench. A kind that can be driven states a `DrivenKind`; its bench is a
-`DrivenBench`. There are two ways to carry out a plan. A table of angles turns from place to place
-(`TurnTask`). A table of rates rests or spins at a set rate for a time, with the sensor in a
+A host knows no class of bench. A kind that can be driven states a `MotionControl`; its bench is a
+`ControlledBench`. There are two ways to carry out a plan. A table of angles turns from place to
+place (`TurnTask`). A table of rates rests or spins at a set rate for a time, with the sensor in a
 mounting that an operator changes by hand (`SpinTask`).
 """
 
@@ -51,7 +51,7 @@ class AxisMotionLimits:
                 )
 
 
-class DrivenBench(Protocol):
+class ControlledBench(Protocol):
     """A bench whose axes a host drives."""
 
     @property
@@ -133,7 +133,7 @@ SensedMotion = Callable[[Array, str], Array]
 
 
 @dataclass(frozen=True)
-class DrivenKind:
+class MotionControl:
     """What a host asks of a kind of bench.
 
     Parameters
