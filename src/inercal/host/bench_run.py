@@ -139,6 +139,7 @@ class BenchRun:
             self._interruptions = Interruptions(self.sequencer, self._guard, self._stop, self._say)
             self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
             self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
+            self._mounting.restore()
             # A simulated bench stands still from here on: the port opens between two packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)

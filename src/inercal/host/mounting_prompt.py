@@ -56,6 +56,17 @@ class MountingPrompt:
             return None
         return MountingRequest(self._sequencer.number, task.mounting, task.instruction)
 
+    def restore(self) -> None:
+        """Have the sensor of a simulated bench, which may be a new one, mounted as before.
+
+        Raises
+        ------
+        LinkLost
+            The simulated bench is gone.
+        """
+        if self._sequencer is not None and self._sequencer.mounting:
+            self._clock.mount(self._sequencer.mounting)
+
     def confirm(self, number: int, by: str) -> None:
         """Confirm the mounting for a step, from whichever thread; `update` does it."""
         self._confirmations.put((number, by))
