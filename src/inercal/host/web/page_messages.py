@@ -89,7 +89,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
         "remaining": rounded_number(remaining),
         "speed": rounded_number(run.speed, 3),
         "table": table,
-        "set_rate": rounded_number(degrees(task.rate)) if isinstance(task, SpinTask) else None,
+        "set_rate": _set_rate(task, run.sequencer.phase),
         "mounting": None if asked is None else asked._asdict(),
         "imu": {
             "packets": counts.packets,
@@ -163,6 +163,13 @@ def _axis_fields(axis: AxisState) -> dict[str, Any]:
         "state": axis.status_text,
         "fault": bool(axis.faults),
     }
+
+
+def _set_rate(task: Task | None, phase: str) -> float | None:
+    """Return the rate that a table of rates is set to, °/s: it rests while no state is in hand."""
+    if not isinstance(task, SpinTask):
+        return None
+    return rounded_number(degrees(task.rate if phase in ("approach", "work") else 0.0))
 
 
 def _task_text(task: Task) -> str:
