@@ -18,11 +18,18 @@ from inercal.host.manual import dead_man, session
 from inercal.host.manual import imu as manual_imu
 from inercal.host.manual.commands import parse_command
 from inercal.host.manual.session import ManualSession
-from inercal.host.sim.bench_simulator import COUNTS_PER_TURN
+from inercal.host.sim.bench_simulator import COUNTS_PER_TURN, BenchDevice
+from inercal.host.sim.pmac import SimulatedPmac
 from inercal.runfile import Run
 
 _CLOCK_READERS = (clock, dead_man, imu_receiver, session, table_driver)
 Act = Callable[["ByHand"], None]
+
+
+def pmac_of(device: BenchDevice) -> SimulatedPmac:
+    """Return the controller of a table of angles."""
+    assert isinstance(device.controller, SimulatedPmac)
+    return device.controller
 
 
 class ByHand:
@@ -61,7 +68,7 @@ class ByHand:
         """Set the soft limits of a motor, °."""
         counts = COUNTS_PER_TURN / 360
         line = f"I{motor}13={high * counts:.0f} I{motor}14={low * counts:.0f}"
-        self.bench.device.pmac.interpreter.execute_line(line.encode(), 1)
+        pmac_of(self.bench.device).interpreter.execute_line(line.encode(), 1)
 
     def operate(self, *script: tuple[float, Act], until: float) -> str:
         """Carry out a script, s of the bench; return why the session ended."""
@@ -84,7 +91,7 @@ class ByHand:
         end = self.bench.time + seconds
         while self.bench.time < end:
             self.bench.advance(min(0.005, end - self.bench.time))
-            table = self.bench.device.pmac.table
+            table = pmac_of(self.bench.device).table
             angles = [degrees(x.encoder - x.zero) for x in table.state]
             self.trace.append(
                 Moment(self.bench.time, angles, [degrees(x.rate) for x in table.state])

@@ -15,11 +15,14 @@ from tests.host.conftest import ScriptedLink
 
 from inercal.host import bench_run, clock, imu_receiver, interruptions, recorder, table_driver
 from inercal.host.clock import HostUptime
+from inercal.host.drivers.motor import Motor
 from inercal.host.drivers.pmac import Pmac, PmacAxis
+from inercal.host.drivers.rotary_table import AxisLimits
 from inercal.host.packets import read_layout
 from inercal.host.sim.bench_simulator import COUNTS_PER_TURN, BenchDevice
 from inercal.host.sim.imu_model import SimulatedImu
 from inercal.host.sim.motion_link import MotionBlock
+from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.packet_packer import PacketPacker
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.runfile import Run
@@ -54,16 +57,17 @@ class InProcessBench:
     def __init__(self, run: Run, seed: int = 1):
         self._run, self._drawn = run, draw_errors(run, seed)
         self.device = BenchDevice(self._drawn)
-        self._period = self.device.pmac.table.period
-        self._packer = PacketPacker(_LAYOUT, 200.0)
+        self._period = self.device.controller.table.period
+        self._rate = run.rate_hz or 200.0
+        self._packer = PacketPacker(_LAYOUT, self._rate)
         self.time, self.utc_step, self.boot, self.garbled = 0.0, 0.0, "first", False
         self.commands: list[str] = []
         self.restart_imu()
 
     def restart_imu(self) -> None:
         """Switch the IMU on, or off and on: its counter begins at 0, now."""
-        table = self.device.pmac.table
-        self._imu = SimulatedImu(self._run, self._drawn, 200.0, 600.0)
+        table = self.device.controller.table
+        self._imu = SimulatedImu(self._run, self._drawn, self._rate, 600.0)
         self._imu_start = self.time, table.cycle
         self.pieces: list[tuple[float, bytes]] = []
         standing = np.zeros((1, len(table.axes), 3))
@@ -73,14 +77,16 @@ class InProcessBench:
     def _feel(self, until: float, first_cycle: int, moved: NDArray[np.float64]) -> None:
         start, cycle = self._imu_start
         number = self._imu.next_number
-        part = MotionBlock(until - start, self._period, first_cycle - cycle, moved)
+        part = MotionBlock(
+            until - start, self._period, first_cycle - cycle, moved, self.device.mounting
+        )
         if data := b"".join(self._packer(number, self._imu.read_block(part))):
             self.pieces.append((until, bytes(len(data)) if self.garbled else data))
 
     def advance(self, seconds: float) -> None:
         """Let time pass."""
         self.time += seconds
-        table = self.device.pmac.table
+        table = self.device.controller.table
         first = table.cycle + 1
         self._feel(self.time, first, table.advance_array(self.time))
 
@@ -105,8 +111,8 @@ class InProcessBench:
 
     def stop(self) -> None:
         """Stop the table as a watchdog does, and see it at rest."""
-        for i in range(len(self.device.pmac.table.axes)):
-            self.device.pmac.table.halt(i, abort=True)
+        for i in range(len(self.device.controller.table.axes)):
+            self.device.controller.table.halt(i, abort=True)
         self.advance(10.0)
 
     def install(self, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,9 +128,13 @@ class InProcessBench:
         monkeypatch.setattr(bench_run, "open_table", lambda *_: self.table())
         monkeypatch.setattr(bench_run, "open_imu", lambda _, now, *__, **___: Port(self, now))
 
-    def table(self) -> Pmac:
+    def table(self) -> Pmac | Motor:
         """Return the table as a driver."""
-        names = [axis.name for axis in self.device.pmac.table.axes]
+        if isinstance(self.device.controller, SimulatedMotor):
+            (limit,) = self._drawn.bench.axis_motion_limits
+            limits = AxisLimits(limit.rate, limit.acceleration)
+            return Motor("tcp://9", limits, opener=lambda _: ScriptedLink(self.answer()))
+        names = [axis.name for axis in self.device.controller.table.axes]
         axes = [PmacAxis(name, motor, COUNTS_PER_TURN) for motor, name in enumerate(names, 1)]
         return Pmac("tcp://127.0.0.1:9", axes, opener=lambda _: ScriptedLink(self.answer()))
 

@@ -3,12 +3,14 @@
 import os
 import pty
 import sys
+from collections.abc import Callable
 from time import monotonic, sleep
 from typing import Any, cast
 
 import pytest
 
 from inercal.cli.bench_view import listen_to_keys
+from inercal.host.mounting_prompt import MountingRequest
 
 PATIENCE = 20.0  # s
 
@@ -59,3 +61,58 @@ def test_a_terminal_that_ends_is_listened_to_no_more(monkeypatch: pytest.MonkeyP
     assert len(reads) == 1
     assert asked.all == []
     os.close(terminal)
+
+
+class AskedToMount(Asked):
+    """A run that asks for mountings, one after the other, and keeps who confirms them."""
+
+    has_mountings = True
+
+    def __init__(self, mountings: list[str]):
+        super().__init__()
+        self.confirmed: list[tuple[int, str]] = []
+        self._mountings = mountings
+
+    @property
+    def mounting_request(self) -> MountingRequest | None:
+        number = len(self.confirmed)
+        if number == len(self._mountings):
+            return None
+        return MountingRequest(number, self._mountings[number], "mount it")
+
+    def confirm_mounting(self, number: int, by: str) -> None:
+        self.confirmed.append((number, by))
+
+
+def until(condition: Callable[[], bool]) -> None:
+    end = monotonic() + PATIENCE
+    while not condition():
+        assert monotonic() < end
+        sleep(0.002)
+
+
+def test_the_key_m_confirms_a_mounting_that_is_asked_for(monkeypatch: pytest.MonkeyPatch):
+    terminal, host = pty.openpty()
+    run = AskedToMount(["XY"])
+    with os.fdopen(host, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with listen_to_keys(cast("Any", run), "Anna"):
+            os.write(terminal, b"mmp")
+            until(lambda: run.all == ["pause"])
+    assert run.confirmed == [(0, "Anna")]
+    os.close(terminal)
+
+
+def test_a_line_confirms_one_mounting_and_the_end_of_lines_stops_the_run(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    told, lines = os.pipe()
+    run = AskedToMount(["XY", "YX", "ZY"])
+    with os.fdopen(told, encoding="utf-8") as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        with listen_to_keys(cast("Any", run), "Anna"):
+            os.write(lines, b"yes\nmounted\nmounted Ben\n")
+            os.close(lines)
+            until(lambda: bool(run.all))
+    assert run.confirmed == [(0, "Anna"), (1, "Ben")]
+    assert run.all == ["stop"]

@@ -37,7 +37,7 @@ def test_while_the_zero_is_sought_no_angle_is_known_wherever_it_is_found(found: 
     times = np.arange(0.0, 12.0, POLL)
     table.feed([said(t, found if t >= 10 else 0.0, homed=homed(t)) for t in times.tolist()])
     asked = np.arange(0.0, 11.9, 0.005)
-    angles, _, there = table.angles(asked)
+    angles, _, there = table.readback(asked)
     at_rest = (asked < 7.9) | (asked > 10.1)
     assert there[at_rest].all()
     assert not there[(asked > 8.0) & (asked < 10.0)].any()

@@ -8,7 +8,7 @@ from math import degrees, radians
 from pathlib import Path
 
 import pytest
-from tests.host.by_hand import Act, ByHand, Moment
+from tests.host.by_hand import Act, ByHand, Moment, pmac_of
 from tests.host.simulated_runs import plan
 
 from inercal.host.manual.command_check import LIMIT_MARGIN
@@ -161,7 +161,7 @@ def test_a_servo_is_switched_off_by_axis_and_a_halt_leaves_it_off(my: ByHand):
 
 def test_a_hand_may_turn_an_axis_whose_servo_is_off(my: ByHand):
     def push(host: ByHand) -> None:
-        host.bench.device.pmac.table.state[INNER].rate = radians(90.0)  # three times the limit
+        pmac_of(host.bench.device).table.state[INNER].rate = radians(90.0)  # three times the limit
 
     pushes = [(1.0 + 0.03 * k, push) for k in range(20)]
     ended = my.operate(*on(my, "middle"), *pushes, until=3)

@@ -16,7 +16,7 @@ from inercal.host.journal import Journal
 from inercal.host.recorder import RunRecorder
 from inercal.host.run_folder import RunFolder, create_run
 from inercal.host.run_log import EVENT, LogFrame, RunLog, read_frames
-from inercal.host.sequencer import SectionEvent
+from inercal.host.task_sequencer import SectionEvent
 from inercal.methods import METHODS, PartialEstimate
 from inercal.plan import TableStep
 from inercal.runfile import read
@@ -191,7 +191,7 @@ def test_a_section_is_done_when_the_samples_of_its_end_are_in_the_log(
     tmp_path: Path, logged: list[LogFrame]
 ):
     folder = interrupted(tmp_path, [])
-    ended = SectionEvent(0, "rest", "done", 40.0)
+    ended = SectionEvent(0, "rest", "done", 40.0, "rest")
     with Journal(folder.journal) as journal, RunRecorder(folder, journal, LAYOUT) as account:
         account.record_section(40.0, ended, holds=True)
         done_at: list[float] = []

@@ -78,7 +78,7 @@ def kill_in_the_rotation(folder: Path, bench: InProcessBench, run: Run) -> None:
     """Leave a run whose host was killed 1 s after the rotation began."""
 
     def act(driven: Watched) -> None:
-        if in_rotation(driven) and bench.device.pmac.table.state.rate[0] > 0.2:
+        if in_rotation(driven) and bench.device.controller.table.state.rate[0] > 0.2:
             raise Killed
 
     with suppress(Killed):
@@ -96,7 +96,7 @@ def detection_delay(folder: Path, bench: InProcessBench, jump: float, wait: floa
     ended: list[float] = []
 
     def act(driven: Watched) -> None:
-        rate = bench.device.pmac.table.state.rate[0]
+        rate = bench.device.controller.table.state.rate[0]
         if in_rotation(driven) and rate > 0.3 + wait and not frozen:
             bench.utc_step += jump
             bench.fault("frozen 1")

@@ -8,17 +8,18 @@ import pytest
 from tests.refusals import refused
 
 from inercal.benches import Turntable
+from inercal.benches.motion_control import TurnTask
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
+from inercal.benches.turntable.driving import plan_tasks
 from inercal.host.drivers.rotary_table import AxisState, TableFault, TableState
-from inercal.host.sequencer import (
+from inercal.host.sequencer import Sequencer
+from inercal.host.task_sequencer import (
     EnableCommand,
     HomeCommand,
     MoveCommand,
     SectionEvent,
-    Sequencer,
     StopCommand,
 )
-from inercal.host.tasks import Task, plan_tasks
 from inercal.plan import Position, Rotation
 from inercal.units import Measured
 
@@ -176,7 +177,7 @@ def test_a_fault_and_a_servo_that_is_off_are_said_in_words():
 
 
 def test_a_stay_ends_by_the_tables_clock_however_seldom_it_is_asked():
-    table, made = Table(), Sequencer([Task("p", (0,) * 3, (0,) * 3, 0.0, 10.0, 0.0)], LIMITS)
+    table, made = Table(), Sequencer([TurnTask("p", (0,) * 3, (0,) * 3, 0.0, 10.0, 0.0)], LIMITS)
     while not made.is_over:
         for command in made.step(table.read()):
             table.tell(command)
@@ -235,7 +236,7 @@ def test_an_axis_that_moves_during_a_hold_is_named_before_it_is_far():
 
 
 def test_one_false_reading_during_a_hold_is_not_believed_and_ends_none():
-    table, made = Table(), Sequencer([Task("p", (0,) * 3, (0,) * 3, 0.0, 10.0, 0.0)], LIMITS)
+    table, made = Table(), Sequencer([TurnTask("p", (0,) * 3, (0,) * 3, 0.0, 10.0, 0.0)], LIMITS)
     while made.phase != "work":
         run(made, table, table.time + 0.05)
     for late in (1.0, 20.0):

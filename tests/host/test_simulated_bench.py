@@ -189,7 +189,7 @@ def test_what_is_no_request_is_answered_by_those_there_are(whole: Whole):
     with open_link(whole.clock_address.replace("clock", "tcp")) as link:
         for words in (b"until x\n", b"until nan\n", b"until inf\n", b"burn\n"):
             link.write(words)
-            assert link.read(100, 20.0) == b"no: possible: until TIME, now\n"
+            assert link.read(100, 20.0) == b"no: possible: until TIME, now, mounted NAME\n"
 
 
 def _carried_out(run: Run, seed: int, size: float, idle: bool) -> tuple[bytes, list[str]]:
@@ -233,7 +233,7 @@ def test_the_readback_is_that_of_the_bench(run: Run):
         whole.until(2.0)
         said = [axis.angle for axis in whole.table.read().axes]
         late = drawn.latencies(whole.table.period)[1]
-        now = whole.bench.pmac.table.state
+        now = whole.bench.controller.table.state
         true = np.array([now["encoder"] - now["rate"] * late])
         # The encoders count from where the table stood when it was switched on.
         q = {name: np.asarray(value) for name, value in drawn.values.items()}
@@ -339,5 +339,5 @@ def test_at_a_pace_of_its_own_the_bench_waits_for_nobody():
 def test_a_bench_that_cannot_be_simulated_says_so(tmp_path: Path):
     with refused(names=("imu",)):
         BenchSimulator(MIMU, preset="morse")
-    with refused(key="[bench] kind", file="ship.toml"):
-        BenchSimulator(MIMU.parents[1] / "rate_table" / "ship.toml")
+    with refused(key="[bench] kind", file="run.toml"):
+        BenchSimulator(MIMU.parents[1] / "six_position" / "run.toml")

@@ -14,7 +14,7 @@ from inercal.benches.turntable.attitude import motion
 from inercal.host.link import LinkLost, SerialLink, TcpLink, open_link
 from inercal.host.packets import PRESETS, Decoder, encode, read_layout
 from inercal.host.sim import _imu_kernel as kernel
-from inercal.host.sim.imu_model import SensedMotion, SensorResponse, SimulatedImu, draw_bias_drift
+from inercal.host.sim.imu_model import SensorResponse, SimulatedImu, draw_bias_drift
 from inercal.host.sim.mimu import PacketSender, packet_rate
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.packet_packer import PacketPacker
@@ -72,7 +72,7 @@ def test_what_is_felt_is_that_of_the_bench(run: Run, axes: str):
     q = {name: np.asarray(value) for name, value in drawn.values.items()}
     angles, rates, accelerations = (moved[..., j] for j in range(3))
     exact = motion(bench, angles, rates, accelerations, q)
-    felt = SensedMotion(drawn)(moved)
+    felt = drawn.sensed_motion()(moved, "")
     np.testing.assert_allclose(felt[:, :3], exact.f, rtol=0, atol=1e-12 * 9.8)
     np.testing.assert_allclose(felt[:, 3:6], exact.w, rtol=0, atol=1e-12)
     np.testing.assert_allclose(felt[:, 6:], exact.dw, rtol=0, atol=1e-11)

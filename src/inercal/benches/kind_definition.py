@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from inercal.benches.contract import Bench, SensorSimulation, SimulatedMotion
+from inercal.benches.motion_control import MotionControl
 from inercal.benches.operator_sheet import Sheet
 from inercal.benches.report_data import (
     Columns,
@@ -253,6 +254,8 @@ class Kind(Generic[B, D]):
         A row in words.
     tables : callable
         Tables written with the calibration, by their content: "states".
+    motion_control : MotionControl or None
+        What a host asks; None of a bench that no host drives.
     """
 
     name: str
@@ -283,3 +286,4 @@ class Kind(Generic[B, D]):
     plots: Callable[[ReportInput], tuple[Plot, ...]] = no_plots
     row: Callable[[Step, ReportInput, int], str] = describe_row
     tables: Callable[[Source[D], ReportInput], Mapping[str, Columns]] = no_tables
+    motion_control: MotionControl | None = None

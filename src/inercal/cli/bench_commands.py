@@ -1,4 +1,4 @@
-"""`inercal bench`: drive a real or simulated three-axis table, read an IMU, calibrate live."""
+"""`inercal bench`: drive a real or simulated table, read an IMU, calibrate live."""
 
 import sys
 from pathlib import Path
@@ -34,15 +34,16 @@ if TYPE_CHECKING:
     from inercal.store import Register
 
 NAME = "bench"
-app = typer.Typer(
-    help="Drive a three-axis table, read an IMU, calibrate live.", no_args_is_help=True
-)
+app = typer.Typer(help="Drive a table, read an IMU, calibrate live.", no_args_is_help=True)
 
 _RunFile = Annotated[Path, typer.Argument(help="The run file (TOML): sensor, bench, data, method.")]
 _Clock = Annotated[str, typer.Option(help=CLOCK_HELP)]
 _Speed = Annotated[float | None, typer.Option(help=SPEED_HELP)]
 _Patience = Annotated[float, typer.Option(help=PATIENCE_HELP)]
 _Temperature = Annotated[str, typer.Option("--temperature", help=TEMPERATURE_HELP)]
+_Operator = Annotated[
+    str, typer.Option(help="Who confirms mountings; by default the name of the user.")
+]
 _Json = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")]
 _Register = Annotated[
     str | None,
@@ -65,6 +66,7 @@ def run(
     patience: _Patience = 120.0,
     temperature: _Temperature = "",
     register: _Register = None,
+    operator: _Operator = "",
     json: _Json = False,
 ) -> None:
     """Carry out the plan of a run file, and calibrate from its recording."""
@@ -79,7 +81,7 @@ def run(
     folder = out or Path(f"{run_file.stem}-{datetime.now():%Y%m%d-%H%M%S}")
     result, journal = create_run(folder, plan, (table, imu, clock))
     with journal, result.removed_on_failure():
-        _complete_run(result, journal, options, json, kept)
+        _complete_run(result, journal, options, json, kept, operator)
 
 
 @app.command()
@@ -92,6 +94,7 @@ def resume(
     patience: _Patience = 120.0,
     temperature: _Temperature = "",
     register: _Register = None,
+    operator: _Operator = "",
     json: _Json = False,
 ) -> None:
     """Continue a run that was interrupted; the interrupted step is repeated from its start."""
@@ -101,7 +104,7 @@ def resume(
     kept = open_register(register)
     result, journal = reopen_run(folder, (table, imu, clock))
     with journal:
-        _complete_run(result, journal, options, json, kept)
+        _complete_run(result, journal, options, json, kept, operator)
 
 
 def _complete_run(
@@ -110,6 +113,7 @@ def _complete_run(
     options: "RunOptions",
     json: bool,
     register: "Register | None",
+    operator: str,
 ) -> None:
     """Carry out the remaining steps of a run, finish it, and enter it in a register, if any."""
     from inercal.calibration.files import as_object
@@ -119,7 +123,7 @@ def _complete_run(
     register_sync = RegisterSync(register, folder.path)
     live = None
     if journal.header().state != "carried out":
-        live = _carry_out_plan(folder, journal, options, register_sync)
+        live = _carry_out_plan(folder, journal, options, register_sync, operator)
     sensor = folder.run.sensor.name
     try:
         with progress_status(f"calibrating {sensor} from {folder.run.data.file}"):
@@ -144,9 +148,15 @@ def _enter_run(register_sync: "RegisterSync") -> None:
 
 
 def _carry_out_plan(
-    folder: "RunFolder", journal: "Journal", options: "RunOptions", register_sync: "RegisterSync"
+    folder: "RunFolder",
+    journal: "Journal",
+    options: "RunOptions",
+    register_sync: "RegisterSync",
+    operator: str,
 ) -> "LiveEstimator | None":
     """Carry out the plan; return the live estimator."""
+    from functools import partial
+
     from inercal.cli.bench_view import listen_to_keys, run_display
     from inercal.host.addresses import layout_of_address
     from inercal.host.precompilation import precompile_run
@@ -161,7 +171,7 @@ def _carry_out_plan(
                 journal,
                 options,
                 show,
-                run_context=listen_to_keys,
+                run_context=partial(listen_to_keys, operator=operator),
                 background_work=register_sync.background_work,
             )
     except RunInterrupted as error:
@@ -188,7 +198,7 @@ def simulate(
         bool, typer.Option("--tcp", help="Put the IMU on TCP instead of a terminal.")
     ] = False,
 ) -> None:
-    """Simulate the bench of a run file, until Ctrl-C: a Turbo PMAC, and an IMU on a terminal.
+    """Simulate the bench of a run file, until Ctrl-C: the table, and an IMU on a terminal.
 
     Lines typed here inject faults: `imu fault loss 0.01`, `table fault amplifier 2`.
     """

@@ -9,7 +9,7 @@ from inercal.cli.bench_options import TABLE_HELP
 from inercal.cli.console import print_json
 
 if TYPE_CHECKING:
-    from inercal.benches import Turntable
+    from inercal.benches.motion_control import ControlledBench
 
 
 def devices(
@@ -66,8 +66,8 @@ def devices(
         print(line)
 
 
-def _read_bench(run_file: Path | None) -> "Turntable | None":
-    from inercal.benches.turntable import require_turntable
+def _read_bench(run_file: Path | None) -> "ControlledBench | None":
+    from inercal.host.tasks import host_plan
     from inercal.runfile import read
 
-    return None if run_file is None else require_turntable(read(run_file))
+    return None if run_file is None else host_plan(read(run_file)).bench

@@ -3,11 +3,12 @@
 import os
 import sys
 from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from math import degrees
 from typing import TYPE_CHECKING
 
 from inercal.cli.console import number_column
+from inercal.cli.mounting_answers import answer_by_lines, operator_name
 from inercal.keys import CoefficientName
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
         messages.append(f"{words}\n", style=_COLOURS[level])
     parts = [
         head,
+        *_mounting_line(run),
         axes,
         Text(_imu_line(run)),
         *_live_estimate(run),
@@ -92,6 +94,14 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
         Text(keys, style="dim"),
     ]
     return Panel(Group(*parts), title=run.name)
+
+
+def _mounting_line(run: "BenchRun") -> "list[RenderableType]":
+    from rich.text import Text
+
+    if (request := run.mounting_request) is None:
+        return []
+    return [Text(f"{request.instruction}; then press m", style="bold yellow")]
 
 
 def _progress_line(run: "BenchRun") -> str:
@@ -167,10 +177,15 @@ def _coefficient_cell(
 
 
 @contextmanager
-def listen_to_keys(run: "BenchRun") -> Generator[None]:
-    """Pause a run by the key p and continue it by g, where standard input is a terminal."""
+def listen_to_keys(run: "BenchRun", operator: str = "") -> Generator[None]:
+    """Hear who operates a run: by keys of a terminal, else mountings by lines.
+
+    The key p pauses the run, g has it go on, and m confirms the mounting that is asked for.
+    """
+    operator = operator_name(operator)
     if not sys.stdin.isatty():
-        yield
+        with answer_by_lines(run, operator) if run.has_mountings else nullcontext():
+            yield
         return
     import termios
     import tty
@@ -193,6 +208,8 @@ def listen_to_keys(run: "BenchRun") -> Generator[None]:
                     run.request("pause")
                 elif key == ord("g"):
                     run.request("go on")
+                elif key == ord("m") and (request := run.mounting_request):
+                    run.confirm_mounting(request.number, operator)
 
     before = termios.tcgetattr(sys.stdin)
     # Ctrl-C remains a signal, which the watchdog receives too.

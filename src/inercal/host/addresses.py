@@ -27,7 +27,7 @@ from inercal.host.link import CONNECT_TIMEOUT, open_link
 
 # What these bring with them takes longer to load than the guard, which opens a table, to start.
 if TYPE_CHECKING:
-    from inercal.benches.turntable.bench import Turntable
+    from inercal.benches.motion_control import ControlledBench
     from inercal.host.imu_port import ImuPort
     from inercal.host.packets import PacketLayout
 
@@ -46,14 +46,14 @@ class DeviceAddresses(NamedTuple):
     clock: str = ""
 
 
-def open_table(address: str, bench: Turntable | None, timeout: float = 1.0) -> RotaryTable:
+def open_table(address: str, bench: ControlledBench | None, timeout: float = 1.0) -> RotaryTable:
     """Return the table at `address`.
 
     Parameters
     ----------
     address : str
         See the module.
-    bench : Turntable or None
+    bench : ControlledBench or None
         Names the axes, and states what a controller that tells no limits is held to; without it
         axes are named after their numbers.
     timeout : float
@@ -203,7 +203,7 @@ def _scheme(address: str) -> tuple[str, str]:
 
 
 def _axis_names(
-    address: str, key: str, numbers: Sequence[int], bench: Turntable | None
+    address: str, key: str, numbers: Sequence[int], bench: ControlledBench | None
 ) -> tuple[str, ...]:
     if bench is None:
         return tuple(str(n) for n in numbers)
@@ -215,7 +215,7 @@ def _axis_names(
     return bench.names
 
 
-def _open_pmac(address: str, bench: Turntable | None, timeout: float) -> RotaryTable:
+def _open_pmac(address: str, bench: ControlledBench | None, timeout: float) -> RotaryTable:
     given = _AddressParameters(address)
     motors = given.axis_numbers("motors", _MOST_MOTORS)
     names = _axis_names(address, "motors", motors, bench)
@@ -225,7 +225,7 @@ def _open_pmac(address: str, bench: Turntable | None, timeout: float) -> RotaryT
     return Pmac(where, axes, timeout)
 
 
-def _open_acutrol(address: str, bench: Turntable | None, timeout: float) -> RotaryTable:
+def _open_acutrol(address: str, bench: ControlledBench | None, timeout: float) -> RotaryTable:
     given = _AddressParameters(address)
     numbers = given.axis_numbers("axes", 9)
     names = _axis_names(address, "axes", numbers, bench)
@@ -234,7 +234,7 @@ def _open_acutrol(address: str, bench: Turntable | None, timeout: float) -> Rota
     return Acutrol(where, axes, timeout)
 
 
-def _open_motor(address: str, bench: Turntable | None, timeout: float) -> RotaryTable:
+def _open_motor(address: str, bench: ControlledBench | None, timeout: float) -> RotaryTable:
     _, at = _scheme(address)
     if not at.startswith(("serial:", "tcp:")):
         raise InputError(
@@ -249,7 +249,7 @@ def _open_motor(address: str, bench: Turntable | None, timeout: float) -> Rotary
 
 
 # By the scheme of the address: a driver takes address, bench and timeout, as `open_table` does.
-DRIVERS: dict[str, Callable[[str, Turntable | None, float], RotaryTable]] = {
+DRIVERS: dict[str, Callable[[str, ControlledBench | None, float], RotaryTable]] = {
     "pmac": _open_pmac,
     "acutrol": _open_acutrol,
     "motor": _open_motor,

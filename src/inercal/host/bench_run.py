@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from math import degrees, inf, isfinite
-from time import monotonic
+from time import monotonic, sleep
 from typing import Literal, Self
 
 import numpy as np
@@ -24,6 +24,7 @@ import numpy as np
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError, InputError
 from inercal.host.addresses import DeviceAddresses, layout_of_address, open_imu, open_table
+from inercal.host.assembly.rate_polls import RatePlausibility
 from inercal.host.assembly.reading_plausibility import ReadingPlausibility
 from inercal.host.assembly.table_polls import HOLD_POLL_FACTOR
 from inercal.host.clock import (
@@ -40,14 +41,17 @@ from inercal.host.interlocks import MAX_CHECK_INTERVAL, Interlocks, LastChecks
 from inercal.host.interruptions import Interruptions
 from inercal.host.journal import Journal
 from inercal.host.link import LinkLost
+from inercal.host.mounting_prompt import MountingPrompt, MountingRequest
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.recorder import PIECE_MAX, LogEnd, RunRecorder
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import IMU, TABLE
-from inercal.host.sequencer import Command, Sequencer
+from inercal.host.sequencer import Sequencer
+from inercal.host.spin_sequencer import SpinSequencer
 from inercal.host.table_driver import TableDriver
 from inercal.host.table_state_codec import pack_state
-from inercal.host.tasks import plan_tasks
+from inercal.host.task_sequencer import Command
+from inercal.host.tasks import HostPlan, SpinTask, TurnTask, host_plan
 
 SHOW_INTERVAL = 0.2  # s of the wall's between two looks at the run
 _PACKET_TIMEOUT = 5.0  # s
@@ -77,7 +81,7 @@ class BenchRun:
         The sensor's name, the sensor, the names of the table's axes.
     time : float
         The run's, s.
-    sequencer : Sequencer
+    sequencer : Sequencer or SpinSequencer
     tasks : tuple of Task
     recorder : RunRecorder
         What came, and what was made of it.
@@ -85,7 +89,7 @@ class BenchRun:
     Raises
     ------
     InputError
-        A run file that is none of a turntable, an address that is none, a log that is damaged.
+        A bench that no host drives, an address that is none, a log that is damaged.
     LinkLost
         Nobody is there.
     """
@@ -99,11 +103,9 @@ class BenchRun:
         show: Callable[["BenchRun"], None] | None = None,
         show_interval: float = SHOW_INTERVAL,
     ):
-        run, bench = folder.run, require_turntable(folder.run)
-        self.tasks = plan_tasks(bench, run.table_steps)
-        self.sequencer = Sequencer(
-            self.tasks, bench.axis_motion_limits, journal.completed_steps(), bench.names
-        )
+        run, plan = folder.run, host_plan(folder.run)
+        bench, self.tasks = plan.bench, plan.tasks
+        self.sequencer = _create_sequencer(plan, journal.completed_steps(), journal.mounting())
         self.name, self.sensor, self.axes = run.sensor.name, run.sensor, bench.names
         self._journal, self._options = journal, options
         self._show: Callable[[BenchRun], None] = show or _show_nothing
@@ -126,12 +128,18 @@ class BenchRun:
             self._clock, self._last_checks = self._open_clock(addresses)
             opened.callback(self._clock.close)
             self._interlocks = self._create_interlocks()
-            self._plausibility = ReadingPlausibility(bench)
+            self._plausibility = (
+                RatePlausibility(bench.axis_motion_limits)
+                if plan.spins
+                else ReadingPlausibility(require_turntable(run))
+            )
             self._require_feasible_plan()
             patience = _SIMULATED_PATIENCE if addresses.clock else _PATIENCE
             self._guard = opened.enter_context(Guard(addresses.table, patience=patience))
             self._interruptions = Interruptions(self.sequencer, self._guard, self._stop, self._say)
             self._table_driver = TableDriver(self._table, self._guard, self._clock.now, self._say)
+            self._mounting = MountingPrompt(self.sequencer, journal, self._clock, self._say)
+            self._mounting.restore()
             # A simulated bench stands still from here on: the port opens between two packets.
             clock, now = self._clock, self._clock.now()
             clock.begin(now)
@@ -169,6 +177,20 @@ class BenchRun:
     def trouble(self) -> str:
         """Why the run was interrupted; empty where it was not."""
         return self._interruptions.trouble
+
+    @property
+    def mounting_request(self) -> MountingRequest | None:
+        """The mounting that an operator is asked for; None where none is."""
+        return self._mounting.request
+
+    @property
+    def has_mountings(self) -> bool:
+        """Whether an operator mounts the sensor during the run."""
+        return any(isinstance(task, SpinTask) for task in self.tasks)
+
+    def confirm_mounting(self, number: int, by: str) -> None:
+        """Confirm the mounting for the step `number`, from whichever thread; see the request."""
+        self._mounting.confirm(number, by)
 
     def request(self, what: Literal["pause", "go on", "stop"]) -> None:
         """Ask for something, from whichever thread; it is done within a tick."""
@@ -216,6 +238,7 @@ class BenchRun:
         self._next = max(self._next, tick.time) + step
         self.time = tick.time
         self._guard.beat()
+        self._mounting.update(self.time if self.state is None else self.state.time)
         self._send_commands()
         fresh = self._read()
         heard = self._imu.take(tick)
@@ -232,6 +255,8 @@ class BenchRun:
             self._advance_sequencer(fresh[1])
         if self.recorder.is_processing_due(self.time):
             self._process_pending()
+        if self._is_simulated and self.mounting_request is not None:
+            sleep(step)  # a simulated bench has no reason to hurry while its operator works
         if monotonic() - self._show_time >= self._show_interval:
             self._show_time = monotonic()
             self._show_state()
@@ -384,13 +409,16 @@ class BenchRun:
 
     def _require_feasible_plan(self) -> None:
         """Refuse a plan that the controller would refuse, and limits that nothing is held to."""
+        held = self._bench.axis_motion_limits
         for task in self.tasks:
-            for name, most, held, *angles in zip(
-                self.axes, self._table.limits, self._bench.axis_motion_limits, task.start, task.end,
-                strict=True,
-            ):  # fmt: skip
+            if isinstance(task, SpinTask):
+                self._table.limits[0].check(self.axes[0], task.rate, held[0].acceleration)
+                continue
+            for name, most, of, *angles in zip(
+                self.axes, self._table.limits, held, task.start, task.end, strict=True
+            ):
                 for angle in angles:
-                    most.check(name, task.rate or held.rate, held.acceleration, angle)
+                    most.check(name, task.rate or of.rate, of.acceleration, angle)
 
     def _record_session(self) -> None:
         self._plausibility.restart()
@@ -419,6 +447,16 @@ class BenchRun:
             raise
         finally:
             self._open_resources.close()
+
+
+def _create_sequencer(plan: HostPlan, first: int, mounting: str) -> Sequencer | SpinSequencer:
+    """Return what carries out a plan from a step on, with the sensor in a mounting."""
+    limits, names = plan.bench.axis_motion_limits, plan.bench.names
+    if plan.spins:
+        spins = [task for task in plan.tasks if isinstance(task, SpinTask)]
+        return SpinSequencer(spins, limits, first, names, mounting)
+    turns = [task for task in plan.tasks if isinstance(task, TurnTask)]
+    return Sequencer(turns, limits, first, names)
 
 
 def _show_nothing(run: BenchRun) -> None:

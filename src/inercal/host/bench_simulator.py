@@ -96,8 +96,12 @@ class BenchSimulator(Closeable):
                 process.kill()
             self.close()
             raise
-        motors = ",".join(f"{i + 1}" for i in range(len(self._drawn_errors.bench.axes)))
-        self.table = f"{table.replace('tcp', 'pmac', 1)}?motors={motors}&counts={COUNTS_PER_TURN}"
+        motors = ",".join(f"{i + 1}" for i in range(len(self._drawn_errors.bench.names)))
+        self.table = (
+            f"{table.replace('tcp', 'pmac', 1)}?motors={motors}&counts={COUNTS_PER_TURN}"
+            if self._drawn_errors.motion_control.has_attitude
+            else f"motor:{table}"
+        )
         self.imu = f"{imu}?preset={preset}"
         self.clock = clock[0] if clock else None
         self.addresses = DeviceAddresses(self.table, self.imu, self.clock or "")

@@ -10,8 +10,9 @@ has reached it, and meanwhile the host processes data. A simulated bench advance
 A simulated bench states how many bytes its IMU has sent by which time, and the host takes exactly
 these; a real bench cannot state this.
 
-**Protocol** of a simulated bench's clock, lines over TCP: the bench answers `until 12.5` and `now`
-by `TIME SENT SENT_BY`, s, bytes, s. The IMU makes the readings of the last interval while the host
+**Protocol** of a simulated bench's clock, lines over TCP: the bench answers `until 12.5`, `now` and
+`mounted NAME`, which states how an operator has mounted the sensor, by `TIME SENT SENT_BY`, s,
+bytes, s. The IMU makes the readings of the last interval while the host
 polls the table: `SENT` counts up to the interval before, or up to the last one where the requested
 time has passed already. Before the first `until` the clock rests at 0. Without an `until` for 5 s,
 or without a connection, it follows the wall clock until the next `until`.
@@ -86,6 +87,9 @@ class MonotonicClock:
             sleep(left)
         now = self.now()
         return Tick(now, None, now)
+
+    def mount(self, mounting: str) -> None:
+        """Tell a simulated bench how its operator has mounted the sensor; here somebody has."""
 
     def close(self) -> None:
         """Let go of the bench."""
@@ -163,6 +167,13 @@ class SimulatedClock:
             sleep(left)
         self._time = tick.time
         return tick
+
+    def mount(self, mounting: str) -> None:
+        """Have the sensor of the simulated bench mounted so; raises `LinkLost` without a bench."""
+        if self._awaits_answer:
+            raise RuntimeError("mount() between begin() and end()")
+        self._send(b"mounted " + mounting.encode() + b"\n")
+        self._time = self._answer().time
 
     def close(self) -> None:
         """Release the bench; its clock then follows the wall clock."""

@@ -6,7 +6,7 @@ from time import monotonic
 
 import numpy as np
 
-from inercal.benches.turntable.bench import Turntable
+from inercal.benches.motion_control import ControlledBench
 from inercal.host.addresses import layout_of_address, link_of_address, open_table
 from inercal.host.drivers.rotary_table import AxisLimits, ProtocolError, TableFault, TableState
 from inercal.host.link import LinkLost, open_link, require_pyserial
@@ -117,7 +117,7 @@ def probe_imu(address: str, seconds: float = _LISTEN_TIME) -> ImuConnection:
 
 
 def probe_table(
-    address: str, bench: Turntable | None = None, timeout: float = 1.0
+    address: str, bench: ControlledBench | None = None, timeout: float = 1.0
 ) -> TableConnection:
     """Return what a table says of itself; moves nothing.
 

@@ -19,8 +19,9 @@ from typing import Literal
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.benches.motion_control import ControlledBench
+from inercal.benches.turntable import Turntable, is_turntable
 from inercal.benches.turntable.attitude import motion
-from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.implied_rates import gyro_rates, half_window, table_rates
 from inercal.errors import InputError
 from inercal.host.drivers.rotary_table import AxisLimits, TableState
@@ -106,7 +107,7 @@ class Interlocks:
     ----------
     limits : sequence of AxisLimits
         As the table's controller is set.
-    bench : Turntable
+    bench : ControlledBench
         Its axes and what they are held to.
     sensor : Sensor
         Whose readings `check_gyros` is shown.
@@ -116,7 +117,8 @@ class Interlocks:
     Attributes
     ----------
     has_gyros : bool
-        The sensor has gyros, which `check_gyros` compares with the table.
+        The sensor has gyros, which `check_gyros` compares with the table; a table of rates tells
+        no attitude by which they could be compared.
     encoder_stuck : bool
         An axis turned while its encoder was frozen: its servo, if on, accelerates it.
     rate_difference : float
@@ -131,7 +133,7 @@ class Interlocks:
     def __init__(
         self,
         limits: Sequence[AxisLimits],
-        bench: Turntable,
+        bench: ControlledBench,
         sensor: Sensor,
         temperature: tuple[float, float] | None = None,
     ):
@@ -142,14 +144,15 @@ class Interlocks:
                 key="limits",
                 names=bench.names,
             )
-        self._bench, self._temperature = bench, temperature
+        self._geometry: Turntable | None = bench if is_turntable(bench) else None
+        self._temperature = temperature
         self._axes = tuple(
             (name, of.following_error * _FOLLOWING_ERROR_SHARE, held.rate * _RATE_MARGIN)
             for name, of, held in zip(bench.names, limits, bench.axis_motion_limits, strict=True)
         )
         self._gyros = np.array([axis.measures == "w" for axis in sensor.axes], np.bool_)
         self._inputs = np.array([axis.i for axis in sensor.axes if axis.measures == "w"])
-        self.has_gyros = bool(self._inputs.size)
+        self.has_gyros = bool(self._inputs.size) and self._geometry is not None
         self.encoder_stuck, self.rate_difference = False, 0.0
         self._since: dict[str, float] = {}
         self._time = nan
@@ -203,7 +206,8 @@ class Interlocks:
         track : Track
             Of one trial, that follows the one shown before.
         """
-        if not self.has_gyros or not track.time.size:
+        geometry = self._geometry
+        if geometry is None or not self.has_gyros or not track.time.size:
             return None
         time, reading, angles = track.time, track.reading[:, self._gyros], track.angles
         if self._previous_samples:
@@ -216,7 +220,7 @@ class Interlocks:
         if time.size <= 2 * h:
             self._previous_samples = time, reading, angles
             return None
-        table, read = table_rates(self._bench, time, angles), gyro_rates(time, reading)
+        table, read = table_rates(geometry, time, angles), gyro_rates(time, reading)
         left = read.rate - table.rate @ self._inputs.T
         size = np.linalg.norm(left, axis=-1)
         most = _RATE_DIFFERENCE + _RATE_SHARE * np.linalg.norm(table.rate, axis=-1)
@@ -230,18 +234,20 @@ class Interlocks:
         if not at.size:
             return None
         turned = (angles[2 * h :] - angles[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
-        return self._describe_difference(angles[h:-h][at], turned[at], left[at])
+        return self._describe_difference(geometry, angles[h:-h][at], turned[at], left[at])
 
-    def _describe_difference(self, angles: Array, turned: Array, left: Array) -> str:
+    def _describe_difference(
+        self, bench: Turntable, angles: Array, turned: Array, left: Array
+    ) -> str:
         """Name the axis that explains what is left between gyros and readback, (n, g)."""
         zero = np.zeros_like(angles)
-        earth = motion(self._bench, angles, zero, zero, {}).w
+        earth = motion(bench, angles, zero, zero, {}).w
         total = float(np.sum(left**2))
         found: list[tuple[str, float, float]] = []
-        for i, name in enumerate(self._bench.names):
+        for i, name in enumerate(bench.names):
             unit = np.zeros_like(angles)
             unit[:, i] = 1
-            along = (motion(self._bench, angles, unit, zero, {}).w - earth) @ self._inputs.T
+            along = (motion(bench, angles, unit, zero, {}).w - earth) @ self._inputs.T
             own: Array = np.sum(along * left, axis=-1) / np.maximum(
                 np.sum(along**2, axis=-1), 1e-12
             )

@@ -8,7 +8,9 @@ from typing import Literal, Protocol
 
 from inercal.errors import InercalError
 from inercal.host.guard import Guard
-from inercal.host.sequencer import Command, Sequencer
+from inercal.host.sequencer import Sequencer
+from inercal.host.spin_sequencer import SpinSequencer
+from inercal.host.task_sequencer import Command
 
 _GUARD_INTERVAL = 0.05  # s of the wall's between two looks at the watchdog
 _PauseCause = Literal["operator", "watchdog", "IMU", "interlocks"]
@@ -41,7 +43,7 @@ class Interruptions:
 
     def __init__(
         self,
-        sequencer: Sequencer,
+        sequencer: Sequencer | SpinSequencer,
         guard: Guard,
         stop: Callable[[Callable[[float], list[Command]]], None],
         say: Callable[[Literal["info", "warning", "alarm"], str], None],

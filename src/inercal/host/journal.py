@@ -19,6 +19,7 @@ from inercal.io.atomic_files import atomic_write
 
 NOTE_LEVEL = "note"  # of an event that the operator wrote
 _VERSION = 1
+_MOUNTED = "mounted"  # of a row of sections that is a mounting, not a section
 _SCHEMA = """
 CREATE TABLE run (begun TEXT NOT NULL, run_file TEXT NOT NULL, table_address TEXT NOT NULL,
                   imu_address TEXT NOT NULL, clock_address TEXT NOT NULL, poll REAL NOT NULL,
@@ -178,6 +179,18 @@ class Journal(Closeable):
         with _sqlite_errors_as_input_errors(self.path):
             found = self._db.execute("SELECT max(step) + 1 FROM section WHERE what = 'done'")
             return found.fetchone()[0] or 0
+
+    def record_mounting(self, step: int, mounting: str, time: float) -> None:
+        """Keep that an operator has confirmed a mounting before a step, at a time of the table."""
+        self.record_section(step, mounting, _MOUNTED, time)
+
+    def mounting(self) -> str:
+        """Return how the sensor is mounted, as last confirmed; "" where nothing was confirmed."""
+        with _sqlite_errors_as_input_errors(self.path):
+            found = self._db.execute(
+                "SELECT label FROM section WHERE what = ? ORDER BY id DESC LIMIT 1", (_MOUNTED,)
+            ).fetchone()
+            return found[0] if found else ""
 
     def record_event(self, level: str, words: str, time: float | None = None) -> None:
         """Keep an event: a level and words as of `JournalEvent`, s of the run."""

@@ -20,9 +20,9 @@ from typing import Literal
 import numpy as np
 from numba.core import event
 
+from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import Turntable, require_turntable
 from inercal.benches.turntable.attitude import motion
-from inercal.benches.turntable.rest_timing import settling_time
 from inercal.errors import InercalError
 from inercal.estimate import Gaussian
 from inercal.host.assembly import SampleAssembler
@@ -33,6 +33,7 @@ from inercal.host.packets import PacketLayout, encode
 from inercal.host.packets.packet_format import AXES
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
 from inercal.host.table_state_codec import pack_state
+from inercal.motion import Motion
 from inercal.recording import Track
 from inercal.runfile import Run, read
 from inercal.sensors import G0, Sensor
@@ -53,7 +54,7 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
     Parameters
     ----------
     run : Run
-        On a turntable.
+        On a bench that a host drives.
     layout : PacketLayout, optional
         Of the IMU's packets; without it nothing of packets and polls is compiled.
 
@@ -65,6 +66,10 @@ def precompile_run(run: Run, layout: PacketLayout | None = None) -> None:
     # Packets hold no temperature of each sample: coefficients of it are found afterwards.
     if run.method.sequential is not None and not run.sensor.uses("dT"):
         _compile_estimator(run)
+    if not require_motion_control(run).has_attitude:
+        if layout is not None:
+            _assemble_rest(run, layout)
+        return
     tracks = (
         [_rest_track(run.sensor, require_turntable(run))]
         if layout is None
@@ -141,7 +146,12 @@ def _follow_rest(run: Run, sensor: Sensor, priors: Sequence[Gaussian]) -> None:
 
 def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
     """Return what is assembled of a rest, in two pieces."""
-    lasting = _CLOCKS_MATCHED + _REST + 3 * settling_time(require_turntable(run)) + _SECOND_PIECE
+    lasting = (
+        _CLOCKS_MATCHED
+        + _REST
+        + 3 * require_motion_control(run).settling(run.bench)
+        + _SECOND_PIECE
+    )
     result, frames = SampleAssembler(run, layout, _POLL), _rest_frames(run, layout, lasting)
     tracks: list[Track] = []
     for early in (True, False):
@@ -156,7 +166,7 @@ def _assemble_rest(run: Run, layout: PacketLayout) -> list[Track]:
 def _rest_frames(run: Run, layout: PacketLayout, lasting: float) -> list[LogFrame]:
     """Return what the log has of a rest: polls and packets, and in between the first section."""
     assert run.rate_hz is not None
-    k = len(require_turntable(run).names)
+    k = len(require_motion_control(run).readback(run.bench))
     rests = AxisState(0.0, 0.0, 0.0, in_position=True, moving=False, enabled=True, homed=True)
     section = {
         "what": "section",
@@ -189,8 +199,12 @@ def _event_frame(time: float, told: dict[str, object]) -> LogFrame:
 
 def _rest_readings(run: Run) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
     """Return what packets hold of a rest, (6,), in the order of `AXES`."""
-    sensor, zero = run.sensor, np.zeros((1, len(require_turntable(run).names)))
-    sensed = motion(require_turntable(run), zero, zero, zero, {})
+    sensor, control = run.sensor, require_motion_control(run)
+    if control.has_attitude:
+        zero = np.zeros((1, len(control.readback(run.bench))))
+        sensed = motion(require_turntable(run), zero, zero, zero, {})
+    else:
+        sensed = Motion(np.array([[0.0, 0.0, G0]]), np.zeros((1, 3)))
     found = sensor.forward(sensed, np.zeros(len(sensor.coefficients)))[0]
     readings = np.zeros(len(AXES))
     places = {"f": iter(range(3)), "w": iter(range(3, 6))}

@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError
 from inercal.host.assembly import SampleAssembler, SampleBlock
@@ -24,8 +25,8 @@ from inercal.host.navigation import NavigationSolution, Navigator
 from inercal.host.packets import PacketLayout
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame, RunLog, read_frames
-from inercal.host.sequencer import SectionEvent
 from inercal.host.table_state_codec import unpack_states
+from inercal.host.task_sequencer import SectionEvent
 
 # s of the bench that are worked through at a time: the gyros are compared with the table as often
 _PIECE_MIN, PIECE_MAX = 0.2, 5.0
@@ -92,14 +93,17 @@ class RunRecorder(Closeable):
     """
 
     def __init__(self, folder: RunFolder, journal: Journal, layout: PacketLayout):
-        run, bench = folder.run, require_turntable(folder.run)
+        run = folder.run
         self.assembly = SampleAssembler(run, layout, journal.header().poll)
         # Packets hold no temperature of each sample: coefficients of it are found afterwards.
         self._estimates = run.method.sequential is not None and not run.sensor.uses("dT")
         self.live_estimator = LiveEstimator(run) if self._estimates else None
         whole = all(len(run.sensor.select_axes(kind).axes) == _TRIAD for kind in ("f", "w"))
-        self._navigator_inputs = run.sensor, bench
-        self._navigator = Navigator(*self._navigator_inputs) if whole else None
+        navigates = whole and require_motion_control(run).has_attitude
+        self._new_navigator = lambda: (
+            Navigator(run.sensor, require_turntable(run)) if navigates else None
+        )
+        self._navigator = self._new_navigator()
         self.navigation: NavigationSolution | None = None
         self.temperature = nan
         self.events = 0
@@ -156,7 +160,7 @@ class RunRecorder(Closeable):
         The log has it at once. The journal has it when the IMU's bytes up to then are in the log: a
         host that is killed before repeats the section, whose last samples are lost.
         """
-        content = {"number": one.number, "label": one.label, "state": one.state, "time": one.time}
+        content = {"number": one.number, "label": one.section, "state": one.state, "time": one.time}
         self._event(time, {"what": "section", **content, "hold": holds})
         self._waiting_sections.append((time, one))
 
@@ -202,8 +206,8 @@ class RunRecorder(Closeable):
         self.temperature = float(block.temperature[-1])
         if self.live_estimator is None:
             return
-        if block.starts_recording and self._navigator is not None:
-            self._navigator = Navigator(*self._navigator_inputs)
+        if block.starts_recording:
+            self._navigator = self._new_navigator()
         try:
             self.live_estimator.feed(block)
             if self._navigator is not None and np.isfinite(self.live_estimator.values).all():

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable import require_turntable, require_turntable_data
+from inercal.benches.kinds import require_motion_control
 from inercal.benches.turntable.reading.host_readback import (
     BENCH_GROUP,
     IMPLAUSIBLE_POLLS,
@@ -37,8 +37,8 @@ from inercal.units import to_si
 
 _FRAMES_PER_PIECE = 4096  # worked through at once
 _SUFFIXES = (".h5", ".hdf5")
+_SINGLE_KEYS = ("time", "label", "mounting", "hold", "arm_rate", "temperature")
 _AXIS_KEYS = ("accelerometer", "gyro", "table")  # each names a column per axis
-_REQUIRED_KEYS = {"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'}
 
 
 def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
@@ -55,7 +55,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
     InputError
         Naming the key and what is possible.
     """
-    data = require_turntable_data(run)
+    control, data = require_motion_control(run), run.data
 
     def refusal(key: str, text: str, *names: str) -> InputError:
         return key_error(f"[data] {key}", text, run.path, names)
@@ -64,7 +64,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
         raise refusal(
             "file", f"a run on the bench is written as {_SUFFIXES[0]}; change {data.file!r} to it"
         )
-    for key, example in _REQUIRED_KEYS.items():
+    for key, example in control.required_keys.items():
         if getattr(data, key) is None:
             raise refusal(key, f"the key is missing; add it, such as {key} = {example}")
     if data.time_unit != "s":
@@ -72,11 +72,10 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
             "time_unit", f'a run on the bench is written in "s"; replace {data.time_unit!r}'
         )
     for key in ("gyro_file", "table_file"):
-        if getattr(data, key) is not None:
+        if getattr(data, key, None) is not None:
             raise refusal(key, "a run on the bench is written to one file; remove this key")
-    columns = [(key, name) for key in _AXIS_KEYS for name in getattr(data, key) or ()]
-    columns += [(key, getattr(data, key)) for key in ("time", "label", "hold")]
-    columns += [("temperature", data.temperature)] if data.temperature is not None else []
+    columns = [(key, name) for key in _AXIS_KEYS for name in getattr(data, key, None) or ()]
+    columns += [(key, getattr(data, key)) for key in _SINGLE_KEYS if getattr(data, key, None)]
     for key, name in columns:
         if not isinstance(name, str) or not name or set(name) & set("./()#") or name == BENCH_GROUP:
             raise refusal(
@@ -199,20 +198,21 @@ def _recording_columns(
     run: Run, assembly: SampleAssembler, blocks: list[SampleBlock]
 ) -> dict[str, NDArray[Any]]:
     """Return the columns by their names in [data]."""
-    data, bench = require_turntable_data(run), require_turntable(run)
+    data, control = run.data, require_motion_control(run)
     output = np.concatenate([one.output for one in blocks])
     said = np.concatenate([one.angle_output for one in blocks])
     table = np.concatenate([one.table for one in blocks])
     given = {"f": iter(data.accelerometer), "w": iter(data.gyro)}
     names = [next(given[axis.measures]) for axis in run.sensor.axes]
-    of_table = [readback_columns(run)[name] for name in bench.names]
+    of_table = [readback_columns(run)[name] for name in control.readback(run.bench)]
     columns: dict[str, NDArray[Any]] = {
         str(data.time): np.concatenate([one.time for one in blocks]),
         **{str(name): output[:, k] for k, name in enumerate(names)},
         **{name: said[:, k] for k, name in enumerate(of_table)},
-        str(data.label): assembly.labels(table),
-        str(data.hold): np.concatenate([one.hold for one in blocks]),
+        str(data.row): assembly.labels(table),
     }
+    if (hold := getattr(data, "hold", None)) is not None:
+        columns[str(hold)] = np.concatenate([one.hold for one in blocks])
     if data.temperature is not None:
         kelvin = _fill_missing(np.concatenate([one.temperature for one in blocks]))
         zero, one = to_si(np.array([0.0, 1.0]), data.temperature_unit, "K")

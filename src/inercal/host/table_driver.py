@@ -19,7 +19,7 @@ from inercal.host.drivers.rotary_table import (
 )
 from inercal.host.guard import Guard
 from inercal.host.link import LinkLost
-from inercal.host.sequencer import (
+from inercal.host.task_sequencer import (
     Command,
     DisableCommand,
     EnableCommand,

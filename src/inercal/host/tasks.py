@@ -1,67 +1,41 @@
-"""The steps of a plan with absolute angles, so that the host can repeat a step.
+"""A plan as the table carries it out: its tasks, and what may be asked of the bench of a run."""
 
-After an outage the host repeats the interrupted step from its beginning. A `Rotation` is relative
-to the present angle of the table; a `Task` states that angle, cumulative over turns, from the zero
-of homing.
-"""
+from typing import Any, NamedTuple
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
-from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.simulation import path_profile
-from inercal.plan import Rotation, TableStep
-
-Angles = tuple[float, ...]
+from inercal.benches.kinds import require_motion_control
+from inercal.benches.motion_control import ControlledBench, MotionControl, SpinTask, Task, TurnTask
+from inercal.runfile import Run
 
 
-@dataclass(frozen=True)
-class Task:
-    """One step of a plan.
+class HostPlan(NamedTuple):
+    """What a host drives of a run file."""
 
-    Parameters
-    ----------
-    label : str
-        Of the section that it leaves.
-    start, end : tuple of float
-        Angles of all axes, outermost first, rad: brought there first; there when it is done.
-    rate : float
-        rad/s of the turn from start to end; 0 of a stay.
-    seconds : float
-        Length of the section; a turn's is what its limits make of it.
-    approach : float
-        How long the way to `start` takes from the step before, s.
-    """
+    bench: ControlledBench
+    kind: MotionControl
+    tasks: tuple[Task, ...]
 
-    label: str
-    start: Angles
-    end: Angles
-    rate: float
-    seconds: float
-    approach: float
+    @property
+    def seconds(self) -> float:
+        """How long all tasks take, s, without the time of an operator."""
+        return sum(one.approach + one.seconds for one in self.tasks)
+
+    @property
+    def spins(self) -> bool:
+        """The table turns at rates, with mountings that an operator changes."""
+        return self.kind.quantity == "rate"
 
 
-def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[Task, ...]:
-    """Return the steps made absolute, from all axes at zero.
+def host_plan(run: Run) -> HostPlan:
+    """Return what a host drives of a run file.
 
     Raises
     ------
     InputError
-        As `inercal.benches.turntable.simulation.path_profile`.
+        A bench that no host drives, or a plan that it cannot carry out.
     """
-    way = path_profile(bench, steps)
-    angles: list[list[float]] = way.evaluate(way.ends)[0].tolist()
-    ends: list[float] = way.ends.tolist()
-    result: list[Task] = []
-    now: Angles = (0.0,) * len(bench.axes)
-    at, approach, coming = 0.0, 0.0, iter(steps)
-    for label, end, there in zip(way.labels, ends, map(tuple, angles), strict=True):
-        if label:
-            step = next(coming)
-            rate = step.rate if isinstance(step, Rotation) else 0.0
-            result.append(Task(label, now, there, rate, end - at, approach))
-            approach = 0.0
-        else:
-            approach = end - at
-        now, at = there, end
-    return tuple(result)
+    kind, bench = require_motion_control(run), run.bench
+    controlled: Any = bench  # the kind states that its benches have axes
+    return HostPlan(controlled, kind, tuple(kind.tasks(bench, run.steps)))
+
+
+__all__ = ["HostPlan", "SpinTask", "Task", "TurnTask", "host_plan"]

@@ -13,8 +13,8 @@ from inercal.sensors import Sensor
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter_config import FilterConfig
 
-_KEY = "[method.filter]"
-_METHOD = "turntable_kalman"
+FILTER_KEY = "[method.filter]"
+FILTER_METHOD = "turntable_kalman"
 _ROUNDING = 1e-12  # of a value by the conversion of its unit
 
 
@@ -43,6 +43,8 @@ _INITIAL_RANGES: Mapping[str, _Range] = {
     "accelerometer_misalignment": _Range("°", "0.1 ″", "10 °"),
     "attitude": _Range("°", "0.1 ″", "1 °"),
 }
+
+FILTER_RANGES = {**_RANGES, **{f"initial.{name}": one for name, one in _INITIAL_RANGES.items()}}
 
 
 def with_filter_keys(
@@ -80,10 +82,11 @@ def with_filter_keys(
     section = schema.method.filter
     if section is None:
         return chosen, None
-    if chosen.name != _METHOD:
+    if chosen.name != FILTER_METHOD:
         raise key_error(
-            _KEY,
-            f"only {_METHOD} has these keys, and {chosen.name} has no filter; remove the section",
+            FILTER_KEY,
+            f"only {FILTER_METHOD} has these keys, and {chosen.name} has no filter; remove the "
+            "section",
         )
     from inercal.methods.turntable_kalman import method_with
 
@@ -104,7 +107,7 @@ def _filter_config(
     if section.table_states is not None:
         changes["table_states"] = section.table_states
     found = {
-        name: _value(f"{_KEY} {name}", text, limits)
+        name: _value(f"{FILTER_KEY} {name}", text, limits)
         for name, limits in _RANGES.items()
         if (text := getattr(section, name)) is not None
     }
@@ -152,7 +155,7 @@ def _require_unstable_biases(schema: RunSchema) -> None:
     noise = [one for one in (schema.sensor.accelerometer, schema.sensor.gyro) if one is not None]
     if not any(one.bias_instability or one.random_walk for one in noise):
         raise key_error(
-            f"{_KEY} bias_drift",
+            f"{FILTER_KEY} bias_drift",
             "[sensor] states no bias_instability and no random_walk that the biases would drift "
             "by; state one, or leave bias_drift out",
         )

@@ -71,13 +71,25 @@ class SearchSection(Section):
 class FilterInitialSection(Section):
     """[method.filter.initial]: standard deviations of the filters' states before the data."""
 
-    gyro_bias: str | None = Field(None, examples=["1000 °/h"])
-    gyro_scale: str | None = Field(None, examples=["5000 ppm"])
-    gyro_misalignment: str | None = Field(None, examples=["20 ′"])
-    accelerometer_bias: str | None = Field(None, examples=["5 mg"])
-    accelerometer_scale: str | None = Field(None, examples=["5000 ppm"])
-    accelerometer_misalignment: str | None = Field(None, examples=["20 ′"])
-    attitude: str | None = Field(None, examples=["30 ″"])
+    gyro_bias: str | None = Field(None, description="of the gyros' biases", examples=["1000 °/h"])
+    gyro_scale: str | None = Field(
+        None, description="of the gyros' scale factors", examples=["5000 ppm"]
+    )
+    gyro_misalignment: str | None = Field(
+        None, description="of the gyros' misalignments", examples=["20 ′"]
+    )
+    accelerometer_bias: str | None = Field(
+        None, description="of the accelerometers' biases", examples=["5 mg"]
+    )
+    accelerometer_scale: str | None = Field(
+        None, description="of the accelerometers' scale factors", examples=["5000 ppm"]
+    )
+    accelerometer_misalignment: str | None = Field(
+        None, description="of the accelerometers' misalignments", examples=["20 ′"]
+    )
+    attitude: str | None = Field(
+        None, description="of the attitude in both filters", examples=["30 ″"]
+    )
 
 
 class FilterSection(Section):

@@ -20,10 +20,12 @@ from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import RunRequest
 from inercal.pipeline import calibrate
 from inercal.runfile import read
+from inercal.sensors import G0
 from inercal.store import Register
 
 NAME = "MIMU #17"
 NOTE = "the door was opened"
+FILTER = {"initial.accelerometer_bias": "20 mg"}
 
 
 class Whole(NamedTuple):
@@ -50,7 +52,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
         # A viewer that answers late, as this one does on a slow machine, would be sent means.
         patch.setattr("inercal.host.web.viewers._FAST", inf)
         page.operate("Ada")
-        page.say("start", plan="plan", sensor=NAME, ambient=21.5, **SIMULATED)
+        page.say("start", plan="plan", sensor=NAME, ambient=21.5, filter=FILTER, **SIMULATED)
         run = page.until("plan", COMPILING)["run"]
         page.until("estimates", COMPILING)
         page.say("pause")
@@ -138,6 +140,18 @@ def test_what_the_operator_wrote_is_in_journal_calibration_and_report(whole: Who
     assert kept[f"note 2, {notes[1].time:.0f} s"] == words[1]
     report = whole.answers["report"].body.decode()
     assert all(one in report for one in words)
+
+
+def test_a_changed_filter_parameter_is_in_run_file_journal_and_report(whole: Whole):
+    config = read(whole.folder / "plan.toml").filter
+    assert config is not None
+    assert dict(config.initial) == pytest.approx({"accelerometer_bias": 20e-3 * G0})
+    with Journal(whole.folder / "run.journal") as journal:
+        words = [event.words for event in journal.events()]
+    assert any("Ada" in one and "accelerometer_bias 20 mg" in one for one in words)
+    changed = load(whole.folder / "plan.calibration.json").conditions["filter keys changed"]
+    assert "accelerometer_bias 20 mg" in changed
+    assert changed in whole.answers["report"].body.decode()
 
 
 def test_its_result_is_that_of_its_recording(whole: Whole):

@@ -20,8 +20,8 @@ from inercal.host.web.refusal_log import RefusalHandler, RefusalLog
 from inercal.host.web.run_request import (
     RunRequest,
     SimulationRequest,
+    changed_run_file,
     read_process_record,
-    rename_sensor,
     run_in_progress,
     write_process_record,
 )
@@ -143,7 +143,9 @@ def test_an_imu_may_be_asked_what_it_sends_without_a_preset(offered: DeviceCatal
 def test_another_name_of_the_sensor_changes_nothing_else_of_a_run_file():
     path = Path(str(files("inercal").joinpath("demo.toml")))
     name = 'the "new" one µ'
-    before, after = path.read_text(encoding="utf-8"), rename_sensor(path, name).decode()
+    before, content = path.read_text(encoding="utf-8"), changed_run_file(path, name, None)
+    assert content is not None
+    after = content.decode()
     assert tomllib.loads(after)["sensor"]["name"] == name
     changed = [
         (a, b) for a, b in zip(before.splitlines(), after.splitlines(), strict=True) if a != b

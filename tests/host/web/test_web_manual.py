@@ -11,6 +11,7 @@ from threading import Event
 from time import monotonic
 
 import pytest
+from tests.host.by_hand import pmac_of
 from tests.host.simulated_runs import plan
 from tests.host.web.pages import PATIENCE, SIMULATED, Page, Served
 from tests.host.web.test_web_process_survival import Serving
@@ -43,7 +44,7 @@ class WatchedTable:
     @property
     def rate(self) -> float:
         """°/s of the inner axis."""
-        return degrees(float(self.device.pmac.table.state[INNER].rate))
+        return degrees(float(pmac_of(self.device).table.state[INNER].rate))
 
     def until(self, condition: Callable[[], bool]) -> None:
         end, tick = monotonic() + PATIENCE, Event()
@@ -64,14 +65,14 @@ def table(run: Run) -> Iterator[WatchedTable]:
         address = server.address.replace("tcp", "pmac", 1)
         where = f"{address}?motors=1,2,3&counts={COUNTS_PER_TURN}"
         watched = WatchedTable(where, device, clock)
-        halt = device.pmac.table.halt
+        halt = pmac_of(device).table.halt
 
         def halted(i: int, abort: bool = False) -> None:
             if i == INNER:
                 watched.halts.append(clock())
             halt(i, abort)
 
-        device.pmac.table.halt = halted
+        pmac_of(device).table.halt = halted
         yield watched
 
 

@@ -48,11 +48,11 @@ def state(run_file: Run, estimation: str, *, homed: bool = True, **more: Any) ->
         pause_reason="",
         trouble="",
         speed=1.0,
-        sequencer=EndMessage(phase="work", number=0, remaining_time=lambda _: 60.0),
+        sequencer=EndMessage(phase="work", number=0, task=None, remaining_time=lambda _: 60.0),
+        mounting_request=None,
         recorder=account,
     )
-    bench = require_turntable(run_file)
-    return page_messages.state_message(cast(BenchRun, run), bench, more.get("angles"))
+    return page_messages.state_message(cast(BenchRun, run), run_file, more.get("angles"))
 
 
 def by(run_file: Run, angles: "np.ndarray[Any, np.dtype[np.float64]]") -> list[float | None]:

@@ -25,7 +25,7 @@ section 1 (the table), 10.13873/J.1000-9787(2014)10-0021-04.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import pi
+from math import pi, radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,7 @@ from inercal.benches.key_declarations import (
     deviation,
     small_angle,
 )
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity
@@ -48,6 +49,7 @@ from inercal.units import Measured
 
 _AXES = "xyz"
 _ALIKE = 5e-3  # relative difference of rates of one set speed
+_DEFAULT_LIMITS = AxisMotionLimits(90 * pi / 30, radians(100))
 _LEAN = {1: "toward the centre", 2: "along"}
 
 
@@ -71,6 +73,8 @@ class RateTable:
         Relative standard deviation of each set speed, the same in all dwells at that speed.
     lean : float
         Standard deviation of each of two components of the lean, in each rest, rad.
+    limits : AxisMotionLimits
+        Of the table's axis, for a host that drives it.
 
     Raises
     ------
@@ -93,6 +97,7 @@ class RateTable:
         {f"lean_{k}": f"lean at rest, {toward}" for k, toward in _LEAN.items()},
         scope="position",
     )
+    limits: AxisMotionLimits = _DEFAULT_LIMITS
 
     def __post_init__(self) -> None:
         measured = {"gravity": self.gravity, "radius": self.radius}
@@ -100,6 +105,16 @@ class RateTable:
         deviations |= {name: getattr(self, name) for name in declarations(RateTable)}
         values = {name: quantity.value for name, quantity in measured.items()}
         require_possible_values("rate table", values, deviations)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of the table's axis."""
+        return ("table",)
+
+    @property
+    def axis_motion_limits(self) -> tuple[AxisMotionLimits, ...]:
+        """The limits of the axis."""
+        return (self.limits,)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -7,6 +7,7 @@ from inercal.benches.kind_definition import (
     simulate_without_sensor,
 )
 from inercal.benches.rate_table.bench import RateTable
+from inercal.benches.rate_table.driving import MOTION_CONTROL
 from inercal.benches.rate_table.report import output_tables, plots
 from inercal.benches.rate_table.settings import RateTableData, RateTableSection, build
 from inercal.benches.rate_table.sheet import sheet
@@ -34,4 +35,5 @@ KIND = Kind(
     plots=plots,
     row=describe_spin,
     tables=output_tables,
+    motion_control=MOTION_CONTROL,
 )

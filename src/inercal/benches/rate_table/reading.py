@@ -120,14 +120,16 @@ def reduce_recording(run: Source[RateTableData], recording: Recording) -> Estima
     size = readback_units(run)["arm_rate"]
     recording = replace(recording, readback={ARM_RATE: recording.readback[ARM_RATE] * size})
     require_unit(run, recording, run.bench)
-    dwells, flawed = find_dwells(recording, "table")
+    found, flawed = find_dwells(recording, "table")
+    # Without a label it is no state: a host records the way to a rate, and changes of the mounting.
+    assert recording.labels is not None
+    dwells = tuple(one for one in found if str(recording.labels[one.mark.start]).strip())
     turning, spun = average_dwells(recording, run.sensor, dwells)
     rests, also = find_stationary_states(recording)
     held = [Spin(mark.label, 0.0) for mark in rests]
     both = averaged(recording, run.sensor, rests, held, found=True) if rests else None
     observations = turning if both is None else join_observations(turning, both)
     marks = (*(dwell.mark for dwell in dwells), *rests)
-    assert recording.labels is not None
     steps: list[Spin] = []
     for step, mark in zip((*spun, *held), marks, strict=True):
         text, column = str(recording.labels[mark.start]), str(run.data.mounting)

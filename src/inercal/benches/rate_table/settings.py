@@ -6,9 +6,10 @@ from typing import Literal
 from pydantic import Field
 
 from inercal.benches.key_declarations import add_bench_keys, build_bench
+from inercal.benches.motion_control import AxisMotionLimits
 from inercal.benches.rate_table.bench import RateTable
 from inercal.data.data_section import DataSection, ReadbackColumn, unit_size
-from inercal.section_settings import BenchSection, section_length
+from inercal.section_settings import PLANNING, BenchSection, section_length, si_value
 
 
 @add_bench_keys(RateTable)
@@ -17,6 +18,10 @@ class RateTableSection(BenchSection):
 
     kind: Literal["rate_table"]
     radius: str = Field(examples=["250 mm ± 0.3 mm"])
+    max_rate: str = Field(
+        "90 rpm", description="limit of the table's rate", json_schema_extra=PLANNING
+    )
+    max_acceleration: str = Field("100 °/s²", json_schema_extra=PLANNING)
 
 
 class RateTableData(DataSection):
@@ -41,4 +46,9 @@ class RateTableData(DataSection):
 
 def build(section: RateTableSection, folder: Path) -> RateTable:
     """Return the bench in SI; files that it names lie in `folder`."""
-    return build_bench(RateTable, section, radius=section_length(section, "radius"))
+    limits = AxisMotionLimits(
+        si_value(section.max_rate, "rpm", "[bench] max_rate"),
+        si_value(section.max_acceleration, "°/s²", "[bench] max_acceleration"),
+    )
+    radius = section_length(section, "radius")
+    return build_bench(RateTable, section, radius=radius, limits=limits)

@@ -69,7 +69,7 @@ def simulate_table_motion(
     commanded: list[Array] = []
     labels: list[str] = []
     for own in group_by_mounting(steps):
-        lean = _rotate_horizontal(tilts, rng.uniform(0, 2 * pi, trials))
+        lean = rotate_horizontal(tilts, rng.uniform(0, 2 * pi, trials))
         for step in own:
             if step.rate == 0:
                 drawn |= {f"lean_{k + 1}[{step.label}]": lean[:, k] for k in (0, 1)}
@@ -152,7 +152,7 @@ def _sensed_motion(
     radius = drawn.get("radius", nothing + bench.radius.value)[:, None]
     radius = radius + drawn.get(f"seat[{name}]", nothing)[:, None]
     g = drawn["g"][:, None]
-    swing = _rotate_horizontal(lean[:, None], azimuth)
+    swing = rotate_horizontal(lean[:, None], azimuth)
     inwards = radius * rate**2 + g * swing[..., 0]
     forwards = -radius * slope * (factor + common) + g * swing[..., 1]
     upwards = np.broadcast_to(g * np.sqrt(1 - (lean**2).sum(-1, keepdims=True)), rate.shape)
@@ -164,7 +164,7 @@ def _sensed_motion(
     return Motion(f, rate[..., None] * body[:, None, :, 2])
 
 
-def _rotate_horizontal(vector: Array, azimuth: Array) -> Array:
+def rotate_horizontal(vector: Array, azimuth: Array) -> Array:
     """Return a vector of the room, (..., 2), in the frame of a table turned by an azimuth."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     x, y = vector[..., 0], vector[..., 1]

@@ -15,45 +15,12 @@ Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import sqrt
 
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.errors import InputError
-
-
-@dataclass(frozen=True)
-class AxisMotionLimits:
-    """Limits of the motion of an axis.
-
-    Parameters
-    ----------
-    rate : float
-        rad/s.
-    acceleration : float
-        rad/s².
-    jerk : float or None
-        rad/s³; None is no limit: the rate is then a trapezoid.
-
-    Raises
-    ------
-    InputError
-        A limit that is not > 0 and finite.
-    """
-
-    rate: float
-    acceleration: float
-    jerk: float | None = None
-
-    def __post_init__(self) -> None:
-        for what, unit in (("rate", "rad/s"), ("acceleration", "rad/s²"), ("jerk", "rad/s³")):
-            size = getattr(self, what)
-            if size is not None and not (isfinite(size) and size > 0):
-                raise InputError(
-                    f"turntable: limit of {what} is {size} {unit}; it must be greater than 0",
-                    key=what,
-                )
+from inercal.benches.motion_control import AxisMotionLimits
 
 
 @dataclass(frozen=True, eq=False)

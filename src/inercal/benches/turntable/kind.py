@@ -11,6 +11,7 @@ from inercal.benches.kind_definition import Kind, Vocabulary, import_when_called
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.benches.turntable.attitude import reference_attitude
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.driving import MOTION_CONTROL
 from inercal.benches.turntable.path_file import path_plan
 from inercal.benches.turntable.settings import TurntableData, TurntableSection, build
 from inercal.benches.turntable.simulation import (
@@ -93,4 +94,5 @@ KIND = Kind(
     plan=path_plan,
     files=readback_files,
     directions=directions,
+    motion_control=MOTION_CONTROL,
 )

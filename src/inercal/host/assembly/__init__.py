@@ -23,14 +23,15 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.turntable import require_turntable
-from inercal.benches.turntable.rest_timing import settling_time
 from inercal.data.recording_loader import readback_units
 from inercal.errors import InputError
 from inercal.host.assembly.imu_samples import DroppedPackets, PacketSamples, ReceivedSamples
+from inercal.host.assembly.rate_polls import RatePolls
 from inercal.host.assembly.section_timeline import SectionSpan, SectionTimeline
 from inercal.host.assembly.table_polls import POLL_INTERVAL, TablePolls
 from inercal.host.packets import PacketCounts, PacketLayout
 from inercal.host.run_log import EVENT, IMU, TABLE, LogFrame
+from inercal.host.tasks import host_plan
 from inercal.recording import AngleQuality, Track
 from inercal.runfile import Run
 
@@ -49,9 +50,9 @@ class SampleBlock(NamedTuple):
     reading : (n, m) array
         The same in SI.
     angle_output : (n, k) array
-        Angles in units of the readback's columns.
+        The readback in units of its columns: angles, or rates of a table of rates.
     angles : (n, k) array
-        The same in rad.
+        The same in rad, or rad/s.
     hold : (n,) array of int
         Number of the hold; −1 elsewhere.
     temperature : (n,) array
@@ -123,7 +124,7 @@ class SampleAssembler:
     Parameters
     ----------
     run : Run
-        On a turntable.
+        On a bench that a host drives.
     layout : PacketLayout
         Of the IMU's packets.
     poll : float
@@ -132,12 +133,13 @@ class SampleAssembler:
     Raises
     ------
     InputError
-        No turntable or no rate; packets without counter and time, of another rate, or without an
-        axis of the sensor.
+        No bench that a host drives, or no rate; packets without counter and time, of another
+        rate, or without an axis of the sensor.
     """
 
     def __init__(self, run: Run, layout: PacketLayout, poll: float = POLL_INTERVAL):
-        bench = require_turntable(run)
+        plan = host_plan(run)
+        control, bench = plan.kind, plan.bench
         if run.rate_hz is None:
             raise InputError(
                 f'{run.path}: [data] rate is missing; add it, such as rate = "200 Hz"',
@@ -146,12 +148,14 @@ class SampleAssembler:
             )
         self.sensor = run.sensor
         self._imu = ReceivedSamples(run.sensor, layout, run.rate_hz)
-        self._table = TablePolls(poll, bench)
-        self._settling = settling_time(bench)
+        self._table = (
+            TablePolls(poll, require_turntable(run)) if control.has_attitude else RatePolls(bench)
+        )
+        self._settling = control.settling(bench)
         self._sections = SectionTimeline(self._settling)
         # SI size of a unit of each axis' column in the recording; negative reverses.
         sizes = readback_units(run)
-        self._units = np.array([sizes[name] for name in bench.names])
+        self._units = np.array([sizes[name] for name in control.readback(bench)])
         self._pending: list[LogFrame] = []
         self._attempt: int = 0
         self._start_recording()
@@ -271,7 +275,7 @@ class SampleAssembler:
             return None
         table = samples.ticks / imu.per_second - offset
         late = table >= self._sections.start
-        angles, quality, there = self._table.angles(table)
+        angles, quality, there = self._table.readback(table)
         self._table.discard_old(float(table[-1]))
         self._no_angle += int(np.sum(late & ~there))
         kept = late & there

@@ -26,7 +26,7 @@ from inercal.host.manual.commands import (
     JogCommand,
     ServoCommand,
 )
-from inercal.host.sequencer import (
+from inercal.host.task_sequencer import (
     Command,
     DisableCommand,
     EnableCommand,

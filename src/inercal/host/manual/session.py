@@ -51,12 +51,12 @@ from inercal.host.manual.commands import (
 )
 from inercal.host.manual.dead_man import HOLD_TIMEOUT, DeadMan
 from inercal.host.manual.imu import ManualImu
-from inercal.host.sequencer import (
+from inercal.host.table_driver import TableDriver
+from inercal.host.task_sequencer import (
     Command,
     SpinCommand,
     StopCommand,
 )
-from inercal.host.table_driver import TableDriver
 from inercal.runfile import Run
 
 SHOW_INTERVAL = 0.1  # s of the wall's between two looks at the session

@@ -12,7 +12,7 @@ terms those of `inercal.sensors.axis_model` in the reference form: each a produc
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
 
-from math import cos, floor, sin
+from math import floor
 
 import numpy as np
 from numba import njit
@@ -52,86 +52,6 @@ def interpolate_motion(ring: Array, period: float, times: Array, out: Array) -> 
             out[n, i, 0] = a + u * (v + u * (3 * d - 2 * v - w + u * (v + w - 2 * d)))
             out[n, i, 1] = (v + u * (2 * (3 * d - 2 * v - w) + 3 * u * (v + w - 2 * d))) / period
             out[n, i, 2] = (2 * (3 * d - 2 * v - w) + 6 * u * (v + w - 2 * d)) / period**2
-
-
-@njit(cache=True, nogil=True)
-def _rotate(mat: Array, axis: int, angle: float) -> None:
-    """Make `mat` R_axis(angle) mat."""
-    j, k = (axis + 1) % 3, (axis + 2) % 3
-    c, s = cos(angle), sin(angle)
-    for m in range(3):
-        a, b = mat[j, m], mat[k, m]
-        mat[j, m], mat[k, m] = c * a - s * b, s * a + c * b
-
-
-@njit(cache=True, nogil=True)
-def _cross(a: Array, b: Array, out: Array) -> None:
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True, nogil=True)
-def sensed_motion(
-    moved: Array,
-    axes: Integers,
-    thirds: Integers,
-    squares: Array,
-    base: Array,
-    earth: Array,
-    gravity: float,
-    lever: Array,
-    out: Array,
-) -> None:
-    """Give f, ω and its derivative, `out` (n, 9), at `moved`, (n, k, 3) rad, rad/s, rad/s².
-
-    `axes` (k,) are the axes' letters as numbers, `thirds` and `squares` (k − 1,) what each two of
-    them miss a right angle about, and by, rad; `base` is T, `earth` the earth's rate in the level
-    frame, rad/s.
-    """
-    count = axes.size
-    mat = np.empty((3, 3))
-    u = np.empty((count, 3))
-    v, dv, omega, w, dw, one, two = (
-        np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    )  # fmt: skip
-    for n in range(moved.shape[0]):
-        mat[:] = 0.0
-        mat[0, 0] = mat[1, 1] = mat[2, 2] = 1.0
-        for i in range(count - 1, -1, -1):
-            if i + 1 < count:
-                _rotate(mat, thirds[i], squares[i])
-            for m in range(3):
-                u[i, m] = mat[axes[i], m]
-            _rotate(mat, axes[i], moved[n, i, 0])
-        v[:] = 0.0
-        dv[:] = 0.0
-        for i in range(count - 1, -1, -1):
-            _cross(u[i], v, one)
-            for m in range(3):
-                dv[m] += moved[n, i, 2] * u[i, m] + moved[n, i, 1] * one[m]
-            for m in range(3):
-                v[m] += moved[n, i, 1] * u[i, m]
-        for m in range(3):
-            omega[m] = 0.0
-            f = 0.0
-            for j in range(3):
-                toward = base[j, 0] * mat[0, m] + base[j, 1] * mat[1, m] + base[j, 2] * mat[2, m]
-                omega[m] += earth[j] * toward
-                f = gravity * toward if j == 2 else f
-            out[n, m] = f
-        _cross(omega, v, one)
-        for m in range(3):
-            w[m] = omega[m] + v[m]
-            dw[m] = one[m] + dv[m]
-        _cross(dw, lever, one)
-        for m in range(3):
-            out[n, m] += one[m]
-            out[n, 3 + m], out[n, 6 + m] = w[m], dw[m]
-        _cross(w, lever, one)
-        _cross(w, one, two)
-        for m in range(3):
-            out[n, m] += two[m]
 
 
 @njit(cache=True, nogil=True)

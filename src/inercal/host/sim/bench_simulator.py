@@ -1,7 +1,10 @@
-"""A simulated turntable as a process: its Turbo PMAC, its time, and its motion told to the IMU.
+"""A simulated table as a process: its controller, its time, and its motion told to the IMU.
+
+The controller of a table of angles is a Turbo PMAC, that of a table of rates a motor's.
 
 Time passes as the wall's does, or is granted by the host through the clock's address, whose
-protocol is that of `inercal.host.clock`: `until 12.5` and `now`, answered `TIME SENT SENT_BY`.
+protocol is that of `inercal.host.clock`. Where nobody grants it, who mounts the sensor tells it by
+a fault of the table, `fault mounted XY30`.
 
 Run as `python -m inercal.host.sim.bench_simulator RUNFILE --seed 1 --motion unix:/tmp/x/motion`.
 """
@@ -15,10 +18,12 @@ from time import monotonic
 
 import numpy as np
 
+from inercal.benches.motion_control import SpinTask
 from inercal.errors import InputError
 from inercal.host.sim import motion_link
 from inercal.host.sim.faults import parse_number
 from inercal.host.sim.motion_link import MotionBlock
+from inercal.host.sim.motor import SimulatedMotor
 from inercal.host.sim.pmac import SimulatedPmac
 from inercal.host.sim.server import ScaledClock, Session, SimulatorServer
 from inercal.host.sim.simulated_errors import SimulatedErrors, draw_errors
@@ -45,6 +50,11 @@ class BenchDevice:
     answer_timeout : float
         s of the wall that the IMU's answer is waited for. One that is later, as of a process that
         was stopped, gets the motion that it has missed as soon as it answers.
+
+    Attributes
+    ----------
+    mounting : str
+        How the sensor is mounted; empty where it never was.
     """
 
     def __init__(
@@ -53,27 +63,26 @@ class BenchDevice:
         imu: socket.socket | None = None,
         answer_timeout: float = _GRANTED_ANSWER_TIMEOUT,
     ):
-        i10 = 3713707
-        period = i10 / 8388608e3
-        self.pmac = SimulatedPmac(drawn.axes(period), COUNTS_PER_TURN, i10)
-        # What the run file allows, the controller allows too.
-        for motor, limit in enumerate(drawn.bench.axis_motion_limits, start=1):
-            rate = max(limit.rate * COUNTS_PER_TURN / tau * 1e-3, 4000.0)
-            acceleration = max(limit.acceleration * COUNTS_PER_TURN / tau * 1e-6, 2.0)
-            line = f"I{motor}16={rate:.6f} I{motor}17={acceleration:.9f}"
-            self.pmac.interpreter.execute_line(line.encode(), 1)
+        self.controller = _create_controller(drawn)
+        period = self.controller.table.period
+        self._mountings = {
+            task.mounting
+            for task in drawn.motion_control.tasks(drawn.bench, drawn.steps)
+            if isinstance(task, SpinTask)
+        }
+        self.mounting = ""
         self.bytes_sent, self.sent_until = 0, 0.0
         self._imu, self._answer_timeout = imu, answer_timeout
         self._imu_is_late = False  # its last answer was given up waiting for
         self._until = 0.0
-        start = np.array([[(axis.start, 0.0, 0.0) for axis in self.pmac.table.axes]])
+        start = np.array([[(axis.start, 0.0, 0.0) for axis in self.controller.table.axes]])
         self._unsent_blocks = [MotionBlock(0.0, period, 0, start)]
         self._unacknowledged: list[float] = []
 
     @property
     def time(self) -> float:
         """Bench time, s."""
-        return self.pmac.time
+        return self.controller.time
 
     def advance(self, until: float) -> None:
         """Let bench time pass; the next call, though no time may pass in it, tells the IMU.
@@ -84,10 +93,10 @@ class BenchDevice:
         self._send_motion()
         while self._until < until:
             self._until = min(self._until + _MAX_BLOCK, until)
-            first = self.pmac.table.cycle + 1
-            moved = self.pmac.table.advance_array(self._until)
+            first = self.controller.table.cycle + 1
+            moved = self.controller.table.advance_array(self._until)
             self._unsent_blocks.append(
-                MotionBlock(self._until, self.pmac.table.period, first, moved)
+                MotionBlock(self._until, self.controller.table.period, first, moved, self.mounting)
             )
 
     def receive_acknowledgements(self) -> None:
@@ -100,13 +109,27 @@ class BenchDevice:
         self._send_motion()
         self.receive_acknowledgements()
 
+    def mount(self, mounting: str) -> None:
+        """Mount the sensor, from the next motion on; raises `InputError` for no mounting."""
+        if mounting not in self._mountings:
+            raise InputError(
+                f"{mounting!r} is not a mounting of the plan; possible: "
+                f"{', '.join(sorted(self._mountings)) or 'none'}",
+                key="mounted",
+                names=(mounting,),
+            )
+        self.mounting = mounting
+
     def session(self) -> Session:
         """Return the controller's side of a new connection."""
-        return self.pmac.session()
+        return self.controller.session()
 
     def fault(self, words: str) -> None:
-        """Set a fault of the table in words."""
-        self.pmac.fault(words)
+        """Set a fault of the table in words, or mount the sensor: `mounted XY30`."""
+        what, _, mounting = words.partition(" ")
+        if what == "mounted":
+            return self.mount(mounting)
+        self.controller.fault(words)
 
     def _send_motion(self) -> None:
         """Tell the IMU; hear of all but the last that it is done with."""
@@ -150,6 +173,21 @@ class BenchDevice:
             self._imu.close()
         self._imu = None
         self._unacknowledged.clear()
+
+
+def _create_controller(drawn: SimulatedErrors) -> SimulatedPmac | SimulatedMotor:
+    """Return the controller of a table of angles or of rates."""
+    if not drawn.motion_control.has_attitude:
+        return SimulatedMotor()
+    i10 = 3713707
+    pmac = SimulatedPmac(drawn.axes(i10 / 8388608e3), COUNTS_PER_TURN, i10)
+    # What the run file allows, the controller allows too.
+    for motor, limit in enumerate(drawn.bench.axis_motion_limits, start=1):
+        rate = max(limit.rate * COUNTS_PER_TURN / tau * 1e-3, 4000.0)
+        acceleration = max(limit.acceleration * COUNTS_PER_TURN / tau * 1e-6, 2.0)
+        line = f"I{motor}16={rate:.6f} I{motor}17={acceleration:.9f}"
+        pmac.interpreter.execute_line(line.encode(), 1)
+    return pmac
 
 
 class GrantedClock:
@@ -231,8 +269,14 @@ class ClockServer:
                     now = self._pace.grant(until)
                 case [b"now"]:
                     until, now = before, before
+                case [b"mounted", name]:
+                    try:
+                        device.mount(name.decode("utf-8", "replace"))
+                    except InputError as error:
+                        return f"no: {error}\n".encode()
+                    until, now = before, before
                 case _:
-                    return b"no: possible: until TIME, now\n"
+                    return b"no: possible: until TIME, now, mounted NAME\n"
             device.receive_acknowledgements()
             device.advance(now)
             if until <= before:

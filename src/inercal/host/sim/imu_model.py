@@ -1,4 +1,4 @@
-"""What the IMU on a simulated turntable reads; the equations are in `_imu_kernel`."""
+"""What the IMU on a simulated bench reads; the equations are in `_imu_kernel`."""
 
 from dataclasses import replace
 from math import inf
@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import true_attitude
-from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
+from inercal.host.packets.packet_format import AXES
 from inercal.host.sim import _imu_kernel as kernel
 from inercal.host.sim.motion_link import MotionBlock
 from inercal.host.sim.simulated_errors import SimulatedErrors, noise_generator
@@ -19,35 +18,6 @@ from inercal.sensors import Sensor
 from inercal.sensors.basis_functions import COMPONENTS
 
 _TIME_TOLERANCE = 1e-9  # s: times that were computed otherwise
-
-
-class SensedMotion:
-    """The sensed motion on a bench at angles, rates and accelerations of its axes."""
-
-    def __init__(self, drawn: SimulatedErrors):
-        bench, q = drawn.bench, drawn.values
-        k = len(bench.axes)
-        up, north = earth_rate_up_north(bench.latitude)
-        letters = np.array(["xyz".index(a) for a in bench.axes])
-        squares = np.array([q[f"square_{i + 1}"] for i in range(k - 1)], dtype=np.float64)
-        # With right angles at zero angles, what is left of the attitude is the base.
-        level = {name: np.asarray(q[name]) for name in ("lean_x", "lean_y", "azimuth")}
-        level |= {f"square_{i + 1}": np.zeros(()) for i in range(k - 1)}
-        self._arguments = (
-            letters,
-            3 - letters[:-1] - letters[1:],
-            squares,
-            np.ascontiguousarray(true_attitude(bench, np.zeros((1, k)), level)[0]),
-            np.array([0.0, north, up]),
-            q["g"],
-            np.array([q[f"lever_{a}"] for a in "xyz"]),
-        )
-
-    def __call__(self, moved: Array) -> Array:
-        """Return f, ω and its derivative (n, 9) at (n, k, 3) rad, rad/s, rad/s²."""
-        out = np.empty((len(moved), 9))
-        kernel.sensed_motion(moved, *self._arguments, out)
-        return out
 
 
 class SensorResponse:
@@ -109,44 +79,47 @@ class SimulatedImu:
     Raises
     ------
     InputError
-        A sensor that is not an IMU of three accelerometers and three gyros.
+        A sensor that is neither three accelerometers nor an IMU of these and three gyros.
     """
 
     def __init__(self, run: Run, drawn: SimulatedErrors, rate_hz: float, seconds: float):
         sensor = run.sensor.with_coefficients(*run.truth)
         kinds = [axis.measures for axis in sensor.axes]
-        if sorted(kinds) != ["f"] * 3 + ["w"] * 3:
+        if sorted(kinds) not in (["f"] * 3, ["f"] * 3 + ["w"] * 3):
             raise InputError(
-                f"{run.path}: [sensor]: the simulated IMU needs three accelerometers and three "
-                "gyros; add the missing axes",
+                f"{run.path}: [sensor]: the simulated IMU needs three accelerometers, and three "
+                "gyros or none; add the missing axes",
                 file=run.path,
                 key="[sensor]",
                 names=tuple(axis.name for axis in sensor.axes),
             )
         c = np.array([run.truth[name] for name in sensor.coefficients])
-        self._channel_order = [k for kind in "fw" for k in range(6) if kinds[k] == kind]
+        self._channel_order = [k for kind in "fw" for k, one in enumerate(kinds) if one == kind]
         self._is_ordered = self._channel_order == sorted(self._channel_order)
         self._sensor, self._errors, self._rate = sensor, drawn, rate_hz
-        self._sensed_motion, self._response = SensedMotion(drawn), SensorResponse(sensor, c)
+        self._sensed_motion, self._response = drawn.sensed_motion(), SensorResponse(sensor, c)
         readouts = [axis.readout for axis in sensor.axes]
         reach = np.array([(one.full_scale or inf) / abs(one.scale) for one in readouts])
         steps = np.array([axis.noise.quantisation for axis in sensor.axes])
         self._limits = steps, -reach, reach
-        self._clock_ratio = 1.0 - drawn.values["clock"]
+        self._clock_ratio = drawn.clock_ratio
         self._rng = noise_generator(drawn.seed, "white")
         self._block = noise_block_size(seconds, rate_hz)
         self._blocks = 0
         self._noise = self._draw_noise()
         self._noise_start = 0
-        self._axes = len(drawn.bench.axes)
+        self._axes = len(drawn.bench.names)
         self._ring = np.zeros((kernel.RING_SIZE, self._axes, 2))
         self.next_number = 0
         # No reading, but what is not yet compiled is now, and not while a table waits.
         self.read_block(MotionBlock(0.0, 1e-3, 0, np.zeros((1, self._axes, 3))))
 
     def read_block(self, part: MotionBlock) -> Array:
-        """Return the readings (n, 6) that are sent by the end of a part of the motion."""
-        until, period, first, moved = part
+        """Return the readings that are sent by the end of a part of the motion, (n, 6).
+
+        Those of gyros that the sensor does not have are 0.
+        """
+        until, period, first, moved, mounting = part
         if first == 0:
             # Before time began the table stood.
             self._ring[:] = moved[0, :, :2]
@@ -160,9 +133,12 @@ class SimulatedImu:
         # By the IMU's own second: so are its coefficients stated, and so can they be found.
         between[..., 1] /= self._clock_ratio
         between[..., 2] /= self._clock_ratio**2
-        reading = self._response(self._sensed_motion(between))
+        reading = self._response(self._sensed_motion(between, mounting))
         kernel.add_noise_and_limits(reading, self._next_noise(numbers), *self._limits)
-        return reading if self._is_ordered else reading[:, self._channel_order]
+        if not self._is_ordered:
+            reading = reading[:, self._channel_order]
+        missing = len(AXES) - reading.shape[1]
+        return np.pad(reading, ((0, 0), (0, missing))) if missing else reading
 
     def _next_noise(self, numbers: NDArray[np.int64]) -> Array:
         """Return the noise of the next readings, drawing on where there is no more."""

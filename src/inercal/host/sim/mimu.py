@@ -1,4 +1,4 @@
-"""A simulated IMU in a turntable: it feels the true motion, and sends packets at its rate.
+"""A simulated IMU on a bench: it feels the true motion, and sends packets at its rate.
 
 Its readings are those of the run file's sensor with the coefficients of its truth, and noise that
 was drawn beforehand. Reading k, from 0, is sent at the time (k + 1)/rate of the IMU's own clock,
@@ -28,7 +28,6 @@ from threading import Lock, Thread
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.turntable.simulation import turntable_path_duration
 from inercal.errors import InputError
 from inercal.host.closeable import Closeable
 from inercal.host.packets import PacketLayout, read_layout
@@ -205,7 +204,7 @@ def packet_rate(run: Run, layout: PacketLayout, rate_hz: float | None) -> float:
 
 def noise_duration(run: Run, drawn: SimulatedErrors) -> float:
     """Return how long noise is drawn for at a time, s."""
-    return 1.5 * turntable_path_duration(drawn.bench, run.table_steps) + _SPARE_NOISE
+    return 1.5 * run.kind.seconds(drawn.bench, run.steps) + _SPARE_NOISE
 
 
 def mean_drift(

@@ -18,17 +18,21 @@ from inercal.arrays import Array
 
 SOCKET_NAME = "motion"  # of the socket, in the bench's folder
 _RETRY_INTERVAL = 0.05  # s
-_HEAD = Struct("<ddqqq")  # until, period, first cycle, cycles, axes
+_HEAD = Struct("<ddqqqq")  # until, period, first cycle, cycles, axes, bytes of the mounting
 _BYTE_COUNT = Struct("<q")
 
 
 class MotionBlock(NamedTuple):
-    """Motion of some servo cycles: `moved` (n, axes, 3) rad, rad/s, rad/s² at their ends."""
+    """Motion of some servo cycles: `motion` (n, axes, 3) rad, rad/s, rad/s² at their ends.
+
+    `mounting` is the name of how the sensor is mounted; empty where it never was.
+    """
 
     end_time: float
     period: float
     first_cycle: int
     motion: Array
+    mounting: str = ""
 
 
 def listen(path: Path) -> tuple[socket.socket, str]:
@@ -72,8 +76,9 @@ def _retry_connect(end: socket.socket, path: str, patience: float) -> None:
 def send(end: socket.socket, part: MotionBlock) -> None:
     """Send a part; raises `OSError` where nobody takes it."""
     count, axes, _ = part.motion.shape
-    head = _HEAD.pack(part.end_time, part.period, part.first_cycle, count, axes)
-    end.sendall(head + part.motion.tobytes())
+    name = part.mounting.encode()
+    head = _HEAD.pack(part.end_time, part.period, part.first_cycle, count, axes, len(name))
+    end.sendall(head + name + part.motion.tobytes())
 
 
 def receive(end: socket.socket) -> MotionBlock | None:
@@ -81,11 +86,14 @@ def receive(end: socket.socket) -> MotionBlock | None:
     head = _receive_exactly(end, _HEAD.size)
     if head is None:
         return None
-    until, period, first, count, axes = _HEAD.unpack(head)
+    until, period, first, count, axes, size = _HEAD.unpack(head)
+    name = _receive_exactly(end, size)
+    if name is None:
+        return None
     moved = np.empty((count, axes, 3))
     if count and not _fill_buffer(end, moved.data.cast("B")):
         return None
-    return MotionBlock(until, period, first, moved)
+    return MotionBlock(until, period, first, moved, name.decode())
 
 
 def send_byte_count(end: socket.socket, sent: int) -> None:

@@ -9,18 +9,20 @@ The IMU's clock is slower than the table's by χ: (1 − χ) s pass on it in 1 s
 is the bench's time (see `inercal.benches.turntable.bench`).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import cos, sin
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.random import Generator
 
-from inercal.benches.turntable import Turntable, require_turntable
+from inercal.benches.kinds import require_motion_control
+from inercal.benches.motion_control import MotionControl, SensedMotion
 from inercal.errors import InputError
 from inercal.host.sim.dynamics import AxisDynamics, SimulatedTable, three_axes
+from inercal.plan import Step
 from inercal.runfile import Run
 from inercal.section_settings import key_error
 
@@ -35,23 +37,40 @@ class SimulatedErrors:
 
     Parameters
     ----------
-    bench : Turntable
+    bench : bench
+        That a host drives.
     seed : int
     values : mapping of str to float
         All of the bench's parameters by name, SI.
+    motion_control : MotionControl
+        Of the bench.
+    steps : sequence of Step
+        Of the plan.
     """
 
-    bench: Turntable
+    bench: Any
     seed: int
     values: dict[str, float]
+    motion_control: MotionControl
+    steps: Sequence[Step]
+
+    @property
+    def clock_ratio(self) -> float:
+        """Seconds that pass on the IMU's clock in one of the table's."""
+        return 1.0 - self.values.get("clock", 0.0)
+
+    def sensed_motion(self) -> SensedMotion:
+        """Return the function that gives what is sensed on this bench."""
+        return self.motion_control.sensed_motion(self.bench, self.steps, self.values)
 
     def latencies(self, period: float) -> tuple[float, float]:
         """Return how late the IMU's readings and the readback are, s; `period` is the servo's."""
-        imu = max(_LOOKAHEAD_CYCLES * period, -self.values["latency"])
-        return imu, self.values["latency"] + imu
+        latency = self.values.get("latency", 0.0)
+        imu = max(_LOOKAHEAD_CYCLES * period, -latency)
+        return imu, latency + imu
 
     def axes(self, period: float) -> tuple[AxisDynamics, ...]:
-        """Return the axes of the table, outer to inner; their index pulses are at the true zero."""
+        """Return the axes of a table of angles, outer to inner; index pulses are at their zeros."""
         built = {axis.name: axis for axis in three_axes()}
         delay = self.latencies(period)[1]
         return tuple(
@@ -88,15 +107,17 @@ def draw_errors(run: Run, seed: int) -> SimulatedErrors:
     Raises
     ------
     InputError
-        The bench is not a turntable, or a latency is longer than the table's memory.
+        No host drives the bench, or a latency is longer than the table's memory.
     """
-    bench = require_turntable(run)
+    control, bench = require_motion_control(run), run.bench
     rng = np.random.default_rng(seed)
     values = {
         name: p.value + p.sd * float(rng.standard_normal())
-        for name, p in bench.acting_parameters().items()
+        for name, p in control.errors(bench, run.steps).items()
     }
-    drawn = SimulatedErrors(bench, seed, values)
+    drawn = SimulatedErrors(bench, seed, values, control, run.steps)
+    if not control.has_attitude:
+        return drawn
     try:
         SimulatedTable(drawn.axes(1 / 2000))
     except InputError as error:

@@ -22,6 +22,7 @@ from inercal.host.packets import PRESETS, read_layout
 from inercal.host.web.access import VIEWER, Access, cookie
 from inercal.host.web.access_middleware import AccessMiddleware, set_viewer_cookie
 from inercal.host.web.device_catalogue import probe_devices
+from inercal.host.web.filter_changes import check_filter_changes
 from inercal.host.web.hub import Hub, free_space
 from inercal.host.web.json_objects import parse_object
 from inercal.host.web.refusal_log import RefusalLog
@@ -71,6 +72,7 @@ class Page:
             Route("/static/{name:path}", self.static),
             Route("/api/setup", self.setup),
             Route("/api/probe", self.probe, methods=["POST"]),
+            Route("/api/filter", self.check_filter, methods=["POST"]),
             Route("/runs/{name}/{what}", self.output_file),
             Route("/history/{sensor}", self.history),
             Route("/glossary", self.glossary),
@@ -121,6 +123,24 @@ class Page:
             plan = plans.get(name) if isinstance(name, str) else None
             content = await asyncio.to_thread(probe_devices, self._hub.choice, plan, requested)
         return JSONResponse(content)
+
+    async def check_filter(self, request: Request) -> Response:
+        """Judge changed parameters of a plan's filters; nothing is kept."""
+        try:
+            requested = parse_object(await request.body())
+        except ValueError:
+            who = request.client.host if request.client else "somebody"
+            self._refusals(who, "filter: no JSON object")
+            return JSONResponse({"words": "send a JSON object"}, 400)
+        name = requested.get("plan")
+        async with self._setup_lock:
+            plans = await asyncio.to_thread(self._hub.plans.all)
+            plan = plans.get(name) if isinstance(name, str) else None
+            try:
+                wrong = await asyncio.to_thread(check_filter_changes, plan, requested)
+            except InercalError as error:
+                return JSONResponse({"words": str(error)}, 400)
+        return JSONResponse({"errors": wrong})
 
     async def output_file(self, request: Request) -> Response:
         """Return the report or the calibration of a run."""

@@ -13,6 +13,7 @@ _COMMANDS: dict[str, _RunCommand] = {
     "abort": "stop",
 }
 NOTE = "note "  # begins a line that is to be written down
+MOUNTED = "mounted "  # begins a line by which a mounting is confirmed: step, then who confirms
 
 
 class CommandRelay:
@@ -31,9 +32,13 @@ class CommandRelay:
         self._notes: SimpleQueue[str] = SimpleQueue()
 
     def command(self, words: str) -> None:
-        """Do what `pause`, `go on`, `abort` or a note say, from whichever thread; else nothing."""
+        """Do what `pause`, `go on`, `abort`, a note or `mounted` say, from whichever thread."""
         if words.startswith(NOTE):
             self._notes.put(words.removeprefix(NOTE))
+        if words.startswith(MOUNTED) and self._run is not None:
+            number, _, name = words.removeprefix(MOUNTED).partition(" ")
+            if number.isdecimal():
+                self._run.confirm_mounting(int(number), name)
         if (what := _COMMANDS.get(words)) is None:
             return
         self._queue.put(what)

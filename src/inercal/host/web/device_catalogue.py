@@ -8,12 +8,12 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
-from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError, InputError
 from inercal.host import devices
 from inercal.host.device_description import imu_lines, table_lines
 from inercal.host.devices import SerialPort, list_serial_ports
 from inercal.host.packets import PRESETS
+from inercal.host.tasks import host_plan
 from inercal.host.web.json_objects import JsonObject, as_object
 from inercal.host.web.plans import Plan
 from inercal.runfile import read
@@ -165,7 +165,7 @@ def probe_devices(choice: DeviceCatalogue, plan: Plan | None, asked: JsonObject)
     """
     bench = None
     if plan is not None and not plan.summary["trouble"]:
-        bench = require_turntable(read(plan.path))  # a plan of another bench has trouble
+        bench = host_plan(read(plan.path)).bench  # a plan of another bench has trouble
 
     def table() -> list[str]:
         return table_lines(devices.probe_table(choice.table(asked.get("table")), bench))

@@ -15,8 +15,9 @@ from inercal.errors import InputError
 from inercal.host.manual.commands import HaltCommand, ManualCommand, ReleaseCommand, parse_command
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_log import is_locked
-from inercal.host.web.command_relay import NOTE
+from inercal.host.web.command_relay import MOUNTED, NOTE
 from inercal.host.web.device_catalogue import ChosenDevices, DeviceCatalogue
+from inercal.host.web.filter_changes import filter_changes, require_filter_changes
 from inercal.host.web.json_objects import JsonObject, as_object
 from inercal.host.web.manual_request import (
     HALT,
@@ -44,7 +45,9 @@ _MAX_NOTE = 400  # characters of a note
 _AMBIENT_RANGE = (-90.0, 100.0)  # °C
 _COMMANDS = ("pause", "go on", "abort")
 _MANUAL_COMMANDS = ("begin manual", "manual", "release")
-_OPERATOR_COMMANDS = (*_COMMANDS, "start", "resume", "put away", "note", *_MANUAL_COMMANDS)
+_OPERATOR_COMMANDS = (
+    *_COMMANDS, "start", "resume", "put away", "note", "mounted", *_MANUAL_COMMANDS,
+)  # fmt: skip
 COMMANDS = ("operate", "leave", "stop", *_OPERATOR_COMMANDS)
 
 
@@ -176,6 +179,14 @@ class Hub:
                         key="text",
                     )
                 self._send_to_run(f"{NOTE}{self.people.operator}: {text}")
+            case "mounted":
+                number = asked.get("number")
+                if not isinstance(number, int) or isinstance(number, bool):
+                    raise InputError(
+                        f"number {number!r} is not that of the step that waits for a mounting",
+                        key="number",
+                    )
+                self._send_to_run(f"{MOUNTED}{number} {self.people.operator}")
             case _:
                 self._send_to_run(what)
 
@@ -275,6 +286,7 @@ class Hub:
             )
         if plan.summary["trouble"]:
             raise InputError(plan.summary["trouble"])
+        await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
         _require_room(self.runs.folder, plan.summary["bytes"])
         self._launch_process(
             self._run_request(
@@ -349,6 +361,7 @@ class Hub:
             self._options.temperature,
             self._options.patience,
             _ambient_temperature(asked.get("ambient")),
+            None if plan is None else filter_changes(asked.get("filter")),
         )
 
     def _launch_process(self, order: RunRequest) -> None:

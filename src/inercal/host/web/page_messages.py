@@ -4,20 +4,21 @@ Numbers are rounded to what a page can show; one that is not known is null.
 """
 
 from collections.abc import Sequence
-from math import degrees, isfinite
+from math import degrees, isfinite, pi
 from typing import Any
 
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.benches.kinds import require_motion_control
+from inercal.benches.turntable import require_turntable
 from inercal.benches.turntable.attitude import reference_attitude
-from inercal.benches.turntable.bench import Turntable
 from inercal.calibration import Calibration
 from inercal.calibration.grade import GRADE_TONES, GRADE_WORDS, Grade
 from inercal.estimate.scores import chi2_tail_probability
 from inercal.host.bench_run import BenchRun
 from inercal.host.drivers.rotary_table import AxisState
-from inercal.host.tasks import plan_tasks
+from inercal.host.tasks import SpinTask, Task, host_plan
 from inercal.keys import CoefficientName
 from inercal.runfile import Run
 from inercal.units import ZERO_CELSIUS
@@ -28,23 +29,25 @@ _NIS_LEVEL = 1e-4
 _MAX_NIS = 4.0  # innovations twice as large as stated
 
 
-def plan_message(run: Run, bench: Turntable) -> dict[str, Any]:
+def plan_message(run: Run) -> dict[str, Any]:
     """Return what is known of a run before anything moves."""
-    sensor, steps = run.sensor, plan_tasks(bench, run.table_steps)
+    sensor, plan = run.sensor, host_plan(run)
     coefficients = [(name, sensor.coefficient(name)) for name in sensor.coefficients]
     measures = {axis.name: axis.measures for axis in sensor.axes}
     return {
         "sensor": sensor.name,
         "plan": run.path.name,
-        "seconds": sum(one.approach + one.seconds for one in steps),
-        "axes": list(bench.names),
+        "seconds": plan.seconds,
+        "axes": list(plan.bench.names),
+        "spins": plan.spins,
+        "live": run.method.sequential is not None,
         "channels": [
             {"name": axis.name, "measures": axis.measures, "unit": axis.readout.unit}
             for axis in sensor.axes
         ],
         "steps": [
-            {"label": one.label, "what": "turn" if one.rate else "hold", "seconds": one.seconds}
-            for one in steps
+            {"label": one.label, "what": _task_text(one), "seconds": one.seconds}
+            for one in plan.tasks
         ],
         "coefficients": [
             {
@@ -61,19 +64,21 @@ def plan_message(run: Run, bench: Turntable) -> dict[str, Any]:
     }
 
 
-def state_message(run: BenchRun, bench: Turntable, angles: Array | None) -> dict[str, Any]:
+def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any]:
     """Return how a run stands.
 
     Parameters
     ----------
     run : BenchRun
-    bench : Turntable
+    plan : Run
+        Its run file.
     angles : (k,) array or None
         The table's, rad, at the time of the run's navigation.
     """
     seen, tally = run.state, run.recorder.assembly.tally
     remaining = run.sequencer.remaining_time(seen.time) if seen is not None else None
     table = None if seen is None else {"axes": [axis_fields(axis) for axis in seen.axes]}
+    task, asked = run.sequencer.task, run.mounting_request
     counts = tally.bytes
     return {
         "time": rounded_number(run.time),
@@ -84,6 +89,8 @@ def state_message(run: BenchRun, bench: Turntable, angles: Array | None) -> dict
         "remaining": rounded_number(remaining),
         "speed": rounded_number(run.speed, 3),
         "table": table,
+        "set_rate": _set_rate(task, run.sequencer.phase),
+        "mounting": None if asked is None else asked._asdict(),
         "imu": {
             "packets": counts.packets,
             "lost": counts.lost,
@@ -94,7 +101,7 @@ def state_message(run: BenchRun, bench: Turntable, angles: Array | None) -> dict
             "temperature": rounded_number(run.recorder.temperature - ZERO_CELSIUS, 4),
         },
         "live": run.recorder.estimation,
-        "attitude": _attitude_fields(run, bench, angles),
+        "attitude": _attitude_fields(run, plan, angles),
     }
 
 
@@ -159,10 +166,24 @@ def axis_fields(axis: AxisState) -> dict[str, Any]:
     }
 
 
-def _attitude_fields(
-    run: BenchRun, bench: Turntable, angles: Array | None
-) -> dict[str, Any] | None:
+def _set_rate(task: Task | None, phase: str) -> float | None:
+    """Return the rate that a table of rates is set to, °/s: it rests while no state is in hand."""
+    if not isinstance(task, SpinTask):
+        return None
+    return rounded_number(degrees(task.rate if phase in ("approach", "work") else 0.0))
+
+
+def _task_text(task: Task) -> str:
+    if isinstance(task, SpinTask):
+        return f"{task.mounting} at {task.rate * 30 / pi:.4g} r/min" if task.rate else "at rest"
+    return "turn" if task.rate else "hold"
+
+
+def _attitude_fields(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, Any] | None:
     """Return the attitude by the table and beside it by the readings, as far as either is known."""
+    if not require_motion_control(plan).has_attitude:
+        return None
+    bench = require_turntable(plan)
     seen = run.state
     at = run.recorder.navigation if run.recorder.estimation == "on" else None
     if at is None and seen is not None and all(axis.homed for axis in seen.axes):

@@ -1,15 +1,15 @@
 """The plans there are to choose from: run files of one folder, and that of the demonstration."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from inercal.benches.turntable import require_turntable
 from inercal.errors import InputError
 from inercal.host.recording_writer import require_recordable
-from inercal.host.tasks import plan_tasks
+from inercal.host.tasks import host_plan
 from inercal.runfile import Run, read
+from inercal.runfile.filter_fields import filter_fields
 from inercal.runfile.schema import RunSchema
 from inercal.small_files import read_toml
 
@@ -81,11 +81,13 @@ def _read_plan(name: str, path: Path) -> Plan | None:
         run = read(path)
         summary |= {"sensor": run.sensor.name, "method": run.method.name}
         require_recordable(run)
-        steps = plan_tasks(require_turntable(run), run.table_steps)
+        plan = host_plan(run)
     except InputError as error:
         return Plan(path, summary | {"trouble": str(error)}) if _resembles_run_file(path) else None
-    seconds = sum(one.approach + one.seconds for one in steps)
-    fields = {"steps": len(steps), "seconds": round(seconds, 3), "bytes": expected_size(run)}
+    fields = {
+        "steps": len(plan.tasks), "seconds": round(plan.seconds, 3), "bytes": expected_size(run),
+        "spins": plan.spins, "filter": [asdict(field) for field in filter_fields(run)],
+    }  # fmt: skip
     return Plan(path, summary | fields)
 
 
@@ -96,11 +98,10 @@ def expected_size(run: Run) -> int:
     of 15 steps in the tests, 59 000 samples of six axes: 46 bytes in the log, 90 in the recording,
     and 1 MB of all else.
     """
-    bench = require_turntable(run)
-    seconds = sum(one.approach + one.seconds for one in plan_tasks(bench, run.table_steps))
-    columns = len(run.sensor.axes) + len(bench.names) + _OTHER_COLUMNS
+    plan = host_plan(run)
+    columns = len(run.sensor.axes) + len(plan.bench.names) + _OTHER_COLUMNS
     a_sample = _LOGGED_BYTES + _COLUMN_BYTES * columns
-    return int(_OTHER_BYTES + a_sample * (run.rate_hz or 0.0) * (seconds + _HOMING_TIME))
+    return int(_OTHER_BYTES + a_sample * (run.rate_hz or 0.0) * (plan.seconds + _HOMING_TIME))
 
 
 def _resembles_run_file(path: Path) -> bool:

@@ -8,7 +8,6 @@ from time import sleep
 from typing import Any
 from urllib.parse import quote
 
-from inercal.benches.turntable import require_turntable
 from inercal.errors import InercalError
 from inercal.host.addresses import DeviceAddresses, layout_of_address
 from inercal.host.bench_run import BenchRun
@@ -30,9 +29,9 @@ from inercal.host.web.run_request import (
     EndMessage,
     RunRequest,
     SimulationRequest,
+    changed_run_file,
     end_message,
     read_process_record,
-    rename_sensor,
     write_process_record,
 )
 from inercal.host.web.telemetry import UPDATE_INTERVAL, RunTelemetry
@@ -79,12 +78,14 @@ class RunController:
             ):
                 opened.callback(os.close, write_process_record(result.path, bench))
                 journal.record_event("info", self._start_text(bench))
+                if self._order.filter and self._order.plan is not None:
+                    journal.record_event("info", self._filter_text(self._order.filter))
                 if self._order.ambient is not None and self._order.plan is not None:
                     by = self._order.requested_by or "an operator without a name"
                     words = f"{by}: the ambient temperature is {self._order.ambient:g} °C"
                     journal.record_event(NOTE_LEVEL, words)
                 ending = _RunFinalizer(self._order, result, journal)
-                teller = RunTelemetry(self._publisher, result.run, require_turntable(run), journal)
+                teller = RunTelemetry(self._publisher, result.run, journal)
                 told = self._complete_run(result, journal, teller, ending)
                 teller.publish_events()
                 return told
@@ -115,7 +116,7 @@ class RunController:
             with Journal(self._folder / JOURNAL) as journal:
                 was = journal.header()
             run, clock = read(self._folder / was.run_file), clock or was.clock
-        told = page_messages.plan_message(run, require_turntable(run)) | {"run": order.name}
+        told = page_messages.plan_message(run) | {"run": order.name}
         told["simulated"] = _simulation_request(order) is not None or bool(clock)
         told["sensor"] = order.sensor or told["sensor"]
         self._publisher.publish("plan", **told)
@@ -141,7 +142,7 @@ class RunController:
         order = self._order
         if order.plan is None:
             return reopen_run(self._folder, addresses)
-        content = None if order.sensor is None else rename_sensor(run.path, order.sensor)
+        content = changed_run_file(run.path, order.sensor, order.filter)
         return create_run(self._folder, run, addresses, content=content)
 
     def _execute_plan(
@@ -174,6 +175,11 @@ class RunController:
 
     def _publish_phase(self, words: str) -> None:
         self._publisher.publish("phase", run=self._order.name, words=words)
+
+    def _filter_text(self, changes: Mapping[str, str]) -> str:
+        by = self._order.requested_by or "an operator without a name"
+        listed = "; ".join(f"{key} {text or 'as by default'}" for key, text in changes.items())
+        return f"{by} has set on the page: {listed}"
 
     def _start_text(self, bench: SimulationRequest | None) -> str:
         what = "begun" if self._order.plan is not None else "resumed"

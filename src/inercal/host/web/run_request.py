@@ -13,6 +13,7 @@ from inercal.errors import InputError
 from inercal.host.options import DEFAULT_OPTIONS, RunOptions
 from inercal.host.run_folder import JOURNAL, LOG
 from inercal.host.run_log import is_locked, lock_file, os_errors_as_input_errors
+from inercal.runfile.filter_fields import changed_section
 from inercal.small_files import read_toml
 
 PROCESS_RECORD = "run.page.json"
@@ -73,6 +74,8 @@ class RunRequest:
         s that the IMU may be gone before the run ends.
     ambient : float or None
         Temperature of the room, °C, as the operator typed it.
+    filter : mapping of str to str, optional
+        Parameters of the filters that the operator has changed, as of `changed_section`.
     """
 
     folder: str
@@ -89,6 +92,7 @@ class RunRequest:
     temperature: tuple[float, float] | None = None
     patience: float = DEFAULT_OPTIONS.patience
     ambient: float | None = None
+    filter: Mapping[str, str] | None = None
 
     @property
     def json_line(self) -> str:
@@ -225,21 +229,38 @@ def run_in_progress(folder: Path) -> bool:
     return is_locked(folder / PROCESS_RECORD) or is_locked(folder / LOG)
 
 
-def rename_sensor(path: Path, sensor: str) -> bytes:
-    """Return a run file with another name of the sensor, and all else as it is written.
+def changed_run_file(
+    path: Path, sensor: str | None, filter_changes: Mapping[str, str] | None
+) -> bytes | None:
+    """Return a run file with what an operator changed, all else as written; None for no change.
+
+    Parameters
+    ----------
+    path : Path
+    sensor : str or None
+        The sensor's name, where it is another.
+    filter_changes : mapping of str to str or None
+        Of the filters' parameters, as of `changed_section`.
 
     Raises
     ------
     InputError
         It cannot be read.
     """
+    if sensor is None and not filter_changes:
+        return None
     try:
         read_toml(path, "run file")  # bounds size and depth, which tomlkit does not
         document: Any = tomlkit.parse(path.read_text(encoding="utf-8"))
-        document["sensor"]["name"] = sensor
+        if sensor is not None:
+            document["sensor"]["name"] = sensor
+        if filter_changes:
+            document["method"].pop("filter", None)
+            if section := changed_section(path, filter_changes):
+                document["method"]["filter"] = section
         return tomlkit.dumps(document).encode()
     except (OSError, ValueError, KeyError) as error:
         raise InputError(
-            f"{path}: the sensor name cannot be written into the run file: {error}; check "
-            "[sensor] name"
+            f"{path}: the run file cannot be changed: {error}; check [sensor] name and "
+            "[method.filter]"
         ) from None

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.turntable.bench import Turntable
 from inercal.host.bench_run import BenchRun
 from inercal.host.journal import Journal
 from inercal.host.live_estimator import LiveEstimator
@@ -36,12 +35,11 @@ class RunTelemetry:
     publisher : Publisher
     run : Run
         Its run file.
-    bench : Turntable
     journal : Journal
     """
 
-    def __init__(self, publisher: Publisher, run: Run, bench: Turntable, journal: Journal):
-        self._publisher, self._bench, self._journal = publisher, bench, journal
+    def __init__(self, publisher: Publisher, run: Run, journal: Journal):
+        self._publisher, self._plan, self._journal = publisher, run, journal
         sensor = run.sensor
         self._unit_sizes = np.array([sensor.coefficient(name).si for name in sensor.coefficients])
         self._published_events = max(0, len(journal.events()) - _MAX_EVENTS)
@@ -74,7 +72,7 @@ class RunTelemetry:
             ):
                 self._publish_estimates(live, start)
         self._publisher.publish(
-            "state", **page_messages.state_message(run, self._bench, self._angles)
+            "state", **page_messages.state_message(run, self._plan, self._angles)
         )
 
     def publish_events(self) -> None:

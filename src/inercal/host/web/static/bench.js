@@ -13,9 +13,21 @@ const COUNTS = [
 ];
 const GRAVE = new Set(["lost", "failed", "no_angle"]);
 
+const RPM = 6; // °/s
+const ANGLES = [
+  ["angle, °", (axis) => axis.angle, 4],
+  ["rate, °/s", (axis) => axis.rate, 3],
+  ["following error, ″", (axis) => axis.error, 1],
+];
+const RATES = [
+  ["set rate, r/min", (axis, set) => set / RPM, 2],
+  ["rate, r/min", (axis) => axis.rate / RPM, 2],
+];
+
 export function makeBench() {
   const [axes, facts] = ["axes", "imu-facts"].map(byId);
   let rows = [];
+  let shows = ANGLES;
   const shown = {};
   for (const [key, words] of [...COUNTS, ["temperature", "temperature"]]) {
     shown[key] = make("dd", {}, "—");
@@ -23,7 +35,8 @@ export function makeBench() {
   }
 
   function plan(message) {
-    const heads = ["axis", "angle, °", "rate, °/s", "following error, ″", "state"];
+    shows = message.spins ? RATES : ANGLES;
+    const heads = ["axis", ...shows.map(([words]) => words), "state"];
     rows = message.axes.map(() => heads.slice(1).map(() => make("td", {}, "—")));
     axes.replaceChildren(
       make("thead", {}, make("tr", {}, ...heads.map((text) => make("th", { scope: "col" }, text)))),
@@ -33,15 +46,14 @@ export function makeBench() {
     for (const node of Object.values(shown)) put(node, "—");
   }
 
-  function state({ table, imu }) {
+  function state({ table, imu, set_rate: set }) {
     table?.axes.forEach((axis, i) => {
       const cells = rows[i];
       if (!cells) return;
-      put(cells[0], fixed(axis.angle, 4));
-      put(cells[1], fixed(axis.rate, 3));
-      put(cells[2], fixed(axis.error, 1));
-      put(cells[3], axis.fault ? `✗ ${axis.state}` : axis.state);
-      cells[3].className = axis.fault ? "bad" : "";
+      shows.forEach(([, value, digits], k) => put(cells[k], fixed(value(axis, set), digits)));
+      const last = cells[shows.length];
+      put(last, axis.fault ? `✗ ${axis.state}` : axis.state);
+      last.className = axis.fault ? "bad" : "";
     });
     if (!imu) return;
     for (const [key] of COUNTS) {

@@ -174,6 +174,10 @@ export function makeEstimates(course) {
     final = { values: row("values"), u2: row("u2") };
     title(final);
     stale = true;
+    if (sections[0].dataset.live !== "none") return;
+    // Nothing was estimated live, but the results are there now.
+    mark(sections[0], "live", "on");
+    waits.hidden = true;
   }
 
   function title(results) {

@@ -7,6 +7,7 @@ import { age, going, quiet, seen } from "./live.js";
 const PHASES = {
   enable: "switching the servos on",
   home: "homing: finding the zeros",
+  mount: "waiting for the mounting of the sensor",
   approach: "going to where the step begins",
   work: "measuring",
   moves: "turning",

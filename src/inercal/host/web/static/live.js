@@ -17,7 +17,7 @@ const SILENT = 2.5; // s without a word of a run that goes on: what is shown is 
 const QUIET = 5; // s without a word of any kind: the connection may be broken
 const DEAD = 9; // s: it is given up; an operator's place is kept for 10 s
 const HANGS = 4; // s that an attempt may take
-const STARTS = new Set(["start", "resume", "go on", "begin manual", "manual"]); // what sets a table in motion
+const STARTS = new Set(["start", "resume", "go on", "mounted", "begin manual", "manual"]); // what sets a table in motion
 
 /** What the bench has said last. */
 export const seen = {

@@ -22,6 +22,7 @@ import { listen } from "./keys.js";
 import { connect, seen } from "./live.js";
 import { makeManual, makeManualStart } from "./manual.js";
 import { makeMarks } from "./marks.js";
+import { makeMounting } from "./mounting.js";
 import { notice } from "./notice.js";
 import { makePeople } from "./people.js";
 import { makeSetup } from "./setup.js";
@@ -54,6 +55,7 @@ const parts = Object.entries({
   charts,
   bench: made("bench", makeBench),
   attitude,
+  mounting: made("mounting", makeMounting),
   steps: made("steps", makeSteps),
   estimates,
   events: made("events", () => makeEvents(marks, showTime)),

@@ -1,10 +1,12 @@
 /** The set-up of a run: what is chosen, probed and started. */
 
 import { allow, allowed, byId, close, make, open, put } from "./dom.js";
+import { makeFilterForm } from "./filter_form.js";
 import { fixed, lasting } from "./format.js";
 import { notice, order } from "./notice.js";
 
 const TYPED = "typed";
+const MOVES = "Servos are switched on, the axes are homed, and the table moves: keep clear of it.";
 const ROOM = 3; // times what a run needs: less is little
 const TABLES = /^(pmac|acutrol|motor:tcp):\/\/[^\s/?]+(\?\S*)?$/;
 const IMUS = /^tcp:\/\/[^\s/?]+(\?\S*)?$/;
@@ -19,6 +21,7 @@ export function makeSetup(people) {
   const asking = byId("ask-start");
   let wanted = null; // what the question names is what is started, whatever was chosen since
   const setup = { whole: null, loaded: [], devices, load };
+  const filter = makeFilterForm(showStart);
 
   byId("again").addEventListener("click", load);
   byId("form").addEventListener("change", (event) => {
@@ -114,15 +117,24 @@ export function makeSetup(people) {
     byId("imu-typed").hidden = imu.value !== TYPED;
     byId("table-baud").hidden = !isPort(table);
     byId("imu-preset").hidden = byId("imu-baud").hidden = !isPort(imu);
+    filter.plan(plan);
     put(byId("summary"), plan ? `${name ? `${name}: ` : ""}${plan.file}, ${plan.steps} steps, about `
       + `${lasting(plan.seconds)}, method ${plan.method}.` : "");
     const [level, words] = room(plan);
     byId("room").className = level;
     put(byId("room"), words);
+    byId("moves").textContent = plan?.spins ? "The table turns, and stops where the sensor is to be mounted anew: keep clear of it." : MOVES;
+    showStart();
+  }
+
+  /** Whether the devices can be probed, and a run started, and why not. */
+  function showStart() {
+    const plan = planNow();
+    const [level] = room(plan);
     const why = plan ? level === "bad" ? "make room on the disk" : unclear() : "choose a plan";
     allow(probe, !why, why);
     const unknown = isPort(imu) && !preset.value;
-    const first = why || (unknown ? "say what packets the IMU sends; probing tells" : "");
+    const first = why || filter.trouble() || (unknown ? "say what packets the IMU sends; probing tells" : "");
     allow(start, !first, first);
     put(byId("start-why"), first ? `Before it can start: ${first}` : "");
   }
@@ -132,9 +144,13 @@ export function makeSetup(people) {
     const plan = planNow();
     if (!plan) return;
     wanted = { plan: planId(), sensor: named(), ambient: ambient(), ...devices() };
+    const changes = filter.changes();
+    if (changes) wanted.filter = changes;
     const facts = [["plan", `${plan.file}, ${plan.steps} steps, about ${lasting(plan.seconds)}`],
       ["sensor", wanted.sensor ?? plan.sensor], ["table", deviceText(table, tableAddress)],
-      ["IMU", deviceText(imu, imuAddress)]];
+      ["IMU", deviceText(imu, imuAddress)],
+      ...Object.entries(changes ?? {}).map(([key, text]) => [`filter ${key}`, text || "as by default"])];
+    byId("ask-start-moves").textContent = `${byId("moves").textContent} Is everybody clear of it?`;
     const [level, words] = room(plan);
     put(byId("ask-start-room"), level === "care" ? words : "");
     byId("ask-start-facts").replaceChildren(...facts.map(([name, value]) =>

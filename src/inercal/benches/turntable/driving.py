@@ -1,0 +1,100 @@
+"""A turntable as a host drives it: each step made absolute, so that it can be done again.
+
+A step is repeated whole after an outage. `Rotation` turns from where the table stands; a task says
+where that is, counted on over whole turns from the zero that homing found.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.motion_control import Angles, MotionControl, SensedMotion, TurnTask
+from inercal.benches.turntable.attitude import true_attitude
+from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.rest_timing import settling_time
+from inercal.benches.turntable.simulation import path_profile
+from inercal.earth import earth_rate_up_north
+from inercal.parameters import Parameter
+from inercal.plan import Rotation, Step, TableStep, table_steps
+
+
+def plan_tasks(bench: Turntable, steps: Sequence[TableStep]) -> tuple[TurnTask, ...]:
+    """Return the steps made absolute, from all axes at zero.
+
+    Raises
+    ------
+    InputError
+        As `inercal.benches.turntable.simulation.path_profile`.
+    """
+    way = path_profile(bench, steps)
+    angles: list[list[float]] = way.evaluate(way.ends)[0].tolist()
+    ends: list[float] = way.ends.tolist()
+    result: list[TurnTask] = []
+    now: Angles = (0.0,) * len(bench.axes)
+    at, approach, coming = 0.0, 0.0, iter(steps)
+    for label, end, there in zip(way.labels, ends, map(tuple, angles), strict=True):
+        if label:
+            step = next(coming)
+            rate = step.rate if isinstance(step, Rotation) else 0.0
+            result.append(TurnTask(label, now, there, rate, end - at, approach))
+            approach = 0.0
+        else:
+            approach = end - at
+        now, at = there, end
+    return tuple(result)
+
+
+def sensed_motion(
+    bench: Turntable, steps: Sequence[Step], values: Mapping[str, float]
+) -> SensedMotion:
+    """Return what is sensed on a turntable of errors; see `MotionControl.sensed_motion`."""
+    # Numba loads with the first simulation, not with each run file.
+    from inercal.benches.turntable import _sensed_kernel as kernel
+
+    k = len(bench.axes)
+    up, north = earth_rate_up_north(bench.latitude)
+    letters = np.array(["xyz".index(a) for a in bench.axes])
+    squares = np.array([values[f"square_{i + 1}"] for i in range(k - 1)], dtype=np.float64)
+    # With right angles at zero angles, what is left of the attitude is the base.
+    level = {name: np.asarray(values[name]) for name in ("lean_x", "lean_y", "azimuth")}
+    level |= {f"square_{i + 1}": np.zeros(()) for i in range(k - 1)}
+    arguments = (
+        letters,
+        3 - letters[:-1] - letters[1:],
+        squares,
+        np.ascontiguousarray(true_attitude(bench, np.zeros((1, k)), level)[0]),
+        np.array([0.0, north, up]),
+        values["g"],
+        np.array([values[f"lever_{a}"] for a in "xyz"]),
+    )
+
+    def sensed(moved: Array, mounting: str) -> Array:
+        out = np.empty((len(moved), 9))
+        kernel.sensed_motion(moved, *arguments, out)
+        return out
+
+    return sensed
+
+
+def _tasks(bench: Turntable, steps: Sequence[Step]) -> tuple[TurnTask, ...]:
+    return plan_tasks(bench, table_steps(steps))
+
+
+def _names(bench: Turntable) -> tuple[str, ...]:
+    return bench.names
+
+
+def _errors(bench: Turntable, steps: Sequence[Step]) -> Mapping[str, Parameter]:
+    return bench.acting_parameters()
+
+
+MOTION_CONTROL = MotionControl(
+    tasks=_tasks,
+    readback=_names,
+    quantity="angle",
+    required_keys={"time": '"time"', "rate": '"200 Hz"', "label": '"step"', "hold": '"hold"'},
+    settling=settling_time,
+    errors=_errors,
+    sensed_motion=sensed_motion,
+)

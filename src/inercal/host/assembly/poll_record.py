@@ -1,0 +1,176 @@
+"""Polls of a table in the order of its time, tied to the host's clock.
+
+What of a poll is kept, which polls are no motion of the table, and what is known between two polls
+differs between tables of angles (`table_polls`) and of rates (`rate_polls`).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from math import inf, isfinite
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.host.assembly.clock_matching import MATCHING_TIME, wrap_correction
+from inercal.host.run_log import LogFrame
+from inercal.host.table_state_codec import StateArrays, unpack_states
+from inercal.recording import AngleQuality
+
+# s without a poll after which nothing is known: the table may have gone anywhere. A table is taken
+# to stand through as much that stood on both sides.
+MAX_UNREAD = 5.0
+_AFTER = 3  # polls that are needed behind a time
+
+
+class Plausibility(Protocol):
+    """Tells which readings may be motions of a table."""
+
+    rejected: int
+
+    def restart(self) -> None:
+        """Compare the next reading with none before: the host was away."""
+        ...
+
+
+class PollHistory(NamedTuple):
+    """Polls in the order of time; the oldest are let go."""
+
+    time: Array  # (n,) s by the table's clock, counted on
+    value: Array  # (n, k) rad, NaN while a table seeks its zero; or rad/s
+    settled: NDArray[np.bool_]  # (n,)
+
+    def where(self, rows: "NDArray[np.bool_] | slice") -> "PollHistory":
+        """Return some of them."""
+        return self._make(column[rows] for column in self)
+
+    def join(self, other: "PollHistory") -> "PollHistory":
+        """Return these and later ones."""
+        return self._make(map(np.concatenate, zip(self, other, strict=True)))
+
+
+class PollRecord(ABC):
+    """What a table said of itself.
+
+    Parameters
+    ----------
+    plausibility : Plausibility
+        Counts the polls that are no motion of the table.
+
+    Attributes
+    ----------
+    history : PollHistory or None
+        Polls; None before the first.
+    offset : float or None
+        The host's time minus the table's, s: the least of the first polls; None before.
+    wrap_offset : float
+        What is added to the table's own times, s: its clock may have begun again in an outage.
+    drops : int
+        Polls that were not later than the one before.
+    count : int
+        Polls in all.
+    """
+
+    def __init__(self, plausibility: Plausibility):
+        self.history: PollHistory | None = None
+        self.offset: float | None = None
+        self.drops = self.count = 0
+        self._counted = plausibility
+        self._first_arrival, self._least_difference = 0.0, inf
+        self._wraps, self._must_match = inf, False
+        self.wrap_offset = 0.0
+
+    @property
+    def implausible(self) -> int:
+        """Polls that were left out as no motion of the table."""
+        return self._counted.rejected
+
+    @property
+    def complete_until(self) -> float:
+        """Time before which angles can be interpolated, s; −∞ where there are too few polls."""
+        if self.history is None or self.history.time.size <= _AFTER:
+            return -inf
+        return float(self.history.time[-_AFTER])
+
+    @property
+    def last(self) -> float:
+        """Time of the last poll, s; −∞ before the first."""
+        return -inf if self.history is None else float(self.history.time[-1])
+
+    def begin_session(self, wraps: float) -> None:
+        """Expect a clock that may have begun anew at each `wraps` s (infinite: never)."""
+        self._wraps = wraps
+        self._counted.restart()
+        if self.offset is None:
+            self.history, self._least_difference = None, inf
+        else:
+            self._must_match = True
+
+    def feed(self, frames: Sequence[LogFrame]) -> None:
+        """Take in polls of one session.
+
+        Raises
+        ------
+        InputError
+            A clock that began anew.
+        """
+        if not frames:
+            return
+        came = unpack_states([frame.payload for frame in frames])
+        heard = np.array([frame.time for frame in frames])
+        time = np.where(np.isfinite(came.time), came.time, heard)
+        if self._must_match and self.offset is not None:
+            outage = float(heard[0]) - self.offset - self.last
+            self.wrap_offset = wrap_correction(
+                float(heard[0]) - self.offset - float(time[0]), self._wraps, outage, "the table"
+            )
+            self._must_match = False
+        time = time + self.wrap_offset
+        later = time > np.maximum.accumulate(np.concatenate([[self.last], time[:-1]]))
+        self.drops += int(np.sum(~later))
+        self.count += len(frames)
+        values = self._values(came)
+        good = later & self._plausible(time, values, came, later)
+        kept = PollHistory(time, values, came.settled).where(good)
+        if self.offset is None:
+            self._match(heard, time)
+        if self.history is None:
+            self.history = kept if kept.time.size else None
+            return
+        self.history = self.history.join(kept)
+
+    def _match(self, heard: Array, time: Array) -> None:
+        """Look for the least difference of the clocks among the first polls."""
+        if not isfinite(self._least_difference):
+            self._first_arrival = float(heard[0])
+        early = heard < self._first_arrival + MATCHING_TIME
+        self._least_difference = min(
+            self._least_difference, float(np.min((heard - time)[early], initial=inf))
+        )
+        if not early.all():
+            self.offset = self._least_difference
+
+    def discard_old(self, before: float) -> None:
+        """Let go of polls that no time from `before` on needs."""
+        if self.history is not None:
+            first = int(np.searchsorted(self.history.time, before, "right")) - 3
+            if first > 0:
+                self.history = self.history.where(slice(first, None))
+
+    @abstractmethod
+    def readback(self, time: Array) -> tuple[Array, AngleQuality, NDArray[np.bool_]]:
+        """Return values at times (n,), (n, k), how well they are known, and where at all.
+
+        The times must be before `complete_until`.
+        """
+
+    @abstractmethod
+    def _values(self, came: StateArrays) -> Array:
+        """Return what is kept of polls, (n, k)."""
+
+    @abstractmethod
+    def _plausible(
+        self, time: Array, values: Array, came: StateArrays, later: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Return which polls may be motions of the table, (n,)."""

@@ -1,0 +1,157 @@
+"""From state to state on a table of rates, whose sensor an operator mounts.
+
+::
+
+    enable -> ( mount -> approach -> work )* -> return -> done
+                  ^ paused, or begun anew after an outage: the state is repeated whole
+
+`mount` stops the table and waits until the operator confirms the mounting of the next state; it is
+left out where the sensor is mounted so already. `approach` brings the table to the rate of the
+state and waits until the rate is steady; a state at rest is approached by a stop. No zero is
+needed, so that the table does not look for one.
+"""
+
+from collections.abc import Sequence
+from math import inf, pi
+
+from inercal.benches.motion_control import AxisMotionLimits, SpinTask
+from inercal.host.drivers.rotary_table import REST_RATE, AxisState, TableState
+from inercal.host.task_sequencer import (
+    DURATION_MARGIN,
+    GRACE,
+    Command,
+    EnableCommand,
+    Phase,
+    SpinCommand,
+    StopCommand,
+    TaskSequencer,
+)
+
+_STEADY_SHARE = 0.01  # of the set rate, within which it is reached
+_STEADY_TIME = 1.0  # s within it before a state begins
+_WRONG_SHARE = 0.05  # of the set rate, beyond which a drive does not hold it
+
+
+class SpinSequencer(TaskSequencer[SpinTask]):
+    """Carries out tasks on a table of rates of one axis.
+
+    Parameters
+    ----------
+    tasks, limits, first, names
+        As of `TaskSequencer`.
+    mounting : str
+        How the sensor is mounted, as last confirmed; empty where nobody has confirmed any.
+    """
+
+    def __init__(
+        self,
+        tasks: Sequence[SpinTask],
+        limits: Sequence[AxisMotionLimits],
+        first: int = 0,
+        names: Sequence[str] = (),
+        mounting: str = "",
+    ):
+        super().__init__(tasks, limits, first, names)
+        self.mounting = mounting
+        self._is_waiting = False
+        self._steady_since = inf
+
+    @property
+    def awaited_task(self) -> SpinTask | None:
+        """The task whose mounting an operator is to confirm; None where none is awaited."""
+        return self.task if self.phase == "mount" and self._is_waiting else None
+
+    def confirm_mounting(self, number: int) -> bool:
+        """Take the sensor as mounted for the task `number`; False where that is not awaited."""
+        task = self.awaited_task
+        if task is None or number != self.number:
+            return False
+        self.mounting = task.mounting
+        return True
+
+    def _commands(self, seen: TableState) -> tuple[list[Command], float]:
+        (axis,), (limits,) = seen.axes, self._limits
+        if self.phase == "enable":
+            return [] if _is_ready(axis) else [EnableCommand()], GRACE
+        braking = DURATION_MARGIN * abs(axis.rate) / limits.acceleration + GRACE
+        if self.phase in ("mount", "return"):
+            return ([] if _rests(axis) else [StopCommand()]), braking
+        task = self._tasks[self.number]
+        if self.phase == "approach":
+            self._steady_since = inf
+            if not task.rate:
+                return ([] if _rests(axis) else [StopCommand()]), braking + _STEADY_TIME
+            change = abs(task.rate - axis.rate) / limits.acceleration
+            spin = SpinCommand(0, task.rate, limits.acceleration)
+            return [spin], DURATION_MARGIN * change + GRACE + _STEADY_TIME
+        self._begin_section(task, seen.time)
+        return [], inf
+
+    def _is_phase_finished(self, seen: TableState) -> bool:
+        (axis,) = seen.axes
+        if self.phase == "enable":
+            return _is_ready(axis)
+        if self.phase == "return":
+            return _rests(axis)
+        task = self._tasks[self.number]
+        if self.phase == "mount":
+            self._is_waiting = _rests(axis)
+            if self._is_waiting:
+                # An operator takes the time that mounting needs.
+                self._time_limit = inf
+            return self._is_waiting and self.mounting == task.mounting
+        if self.phase == "approach":
+            if not _turns_at(axis, task.rate, _STEADY_SHARE):
+                self._steady_since = inf
+                return False
+            self._steady_since = min(self._steady_since, seen.time)
+            return seen.time - self._steady_since >= _STEADY_TIME
+        self._require_rate(axis, task)
+        return seen.time - self._phase_start >= task.seconds
+
+    def _enter_phase(self, phase: Phase) -> None:
+        super()._enter_phase(phase)
+        # Of the mounting before: until the table is seen at rest nobody is asked for the next.
+        self._is_waiting = False
+
+    def _advance_phase(self, time: float) -> None:
+        if self.phase == "mount":
+            self._enter_phase("approach")
+        elif self.phase == "approach":
+            self._enter_phase("work")
+        elif self.phase == "return":
+            self._enter_phase("done")
+        else:
+            if self.phase == "work":
+                self._finish_section(self._tasks[self.number], time)
+            task = self.task
+            if task is None:
+                self._enter_phase("return")
+            else:
+                self._enter_phase("approach" if task.mounting == self.mounting else "mount")
+
+    def _require_rate(self, axis: AxisState, task: SpinTask) -> None:
+        """Refuse a rate that is not the set one by this reading and by the one before.
+
+        One reading alone may have a false digit.
+        """
+        doubted = self._motion_suspected
+        self._motion_suspected = not _turns_at(axis, task.rate, _WRONG_SHARE)
+        if doubted and self._motion_suspected:
+            raise self._fault(
+                f"axis {self._names[0]} turns at {axis.rate * 30 / pi:.4g} r/min instead of "
+                f"{task.rate * 30 / pi:.4g} r/min",
+                0,
+            )
+
+
+def _is_ready(axis: AxisState) -> bool:
+    return axis.enabled and not axis.faults
+
+
+def _rests(axis: AxisState) -> bool:
+    return abs(axis.rate) < REST_RATE and not axis.moving
+
+
+def _turns_at(axis: AxisState, rate: float, share: float) -> bool:
+    return abs(axis.rate - rate) <= share * abs(rate) if rate else _rests(axis)

@@ -1,0 +1,46 @@
+/** The change of a mounting: what the operator is asked for, and the button that confirms it. */
+
+import { allow, allowed, byId, put } from "./dom.js";
+import { seen } from "./live.js";
+import { notice, order } from "./notice.js";
+
+export function makeMounting() {
+  const [place, words, button] = ["mounting", "mounting-words", "mounted"].map(byId);
+
+  button.addEventListener("click", () => {
+    const asked = seen.state?.mounting;
+    if (!allowed(button) || !asked) return notice(button.title);
+    // The number says which prompt is answered: a second click answers no other one.
+    order({ do: "mounted", number: asked.number }, "The mounting is confirmed.");
+  });
+
+  function plan({ spins, live }) {
+    document.body.classList.toggle("rates", Boolean(spins));
+    document.body.classList.toggle("no-live", live === false);
+    document.body.classList.remove("ended");
+    show();
+  }
+
+  function done() {
+    document.body.classList.add("ended");
+    show();
+  }
+
+  function show() {
+    const asked = seen.done ? null : seen.state?.mounting;
+    const appears = place.hidden && asked;
+    place.hidden = !asked;
+    if (!asked) return;
+    put(words, `${sentence(asked.instruction)}.`);
+    const why = !seen.people.yours ? "only who operates may: take control first"
+      : seen.link !== "live" ? "what is shown is old"
+      : seen.state.paused ? "it is paused" : "";
+    allow(button, !why, why);
+    put(byId("mounted-why"), why ? `Before it can be confirmed: ${why}` : "");
+    if (appears) place.scrollIntoView({ block: "nearest" });
+  }
+
+  return { plan, done, state: show, people: show, link: show, idle: show };
+}
+
+const sentence = (text) => text.charAt(0).toUpperCase() + text.slice(1);
