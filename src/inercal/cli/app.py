@@ -18,7 +18,7 @@ from inercal.cli import (
     simulate_command,
     store_commands,
 )
-from inercal.cli.streams import GuardedStreams
+from inercal.cli.streams import StandardStreams
 from inercal.errors import InercalError
 from inercal.io.atomic_files import written_files
 from inercal.visible_text import visible_text
@@ -60,7 +60,7 @@ def main() -> None:
     """Run the program; an error of the input is one line on standard error and status 2."""
     # Matrices are small: threads of linear algebra would only wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    streams = GuardedStreams()
+    streams = StandardStreams()
     with written_files() as written:
         status = _run()
     if (error := streams.output_error()) is not None:

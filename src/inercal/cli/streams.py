@@ -62,7 +62,7 @@ class _LastingOutput(io.RawIOBase):
         return memoryview(b).nbytes
 
 
-class GuardedStreams:
+class StandardStreams:
     """Standard output and error of the program, guarded.
 
     Streams that a test or another program has put in their place stay as they are.
