@@ -197,7 +197,7 @@ def test_another_schema_is_refused(saved: Path, schema: object):
         ("sensor", lambda c: c.update(sensor=[])),
         ("mount[0]", lambda c: c.update(mount=[[1, 0], [0, 1]])),
         ("mount", lambda c: c.update(mount=[[1, 0, 0], [0, 1, 0], [0, 0, -1]])),
-        ("mount", lambda c: c.update(mount=[[2, 0, 0], [0, 1, 0], [0, 0, 1]])),
+        ("mount[0][0]", lambda c: c.update(mount=[[2, 0, 0], [0, 1, 0], [0, 0, 1]])),
         (None, lambda c: c.update(frame="sideways")),
         (None, lambda c: c["sensor"].update(form="twisted")),
         ("notes", lambda c: c.update(notes=7)),

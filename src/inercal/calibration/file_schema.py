@@ -17,7 +17,8 @@ _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
 _Text = Annotated[str, Field(strict=True)]
 _Count = Annotated[int, Field(strict=True, ge=0)]
-_Three = Annotated[list[_Number], Field(min_length=3, max_length=3)]
+_Cosine = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1.001, le=1.001)]
+_Direction = Annotated[list[_Cosine], Field(min_length=3, max_length=3)]
 _Range = Annotated[list[_Number], Field(min_length=2, max_length=2)]
 _Texts = dict[_Text, _Text]
 
@@ -39,9 +40,9 @@ class _Readout(_Strict):
 
 class _Axis(_Strict):
     name: _Text
-    measures: _Text
-    i: _Three
-    p: _Three
+    measures: Literal["f", "w"]
+    i: _Direction
+    p: _Direction
     readout: _Readout
 
 
@@ -92,6 +93,7 @@ class _Suspect(_Strict):
 
 class _Verdict(_Strict):
     grade: _Text
+    word: _Text = ""
     reasons: list[_Text]
     tests: list[_Test]
     suspect: _Suspect | None
@@ -113,7 +115,7 @@ class _File(_Strict):
     coefficients: list[_Coefficient]
     covariance: list[list[_Number]]
     frame: _Text
-    mount: Annotated[list[_Three], Field(min_length=3, max_length=3)]
+    mount: Annotated[list[_Direction], Field(min_length=3, max_length=3)]
     conditions: _Texts
     provenance: _Texts
     notes: list[_Text]
@@ -126,8 +128,8 @@ class _File(_Strict):
 _SCHEMA = TypeAdapter(_File)
 
 
-def require_valid(content: dict[str, Any]) -> None:
-    """Refuse the content of a calibration file that is not what inercal writes.
+def validated(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the known fields of a calibration file, whole numbers as float where one is due.
 
     Parameters
     ----------
@@ -158,6 +160,7 @@ def require_valid(content: dict[str, Any]) -> None:
     mount = np.array(file.mount, dtype=float)
     if np.max(np.abs(mount @ mount.T - np.eye(3))) > 1e-6 or np.linalg.det(mount) < 0:
         raise InputError("mount: the matrix is no rotation", key="mount")
+    return file.model_dump(exclude_unset=True)
 
 
 def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coefficient]) -> None:
@@ -178,7 +181,10 @@ def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coeffic
             continue
         raise InputError(f"covariance: {what}", key="covariance", names=(one.name,))
     size = np.sqrt(np.where(variance > 0, variance, 1.0))
-    correlation = covariance / np.outer(size, size)
+    with np.errstate(over="ignore", under="ignore"):
+        correlation = covariance / size / size[:, None]
+    if not np.isfinite(correlation).all():
+        raise InputError("covariance: a correlation exceeds 1", key="covariance")
     if not np.allclose(correlation, correlation.T, rtol=0, atol=_ROUNDING):
         raise InputError("covariance: the matrix is not symmetric", key="covariance")
     try:
