@@ -11,6 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
+from inercal.visible_text import visible_text
+
 
 class InercalError(Exception):
     """Base of all errors raised on purpose; `str(error)` is one line for a person.
@@ -45,7 +47,7 @@ class InercalError(Exception):
         self.names = names
 
     def __str__(self) -> str:
-        return " ".join(super().__str__().split())
+        return visible_text(" ".join(super().__str__().split()))
 
     def located(
         self,

@@ -3,8 +3,11 @@
 import errno
 import hashlib
 import json
+import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -170,36 +173,81 @@ def test_another_schema_is_refused(saved: Path, schema: object):
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("key", "change"),
     [
-        lambda c: c.pop("covariance"),
-        lambda c: c["coefficients"].pop(),
-        lambda c: c["coefficients"][0].update(name="ax.k9"),
-        lambda c: c["coefficients"][0].update(value="much"),
-        lambda c: c["sensor"]["axes"].pop(),
-        lambda c: c["sensor"]["axes"][0].update(i=[1, 1, 0]),
-        lambda c: c["sensor"]["axes"][0]["readout"].update(gain=1),
-        lambda c: c.update(sensor=[]),
-        lambda c: c.update(mount=[[1, 0], [0, 1]]),
-        lambda c: c.update(frame="sideways"),
-        lambda c: c["sensor"].update(form="twisted"),
-        lambda c: c.update(notes=7),
-        lambda c: c["shared"][0]["covariance"].pop(),
-        lambda c: c["shared"][0].pop("determination"),
-        lambda c: c["shared"][0].update(date=[]),
-        lambda c: c["shared"][0].update(std=0.0),
-        lambda c: c["shared"][1].update(name="g"),
-        lambda c: c.update(shared=7),
-        lambda c: c.update(validity=[1, 2]),
-        lambda c: c["validity"].update(pressure=[0, 1]),
-        lambda c: c["validity"].update(rate=[1, -1]),
-        lambda c: c.update(job={"order": 7}),
-        lambda c: c.update(job=["7"]),
+        ("covariance", lambda c: c.pop("covariance")),
+        ("covariance", lambda c: c["coefficients"].pop()),
+        (None, lambda c: c["coefficients"][0].update(name="ax.k9")),
+        ("coefficients[0].value", lambda c: c["coefficients"][0].update(value="much")),
+        ("coefficients[0].value", lambda c: c["coefficients"][0].update(value=True)),
+        ("coefficients[0].value", lambda c: c["coefficients"][0].update(value="1.5")),
+        ("coefficients[0].value", lambda c: c["coefficients"][0].update(value=10**400)),
+        ("coefficients[0].std", lambda c: c["coefficients"][0].update(std=-1e-3)),
+        ("coefficients", lambda c: c["coefficients"][0].update(unit="g")),
+        ("coefficients", lambda c: c["coefficients"][1].update(name="ax.k0")),
+        ("covariance", lambda c: c["coefficients"][0].update(std=1e3)),
+        ("covariance", lambda c: c["covariance"][1].__setitem__(1, -1e-9)),
+        ("covariance", lambda c: c["covariance"][1].__setitem__(0, 1e3)),
+        ("covariance", lambda c: correlate(c["covariance"], 1.01)),
+        ("covariance", lambda c: c["covariance"][0].pop()),
+        ("covariance[0][0]", lambda c: c["covariance"][0].__setitem__(0, None)),
+        (None, lambda c: c["sensor"]["axes"].pop()),
+        (None, lambda c: c["sensor"]["axes"][0].update(i=[1, 1, 0])),
+        ("sensor.axes[0].readout.gain", lambda c: c["sensor"]["axes"][0]["readout"].update(gain=1)),
+        ("sensor", lambda c: c.update(sensor=[])),
+        ("mount[0]", lambda c: c.update(mount=[[1, 0], [0, 1]])),
+        ("mount", lambda c: c.update(mount=[[1, 0, 0], [0, 1, 0], [0, 0, -1]])),
+        ("mount[0][0]", lambda c: c.update(mount=[[2, 0, 0], [0, 1, 0], [0, 0, 1]])),
+        (None, lambda c: c.update(frame="sideways")),
+        (None, lambda c: c["sensor"].update(form="twisted")),
+        ("notes", lambda c: c.update(notes=7)),
+        (None, lambda c: c["shared"][0]["covariance"].pop()),
+        ("shared[0].determination", lambda c: c["shared"][0].pop("determination")),
+        ("shared[0].date", lambda c: c["shared"][0].update(date=[])),
+        (None, lambda c: c["shared"][0].update(std=0.0)),
+        (None, lambda c: c["shared"][1].update(name="g")),
+        ("shared", lambda c: c.update(shared=7)),
+        ("validity", lambda c: c.update(validity=[1, 2])),
+        ("validity.pressure.[key]", lambda c: c["validity"].update(pressure=[0, 1])),
+        (None, lambda c: c["validity"].update(rate=[1, -1])),
+        ("job.order", lambda c: c.update(job={"order": 7})),
+        ("job", lambda c: c.update(job=["7"])),
     ],
 )
-def test_fields_that_do_not_fit_are_refused(saved: Path, change: Callable[[Any], object]):
-    with refused(file=saved, key=None):
+def test_fields_that_do_not_fit_are_refused(
+    saved: Path, key: str | None, change: Callable[[Any], object]
+):
+    with refused(file=saved, key=key):
         load(changed(saved, change, hashed=True))
+
+
+def correlate(covariance: list[list[float]], correlation: float) -> None:
+    """Have two coefficients correlated, more than is possible above 1."""
+    covariance[0][1] = covariance[1][0] = correlation * sqrt(covariance[0][0] * covariance[1][1])
+
+
+@pytest.mark.parametrize("text", ["NaN", "Infinity", "1e400"])
+def test_a_number_that_is_none_is_refused(saved: Path, text: str):
+    whole = saved.read_text(encoding="utf-8")
+    saved.write_text(re.sub(r'"value": [^,]*,', f'"value": {text},', whole, count=1), "utf-8")
+    with refused(file=saved):
+        load(saved)
+
+
+def test_a_key_that_is_there_twice_is_refused(saved: Path):
+    whole = saved.read_text(encoding="utf-8")
+    saved.write_text(whole.replace('"method":', '"method": "other", "method":', 1), "utf-8")
+    with refused(file=saved):
+        load(saved)
+
+
+@pytest.mark.parametrize("place", ["fifo", "/dev/zero", "."])
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path, place: str):
+    path = tmp_path / place
+    if place == "fifo":
+        os.mkfifo(path)
+    with refused(file=path):
+        load(path)
 
 
 @pytest.mark.parametrize("kept", [0, 1, 100, 2000])

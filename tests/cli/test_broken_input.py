@@ -271,9 +271,9 @@ def test_every_verb_refuses_a_broken_run_file_in_one_line(
     ("verb", "out", "words"),
     [
         ("calibrate", "none", "no such folder"),
-        ("simulate", "none/log.csv", "cannot be written"),
+        ("simulate", "none/log.csv", "no such folder"),
         ("simulate", "log.xlsx", ".parquet"),
-        ("report", "none/page.html", "cannot be written"),
+        ("report", "none/page.html", "no such folder"),
     ],
 )
 def test_a_place_that_cannot_be_written_is_refused(

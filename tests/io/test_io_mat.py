@@ -403,4 +403,4 @@ def test_files_that_matlab_wrote_are_read():
 
 def test_a_file_without_variables_has_no_columns(tmp_path: Path):
     with refused(names=()):
-        table_from_variables(tmp_path / "run.mat", [], ReadRequest())
+        table_from_variables(tmp_path / "run.mat", [], ReadRequest(), 1000)

@@ -23,6 +23,7 @@ from tests.store.calibration_generator import (
 
 from inercal.calibration.files import load
 from inercal.errors import InputError
+from inercal.sensors import SI_UNITS
 from inercal.store import Register
 from inercal.store.changes import CHANCE_FRACTION
 from inercal.store.comparison import compare
@@ -143,7 +144,12 @@ def test_another_frame_is_brought_to_that_of_the_newest(register: Register, tmp_
     newest["frame"], newest["mount"] = "triangular", in_frame.mount.tolist()
     newest["covariance"] = in_frame.covariance.tolist()
     newest["coefficients"] = [
-        {"name": n, "value": v, "std": s, "unit": "1"}
+        {
+            "name": n,
+            "value": v,
+            "std": s,
+            "unit": SI_UNITS[in_frame.sensor.coefficient(n).unit],
+        }
         for n, v, s in zip(
             in_frame.sensor.coefficients,
             in_frame.values.tolist(),

@@ -227,7 +227,7 @@ def test_a_folder_of_all_kinds_of_characters_holds_a_register(tmp_path: Path):
         ({"provenance": {"created": 3}}, "provenance"),
         ({"provenance": {"created": "yesterday"}}, "'yesterday'"),
         ({"provenance": {}}, "--measured"),
-        ({"method": 7}, "7"),
+        ({"method": 7}, "method"),
         ({"covariance": (-np.eye(24)).tolist()}, "variance"),
         ({"notes": ["\ud800"]}, "Unicode"),
     ],

@@ -19,13 +19,16 @@ from typing import Any, cast, get_args
 import numpy as np
 
 from inercal.calibration import Calibration, Frame, SharedError, Validity, verdict_object
+from inercal.calibration.file_schema import validated
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic_files import atomic_write
 from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
+from inercal.small_files import read_small_file
 
 SCHEMA = "inercal/calibration/2"
 _READABLE_SCHEMAS = (SCHEMA, "inercal/calibration/1")
 _NOT_JSON = "it is not JSON text; give a *.calibration.json file"
+_LARGEST = 16 << 20  # bytes; 24 coefficients need some 20 kilobytes
 
 
 def as_object(calibration: Calibration) -> dict[str, Any]:
@@ -94,7 +97,7 @@ def _hash(content: dict[str, Any]) -> str:
 def save(calibration: Calibration, path: str | Path) -> Path:
     """Write the calibration completely or not at all; return the path."""
     with atomic_write(Path(path)) as temporary:
-        text = json.dumps(as_object(calibration), indent=1, ensure_ascii=False)
+        text = json.dumps(as_object(calibration), indent=1, ensure_ascii=False, allow_nan=False)
         temporary.write_text(text + "\n", encoding="utf-8")
     return Path(path)
 
@@ -118,12 +121,9 @@ def read_text(path: str | Path) -> str:
     InputError
         A missing file, or a file that cannot be read.
     """
+    raw = read_small_file(Path(path), "calibration file", _LARGEST)
     try:
-        return Path(path).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such calibration file; check the path", file=path) from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}", file=path) from None
+        return raw.decode("utf-8")
     except ValueError:
         raise InputError(f"{path}: not a calibration file: {_NOT_JSON}", file=path) from None
 
@@ -138,7 +138,9 @@ def parse(text: str, source: str) -> Calibration:
     """
     content: Any
     try:
-        content = json.loads(text)
+        content = json.loads(text, object_pairs_hook=_object, parse_constant=_refuse_constant)
+    except InputError as error:
+        raise InputError(f"{source}: not a calibration file: {error}", file=source) from None
     except (ValueError, RecursionError):
         raise InputError(f"{source}: not a calibration file: {_NOT_JSON}", file=source) from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
@@ -164,12 +166,28 @@ def parse(text: str, source: str) -> Calibration:
             key="sha256",
         )
     try:
-        return _from_object(fields)
-    except (AttributeError, KeyError, TypeError, ValueError, InercalError) as error:
+        return _from_object(validated(fields))
+    except InercalError as error:
         raise InputError(
             f"{source}: broken calibration file: {error}; calibrate again or restore it",
             file=source,
+            key=error.key,
+            names=error.names,
         ) from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return a JSON object, none of whose keys is there twice."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"the key {twice!r} is stated more than once", key=twice)
+    return content
+
+
+def _refuse_constant(word: str) -> float:
+    raise InputError(f"{word} is not a JSON number")
 
 
 def _from_object(content: dict[str, Any]) -> Calibration:
@@ -185,8 +203,14 @@ def _from_object(content: dict[str, Any]) -> Calibration:
             raise InputError(
                 f"{name} {value!r} is not possible; it must be one of {', '.join(possible)}"
             )
-    if mount.shape != (3, 3):
-        raise InputError(f"mount has shape {mount.shape}; expected (3, 3)")
+    for stated in content["coefficients"]:
+        name, unit = stated["name"], SI_UNITS[sensor.coefficient(stated["name"]).unit]
+        if stated["unit"] != unit:
+            raise InputError(
+                f"coefficients: {name} is in {stated['unit']!r}; it must be in {unit!r}",
+                key="coefficients",
+                names=(name,),
+            )
     notes, judged = tuple(content["notes"]), content.get("verdict")
     shared, validity = content.get("shared"), content.get("validity")
     return Calibration(
@@ -203,7 +227,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         None if judged is None else verdict_object.from_object(judged, notes),
         None if shared is None else tuple(map(_shared_error, shared)),
         None if validity is None else Validity(**{k: _range(v) for k, v in validity.items()}),
-        _texts("job", content.get("job", {})),
+        content.get("job", {}),
     )
 
 
@@ -220,19 +244,10 @@ def _sensor(described: str, names: tuple[str, ...]) -> Sensor:
 def _shared_error(content: dict[str, Any]) -> SharedError:
     column = np.array(content["covariance"], dtype=float)
     date = content["date"]
-    texts = [content[key] for key in ("name", "unit", "determination")]
-    if not all(isinstance(text, str) for text in (*texts, "" if date is None else date)):
-        raise InputError("shared: name, unit, determination and date of an error must be texts")
-    name, unit, determination = texts
+    name, unit, determination = (content[key] for key in ("name", "unit", "determination"))
     return SharedError(name, unit, float(content["std"]), column, determination, date)
 
 
 def _range(ends: list[float]) -> tuple[float, float]:
     least, largest = ends
     return float(least), float(largest)
-
-
-def _texts(name: str, content: dict[str, Any]) -> dict[str, str]:
-    if not all(isinstance(text, str) for text in content.values()):
-        raise InputError(f"{name} must be an object whose values are texts")
-    return content

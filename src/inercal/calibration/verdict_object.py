@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from inercal.calibration.grade import GRADE_WORDS, HypothesisTest, SuspectedCause, Verdict
+from inercal.errors import InputError
 
 
 def as_object(verdict: Verdict) -> dict[str, Any]:
@@ -19,10 +20,10 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
                 one.components, one.sizes, one.sds, one.units, strict=True
             )
         ],
-        "chi2": one.chi2,
+        "chi2": _number(one.chi2),
         "dof": one.dof,
-        "p_value": one.adjusted,
-        "largest_shift": {"coefficient": one.shifted_coefficient, "in_U": one.shift},
+        "p_value": _number(one.adjusted),
+        "largest_shift": {"coefficient": one.shifted_coefficient, "in_U": _number(one.shift)},
         "not_told_from": list(one.indistinguishable),
     }  # fmt: skip
     return {
@@ -32,10 +33,10 @@ def as_object(verdict: Verdict) -> dict[str, Any]:
         "tests": [
             {
                 "name": test.name,
-                "chi2": test.statistic,
+                "chi2": _number(test.statistic),
                 "dof": test.dof,
-                "p_value": test.p_value,
-                "p_among_all": test.adjusted,
+                "p_value": _number(test.p_value),
+                "p_among_all": _number(test.adjusted),
             }
             for test in verdict.tests
         ],
@@ -51,22 +52,24 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
         one["kind"],
         tuple(c["name"] for c in one["components"]),
         tuple(c["unit"] for c in one["components"]),
-        tuple(np.nan if c["value"] is None else c["value"] for c in one["components"]),
-        tuple(np.nan if c["std"] is None else c["std"] for c in one["components"]),
-        one["chi2"],
+        tuple(_float(c["value"]) for c in one["components"]),
+        tuple(_float(c["std"]) for c in one["components"]),
+        _float(one["chi2"]),
         one["dof"],
-        one["p_value"],
+        _float(one["p_value"]),
         np.nan,
         0,
-        one["largest_shift"]["in_U"],
+        _float(one["largest_shift"]["in_U"]),
         one["largest_shift"]["coefficient"],
         tuple(one["not_told_from"]),
     )
     grade = content["grade"]
     if grade not in GRADE_WORDS:
-        raise ValueError(f"verdict {grade!r} is not one of {', '.join(GRADE_WORDS)}")
+        raise InputError(f"verdict {grade!r} is not one of {', '.join(GRADE_WORDS)}")
     tests = tuple(
-        HypothesisTest(t["name"], t["chi2"], t["dof"], t["p_value"], t["p_among_all"])
+        HypothesisTest(
+            t["name"], _float(t["chi2"]), t["dof"], _float(t["p_value"]), _float(t["p_among_all"])
+        )
         for t in content["tests"]
     )
     return Verdict(grade, tuple(content["reasons"]), lines, tests, suspect)
@@ -74,3 +77,7 @@ def from_object(content: dict[str, Any], lines: tuple[str, ...]) -> Verdict:
 
 def _number(value: float) -> float | None:
     return value if np.isfinite(value) else None
+
+
+def _float(value: float | None) -> float:
+    return np.nan if value is None else float(value)

@@ -18,7 +18,10 @@ from inercal.cli import (
     simulate_command,
     store_commands,
 )
+from inercal.cli.streams import StandardStreams
 from inercal.errors import InercalError
+from inercal.io.atomic_files import written_files
+from inercal.visible_text import visible_text
 
 app = typer.Typer(
     name="inercal",
@@ -57,18 +60,30 @@ def main() -> None:
     """Run the program; an error of the input is one line on standard error and status 2."""
     # Matrices are small: threads of linear algebra would only wait for one another.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    streams = StandardStreams()
+    with written_files() as written:
+        status = _run()
+    if (error := streams.output_error()) is not None:
+        files = f"; wrote {', '.join(map(str, written))}" if written else ""
+        print(
+            f"inercal: standard output cannot be written: {error.strerror}{files}", file=sys.stderr
+        )
+        status = status or 2
+    sys.exit(status)
+
+
+def _run() -> int:
+    """Run the program and return its exit status."""
     try:
         status: int | None = app(standalone_mode=False)
-        sys.exit(status or 0)
+        return status or 0
     except TyperException as error:
         if text := error.format_message():  # else it has printed the help
-            print(f"inercal: {text} (see --help)", file=sys.stderr)
-        sys.exit(error.exit_code)
+            print(f"inercal: {visible_text(' '.join(text.split()))} (see --help)", file=sys.stderr)
+        return error.exit_code
     except InercalError as error:
         print(f"inercal: {error}", file=sys.stderr)
-        sys.exit(2)
-    except BrokenPipeError:
-        sys.exit(0)  # the reader of the output closed the pipe
+        return 2
     except KeyboardInterrupt:
         print("inercal: stopped", file=sys.stderr)
-        sys.exit(130)
+        return 130

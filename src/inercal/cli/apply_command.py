@@ -5,7 +5,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.console import print_json, progress_status, refuse_overwrite
+from inercal.cli.console import print_json, progress_status
 
 NAME = "apply"
 
@@ -21,20 +21,14 @@ def run(
 ) -> None:
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
     from inercal.calibration.files import load
-    from inercal.errors import InputError
+    from inercal.cli.outputs import check_outputs
     from inercal.io.write import write_recording
     from inercal.pipeline import apply
     from inercal.runfile import read
 
     calibration = load(calibration_file)
     plan = read(run_file)
-    if out.resolve() == plan.file(plan.data.file).resolve():
-        raise InputError(
-            f"--out {out} is the recording itself: give the corrected recording another name",
-            file=out,
-            key="--out",
-        )
-    refuse_overwrite(out, force=force)
+    check_outputs({out: "recording"}, [calibration_file, *plan.input_files()], force=force)
     with progress_status(f"correcting {plan.data.file}"):
         corrected = apply(calibration, plan)
         write_recording(corrected, out)

@@ -27,19 +27,11 @@ def run_display(keys: str = KEY_HELP) -> Generator[Callable[["BenchRun"], None]]
 
     `keys` is the line of the panel about the keys.
     """
-    from rich.console import Console
     from rich.live import Live
 
-    class Unseen(Console):
-        """A console whose closed pipe does not end the run."""
+    from inercal.cli.terminal import Visible, terminal
 
-        def on_broken_pipe(self) -> None:
-            # Rich ends the program here; further output is discarded instead.
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, sys.stderr.fileno())
-            os.close(nowhere)
-
-    console = Unseen(stderr=True, highlight=False)
+    console = terminal(stderr=True, highlight=False)
     if not console.is_terminal:
         printed = 0
 
@@ -57,7 +49,7 @@ def run_display(keys: str = KEY_HELP) -> Generator[Callable[["BenchRun"], None]]
     with Live(console=console, auto_refresh=False, transient=True) as live:
 
         def draw(run: "BenchRun") -> None:
-            live.update(run_panel(run, keys), refresh=True)
+            live.update(Visible(run_panel(run, keys)), refresh=True)
 
         yield draw
 

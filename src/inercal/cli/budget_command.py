@@ -10,7 +10,6 @@ from inercal.cli.console import (
     print_json,
     print_written_files,
     progress_status,
-    require_output_folder,
 )
 
 if TYPE_CHECKING:
@@ -32,6 +31,7 @@ def run(
     from inercal.budget import budget
     from inercal.budget.contribution_table import budget_as_dict
     from inercal.budget.experiment_from_runfile import experiment_from_run
+    from inercal.cli.outputs import check_outputs
     from inercal.errors import InputError
     from inercal.io.atomic_files import write_text
     from inercal.report import write_budget
@@ -44,8 +44,10 @@ def run(
         )
     if seed < 0:
         raise InputError(f"--seed {seed} is negative; give 0 or more", key="--seed")
-    require_output_folder(out)
     plan = read(run_file)
+    page = out / f"{run_file.stem}.budget.html"
+    table = out / f"{run_file.stem}.budget.json"
+    check_outputs({page: "page", table: "budget file"}, plan.input_files())
     if plan.search is not None:
         raise InputError(
             f"{run_file}: a budget repeats the search of estimator {plan.estimator} for hours; "
@@ -60,8 +62,6 @@ def run(
             seed,
             lambda done, all_: update(f"{done} of {all_} trials of each imperfection"),
         )
-        page = out / f"{run_file.stem}.budget.html"
-        table = out / f"{run_file.stem}.budget.json"
         method = {"method": plan.method.name, "estimator": plan.estimator}
         content = budget_as_dict(result) | method
         write_budget(result, page, f"method {plan.method.name} · estimator {plan.estimator}")
@@ -75,12 +75,12 @@ def run(
 
 
 def _print(result: "Budget") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from inercal.budget.contribution_table import contribution_rows, shift_cells
+    from inercal.cli.terminal import terminal
 
-    sensor, console = result.experiment.sensor, Console()
+    sensor, console = result.experiment.sensor, terminal()
     numbers = map(number_column, ("first order", "Monte Carlo", "±"))
     title = f"error budget of {sensor.name}: standard deviations"
     table = Table(

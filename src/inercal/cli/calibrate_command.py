@@ -1,7 +1,6 @@
 """`inercal calibrate`: from a run file to a calibration file and a report."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -14,13 +13,7 @@ from inercal.cli.console import (
     print_json,
     print_written_files,
     progress_status,
-    require_output_folder,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from inercal.runfile import Run
 
 NAME = "calibrate"
 
@@ -45,27 +38,30 @@ def run(
     from contextlib import nullcontext
 
     from inercal.calibration.files import as_object, save
+    from inercal.cli.outputs import check_outputs
     from inercal.io.atomic_files import atomic_write_all
     from inercal.io.mean_tables import write_means
     from inercal.pipeline import calibrate
     from inercal.runfile import read
 
-    require_output_folder(out)
     plan = read(run_file)
+    files = {"calibration_file": out / f"{run_file.stem}.calibration.json"}
+    kinds = {files["calibration_file"]: "calibration file"}
+    refused = out / f"{run_file.stem}.refused.html" if with_report else None
+    if refused is not None:
+        files["report"] = out / f"{run_file.stem}.report.html"
+        kinds |= {files["report"]: "page", refused: "page"}
+    check_outputs(kinds, plan.input_files())
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
     with open_register(register) or nullcontext() as opened, progress_status(doing) as update:
-        with draw_refusal(plan, out / f"{run_file.stem}.refused.html" if with_report else None):
+        with draw_refusal(plan, refused):
             outcome = calibrate(
                 plan, lambda generation: update(f"{doing}: {generation_text(generation)}")
             )
-        names = {"calibration_file": "calibration.json", "report": "report.html"}
         tables = plan.kind.tables(plan, outcome)
-        names |= {what: f"{what}.csv" for what in tables}
-        if not with_report:
-            del names["report"]
-        files = {kind: out / f"{run_file.stem}.{name}" for kind, name in names.items()}
+        files |= {what: out / f"{run_file.stem}.{what}.csv" for what in tables}
+        check_outputs({files[what]: f"table of {what}" for what in tables}, plan.input_files())
         results = [kind for kind in files if kind != "report"]
-        _refuse_recording_overwrite(plan, [files[what] for what in tables])
         with atomic_write_all([files[kind] for kind in results]) as parts:
             part = dict(zip(results, parts, strict=True))
             save(outcome.calibration, part["calibration_file"])
@@ -88,16 +84,3 @@ def run(
         print_coefficients(outcome, plan.truth)
         print_written_files(files)
     exit_with_verdict(outcome, strict=strict)
-
-
-def _refuse_recording_overwrite(plan: "Run", tables: "Sequence[Path]") -> None:
-    """Refuse to write a table over the recording that it is computed from."""
-    from inercal.errors import InputError
-
-    for path in tables:
-        if path.resolve() == plan.file(plan.data.file).resolve():
-            raise InputError(
-                f"{path} is the recording, and the table of its means has the same name: rename "
-                "the recording or the run file",
-                file=path,
-            )

@@ -4,7 +4,8 @@ import json
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from math import isfinite
+from typing import TYPE_CHECKING, Any, cast
 
 from inercal.keys import CoefficientName
 
@@ -25,9 +26,9 @@ _COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
 @contextmanager
 def progress_status(what: str) -> Generator[Callable[[str], None]]:
     """Show a line of progress on standard error; yield the function that changes it."""
-    from rich.console import Console
+    from inercal.cli.terminal import terminal
 
-    with Console(stderr=True).status(what) as status:
+    with terminal(stderr=True).status(what) as status:
         yield status.update
 
 
@@ -74,38 +75,6 @@ def generation_text(generation: "Generation") -> str:
     )
 
 
-def refuse_overwrite(path: "Path", *, force: bool) -> None:
-    """Refuse to write over a file that exists, unless by `force`.
-
-    Raises
-    ------
-    InputError
-        It exists.
-    """
-    from inercal.errors import InputError
-
-    if path.exists() and not force:
-        raise InputError(
-            f"{path} exists: name another with --out, or write over it with --force",
-            file=path,
-            key="--out",
-        )
-
-
-def require_output_folder(path: "Path") -> None:
-    """Refuse a folder to write to that does not exist.
-
-    Raises
-    ------
-    InputError
-        No such folder.
-    """
-    from inercal.errors import InputError
-
-    if not path.is_dir():
-        raise InputError(f"--out {path}: no such folder; create it", file=path, key="--out")
-
-
 def print_written_files(files: "Mapping[str, Path | str]") -> None:
     """Print the names of the files that were written."""
     for path in files.values():
@@ -122,9 +91,21 @@ def open_register(address: str | None) -> "Register | None":
 
 
 def print_json(content: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Print one object or list on standard output."""
-    json.dump(content, sys.stdout, indent=1, ensure_ascii=False)
-    sys.stdout.write("\n")
+    """Print one object or list on standard output; null stands for numbers that are not finite."""
+    is_unicode = (sys.stdout.encoding or "utf-8").lower().replace("-", "") == "utf8"
+    text = json.dumps(_finite(content), indent=1, ensure_ascii=not is_unicode, allow_nan=False)
+    sys.stdout.write(text + "\n")
+
+
+def _finite(content: Any) -> Any:
+    """Return an object with null for numbers that JSON has not."""
+    if isinstance(content, float):
+        return content if isfinite(content) else None
+    if isinstance(content, Mapping):
+        return {key: _finite(value) for key, value in cast(Mapping[str, Any], content).items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in cast(Sequence[Any], content)]
+    return content
 
 
 def number_column(heading: str) -> "Column":
@@ -136,10 +117,10 @@ def number_column(heading: str) -> "Column":
 
 def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
-    from rich.console import Console
     from rich.table import Table
 
     from inercal.calibration.verdict import COVERAGE
+    from inercal.cli.terminal import terminal
     from inercal.pipeline.truth import true_coefficients
     from inercal.units import format_value_and_uncertainty
 
@@ -160,7 +141,7 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
         cells = format_value_and_uncertainty(value / line.si, COVERAGE * std / line.si)
         error = [f"{(value - true[name]) / std:+.2f}"] if truth else []
         table.add_row(name, line.meaning, *cells, line.unit, *error)
-    console = Console()
+    console = terminal()
     console.print(table)
     summary, *others = outcome.verdict.lines
     console.print(f"[bold {_COLOURS[outcome.verdict.tone]}]{outcome.verdict.word.capitalize()}[/]")

@@ -10,7 +10,6 @@ from inercal.cli.console import (
     print_json,
     print_written_files,
     progress_status,
-    refuse_overwrite,
 )
 
 if TYPE_CHECKING:
@@ -159,7 +158,7 @@ def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan
 
     files = {}
     if out is not None:
-        files = _output_files(out, page=bool(run_sheet(run).boxes), force=force)
+        files = _output_files(out, run.input_files(), page=bool(run_sheet(run).boxes), force=force)
     worksheet = build_worksheet(run)
     if files:
         write_text(files["sheet"], worksheet_csv(worksheet))
@@ -180,20 +179,16 @@ def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan
     return _Plan(steps, sheet.seconds, table, expected, sheet.notes, more), files
 
 
-def _output_files(out: Path, *, page: bool, force: bool) -> dict[str, Path]:
+def _output_files(out: Path, inputs: Sequence[Path], *, page: bool, force: bool) -> dict[str, Path]:
     """Return the files to write: "sheet", and "page" if the worksheet has a page."""
+    from inercal.cli.outputs import check_outputs
     from inercal.errors import InputError
 
     if out.suffix.lower() != ".csv":
         beside = "; the page is written next to it" * page
         raise InputError(f"--out {out}: give the name of a .csv file{beside}", key="--out")
     files = {"sheet": out} | ({"page": out.with_suffix(".html")} if page else {})
-    for path in files.values():
-        if path.is_dir():
-            raise InputError(
-                f"{path} is a folder; give another name with --out", file=path, key="--out"
-            )
-        refuse_overwrite(path, force=force)
+    check_outputs(dict.fromkeys(files.values(), "worksheet"), inputs, force=force)
     return files
 
 
@@ -206,13 +201,13 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 
 def _print(run: "Run", plan: _Plan) -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from inercal.calibration.verdict import COVERAGE
+    from inercal.cli.terminal import terminal
     from inercal.units import format_value_and_uncertainty
 
-    console = Console()
+    console = terminal()
     console.print(plan.table)
     title = f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}"
     table = Table("coefficient", "meaning", number_column("U (k = 2)"), "unit", title=title)

@@ -28,14 +28,17 @@ def run(
     The exit status is 0, or 3 where the page is written but the result is not to be relied on.
     """
     from inercal.calibration.verdict_object import as_object
+    from inercal.cli.outputs import check_outputs
     from inercal.pipeline import calibrate
     from inercal.report import write_report
     from inercal.runfile import read
 
     plan = read(run_file)
     page = out or Path(f"{run_file.stem}.report.html")
+    refused = page.parent / f"{run_file.stem}.refused.html"
+    check_outputs({page: "page", refused: "page"}, plan.input_files())
     with progress_status(f"writing {page}") as update:
-        with draw_refusal(plan, page.with_name(f"{run_file.stem}.refused.html")):
+        with draw_refusal(plan, refused):
             outcome = calibrate(
                 plan, lambda generation: update(f"writing {page}: {generation_text(generation)}")
             )

@@ -29,16 +29,20 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
     """Recompute a source paper, and judge whether each of its claims holds."""
-    from rich.console import Console
-
+    from inercal.cli.outputs import check_outputs, make_output_folder
+    from inercal.cli.terminal import terminal
     from inercal.studies import reproduce, results_as_list, write_study
 
     written: Path | None = None
-    with Console(stderr=True).status(f"reproducing {name}") as status:
+    folder = Path() if out is None and not json else out
+    if folder is not None:
+        make_output_folder(folder)
+        check_outputs({folder / f"{name}.study.html": "page"})
+    with terminal(stderr=True).status(f"reproducing {name}") as status:
         study = reproduce(name, trials, seed, status.update)
-        if out is not None or not json:
+        if folder is not None:
             status.update("writing the page")
-            written = write_study(study, out or Path())
+            written = write_study(study, folder)
     if json:
         from inercal.cli.console import print_json
 
@@ -50,9 +54,9 @@ def run(
 
 def _print(study: "Study") -> None:
     from rich import box
-    from rich.console import Console
     from rich.table import Table
 
+    from inercal.cli.terminal import terminal
     from inercal.studies.claim import format_significant
 
     table = Table(title=study.title, caption=study.source, box=box.SIMPLE, pad_edge=False)
@@ -70,4 +74,4 @@ def _print(study: "Study") -> None:
                 title += f" (implied: {finding.expected_text})"
             table.add_row(title, finding.printed_text, finding.computed_text, u, verdict)
         table.add_section()
-    Console().print(table)
+    terminal().print(table)

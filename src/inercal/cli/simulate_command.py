@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.console import print_json, progress_status, refuse_overwrite
+from inercal.cli.console import print_json, progress_status
 
 NAME = "simulate"
 
@@ -22,6 +22,7 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Simulate the recording of the run's plan."""
+    from inercal.cli.outputs import check_outputs
     from inercal.io.write import write_recordings
     from inercal.pipeline import simulate_files
     from inercal.runfile import read
@@ -31,8 +32,9 @@ def run(
     paths = [plan.file(name) for name in names]
     if out is not None:
         paths = [out, *(out.parent / path.name for path in paths[1:])]
-    for path in paths:
-        refuse_overwrite(path, force=force)
+    recordings = {plan.file(name) for name in names}
+    inputs = [path for path in plan.input_files() if path not in recordings]
+    check_outputs(dict.fromkeys(paths, "recording"), inputs, force=force)
     written = " and ".join(map(str, paths))
     with progress_status(f"simulating {written}"):
         result = simulate_files(plan, seed)

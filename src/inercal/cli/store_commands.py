@@ -120,6 +120,10 @@ def history(
     from inercal.store import Register
 
     with Register(register, create=False) as opened:
+        if out is not None:
+            from inercal.cli.outputs import check_outputs
+
+            check_outputs({out: "page"}, opened.files)
         found = opened.history(sensor)
     chosen = found.select(coefficients or ())
     if out is not None:

@@ -7,11 +7,11 @@ from math import isnan
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from inercal.calibration.verdict import COVERAGE
+from inercal.cli.terminal import terminal
 from inercal.keys import CoefficientName
 from inercal.sensors import SI_UNITS
 from inercal.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
@@ -42,7 +42,7 @@ def print_sensors(entries: Sequence[SensorEntry]) -> None:
     for one in entries:
         cells = (one.name, " ".join(one.axes), str(one.calibrations), one.last or "never", one.by)
         _row(table, *cells, _date(one.at))
-    Console().print(table)
+    terminal().print(table)
 
 
 def print_runs(entries: Sequence[RunEntry], limit: int | None = None) -> None:
@@ -52,7 +52,7 @@ def print_runs(entries: Sequence[RunEntry], limit: int | None = None) -> None:
         begun = one.begun.replace("T", " ")[:16]
         bench = _bench_text(one.kind, one.bench)
         _row(table, str(one.id), one.sensor, bench, begun, one.state, one.folder, one.by)
-    Console().print(table)
+    terminal().print(table)
     if len(entries) == limit:
         _print_line(f"the newest {limit} runs; --all lists all")
 
@@ -76,7 +76,7 @@ def print_sensor(
         cells = (f"#{one.id}", _date(one.measured), one.method, one.estimator, bench)
         _row(table, *cells, grade_text(one.grade), run, one.by)
     if calibrations:
-        Console().print(table)
+        terminal().print(table)
     if len(calibrations) < sensor.calibrations:
         _print_line(
             f"the newest {len(calibrations)} of {sensor.calibrations} calibrations; --all lists all"
@@ -116,7 +116,7 @@ def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
         line = calibration.sensor.coefficient(name)
         cells = format_value_and_uncertainty(value / line.si, COVERAGE * std / line.si)
         _row(table, name, line.meaning, *cells, line.unit)
-    Console().print(table)
+    terminal().print(table)
     for note in calibration.notes:
         _print_line(f"· {note}")
 
@@ -147,7 +147,7 @@ def _print_trends(history: SensorHistory) -> None:
         _row(
             table, one.name, *format_point(one, -1), one.unit, last, *format_slope(one), one.verdict
         )
-    Console().print(table)
+    terminal().print(table)
 
 
 def _print_trend(history: SensorHistory, trend: CoefficientTrend) -> None:
@@ -157,7 +157,7 @@ def _print_trend(history: SensorHistory, trend: CoefficientTrend) -> None:
         entry = history.entries[one]
         cells = (f"#{entry.id}", _date(entry.measured), *format_point(trend, k))
         _row(table, *cells, format_en(float(trend.normalised_errors[k])))
-    Console().print(table)
+    terminal().print(table)
     _print_line(f"{trend.name}: {trend.verdict}; {drift_text(trend)}")
 
 
@@ -180,7 +180,7 @@ def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
             for cell in format_value_and_uncertainty(x / line.si, COVERAGE * u / line.si)
         ]
         _row(table, name, *cells, line.unit, format_en(float(compared.normalised_errors[k])))
-    Console().print(table)
+    terminal().print(table)
     for line in comparison_lines(compared):
         _print_line(line)
 
@@ -214,7 +214,7 @@ def _begin_section(table: Table, name: str, previous: str) -> str:
 
 
 def _print_line(text: str) -> None:
-    Console(highlight=False).print(Text(text))
+    terminal(highlight=False).print(Text(text))
 
 
 def entry_object(entry: SensorEntry | RunEntry | CalibrationEntry) -> dict[str, Any]:

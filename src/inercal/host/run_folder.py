@@ -21,7 +21,7 @@ from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.journal import Journal, JournalHeader
 from inercal.host.recording_writer import require_recordable
 from inercal.host.run_log import os_errors_as_input_errors
-from inercal.io.atomic_files import atomic_write
+from inercal.io.atomic_files import atomic_write, require_plain_name
 from inercal.runfile import Run, read
 from inercal.small_files import read_toml
 
@@ -161,15 +161,17 @@ def prepare_folder(path: str | os.PathLike[str]) -> None:
         It cannot be made, or holds a run.
     """
     path = Path(path)
-    if (path / JOURNAL).exists():
+    require_plain_name(path)
+    with os_errors_as_input_errors(path, "made"):
+        is_run = (path / JOURNAL).exists()
+        path.mkdir(parents=True, exist_ok=True)
+    if is_run:
         raise InputError(
             f"{path} holds a run already; name another folder, or continue this run by "
             f"`inercal bench resume {path}`",
             file=path,
             names=(JOURNAL,),
         )
-    with os_errors_as_input_errors(path, "made"):
-        path.mkdir(parents=True, exist_ok=True)
 
 
 def reopen_run(

@@ -1,13 +1,30 @@
-"""Files that are written completely or not at all."""
+"""Files that are written completely or not at all, and never over anything but a regular file."""
 
 import os
 import shutil
+import stat
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from uuid import uuid4
 
 from inercal.errors import InputError
+from inercal.visible_text import visible_text
+
+_PART = ".part"  # suffix of files and folders that are being written
+_written: ContextVar[list[Path] | None] = ContextVar("written", default=None)
+
+
+@contextmanager
+def written_files() -> Generator[list[Path]]:
+    """Yield a list of the files that are written in the block, as they are named."""
+    files: list[Path] = []
+    token = _written.set(files)
+    try:
+        yield files
+    finally:
+        _written.reset(token)
 
 
 @contextmanager
@@ -15,11 +32,13 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     """Yield a temporary path in the folder of `path`; rename it to `path` when the block succeeds.
 
     A reader sees the old file or the new file. A block that fails leaves the old file unchanged.
+    A symbolic link stays; the file that it names is written.
 
     Raises
     ------
     InputError
-        The folder is missing or cannot be written, the disk is full, or `path` is a folder.
+        The folder is missing or cannot be written, the disk is full, or `path` is a folder, a
+        device, a FIFO, a socket or a loop of symbolic links.
 
     Examples
     --------
@@ -30,13 +49,12 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     >>> target.read_text()
     'done'
     """
-    target = Path(path)
+    target = writable_target(path)
     # Opened by the caller under the user's umask, which tempfile would override with 0600.
-    temporary = target.with_name(f".{uuid4().hex}.part")
+    temporary = target.with_name(f".{uuid4().hex}{_PART}")
     try:
-        _refuse_folder(target)
         yield temporary
-        os.replace(temporary, target)
+        _replace(temporary, target, Path(path))
     except OSError as error:
         if error.filename in (None, str(temporary), str(target), temporary, target):
             raise _write_error(target, error) from error
@@ -68,11 +86,10 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
     Raises
     ------
     InputError
-        The folder cannot be written, or one of the paths is a folder.
+        The folder cannot be written, or one of the paths is no regular file.
     """
-    for target in targets:
-        _refuse_folder(target)
-    folder = targets[0].parent / f".{uuid4().hex}.part"
+    named, targets = targets, [writable_target(target) for target in targets]
+    folder = targets[0].parent / f".{uuid4().hex}{_PART}"
     try:
         folder.mkdir()
     except OSError as error:
@@ -80,16 +97,59 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
     try:
         parts = [folder / target.name for target in targets]
         yield parts
-        for part, target in zip(parts, targets, strict=True):
+        for part, target, name in zip(parts, targets, named, strict=True):
             if part.exists():
-                os.replace(part, target)
+                _replace(part, target, name)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _refuse_folder(target: Path) -> None:
-    if target.is_dir():
-        raise InputError(f"{target} is a folder; name a file to write", file=target)
+def _replace(part: Path, target: Path, name: Path) -> None:
+    os.replace(part, target)
+    files = _written.get()
+    if files is not None and name not in files and target.parent.suffix != _PART:
+        files.append(name)
+
+
+def writable_target(path: str | os.PathLike[str]) -> Path:
+    """Return the file that a write to `path` replaces or creates; links are followed.
+
+    Raises
+    ------
+    InputError
+        It is a folder, a device, a FIFO, a socket or a loop of symbolic links, or its name is too
+        long or has a control character or bytes that are not UTF-8.
+    """
+    target = path = Path(path)
+    require_plain_name(path)
+    try:
+        if path.is_symlink():
+            target = Path(os.path.realpath(path))
+        mode = target.stat().st_mode
+    except FileNotFoundError:
+        return target
+    except OSError as error:
+        raise _write_error(path, error) from None
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "no regular file"
+        raise InputError(f"{path} is {kind}; name a file to write", file=path)
+    return target
+
+
+def require_plain_name(path: Path) -> None:
+    """Refuse a name of a file or folder to write that not every program can print.
+
+    Raises
+    ------
+    InputError
+        It has control characters, or bytes that are not UTF-8.
+    """
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        raise InputError(f"{path}: a name to write to must be UTF-8", file=path) from None
+    if visible_text(str(path)) != str(path):
+        raise InputError(f"{path}: a name to write to must not have control characters", file=path)
 
 
 def _write_error(target: Path, error: OSError) -> InputError:

@@ -11,8 +11,9 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError, require_extra
-from inercal.io.column_table import ReadRequest, Table, shorten
+from inercal.io.column_table import ReadRequest, Table, label_array, row_blocks, shorten
 from inercal.io.readers import Reader
+from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 from inercal.io.variables import (
     CELL,
     COMPLEX,
@@ -25,10 +26,12 @@ from inercal.io.variables import (
     table_from_variables,
 )
 
+ELSEWHERE = "is stored outside this file or put together from others: save its values in it"
+_TEXTS_AT_A_TIME = 64  # texts
 _MOST_PACKED = 1100  # times; deflate reaches 1032
 
 
-def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
+def read_hdf5(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
     """Read a table from an HDF5 file or a MATLAB file of version 7.3, some samples at a time.
 
     Parameters
@@ -37,17 +40,20 @@ def read_hdf5(path: Path, wanted: ReadRequest) -> Table:
         Data sets (n,), (n, k) or (k, n), in groups or not; text is labels. See
         `inercal.io.variables` for the names of columns. Links to other files are not followed.
     wanted : ReadRequest
+    most_values : int
+        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        h5py is not installed, the file is damaged, or its variables form no table.
+        h5py is not installed, the file is damaged or declares too many values, or its variables
+        form no table.
     """
     h5py = _h5py()
     try:
         with h5py.File(path, "r") as file:
             variables = list(_variables(h5py, file, "", set()))
-            return table_from_variables(path, variables, wanted)
+            return table_from_variables(path, variables, wanted, most_values)
     except DAMAGED as error:
         raise InputError(
             f"{path.name} is not an HDF5 file or is damaged: {shorten(str(error), 120)}; write the "
@@ -82,7 +88,8 @@ def read_group(path: Path, group: str, names: Sequence[str]) -> Group:
     h5py = _h5py()
     try:
         with h5py.File(path, "r") as file:
-            found = file.get(group)
+            linked = file.get(group, getlink=True)
+            found: Any = file[group] if isinstance(linked, h5py.HardLink) else None
             if not isinstance(found, h5py.Group):
                 return Group({}, {})
             attributes = {
@@ -92,8 +99,13 @@ def read_group(path: Path, group: str, names: Sequence[str]) -> Group:
             there = [
                 name
                 for name in names
-                if isinstance(found.get(name), h5py.Dataset) and found[name].dtype.kind == "f"
+                if isinstance(found.get(name, getlink=True), h5py.HardLink)
+                and isinstance(found[name], h5py.Dataset)
+                and found[name].dtype.kind == "f"
+                and not (found[name].external or found[name].is_virtual)
             ]
+            size = sum(found[name].size * found[name].dtype.itemsize for name in there)
+            refuse_too_many_values(size, MOST_VALUES, path.name)
             return Group(attributes, {name: np.asarray(found[name][()], float) for name in there})
     except DAMAGED as error:
         raise InputError(
@@ -143,6 +155,8 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
         return Variable(name, refused=FUNCTION if kind == "function_handle" else OBJECT)
     if not data.size or "MATLAB_empty" in data.attrs:
         return Variable(name, refused="is empty")
+    if data.external or data.is_virtual:
+        return Variable(name, refused=ELSEWHERE)
     if data.size * data.dtype.itemsize > _MOST_PACKED * data.id.get_storage_size():
         return Variable(name, refused=f"{data.shape} is not stored completely in the file")
     if h5py.check_ref_dtype(data.dtype) is not None:
@@ -154,13 +168,24 @@ def _variable(h5py: Any, data: Any, name: str, kind: str) -> Variable:
     if kind == "char":
         return Variable(name, (data.shape[-1],), partial(_character_rows, data), text=True)
     if h5py.check_string_dtype(data.dtype) is not None:
-        return Variable(name, (data.size,), lambda: list(data.asstr()[()].flat), text=True)
+        return Variable(name, (data.size,), partial(_texts, data), text=True)
     if data.dtype.names == ("real", "imag") or data.dtype.kind == "c":
         return Variable(name, refused=COMPLEX)
     if data.dtype.kind not in "fiub":
         return Variable(name, refused=f"of {data.dtype} is neither numbers nor text")
     plain = Variable(name, data.shape, lambda: data, transposed=kind != "")
     return replace(plain, chunk=data.chunks[plain.sample_axis]) if data.chunks else plain
+
+
+def _texts(data: Any) -> list[str]:
+    """Return the texts of a data set: few at a time, since many may refer to one long text."""
+    texts: list[str] = []
+    text, flat = data.asstr(), data.ndim == 1
+    for rows in row_blocks(len(data), _TEXTS_AT_A_TIME if flat else 1):
+        part = text[rows]
+        texts += [str(one) for one in np.ravel(part)]
+        label_array(texts[-part.size :], data.name[1:], Path(data.file.filename).name)
+    return texts
 
 
 def _character_rows(data: Any) -> list[str]:
@@ -190,4 +215,5 @@ READER = Reader(
     read_hdf5,
     content=((0, b"\x89HDF"), (124, b"\0\2IM"), (124, b"\2\0MI")),
     suffixes=(".h5", ".hdf5"),
+    options=(MOST_VALUES_OPTION,),
 )

@@ -1,11 +1,14 @@
 """MATLAB files up to version 7, through SciPy; those of version 7.3 are HDF5 (see `hdf5`)."""
 
+import os
+import struct
 import warnings
+import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, BinaryIO, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +16,7 @@ from numpy.typing import NDArray
 from inercal.errors import InputError
 from inercal.io.column_table import ReadRequest, Table, shorten
 from inercal.io.readers import Reader
+from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 from inercal.io.variables import (
     CELL,
     COMPLEX,
@@ -25,12 +29,16 @@ from inercal.io.variables import (
     table_from_variables,
 )
 
+_TITLE, _COMPRESSED = 128, 15  # bytes of the title; the type of a packed element
+_MOST_PACKED = 1100  # times; deflate reaches 1032
+_BLOCK, _PADDING = 1 << 20, 64  # bytes
+
 _NUMBERS = {"double", "single", "logical"} | {
     f"{u}int{b}" for u in ("", "u") for b in (8, 16, 32, 64)
 }
 
 
-def read_mat(path: Path, wanted: ReadRequest) -> Table:
+def read_mat(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
     """Read a table from a MATLAB file of version 4, 6 or 7.
 
     Parameters
@@ -39,22 +47,73 @@ def read_mat(path: Path, wanted: ReadRequest) -> Table:
         Vectors and matrices, in structs or not; cells of text or rows of letters are labels. See
         `inercal.io.variables` for the names of columns.
     wanted : ReadRequest
+    most_values : int
+        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        A damaged file, or variables that form no table.
+        Too many values, a damaged file, or variables that form no table.
     """
     scipy_io: Any = import_module("scipy.io")
     try:
+        _refuse_too_large(path, most_values)
         with warnings.catch_warnings():  # on variables stored twice or not readable
             warnings.simplefilter("ignore")
-            return table_from_variables(path, _variables(path, scipy_io), wanted)
+            return table_from_variables(path, _variables(path, scipy_io), wanted, most_values)
     except (*DAMAGED, scipy_io.matlab.MatReadError) as error:
         raise InputError(
             f"{path.name} is not a MATLAB file or is damaged: {shorten(str(error), 120)}; write "
             "the file again"
         ) from error
+
+
+def _refuse_too_large(path: Path, most_values: int) -> None:
+    """Refuse a file of version 7 with a variable that unpacks to more than is read.
+
+    What it declares is compared with what it has. Nothing is kept of what is unpacked.
+    """
+    with path.open("rb") as file:
+        if not file.read(_TITLE).startswith(b"MATLAB 5.0"):
+            return
+        file.seek(126)
+        order: Literal["little", "big"] = "little" if file.read(2) == b"IM" else "big"
+        while len(tag := file.read(8)) == 8:
+            kind, size = struct.unpack("<2I" if order == "little" else ">2I", tag)
+            if kind != _COMPRESSED:
+                file.seek(size, os.SEEK_CUR)
+                continue
+            refuse_too_many_values(
+                _unpacked_size(file, size, order, 8 * most_values), most_values, path.name
+            )
+
+
+def _unpacked_size(file: BinaryIO, size: int, order: Literal["little", "big"], limit: int) -> int:
+    """Return how many bytes an element declares; count them where that is within the limit.
+
+    Raises
+    ------
+    InputError
+        It has more bytes than it declares.
+    """
+    # Each byte of the packed stream stands for at most so many: no need to unpack small elements.
+    if size * _MOST_PACKED <= limit:
+        file.seek(size, os.SEEK_CUR)
+        return 0
+    unpacker, end = zlib.decompressobj(), file.tell() + size
+    begin = unpacker.decompress(file.read(min(_BLOCK, size)), 8)
+    declared = int.from_bytes(begin[4:8], order)
+    count = len(begin)
+    # What a variable declares may be too little: then the file is damaged, or made to look so.
+    while count <= declared + _PADDING and declared <= limit and not unpacker.eof:
+        packed = unpacker.unconsumed_tail or file.read(min(_BLOCK, max(end - file.tell(), 0)))
+        if not packed:
+            break
+        count += len(unpacker.decompress(packed, _BLOCK))
+    if count > declared + _PADDING:
+        raise InputError("a packed variable is longer than it declares; write the file again")
+    file.seek(end)
+    return declared
 
 
 def _variables(path: Path, scipy_io: Any) -> list[Variable]:
@@ -144,4 +203,5 @@ READER = Reader(
     content=((0, b"MATLAB 5.0 MAT-file"), (124, b"\0\1IM"), (124, b"\1\0MI")),
     suffixes=(".mat",),
     binary=True,
+    options=(MOST_VALUES_OPTION,),
 )

@@ -4,6 +4,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Iterator
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,9 @@ from inercal.io.column_table import (
     shorten,
 )
 from inercal.io.readers import Reader
+from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
+_MAGIC = b"\x93NUMPY"
 # Raised by the standard library and NumPy on archives whose bytes were changed.
 _DAMAGED = (
     zipfile.BadZipFile,
@@ -38,7 +41,7 @@ _DAMAGED = (
 )
 
 
-def read_npz(path: Path, wanted: ReadRequest) -> Table:
+def read_npz(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
     """Read a table from a .npz file, one array at a time.
 
     Parameters
@@ -46,11 +49,13 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
     path : Path
         Arrays (n,) by name of the column; or "data" (n, k) with "columns" (k,) of str.
     wanted : ReadRequest
+    most_values : int
+        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        A damaged archive, pickled objects, or arrays that do not form a table.
+        Too many values, a damaged archive, pickled objects, or arrays that do not form a table.
     OSError
         The file cannot be read.
     """
@@ -60,6 +65,7 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
             zipfile.ZipFile(file).close()
             file.seek(0)
             with np.load(file, allow_pickle=False) as archive:
+                _refuse_too_large(archive, wanted, path.name, most_values)
                 names, columns, block = _columns(archive, wanted, path.name)
         except _DAMAGED as error:
             raise InputError(
@@ -67,6 +73,32 @@ def read_npz(path: Path, wanted: ReadRequest) -> Table:
                 f"{shorten(str(error), 120)}; write the file again"
             ) from error
     return Table(names, columns, path.name, file_sha256(path), 0, header=True, block=block)
+
+
+def _refuse_too_large(archive: Any, wanted: ReadRequest, source: str, most_values: int) -> None:
+    """Refuse an archive whose wanted arrays are too large, by their headers alone."""
+    names = set(archive.files)
+    if wanted.names is not None and not {"data", "columns"} <= names:
+        names &= set(wanted.names)
+    size = 0
+    for member in archive.zip.namelist():
+        name = member.removesuffix(".npy")
+        if name not in names:
+            continue
+        with archive.zip.open(member) as stored:
+            if member == name or stored.read(len(_MAGIC)) != _MAGIC:
+                raise InputError(
+                    f"{source}: {name!r} is not an array; if the file is a workbook, save it as "
+                    "CSV",
+                    names=(name,),
+                )
+        with archive.zip.open(member) as stored:
+            version = np.lib.format.read_magic(stored)
+            read = np.lib.format.read_array_header_1_0
+            read = read if version == (1, 0) else np.lib.format.read_array_header_2_0
+            shape, _, dtype = read(stored)
+        size += prod(shape) * dtype.itemsize
+    refuse_too_many_values(size, most_values, source)
 
 
 def _columns(
@@ -149,4 +181,10 @@ def _column(array: NDArray[Any], name: str, as_text: bool, source: str) -> NDArr
     return array
 
 
-READER = Reader("npz", read_npz, content=((0, b"PK\x03\x04"),), suffixes=(".npz",))
+READER = Reader(
+    "npz",
+    read_npz,
+    content=((0, b"PK\x03\x04"),),
+    suffixes=(".npz",),
+    options=(MOST_VALUES_OPTION,),
+)

@@ -20,11 +20,12 @@ from inercal.io.column_table import (
     shorten,
 )
 from inercal.io.readers import Reader
+from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
 _BUFFER = 1 << 20  # bytes of each column read at a time
 
 
-def read_parquet(path: Path, wanted: ReadRequest) -> Table:
+def read_parquet(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) -> Table:
     """Read a table from a Parquet file, some rows at a time; missing numbers become NaN.
 
     Parameters
@@ -32,19 +33,30 @@ def read_parquet(path: Path, wanted: ReadRequest) -> Table:
     path : Path
         A Parquet file of numbers and text.
     wanted : ReadRequest
+    most_values : int
+        See `inercal.io.size_limits`.
 
     Raises
     ------
     InputError
-        pyarrow is not installed, the file is damaged, or a column is neither numbers nor text.
+        pyarrow is not installed, the file is damaged or declares too many values, or a column is
+        neither numbers nor text.
     """
     pyarrow = _pyarrow()
     try:
+        schema = pyarrow.parquet.read_schema(path)
+        names = tuple(str(name) for name in schema.names)
+        chosen = select_columns(names, wanted.names, path.name)
+        texts = [k for k in chosen if _is_text(pyarrow, schema.field(k).type, k, False, path.name)]
         with pyarrow.parquet.ParquetFile(
-            path, page_checksum_verification=True, pre_buffer=False, buffer_size=_BUFFER
+            path,
+            page_checksum_verification=True,
+            pre_buffer=False,
+            buffer_size=_BUFFER,
+            read_dictionary=texts,  # a long text that many rows have is decoded once
         ) as file:
-            names = tuple(str(name) for name in file.schema_arrow.names)
-            chosen = select_columns(names, wanted.names, path.name)
+            size = _decoded_size(file.metadata, chosen)
+            refuse_too_many_values(size, most_values, path.name)
             columns, block = _columns(pyarrow, file, chosen, wanted, path.name)
     except (pyarrow.ArrowException, OSError, ValueError, MemoryError, OverflowError) as error:
         raise InputError(
@@ -73,8 +85,7 @@ def _columns(
         for name in chosen:
             values = batch.column(name)
             if name in words:
-                texts = ["" if value is None else str(value) for value in values.to_pylist()]
-                words[name].append(label_array(texts, name, source))
+                words[name].append(_labels(values, name, source))
             else:
                 numbers[name][start:stop] = _numbers(pyarrow, values)
         start = stop
@@ -84,6 +95,18 @@ def _columns(
             "again"
         )
     return {k: np.concatenate(words[k]) if k in words else numbers[k] for k in chosen}, block
+
+
+def _decoded_size(metadata: Any, chosen: list[str]) -> int:
+    """Return the larger of the bytes that pages and rows of the chosen columns declare."""
+    pages = 0
+    for k in range(metadata.num_row_groups):
+        group = metadata.row_group(k)
+        for j in range(group.num_columns):
+            column = group.column(j)
+            if column.path_in_schema.partition(".")[0] in chosen:
+                pages += column.total_uncompressed_size
+    return max(pages, 8 * metadata.num_rows * len(chosen))
 
 
 def write_parquet(path: Path, columns: dict[str, Column]) -> None:
@@ -123,6 +146,14 @@ def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> 
     return as_text and integer
 
 
+def _labels(values: Any, name: str, source: str) -> NDArray[np.str_]:
+    """Return one pyarrow column of text or whole numbers as labels; "" where it has none."""
+    if hasattr(values, "dictionary"):
+        label_array([str(one) for one in values.dictionary.to_pylist()], name, source)
+    texts = ["" if value is None else str(value) for value in values.to_pylist()]
+    return label_array(texts, name, source)
+
+
 def _numbers(pyarrow: Any, values: Any) -> Array:
     """Return one pyarrow column of numbers as an array (n,)."""
     if pyarrow.types.is_dictionary(values.type):
@@ -130,4 +161,10 @@ def _numbers(pyarrow: Any, values: Any) -> Array:
     return np.asarray(values.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-READER = Reader("parquet", read_parquet, content=((0, b"PAR1"),), suffixes=(".parquet", ".pq"))
+READER = Reader(
+    "parquet",
+    read_parquet,
+    content=((0, b"PAR1"),),
+    suffixes=(".parquet", ".pq"),
+    options=(MOST_VALUES_OPTION,),
+)

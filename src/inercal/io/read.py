@@ -181,13 +181,36 @@ def detect_reader(path: Path) -> Reader:
 def _read(path: Path, wanted: ReadRequest, options: Mapping[str, object]) -> Table:
     """Return the table of a file; the reader takes the options that it knows."""
     reader = detect_reader(path)
+    before = _state(path)
     try:
-        return reader.read(path, wanted, **reader.option_values(options))
+        table = reader.read(path, wanted, **reader.option_values(options))
     except OSError as error:
         raise open_error(path, error) from error
-    except InputError as error:
-        error.file = error.file or path
+    except Exception as error:
+        if _state(path) != before:
+            raise _changed_error(path) from error
+        if isinstance(error, InputError):
+            error.file = error.file or path
         raise
+    if _state(path) != before:
+        raise _changed_error(path)
+    return table
+
+
+def _state(path: Path) -> tuple[int, int, int] | None:
+    """Return what tells that a file was changed; None for no file."""
+    try:
+        known = path.stat()
+    except OSError:
+        return None
+    return known.st_ino, known.st_size, known.st_mtime_ns
+
+
+def _changed_error(path: Path) -> InputError:
+    return InputError(
+        f"{path} was changed while it was read: wait until it is complete, or read a copy",
+        file=path,
+    )
 
 
 def _refuse_unknown_options(options: Mapping[str, object], *paths: Path) -> None:

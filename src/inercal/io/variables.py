@@ -10,6 +10,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from inercal.io.column_table import (
     row_blocks,
     select_columns,
 )
+from inercal.io.size_limits import refuse_too_many_values
 
 # Why a variable is not a column.
 OBJECT = "is a MATLAB object (table, string, datetime, …): save its columns as plain arrays"
@@ -121,13 +123,16 @@ class Variable:
         return (self.name,) if count == 1 else tuple(f"{self.name}({k + 1})" for k in range(count))
 
 
-def table_from_variables(path: Path, variables: Sequence[Variable], wanted: ReadRequest) -> Table:
+def table_from_variables(
+    path: Path, variables: Sequence[Variable], wanted: ReadRequest, most_values: int
+) -> Table:
     """Return the variables of a file as a table.
 
     Raises
     ------
     InputError
-        No column, a wanted column missing or not of numbers, or columns of unequal length.
+        Too many values, no column, a wanted column missing or not of numbers, or columns of unequal
+        length.
     """
     source = path.name
     refused = {v.name: v.refusal_reason for v in variables if v.refusal_reason}
@@ -158,6 +163,9 @@ def table_from_variables(path: Path, variables: Sequence[Variable], wanted: Read
     refuse_unequal_lengths(
         {name: found[name][0].sample_and_column_counts[0] for name in chosen}, source
     )
+    used = {v.name: v for v, _ in found.values()}
+    declared = sum(prod(v.shape) for v in used.values())
+    refuse_too_many_values(8 * max(declared, len(chosen) * length), most_values, source)
     read, block = _read([found[name][0] for name in chosen], chosen, wanted, source)
     return Table(tuple(names), read, source, file_sha256(path), 0, header=True, block=block)
 

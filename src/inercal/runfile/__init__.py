@@ -4,12 +4,12 @@
 line that names the file, the key and what is possible there.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pydantic import ValidationError
 
@@ -39,7 +39,7 @@ from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
-from inercal.small_files import parse_toml, read_small_file
+from inercal.small_files import parse_toml, read_small_file, read_toml
 
 if TYPE_CHECKING:
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
@@ -147,6 +147,31 @@ class Run:
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file."""
         return self.path.parent / name
+
+    def input_files(self) -> list[Path]:
+        """Return the run file and the existing files that its keys and values name."""
+        named = map(self.file, _texts(read_toml(self.path, "run file")))
+        return [self.path, *(path for path in named if _is_file(path))]
+
+
+def _texts(content: object) -> Iterator[str]:
+    """Yield all keys and texts of a TOML document."""
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, Mapping):
+        for key, value in cast(Mapping[str, object], content).items():
+            yield key
+            yield from _texts(value)
+    elif isinstance(content, list):
+        for value in cast(list[object], content):
+            yield from _texts(value)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a text that cannot be a name
+        return False
 
 
 def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> Run:

@@ -49,6 +49,8 @@ class Register:
 
     Attributes
     ----------
+    files : tuple of Path
+        The file of the register; none on a server.
     address : str
         To be printed, without a password.
     exists : bool
@@ -65,6 +67,7 @@ class Register:
         self._address = resolve_address(address)
         self.address = self._address.display_url
         self._by = by or _user_name()
+        self.files = () if self._address.file is None else (self._address.file,)
         self._engine = make_engine(self._address)
         file = self._address.file
         self.exists = file is None or file.exists()

@@ -94,16 +94,7 @@ def write_study(study: Study, folder: str | Path) -> Path:
     packages = ("matplotlib", "jinja2", "markupsafe")
     with require_extra("report", "the page of a study needs matplotlib and jinja2", packages):
         from inercal.studies.study_page import render_study
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: the folder cannot be created: {error.strerror}; give another folder",
-            file=folder,
-            key="--out",
-        ) from None
-    return write_text(folder / f"{study.name}.study.html", render_study(study))
+    return write_text(Path(folder) / f"{study.name}.study.html", render_study(study))
 
 
 __all__ = [

@@ -1,0 +1,205 @@
+"""What a calibration file may hold: types by a strict schema, and what its numbers must satisfy.
+
+A file whose hash is right may still have been written by another program, or by hand and hashed
+again. Nothing is converted: a number in quotation marks or `true` is no number.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from inercal.errors import InputError
+
+_Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+_Text = Annotated[str, Field(strict=True)]
+_Count = Annotated[int, Field(strict=True, ge=0)]
+_Cosine = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1.001, le=1.001)]
+_Direction = Annotated[list[_Cosine], Field(min_length=3, max_length=3)]
+_Range = Annotated[list[_Number], Field(min_length=2, max_length=2)]
+_Texts = dict[_Text, _Text]
+
+_ROUNDING = 1e-9  # of a correlation, or of a rotation's elements
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(strict=True, extra="ignore")
+
+
+class _Readout(_Strict):
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    scale: _Number
+    offset: _Number
+    unit: _Text
+    full_scale: _Number | None = None
+
+
+class _Axis(_Strict):
+    name: _Text
+    measures: Literal["f", "w"]
+    i: _Direction
+    p: _Direction
+    readout: _Readout
+
+
+class _Sensor(_Strict):
+    name: _Text
+    form: _Text
+    reference_temperature_K: _Number
+    axes: Annotated[list[_Axis], Field(min_length=1)]
+
+
+class _Coefficient(_Strict):
+    name: _Text
+    value: _Number
+    std: _Positive
+    unit: _Text
+
+
+class _Test(_Strict):
+    name: _Text
+    chi2: _Number | None
+    dof: _Count
+    p_value: _Number | None
+    p_among_all: _Number | None
+
+
+class _Component(_Strict):
+    name: _Text
+    value: _Number | None
+    std: _Number | None
+    unit: _Text
+
+
+class _Shift(_Strict):
+    coefficient: _Text
+    in_U: _Number | None
+
+
+class _Suspect(_Strict):
+    name: _Text
+    kind: _Text
+    components: list[_Component]
+    chi2: _Number | None
+    dof: _Count
+    p_value: _Number | None
+    largest_shift: _Shift
+    not_told_from: list[_Text]
+
+
+class _Verdict(_Strict):
+    grade: _Text
+    word: _Text = ""
+    reasons: list[_Text]
+    tests: list[_Test]
+    suspect: _Suspect | None
+
+
+class _SharedError(_Strict):
+    name: _Text
+    unit: _Text
+    std: _Positive
+    determination: _Text
+    date: _Text | None
+    covariance: list[_Number]
+
+
+class _File(_Strict):
+    sensor: _Sensor
+    method: _Text
+    estimator: _Text
+    coefficients: list[_Coefficient]
+    covariance: list[list[_Number]]
+    frame: _Text
+    mount: Annotated[list[_Direction], Field(min_length=3, max_length=3)]
+    conditions: _Texts
+    provenance: _Texts
+    notes: list[_Text]
+    verdict: _Verdict | None = None
+    shared: list[_SharedError] | None = None
+    validity: dict[Literal["rate", "force", "temperature"], _Range] | None = None
+    job: _Texts = {}
+
+
+_SCHEMA = TypeAdapter(_File)
+
+
+def validated(content: dict[str, Any]) -> dict[str, Any]:
+    """Return the known fields of a calibration file, whole numbers as float where one is due.
+
+    Parameters
+    ----------
+    content : dict
+        The JSON object.
+
+    Raises
+    ------
+    InputError
+        Its first wrong field: a type, a number that is not finite, a coefficient twice, a standard
+        deviation that contradicts the covariance, a covariance that is none, a mounting that is no
+        rotation.
+    """
+    try:
+        file = _SCHEMA.validate_python(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = _dotted(first["loc"])
+        raise InputError(f"{key}: {_reason(first['type'], first['msg'])}", key=key) from None
+    stated = Counter(one.name for one in file.coefficients)
+    if repeated := tuple(name for name, count in stated.items() if count > 1):
+        raise InputError(
+            f"coefficients: {repeated[0]} is stated more than once",
+            key="coefficients",
+            names=repeated,
+        )
+    _require_covariance(file.covariance, file.coefficients)
+    mount = np.array(file.mount, dtype=float)
+    if np.max(np.abs(mount @ mount.T - np.eye(3))) > 1e-6 or np.linalg.det(mount) < 0:
+        raise InputError("mount: the matrix is no rotation", key="mount")
+    return file.model_dump(exclude_unset=True)
+
+
+def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coefficient]) -> None:
+    """Refuse a matrix that is no covariance, or whose diagonal contradicts the deviations."""
+    p = len(coefficients)
+    if [len(row) for row in rows] != [p] * p:
+        raise InputError(
+            f"covariance: {p} coefficients need {p} rows of {p} numbers", key="covariance"
+        )
+    covariance = np.array(rows, dtype=float).reshape(p, p)
+    variance = np.diag(covariance)
+    for one, each in zip(coefficients, variance.tolist(), strict=True):
+        if each < 0:
+            what = f"the variance of {one.name} is negative"
+        elif abs(np.sqrt(each) - one.std) > 1e-6 * one.std:
+            what = f"the variance of {one.name} contradicts its std {one.std:g}"
+        else:
+            continue
+        raise InputError(f"covariance: {what}", key="covariance", names=(one.name,))
+    size = np.sqrt(np.where(variance > 0, variance, 1.0))
+    with np.errstate(over="ignore", under="ignore"):
+        correlation = covariance / size / size[:, None]
+    if not np.isfinite(correlation).all():
+        raise InputError("covariance: a correlation exceeds 1", key="covariance")
+    if not np.allclose(correlation, correlation.T, rtol=0, atol=_ROUNDING):
+        raise InputError("covariance: the matrix is not symmetric", key="covariance")
+    try:
+        np.linalg.cholesky(correlation + 10 * p * _ROUNDING * np.eye(p))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "covariance: the matrix is not positive semidefinite", key="covariance"
+        ) from None
+
+
+def _dotted(loc: tuple[int | str, ...]) -> str:
+    """Return the place of a field: coefficients[3].std."""
+    return "".join(f"[{k}]" if isinstance(k, int) else f".{k}" for k in loc).lstrip(".")
+
+
+def _reason(kind: str, message: str) -> str:
+    reasons = {"missing": "is missing", "finite_number": "is not finite"}
+    return reasons.get(kind, message[0].lower() + message[1:])

@@ -1,0 +1,36 @@
+"""The terminal: no text of a name, a note or a file is a command to it."""
+
+from collections.abc import Iterable
+
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook
+from rich.segment import Segment
+
+from inercal.visible_text import visible_text
+
+
+def terminal(*, stderr: bool = False, highlight: bool = True) -> Console:
+    """Return a console of standard output or error that escapes control characters in text."""
+    console = Console(stderr=stderr, highlight=highlight)
+    console.push_render_hook(_VisibleText())
+    return console
+
+
+class _VisibleText(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [Visible(one) for one in renderables]
+
+
+class Visible:
+    """A renderable with visible text.
+
+    Parameters
+    ----------
+    inner : RenderableType
+    """
+
+    def __init__(self, inner: RenderableType):
+        self._inner = inner
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterable[Segment]:
+        for one in console.render(self._inner, options):
+            yield one if one.control else Segment(visible_text(one.text, "\n"), one.style)

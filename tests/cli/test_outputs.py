@@ -1,0 +1,150 @@
+"""No verb writes over an input, a device or a file of another kind; it says so in one line."""
+
+import os
+import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
+
+from inercal.cli.app import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SENSOR = "triad 3"
+# Verbs that write one file, by --out; the inputs that each reads.
+FILE_VERBS = {
+    "report": (("report", "run.toml"), ("run.toml", "log.csv")),
+    "apply": (
+        ("apply", "run.calibration.json", "run.toml", "--force"),
+        ("run.toml", "log.csv", "run.calibration.json"),
+    ),
+    "simulate": (("simulate", "run.toml", "--force"), ("run.toml",)),
+    "plan": (("plan", "dual-orthogonal", "--run", "head.toml", "--force"), ("head.toml",)),
+    "history": (("store", "history", SENSOR, "--register", "register.db"), ("register.db",)),
+}
+# Verbs that write files of their own names to a folder, and what they write first.
+FOLDER_VERBS = {
+    "calibrate": (("calibrate", "run.toml"), ("run.calibration.json", "run.report.html")),
+    "budget": (("budget", "run.toml", "--trials", "2"), ("run.budget.json", "run.budget.html")),
+    "reproduce": (("reproduce", "centrifuge", "--trials", "2"), ("centrifuge.study.html",)),
+    "demo": (("demo", "--quick"), ()),
+    "bench run": (("bench", "run", "table.toml", "--table", "no", "--imu", "no"), ()),
+}
+
+
+def status(*arguments: str | Path) -> tuple[int, str]:
+    """Run the program within this process; return exit status and standard error."""
+    error = StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(StringIO()),
+        redirect_stderr(error),
+    ):
+        patch.setattr("sys.argv", ["inercal", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+    return int(stop.value.code or 0), error.getvalue()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Make inputs of all verbs, links to them, and what is no place to write to."""
+    folder = tmp_path_factory.mktemp("bench")
+    with chdir(folder):
+        run_file(folder, SIX_POSITIONS)
+        shutil.copy(EXAMPLES / "dividing_head" / "pair.toml", "head.toml")
+        shutil.copy(EXAMPLES / "turntable" / "filter_keys.toml", "table.toml")
+        assert status("simulate", "run.toml") == (0, "")
+        assert status("calibrate", "run.toml", "--register", "register.db") == (0, "")
+        for name in ("run.toml", "log.csv", "run.calibration.json", "head.toml", "register.db"):
+            os.link(name, f"hard-{name}")
+            Path(f"soft-{name}").symlink_to(name)
+        Path("photo.html").write_text("<html>mine</html>")
+        Path("loop").symlink_to("loop")
+        os.mkfifo("fifo")
+        ends = os.openpty()
+        Path("device").symlink_to(os.ttyname(ends[1]))
+        Path("folder").mkdir()
+        Path("forbidden").mkdir()
+        Path("forbidden").chmod(0o500)
+        yield folder
+        for one in ends:
+            os.close(one)
+        Path("forbidden").chmod(0o700)
+
+
+def content(folder: Path) -> dict[str, object]:
+    """Return types, links and bytes by name."""
+    return {
+        str(path): path.read_bytes()
+        if stat.S_ISREG(mode := path.lstat().st_mode)
+        else (stat.S_IFMT(mode), os.readlink(path) if path.is_symlink() else "")
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def refused(folder: Path, *arguments: str | Path) -> None:
+    before = content(folder)
+    code, error = status(*arguments)
+    assert (code, error.count("\n"), error[:9]) == (2, 1, "inercal: "), (arguments, error)
+    assert error.rstrip("\n").isprintable()
+    assert content(folder) == before, arguments
+
+
+NO_NAMES = ("a" * 300, "a\nb.csv", "a\udcff.csv", "a\x1b[2J.csv", "none/a.csv", "run.toml/a.csv")
+
+
+@pytest.mark.parametrize("verb", FILE_VERBS)
+def test_a_file_is_not_written_over_an_input_or_what_is_no_file(folder: Path, verb: str):
+    arguments, inputs = FILE_VERBS[verb]
+    places = ["fifo", "device", "loop", "folder", ".", *NO_NAMES]
+    places += [how + name for name in inputs for how in ("", "hard-", "soft-")]
+    if os.geteuid():
+        places.append("forbidden/a.csv")
+    for place in places:
+        refused(folder, *arguments, "--out", place)
+
+
+@pytest.mark.parametrize("verb", FOLDER_VERBS)
+def test_a_folder_is_not_written_to_where_it_is_none(folder: Path, verb: str):
+    arguments, _ = FOLDER_VERBS[verb]
+    for place in ("fifo", "device", "loop", "run.toml", *NO_NAMES[:4]):
+        refused(folder, *arguments, "--out", place)
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "budget", "reproduce"])
+def test_files_of_a_folder_are_not_written_over_an_input_or_another_kind(folder: Path, verb: str):
+    arguments, names = FOLDER_VERBS[verb]
+    for name in names:
+        place = folder / "folder" / name
+        for make in (
+            lambda path: os.link(folder / "log.csv", path),
+            lambda path: path.symlink_to(folder / "run.toml"),
+            lambda path: path.symlink_to(path),
+            os.mkfifo,
+            Path.mkdir,
+            lambda path: path.write_text('{"photo": "<html>mine</html>"}'),
+        ):
+            make(place)
+            refused(folder, *arguments, "--out", "folder")
+            place.rmdir() if place.is_dir() else place.unlink()
+
+
+def test_a_page_of_another_origin_stays(folder: Path):
+    refused(folder, "report", "run.toml", "--out", "photo.html")
+
+
+def test_own_files_are_written_again_and_links_written_through(folder: Path):
+    with chdir(folder / "folder"):
+        Path("link.html").symlink_to("page.html")
+        for _ in range(2):
+            assert status("report", "../run.toml", "--out", "link.html")[0] == 0
+            assert status("calibrate", "../run.toml")[0] == 0
+        assert Path("link.html").is_symlink()
+        assert b"triad 3" in Path("page.html").read_bytes()
+        for path in Path().iterdir():
+            path.unlink()

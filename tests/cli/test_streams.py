@@ -1,0 +1,110 @@
+"""What the program prints where nobody listens, the disk is full or characters are missing."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from subprocess import PIPE
+
+import pytest
+from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
+
+from inercal.calibration.files import load
+
+START = (sys.executable, "-c", "from inercal.cli.app import main; main()")
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = run_file(
+        tmp_path_factory.mktemp("run"), SIX_POSITIONS, ("triad 3", "triad \\u001b[2J µ√")
+    )
+    subprocess.run([*START, "simulate", str(path)], check=True, stdout=PIPE)
+    return path
+
+
+def shell(run: Path, redirection: str, *arguments: str, **environment: str) -> tuple[int, str, str]:
+    """Run a verb as a shell redirects it; return exit status, output and standard error."""
+    command = f'"$@" {redirection}'
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", command, "bash", *START, *arguments],
+        cwd=run.parent,
+        env={**os.environ, **environment},
+        capture_output=True,
+        check=False,
+    )
+    return done.returncode, done.stdout.decode("latin-1"), done.stderr.decode("latin-1")
+
+
+VERBS = (
+    ("calibrate", "run.toml", "--no-report"),
+    ("calibrate", "run.toml", "--no-report", "--json"),
+    ("budget", "run.toml", "--trials", "2"),
+    ("simulate", "run.toml", "--force"),
+    ("apply", "run.calibration.json", "run.toml", "--out", "corrected.csv", "--force"),
+    ("store", "import", "run.calibration.json", "--register", "register.db"),
+    ("store", "list", "--register", "register.db"),
+    ("--help",),
+)
+
+
+def test_a_calibration_survives_a_full_disk_and_an_encoding(run: Path):
+    arguments = ("calibrate", "run.toml", "--no-report")
+    code, _, error = shell(run, "> /dev/full", *arguments)
+    assert (code, error.count("\n")) == (2, 1)
+    assert "run.calibration.json" in error
+    load(run.with_name("run.calibration.json"))
+    code, output, error = shell(run, "", *arguments, PYTHONIOENCODING="ascii")
+    assert (code, error, output.isascii()) == (0, "", True)
+    assert "triad" in output
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", VERBS, ids=" ".join)
+def test_each_verb_ends_well_whatever_its_output_is(run: Path, arguments: tuple[str, ...]):
+    calibration = run.with_name("run.calibration.json")
+    before = calibration.stat().st_mtime_ns if calibration.exists() else 0
+    for encoding in ("cp1252", "ascii"):
+        code, _, error = shell(run, "", *arguments, PYTHONIOENCODING=encoding)
+        assert (code, "Traceback" in error) == (0, False), (encoding, error)
+    code, _, error = shell(run, "", *arguments, LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")
+    assert (code, "Traceback" in error) == (0, False), error
+    code, output, error = shell(run, "| head -1", *arguments)
+    assert (code, output.count("\n")) == (0, 1)
+    assert error.count("\n") == 0 or "inercal: warning" in error
+    code, _, error = shell(run, "> /dev/full", *arguments)
+    assert (code, error.count("\n")) == (2, 1), error
+    for closed in (">&-", "<&-", "2>&-", "2> /dev/full"):
+        code, _, error = shell(run, closed, *arguments)
+        assert (code, error) == (0, ""), closed
+    if arguments[0] == "calibrate":
+        assert "run.calibration.json" in shell(run, "> /dev/full", *arguments)[2]
+        assert calibration.stat().st_mtime_ns > before
+        load(calibration)
+
+
+@pytest.mark.slow
+def test_json_is_json_in_every_encoding(run: Path):
+    for encoding in ("ascii", "cp1252", "utf-8"):
+        arguments = ("calibrate", "run.toml", "--no-report", "--json")
+        code, output, _ = shell(run, "", *arguments, PYTHONIOENCODING=encoding)
+        text = output.encode("latin-1").decode(encoding)
+        assert (code, json.loads(text)["sensor"]["name"]) == (0, "triad \x1b[2J µ√")
+
+
+@pytest.mark.slow
+def test_control_characters_of_names_never_reach_the_terminal(run: Path):
+    shell(run, "", "store", "import", "run.calibration.json", "--register", "register.db")
+    for arguments in (
+        ("calibrate", "run.toml", "--no-report"),
+        ("store", "list", "--register", "register.db"),
+        ("store", "show", "1", "--register", "register.db"),
+        ("store", "show", "\x1b[2J", "--register", "register.db"),
+        ("calibrate", "\x1b]0;title\x07.toml"),
+        ("calibrat\x1b[2J",),
+    ):
+        _, output, error = shell(run, "", *arguments)
+        assert "\x1b[2J" not in output + error
+        assert "\x1b]" not in output + error
+        assert "\x07" not in output + error

@@ -1,0 +1,161 @@
+"""Calibration files, changed anywhere and hashed again: read as they stand, or refused."""
+
+import hashlib
+import json
+import random
+import shutil
+from contextlib import redirect_stderr, redirect_stdout
+from copy import deepcopy
+from io import StringIO
+from math import isclose
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, seed
+from hypothesis import strategies as st
+from tests.fuzz.test_mutated_toml import COUNTS, EXAMPLES, require_one_line, tried
+from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
+
+from inercal.calibration.files import as_object, load
+from inercal.cli.app import main
+from inercal.errors import InercalError
+
+# As `json.dumps` writes them; a calibration holds none of them where a test puts it by chance.
+VALUES = (
+    None, True, False, 0, -1, 7, 10**30, 10**400, 0.0, -0.0, 1e-320, -1e-9, 1e308, float("nan"),
+    float("inf"), "", "1", "nan", "ax.k0", "az.delta_p", "m/s²", "1", "\ud800", "a\nb\x1b[2J", [],
+    [1.0], [[1.0]], {}, {"name": "ax.k0"}, "mount", "triangular", "tilted", "good", "f", "w",
+)  # fmt: skip
+
+
+def places(content: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Return the paths of all that a document holds."""
+    inner = content.items() if isinstance(content, dict) else enumerate(content)
+    found: list[tuple[Any, ...]] = []
+    for key, value in inner:
+        found.append((*path, key))
+        if isinstance(value, dict | list):
+            found += places(value, (*path, key))
+    return found
+
+
+def mutate(content: dict[str, Any], rng: random.Random) -> None:
+    """Replace, remove, double, swap or scale one to three things of a document."""
+    for _ in range(rng.randint(1, 3)):
+        *outer, key = rng.choice([path for path in places(content) if path != ("sha256",)])
+        parent: Any = content
+        for one in outer:
+            parent = parent[one]
+        match rng.randrange(6):
+            case 0:
+                del parent[key]
+            case 1 if isinstance(parent, list):
+                parent.insert(key, deepcopy(parent[key]))
+            case 2:
+                keys = list(parent) if isinstance(parent, dict) else range(len(parent))
+                parent[key] = deepcopy(parent[rng.choice(keys)])
+            case 3 if isinstance(parent[key], float):
+                parent[key] *= rng.choice((-1.0, 1 + 1e-12, 2.0))
+            case 4 if isinstance(parent, dict):
+                parent[key + rng.choice(("x", " ", ""))] = parent.pop(key)
+            case _:
+                parent[key] = rng.choice(VALUES)
+
+
+def hashed(content: dict[str, Any]) -> str:
+    """Return the text of a file whose hash is right."""
+    content.pop("sha256", None)
+    text = json.dumps(content, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
+    return json.dumps(content | {"sha256": digest})
+
+
+def strict(content: Any, like: Any) -> bool:
+    """Return whether what was read is what a file states; a deviation follows the covariance."""
+    if isinstance(like, dict):
+        return isinstance(content, dict) and all(
+            strict(content.get(key), value) for key, value in like.items()
+        )
+    if like is None:
+        return content is None
+    if isinstance(like, list):
+        return (
+            isinstance(content, list)
+            and len(content) == len(like)
+            and all(map(strict, content, like))
+        )
+    if isinstance(like, float):
+        return type(content) in (int, float) and isclose(content, like, rel_tol=1e-6)
+    return type(content) is type(like) and content == like
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, count: int):
+    run = run_file(tmp_path, SIX_POSITIONS)
+    assert status("simulate", run) == 0
+    assert status("calibrate", run, "--out", tmp_path, "--no-report") == 0
+    sources = [
+        json.loads(path.read_text("utf-8"))
+        for path in (
+            tmp_path / "run.calibration.json",
+            EXAMPLES / "dividing_head" / "centrifuge.calibration.json",
+        )
+    ]
+    path, seen = tmp_path / "mutated.calibration.json", {"refused": 0, "read": 0}
+    work = tmp_path / "work"
+
+    @seed(count)
+    @tried(count)
+    @given(st.integers(0, 2**63), st.sampled_from(range(len(sources))))
+    def once(chance: int, source: int) -> None:
+        rng = random.Random(chance)
+        content = deepcopy(sources[source])
+        mutate(content, rng)
+        path.write_text(hashed(content), "utf-8")
+        try:
+            read = load(path)
+        except InercalError as error:
+            require_one_line(error)
+            seen["refused"] += 1
+            expected = 2
+        else:
+            again = as_object(read)
+            for key in ("schema", "sha256"):
+                del again[key]
+            if again.get("verdict"):
+                del again["verdict"]["word"]  # what the grade is called today
+            assert strict(content, again)
+            seen["read"] += 1
+            expected = 0
+        if rng.random() < min(1.0, 400 / count):
+            shutil.rmtree(work, ignore_errors=True)
+            work.mkdir()
+            register = work / "register.db"
+            assert status("store", "import", path, "--register", register) == expected
+            if expected == 0:
+                assert status("store", "show", "1", "--register", register) == 0
+                assert status("store", "show", "1", "--json", "--register", register) == 0
+            applied = status("apply", path, run, "--out", work / "corrected.csv")
+            assert applied == 2 if expected else applied in (0, 2)
+
+    once()
+    assert seen["refused"] > 0.3 * count
+    assert seen["read"] > 0.02 * count
+
+
+def status(*arguments: str | Path) -> int:
+    """Run the program within this process; return its exit status; an error is one line."""
+    error = StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(StringIO()),
+        redirect_stderr(error),
+    ):
+        patch.setattr("sys.argv", ["inercal", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+    code = int(stop.value.code or 0)
+    if code:
+        assert (code, error.getvalue().count("\n")) == (2, 1), error.getvalue()
+    return code
