@@ -12,6 +12,7 @@ import pytest
 from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, content, ten, write
 
+from inercal.cli.app import main
 from inercal.errors import InputError
 from inercal.store import Register
 from inercal.store.address import resolve_address
@@ -174,3 +175,50 @@ def test_what_is_missing_for_a_register_is_said(monkeypatch: pytest.MonkeyPatch)
     with refused(InputError) as refusal:
         import_module("inercal.store")
     assert "inercal[store]" in str(refusal.value)
+
+
+SECRETS = (
+    "postgresql:/ada:secret@h/db",
+    "postgresql//ada:secret@h/db",
+    "postgresql:ada:secret@h/db",
+    "postgres:ada:secret@h",
+    "ada:secret@h/db",
+    "://ada:secret@h/db",
+    "postgresql+psycopg2://ada:secret@h/db",
+    "ada:secret@h://db",
+    "host=h user=ada password=secret dbname=db",
+    "dbname=db password = 'secret'",
+    "sqlite:///ada:secret@h/db",
+    "postgresql://127.0.0.1:1/lab?Password=secret",
+    "postgresql://127.0.0.1:1/lab?options=-c%20x=secret",
+    "postgresql://127.0.0.1:1/lab?PASSFILE=secret",
+    "postgresql://127.0.0.1:1/host=h password=secret",
+    "postgresql://127.0.0.1:1/ada:secret@h",
+)
+
+
+@pytest.mark.parametrize("address", SECRETS)
+def test_a_mistyped_password_is_not_printed_and_names_no_file(
+    address: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.chdir(tmp_path)
+    paths = ten(tmp_path)[:1]
+    monkeypatch.setenv("INERCAL_REGISTER", address)
+    for arguments in (["list", "--register", address], ["list"], ["import", str(paths[0])]):
+        monkeypatch.setattr("sys.argv", ["inercal", "store", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        printed = capsys.readouterr()
+        assert stop.value.code == 2
+        assert printed.err.count("\n") == 1
+        assert "secret" not in printed.out + printed.err
+    assert not [path for path in tmp_path.rglob("*") if "secret" in path.name]
+    assert "secret" not in repr(InputError(printed.err))
+
+
+def test_a_file_of_a_name_like_an_address_is_written_with_its_folder(tmp_path: Path):
+    for name in ("./a:b@c.db", str(tmp_path / "user=x.db")):
+        assert resolve_address(name).file is not None

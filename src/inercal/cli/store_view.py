@@ -33,6 +33,7 @@ _TIME_SOURCES = {
     "run": "start of the run",
     "created": "creation of the calibration",
 }
+_MAX_LINE, _MAX_CELL = 2000, 200  # characters
 _RIGHT_ALIGNED = ("value", "±", "E_n", "difference", "newest", "drift", "calibrations")
 
 
@@ -90,8 +91,9 @@ def print_sensor(
 def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
     """Print one calibration: its origin, hashes and coefficients."""
     calibration = entry.calibration
+    source = _TIME_SOURCES.get(entry.measured_from, entry.measured_from)
     facts = {
-        "measured": f"{entry.measured} ({_TIME_SOURCES[entry.measured_from]})",
+        "measured": f"{entry.measured} ({source})",
         "method": f"{entry.method}, {entry.estimator}",
         "bench": _bench_text(entry.kind, entry.bench),
         "verdict": grade_text(entry.grade),
@@ -202,6 +204,7 @@ def _table(*heads: str) -> Table:
 
 def _row(table: Table, *cells: str) -> None:
     # Texts, not markup: names come from files.
+    cells = tuple(cell if len(cell) <= _MAX_CELL else f"{cell[:_MAX_CELL]}…" for cell in cells)
     table.add_row(*(Text(cell, style="bold red" if cell.endswith(" *") else "") for cell in cells))
 
 
@@ -214,6 +217,9 @@ def _begin_section(table: Table, name: str, previous: str) -> str:
 
 
 def _print_line(text: str) -> None:
+    """Print a line; one that no person reads to its end is cut."""
+    if len(text) > _MAX_LINE:
+        text = f"{text[:_MAX_LINE]}… ({len(text)} characters; --json prints all)"
     terminal(highlight=False).print(Text(text))
 
 
@@ -229,7 +235,14 @@ def entry_object(entry: SensorEntry | RunEntry | CalibrationEntry) -> dict[str, 
 def calibration_object(
     entry: CalibrationEntry, rows: Sequence[tuple[str, float, float, str]]
 ) -> dict[str, Any]:
-    """Return a calibration with its coefficients, and the content of its file."""
+    """Return a calibration with its coefficients, and the content of its file.
+
+    Raises
+    ------
+    InputError
+        The register's text is not what was entered.
+    """
+    _ = entry.calibration  # proves the text
     listed = [{"name": n, "value": v, "std": s, "unit": u} for n, v, s, u in rows]
     return entry_object(entry) | {"coefficients": listed, "content": json.loads(entry.content)}
 

@@ -1,6 +1,7 @@
 """Where a register is: a file of SQLite, or a database of a PostgreSQL server."""
 
 import os
+import re
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -14,7 +15,15 @@ ENVIRONMENT_VARIABLE = "INERCAL_REGISTER"
 DEFAULT = "default"
 _SQLITE = "sqlite:///"
 _SERVERS = ("postgresql", "postgres", "postgresql+psycopg")
-_SECRET_PARAMETERS = ("password", "sslpassword")
+_SHOWN_PARAMETERS = frozenset(("sslmode", "connect_timeout", "application_name", "host", "port"))
+# What looks like the address of a server and is none: "postgresql:/u:secret@h/db", "u:secret@h/db",
+# "host=h password=secret". Not a file of this name: a part of it may be a password.
+_MISTYPED_SERVER = re.compile(
+    r"""\W*(?:postgres(?:ql)?(?:\+\w+)?\W)   # the scheme without :// behind it
+      | [^/]*:[^/]*@                       # user and password before a host
+      | (?:.*\s)?(?:(?:ssl)?pass(?:word|file)?|host(?:addr)?|dbname|user)\s*=""",
+    re.IGNORECASE | re.VERBOSE | re.DOTALL,
+)
 _ADDRESS_FORMS = "a path, sqlite:///PATH or postgresql://USER@HOST/DATABASE"
 
 
@@ -56,14 +65,16 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     if text is None:
         return _file_address(_default_path())
     scheme, mark, _ = text.partition("://")
-    if not mark:
-        return _file_address(Path(text))
-    if text.startswith(_SQLITE) and text != _SQLITE:
-        return _file_address(Path(text.removeprefix(_SQLITE)))
-    if scheme in _SERVERS:
+    if mark and scheme in _SERVERS:
         return _server_address(text)
+    path = text.removeprefix(_SQLITE)
+    if _MISTYPED_SERVER.match(path):
+        raise _unreadable_server_address()
+    if not mark or (path != text and path):
+        return _file_address(Path(path))
+    shown = f"{scheme}://" if scheme.isalnum() else "of this kind"
     raise InputError(
-        f"a register cannot have an address {scheme}://; give {_ADDRESS_FORMS}", key="--register"
+        f"a register cannot have an address {shown}; give {_ADDRESS_FORMS}", key="--register"
     )
 
 
@@ -136,22 +147,26 @@ def _file_address(path: Path) -> RegisterAddress:
     )
 
 
-def _server_address(text: str) -> RegisterAddress:
+def _unreadable_server_address() -> InputError:
     # An address that cannot be parsed is not printed: any part of it may be a password.
-    refusal = InputError(
+    return InputError(
         "the address of a PostgreSQL register cannot be read: write "
-        "postgresql://USER:PASSWORD@HOST:PORT/DATABASE, with %40 for @, %2F for / and %3A for : in "
-        "the password",
+        "postgresql://USER@HOST:PORT/DATABASE, and the password in $PGPASSWORD or ~/.pgpass; in an "
+        "address it has %40 for @, %2F for / and %3A for :. Write ./NAME for a file",
         key="--register",
     )
+
+
+def _server_address(text: str) -> RegisterAddress:
     try:
         url = make_url(text)
     except (ArgumentError, ValueError):
-        raise refusal from None
-    if "@" in (url.host or ""):
-        raise refusal
+        raise _unreadable_server_address() from None
+    shown = (url.host or "", url.database or "", url.username or "")
+    if any(letter in part for part in shown for letter in "@:=") or "/" in shown[1]:
+        raise _unreadable_server_address()
     hidden = url.set(drivername="postgresql").update_query_dict(
-        dict.fromkeys((name for name in _SECRET_PARAMETERS if name in url.query), "hidden")
+        dict.fromkeys((name for name in url.query if name not in _SHOWN_PARAMETERS), "hidden")
     )
     return RegisterAddress(
         url.set(drivername="postgresql+psycopg"), None, hidden.render_as_string()

@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Sequence
+from datetime import datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Row, func, select
+from sqlalchemy import ColumnElement, Connection, Row, Select, func, select
 
 from inercal.errors import InputError
+from inercal.io.column_table import shorten
 from inercal.store.entries import CalibrationEntry, FileEntry, RunEntry, SensorEntry
 from inercal.store.register_tables import bench, calibration, coefficient, file, run, sensor
 
@@ -26,16 +28,46 @@ def sensors(db: Connection, *where: ColumnElement[bool]) -> tuple[SensorEntry, .
         SensorEntry(
             row.id,
             row.name,
-            tuple(axis["name"] for axis in json.loads(row.axes)),
+            _axis_names(row.axes, row.name),
             row.calibrations,
             row.last and row.last.partition("T")[0],
             row.entered_by,
             row.entered_at,
         )
-        for row in db.execute(query)
+        for row in _rows(db, query)
     )
     # Servers have orders of their own for texts.
     return tuple(sorted(found, key=lambda one: one.name))
+
+
+def _rows(db: Connection, query: Select[Any]) -> list[Row[Any]]:
+    """Return the rows of a query; SQLite keeps any type in any column.
+
+    Raises
+    ------
+    InputError
+        A value of another type than its column's.
+    """
+    columns = list(query.selected_columns)
+    kinds = [(one.name, one.type.python_type) for one in columns]
+    rows = list(db.execute(query).all())
+    for row in rows:
+        for (name, kind), value in zip(kinds, row, strict=True):
+            right = isinstance(value, int | float) if kind is float else isinstance(value, kind)
+            if not (right or value is None):
+                raise _damaged_error(f"{name} of a row is {shorten(repr(value))}")
+    return rows
+
+
+def _axis_names(text: str, sensor_name: str) -> tuple[str, ...]:
+    try:
+        return tuple(str(axis["name"]) for axis in json.loads(text))
+    except (ValueError, TypeError, LookupError, RecursionError):
+        raise _damaged_error(f"axes of sensor {sensor_name!r} is {shorten(text)!r}") from None
+
+
+def _damaged_error(what: str) -> InputError:
+    return InputError(f"the register is damaged: {what}; restore it from a copy", key="--register")
 
 
 def find_sensor(db: Connection, key: int | str) -> SensorEntry:
@@ -70,12 +102,12 @@ def runs(
         .order_by(run.c.begun.desc(), run.c.id.desc())
         .limit(newest)
     )
-    found = db.execute(query).all()[::-1]
+    found = _rows(db, query)[::-1]
     files: dict[int, list[FileEntry]] = {row.id: [] for row in found}
     theirs = select(file).join(run, run.c.id == file.c.run_id).where(*where)
     if newest is not None:
         theirs = theirs.where(file.c.run_id.in_(files))
-    for row in db.execute(theirs):
+    for row in _rows(db, theirs):
         if row.run_id in files:  # one may have been entered since
             files[row.run_id].append(FileEntry(row.name, row.size, row.sha256))
     return tuple(
@@ -106,7 +138,7 @@ def calibrations(
         .order_by(calibration.c.measured.desc(), calibration.c.id.desc())
         .limit(newest)
     )
-    return tuple(map(_calibration_entry, db.execute(query).all()[::-1]))
+    return tuple(map(_calibration_entry, _rows(db, query)[::-1]))
 
 
 def calibration_numbers(db: Connection, *where: ColumnElement[bool]) -> tuple[int, ...]:
@@ -116,6 +148,11 @@ def calibration_numbers(db: Connection, *where: ColumnElement[bool]) -> tuple[in
 
 
 def _calibration_entry(row: Row[Any]) -> CalibrationEntry:
+    try:
+        datetime.fromisoformat(row.measured)
+    except ValueError:
+        what = f"the time of calibration #{row.id} is {shorten(row.measured)!r}"
+        raise _damaged_error(what) from None
     return CalibrationEntry(
         row.id, row.sensor, row.kind or "", row.bench or "", row.run_id, row.measured,
         row.measured_from, row.method, row.estimator, row.grade, row.sha256, row.entered_by,
@@ -149,4 +186,4 @@ def coefficients(db: Connection, number: int) -> Sequence[tuple[str, float, floa
         .where(coefficient.c.calibration_id == number)
         .order_by(coefficient.c.place)
     )
-    return [(row.name, row.value, row.std, row.unit) for row in db.execute(query)]
+    return [(row.name, row.value, row.std, row.unit) for row in _rows(db, query)]

@@ -1,0 +1,123 @@
+"""A register whose rows were damaged, or hold what nobody reads: one line, at once."""
+
+import json
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing, redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from tests.store.calibration_generator import DRIFTING, hashed, ten, write
+
+from inercal.cli.app import main
+from inercal.store import Register
+
+NAME = DRIFTING.sensor
+VALUES = (None, b"\xff\x00", 7, -1.5, 10**18, "", "yesterday", "[" * 5000, '{"a": 1}', "\x1b[2J")
+
+
+def run(*arguments: str | Path) -> tuple[int, str, str]:
+    """Run the program within this process; return exit status, output and standard error."""
+    output, error = StringIO(), StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(output),
+        redirect_stderr(error),
+    ):
+        patch.setattr("sys.argv", ["inercal", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+    return int(stop.value.code or 0), output.getvalue(), error.getvalue()
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("register")
+    with Register(str(folder / "r.db")) as register:
+        register.enter_calibrations(ten(folder)[:3])
+    return folder / "r.db"
+
+
+def columns(path: Path) -> list[tuple[str, str]]:
+    with closing(sqlite3.connect(path)) as db:
+        tables = [
+            name for (name,) in db.execute("SELECT name FROM sqlite_master WHERE type='table'")
+        ]
+        return [
+            (table, row[1])
+            for table in tables
+            if table in ("sensor", "calibration", "coefficient", "bench")
+            for row in db.execute(f"PRAGMA table_info({table})")
+        ]
+
+
+@pytest.mark.slow
+def test_damaged_values_give_one_line_in_every_verb(sound: Path, tmp_path: Path):
+    path, refused = tmp_path / "r.db", 0
+    for table, column in columns(sound):
+        for k, value in enumerate(VALUES):
+            shutil.copy(sound, path)
+            with closing(sqlite3.connect(path)) as db:
+                db.execute("PRAGMA ignore_check_constraints = ON")
+                try:
+                    db.execute(f"UPDATE {table} SET {column} = ? WHERE rowid = 1", (value,))
+                except sqlite3.IntegrityError:
+                    continue  # SQLite itself refuses it
+                db.commit()
+            verbs: tuple[tuple[str, ...], ...] = (
+                ("list",),
+                ("show", NAME),
+                ("show", "1"),
+                ("history", NAME),
+            )
+            verb = verbs[k % len(verbs)]
+            for json_ in ((), ("--json",)):
+                code, _, error = run("store", *verb, *json_, "--register", path)
+                assert code in (0, 2), (table, column, value)
+                assert error.count("\n") == (code != 0), (table, column, value, error)
+                refused += code != 0
+    assert refused > 50
+
+
+def damaged_content(path: Path, change: Callable[[str], str]) -> None:
+    with closing(sqlite3.connect(path)) as db:
+        (text,) = db.execute("SELECT content FROM calibration WHERE id = 1").fetchone()
+        db.execute("UPDATE calibration SET content = ? WHERE id = 1", (change(text),))
+        db.commit()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace('"value": ', '"value": 1', 1),
+        lambda text: text[:1000],
+        lambda _: "7",
+        lambda text: text.replace('"method"', '"methods"', 1),
+    ],
+)
+def test_a_damaged_document_is_named(sound: Path, tmp_path: Path, change: Callable[[str], str]):
+    path = tmp_path / "r.db"
+    shutil.copy(sound, path)
+    damaged_content(path, change)
+    for verb in (("show", "1"), ("history", NAME), ("diff", "1", "2")):
+        code, _, error = run("store", *verb, "--register", path)
+        assert (code, error.count("\n")) == (2, 1)
+        assert "calibration #1" in error
+
+
+def test_a_note_that_nobody_reads_is_cut(sound: Path, tmp_path: Path):
+    path = tmp_path / "r.db"
+    shutil.copy(sound, path)
+    note = "word " * 2_000_000  # 10 MB
+    document = tmp_path / "a.calibration.json"
+    (first, *_) = ten(tmp_path)
+    write(document, hashed(json.loads(first.read_text("utf-8")) | {"notes": [note]}))
+    with Register(str(path)) as register:
+        number = register.enter_calibration(document)
+    code, output, _ = run("store", "show", str(number), "--register", path)
+    assert code == 0
+    assert len(output) < 100_000
+    assert note[:2000] not in output
+    assert "--json" in output
