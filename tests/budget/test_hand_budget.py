@@ -50,6 +50,7 @@ def test_noise_of_six_positions_is_that_of_the_closed_formula():
     assert by_noise[~np.array(k0)] == pytest.approx(np.full(9, 3e-4 / np.sqrt(2) / G), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_lean_of_the_faces_is_misalignment_to_first_order_and_scale_to_second():
     found = budget(six_position_experiment("classical"), 120, seed=2)
     tilt = next(s for one, s in found.contributions.items() if one.name == "tilt")

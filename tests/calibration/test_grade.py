@@ -156,6 +156,7 @@ def test_a_group_with_excess_counts_by_what_it_was_before() -> None:
     assert graded(replace(estimate(), groups=(group,))).grade == "reservations"
 
 
+@pytest.mark.slow
 def test_false_alarms_are_one_per_cent_at_most() -> None:
     wrong = sum(graded(estimate(seed=seed)).grade != "consistent" for seed in range(600))
     # 99.9 % of a binomial of 600 with 1 %.

@@ -123,7 +123,10 @@ def test_a_mistake_is_one_line_on_standard_error_and_status_2(
     with pytest.raises(SystemExit) as stop:
         main()
     assert stop.value.code == 2
-    assert capsys.readouterr() == ("", f"inercal: {path}: no such run file\n")
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(f"inercal: {path}: no such run file")
+    assert printed.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 

@@ -295,7 +295,7 @@ def test_of_a_folder_without_a_run_its_calibrations_are_imported(program: Progra
         (["history", "bare"], "sensor 'bare'"),
         (["diff", "1", "99"], "#99"),
         (["diff", "1", "none.json"], "none.json"),
-        (["diff", "1", "."], "cannot be read"),
+        (["diff", "1", "."], "is a folder"),
         (["import", "none.json"], "none.json"),
         (["import", "none.json", "--measured", "soon"], "'soon'"),
         (["import", "a", "b", "--measured", "2020-01-01"], "--measured"),

@@ -218,6 +218,7 @@ def test_report_writes_the_page_alone(run: Path, tmp_path: Path, said: Callable[
     assert names(tmp_path) == {"run.toml", "log.csv", "page.html"}
 
 
+@pytest.mark.slow
 def test_the_demonstration_finds_its_truth_within_the_stated_uncertainty(
     tmp_path: Path, said: Callable[..., str]
 ):

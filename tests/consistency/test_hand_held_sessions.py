@@ -103,6 +103,7 @@ def assert_unbiased(judged: Judged) -> None:
     assert np.abs(judged.error.mean(axis=0) / standard_error).max() < 4
 
 
+@pytest.mark.slow
 def test_twenty_sessions_err_as_stated():
     assert_consistent(judge(1, STILL, "joint", 20))
 

@@ -14,6 +14,7 @@ from inercal.methods import METHODS
 
 Array = NDArray[np.float64]
 PLANNED = [name for name, m in METHODS.items() if m.bench is Hand and not m.unknown_attitudes]
+pytestmark = pytest.mark.slow
 both = pytest.mark.parametrize("method", PLANNED)
 
 

@@ -134,6 +134,7 @@ def test_classical_is_right_with_perfect_fixtures_and_no_earth():
     )
 
 
+@pytest.mark.slow
 def test_classical_leaves_out_the_fixture_and_the_turn_angle():
     """The claimed defect: with errors of hands its errors far exceed its uncertainties."""
     rng = np.random.default_rng(36)
@@ -146,6 +147,7 @@ def test_classical_leaves_out_the_fixture_and_the_turn_angle():
     assert grossly >= {f"g{a}.scale" for a in "xyz"}
 
 
+@pytest.mark.slow
 def test_classical_takes_the_earth_for_sensitivity_to_gravity_and_ml_does_not():
     """At rest the vertical part of the earth's rate is along f: Ω sin φ / g on every gyro."""
     rng = np.random.default_rng(37)

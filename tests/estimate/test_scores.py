@@ -79,6 +79,7 @@ def test_a_prior_of_the_solver_is_part_of_the_projection(rng: np.random.Generato
     np.testing.assert_allclose(score.shift, small.value - large.value[:3], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_scores_are_normal_and_the_adjusted_level_holds(rng: np.random.Generator) -> None:
     design = rng.standard_normal((15, 5))
     basis = np.linalg.qr(design)[0]

@@ -66,6 +66,7 @@ def test_base_cases_are_called_consistent(name: str, stored_cells: list[tuple[Ce
     assert whole.noticed <= 0.02 * whole.devices
 
 
+@pytest.mark.slow
 def test_what_no_residual_shows_and_no_key_counts_is_named(stored_cells: list[tuple[Cell, Count]]):
     at_five = {
         (c.case, c.violation): one for c, one in stored_cells if c.at in (FIVE_U, WITHOUT_SIZE)

@@ -68,6 +68,7 @@ def ignores_stops(request: str, connection: int) -> bool:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.2])
+@pytest.mark.slow
 def test_one_request_a_packet_stops_the_table_fifty_times_in_fifty(delay: float):
     def trial() -> None:
         with StrictPmac(delay) as server, turning(server) as table:
@@ -131,6 +132,7 @@ def watchdog(server: StrictPmac) -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.2])
+@pytest.mark.slow
 def test_where_the_controller_answers_no_stop_the_watchdog_stops_the_table(delay: float):
     def trial() -> None:
         alarms: list[str] = []
@@ -150,6 +152,7 @@ def test_where_the_controller_answers_no_stop_the_watchdog_stops_the_table(delay
     repeat(trial)
 
 
+@pytest.mark.slow
 def test_an_answer_to_the_abort_that_is_late_is_not_taken_for_that_of_j_slash():
     # The controller reads J/ only after it has answered ^A: its first reply is no line.
     with StrictPmac(delay=0.4) as server, turning(server) as table:

@@ -153,6 +153,7 @@ def test_the_parts_of_a_sensor_are_estimated_as_each_by_itself():
         assert bits(made.estimate()) == {kind: bits(whole.estimate())[kind]}
 
 
+@pytest.mark.slow
 def test_a_plan_of_hours_has_the_states_of_the_recording_that_it_leaves():
     method = METHODS["turntable_kalman"]
     assert method.sequential is not None

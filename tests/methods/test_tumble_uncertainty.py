@@ -83,6 +83,7 @@ def test_fourier_scatters_as_it_states(seed: int):
 
 
 @pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.slow
 def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed: int):
     rng, trials = np.random.default_rng([seed, 73]), 200
     bench = replace(DRAWN, division=2 * ARCSEC, drift=2e-6 * G0)
@@ -100,6 +101,7 @@ def test_graduations_and_drift_are_in_what_is_stated(estimator: Estimator, seed:
     "collimated", ["none", *(pytest.param(k, marks=pytest.mark.slow) for k in ("pairs", "every"))]
 )
 @pytest.mark.parametrize("estimator", ESTIMATORS)
+@pytest.mark.slow
 def test_all_that_a_bench_can_err_by_is_in_what_is_stated(
     estimator: Estimator, collimated: str, seed: int
 ):

@@ -69,6 +69,7 @@ def test_innovations_are_as_stated_where_all_is_as_stated(seed: int):
 
 
 @pytest.mark.parametrize("white", [0.0, 10.0])
+@pytest.mark.slow
 def test_noise_of_the_readback_as_stated_is_within_it_at_any_size(white: float):
     table = turntable.Table(white=white * turntable.ARCSEC)
     draw = drawn(4, table)
@@ -117,6 +118,7 @@ def test_noise_that_is_half_the_stated_is_less():
     assert estimate.notes[:2] != found(drawn(5)).notes[:2]
 
 
+@pytest.mark.slow
 def test_innovations_far_beyond_what_was_stated_are_in_doubt():
     estimate = found(drawn(5), sensor(turntable.grade(0.02, 0.5, 12, 15)))
     assert max(nis(estimate)) > 4
@@ -127,6 +129,7 @@ def test_innovations_far_beyond_what_was_stated_are_in_doubt():
 @pytest.mark.parametrize(
     ("estimator", "too_sure"), [("drift", "gyros:"), ("paper", "gyros and accelerometers:")]
 )
+@pytest.mark.slow
 def test_the_sources_r_tests_nothing_and_says_so(estimator: str, too_sure: str):
     estimate = found(drawn(1, turntable.Table(latency=0.0)), estimator=estimator)
     stated_r = [note for note in estimate.notes[:2] if "″" in note]  # R, in arc seconds

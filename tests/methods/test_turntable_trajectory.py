@@ -209,6 +209,7 @@ def test_the_filters_make_the_same_of_the_same_recording():
         assert (np.abs(off) < 0.35 * batch.std[:, :12]).all(), name
 
 
+@pytest.mark.slow
 def test_of_flicker_both_find_the_mean_over_the_run():
     grade = replace(made_by.T, gyro_drift=10 * made_by.T.gyro_drift, flicker=True)
     made = sensor(grade)
@@ -224,6 +225,7 @@ def test_of_flicker_both_find_the_mean_over_the_run():
     assert (np.abs(errors(batch, draw, made)[0])[:, at] / batch.std[:, at]).max() < 4
 
 
+@pytest.mark.slow
 def test_samples_that_were_lost_cost_only_what_they_would_have_said():
     made = sensor()
     draw = made_by.draw(6, 1, PATH, hz=50.0)

@@ -82,14 +82,14 @@ QUICK = {
         *NO_TURNS,
     ),
     "six_position of means": Case("six_position/run.toml"),
+    "dual_orthogonal of means": Case("dividing_head/lab.toml"),
+    "tumble": Case("dividing_head/tumble.toml"),
+}
+SLOW = {
     "ferraris": recording(
         "ferraris_simulated/run.toml", "25 Hz", seconds("4 s"), ("method", "turn_seconds", "4 s")
     ),
-    "dual_orthogonal of means": Case("dividing_head/lab.toml"),
-    "tumble": Case("dividing_head/tumble.toml"),
     "ship_multi_angle of means": Case("rate_table/ship.toml"),
-}
-SLOW = {
     "multi_position": recording(
         "hand_held/simulated.toml", "50 Hz", ("method", "positions", 14), seconds("2 s")
     ),

@@ -175,6 +175,7 @@ def test_a_prior_of_another_sensor_or_of_the_same_data_is_refused(tmp_path: Path
     assert read(run).priors
 
 
+@pytest.mark.slow
 def test_drift_that_the_sensor_states_is_in_the_uncertainty(tmp_path: Path):
     """Each attitude's dwells share it: χ² was 4 to 6 times its degrees of freedom without."""
     drifting = ('white = "20 µg/√Hz"', 'white = "20 µg/√Hz"\nbias_instability = "30 µg"')

@@ -106,6 +106,7 @@ def nees_and_chi_squared(run: Run, seed: int, trials: int) -> None:
     assert nees.mean() == pytest.approx(1, abs=4 * np.sqrt(2 / 12 / trials))
 
 
+@pytest.mark.slow
 def test_simulated_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: int):
     nees_and_chi_squared(run_of(tmp_path, *SHORT), seed, 60)
 

@@ -72,6 +72,7 @@ def truth(run: Run) -> np.ndarray:
     return np.array([run.truth[name] for name in run.sensor.coefficients])
 
 
+@pytest.mark.slow
 def test_the_truth_lies_within_u_about_19_times_in_20(tmp_path: Path):
     run = copy_run(tmp_path)
     off: list[np.ndarray] = []

@@ -165,6 +165,7 @@ def generate_run(seed: int) -> tuple[tt.Draw, Files]:
     }
 
 
+@pytest.mark.slow
 def test_of_an_independent_generator_errors_are_as_large_as_stated(tmp_path: Path):
     run, seeds = copy_run(tmp_path, *NPZ, *UNITS), range(1, 4)
     total = 0.0

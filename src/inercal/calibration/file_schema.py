@@ -128,7 +128,7 @@ class _File(_Strict):
 _SCHEMA = TypeAdapter(_File)
 
 
-def validated(content: dict[str, Any]) -> dict[str, Any]:
+def known_fields(content: dict[str, Any]) -> dict[str, Any]:
     """Return the known fields of a calibration file, whole numbers as float where one is due.
 
     Parameters

@@ -19,7 +19,7 @@ from typing import Any, cast, get_args
 import numpy as np
 
 from inercal.calibration import Calibration, Frame, SharedError, Validity, verdict_object
-from inercal.calibration.file_schema import validated
+from inercal.calibration.file_schema import known_fields
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic_files import atomic_write
 from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
@@ -166,7 +166,7 @@ def parse(text: str, source: str) -> Calibration:
             key="sha256",
         )
     try:
-        return _from_object(validated(fields))
+        return _from_object(known_fields(fields))
     except InercalError as error:
         raise InputError(
             f"{source}: broken calibration file: {error}; calibrate again or restore it",

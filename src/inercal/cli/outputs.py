@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from inercal.errors import InputError
-from inercal.io.atomic_files import require_plain_name, writable_target
+from inercal.io.atomic_files import writable_target
 
 _HEAD = 4096  # bytes by which a file is recognised
 # By what a file is: whether its first bytes are those that inercal writes.
@@ -52,25 +52,6 @@ def check_outputs(
             raise
         if (other := targets.setdefault(target, path)) != path:
             raise InputError(f"{path} and {other} are one file: name another", file=path)
-
-
-def make_output_folder(folder: Path) -> None:
-    """Make a folder to write to, where it does not exist.
-
-    Raises
-    ------
-    InputError
-        It cannot be created.
-    """
-    require_plain_name(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}: the folder cannot be created: {error.strerror}; give another folder",
-            file=folder,
-            key="--out",
-        ) from None
 
 
 def _check_folder(path: Path, folder: Path) -> None:

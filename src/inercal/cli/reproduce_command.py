@@ -29,14 +29,15 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
     """Recompute a source paper, and judge whether each of its claims holds."""
-    from inercal.cli.outputs import check_outputs, make_output_folder
+    from inercal.cli.outputs import check_outputs
     from inercal.cli.terminal import terminal
+    from inercal.io.atomic_files import make_folder
     from inercal.studies import reproduce, results_as_list, write_study
 
     written: Path | None = None
     folder = Path() if out is None and not json else out
     if folder is not None:
-        make_output_folder(folder)
+        make_folder(folder)
         check_outputs({folder / f"{name}.study.html": "page"})
     with terminal(stderr=True).status(f"reproducing {name}") as status:
         study = reproduce(name, trials, seed, status.update)

@@ -111,6 +111,25 @@ def _replace(part: Path, target: Path, name: Path) -> None:
         files.append(name)
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder to write to, where it does not exist.
+
+    Raises
+    ------
+    InputError
+        It cannot be created.
+    """
+    require_plain_name(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder}: the folder cannot be created: {error.strerror}; give another folder",
+            file=folder,
+            key="--out",
+        ) from None
+
+
 def writable_target(path: str | os.PathLike[str]) -> Path:
     """Return the file that a write to `path` replaces or creates; links are followed.
 

@@ -104,7 +104,8 @@ def _decoded_size(metadata: Any, chosen: list[str]) -> int:
         group = metadata.row_group(k)
         for j in range(group.num_columns):
             column = group.column(j)
-            if column.path_in_schema.partition(".")[0] in chosen:
+            # The path of a column of numbers or text is its name.
+            if column.path_in_schema in chosen:
                 pages += column.total_uncompressed_size
     return max(pages, 8 * metadata.num_rows * len(chosen))
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from inercal.errors import InputError, require_extra
-from inercal.io.atomic_files import write_text
+from inercal.io.atomic_files import make_folder, write_text
 from inercal.studies.claim import Claim, ClaimResult, judge_claim
 from inercal.studies.study_content import MessageCallback, Study, StudyModule
 
@@ -94,7 +94,9 @@ def write_study(study: Study, folder: str | Path) -> Path:
     packages = ("matplotlib", "jinja2", "markupsafe")
     with require_extra("report", "the page of a study needs matplotlib and jinja2", packages):
         from inercal.studies.study_page import render_study
-    return write_text(Path(folder) / f"{study.name}.study.html", render_study(study))
+    folder = Path(folder)
+    make_folder(folder)
+    return write_text(folder / f"{study.name}.study.html", render_study(study))
 
 
 __all__ = [

@@ -49,6 +49,7 @@ def test_a_body_that_does_not_come_is_not_waited_for(
     served.was_refused("does not come within")
 
 
+@pytest.mark.slow
 def test_of_1000_sockets_most_are_closed_and_the_viewers_there_stay(served: Served, watched: Page):
     opened = sockets(served.port, 1000)
     try:

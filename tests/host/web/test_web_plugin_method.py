@@ -70,6 +70,7 @@ def seeded(order: RunRequest) -> RunProcess:
     return RunProcess(replace(order, seed=3, speed=50.0))
 
 
+@pytest.mark.slow
 def test_a_run_by_a_method_from_outside_ends_well(whole: Whole):
     (done,) = whole.of("done")
     assert done["state"] == "done", done
@@ -80,6 +81,7 @@ def test_a_run_by_a_method_from_outside_ends_well(whole: Whole):
     assert whole.stored.covariance.tolist() == whole.again.covariance.tolist()
 
 
+@pytest.mark.slow
 def test_its_estimate_is_on_the_page_from_its_first_rest_to_the_end(whole: Whole):
     (told,) = whole.of("plan")
     assert [one["name"] for one in told["coefficients"]] == NAMES

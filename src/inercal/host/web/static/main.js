@@ -20,7 +20,7 @@ import { makeFinished } from "./finished.js";
 import { makeHeader } from "./header.js";
 import { listen } from "./keys.js";
 import { connect, seen } from "./live.js";
-import { makeManual, makeManualStart } from "./manual.js";
+import { makeManualStart } from "./manual_start.js";
 import { makeMarks } from "./marks.js";
 import { makeMounting } from "./mounting.js";
 import { notice } from "./notice.js";
@@ -41,7 +41,9 @@ const course = made("course", () => makeCourse(theme, marks));
 const setup = made("set-up", () => makeSetup(people));
 const attitude = made("attitude", () => makeAttitude(theme));
 const estimates = made("estimates", () => makeEstimates(course));
-const manual = made("manual panel", () => makeManual(theme, marks));
+// Of no use to a run: it is fetched when a session by hand begins.
+const manual = fetched("manual panel", (plan) => plan.manual,
+  async () => (await import("./manual.js")).makeManual(theme, marks));
 
 const parts = Object.entries({
   view: { hello: showView, idle: showView, plan: showView, phase: showView, done: showView },
@@ -91,6 +93,24 @@ function safely(name, what) {
 /** Make a part; one that cannot be made shows nothing. */
 function made(name, make) {
   return safely(name, make) ?? {};
+}
+
+/** A part that is fetched once a plan needs it, and then hears what it has missed. */
+function fetched(name, needs, load) {
+  let part = null;
+  let missed = null;
+  const hear = (kind) => (message) => {
+    if (kind === "plan" && !missed && needs(message)) {
+      missed = [];
+      load().then((loaded) => {
+        part = loaded;
+        for (const [of, one] of missed) safely(name, () => part[of]?.(one));
+      }, (error) => safely(name, () => { throw error; }));
+    }
+    missed?.push([kind, message]);
+  };
+  const own = ["frame", "showTime"]; // what is asked of a part and is no message
+  return new Proxy({}, { get: (_, kind) => (part ? part[kind] : own.includes(kind) ? undefined : hear(kind)) });
 }
 
 /** Draw what moves. A tab that is hidden is given no frames. */
