@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         tmp_path_factory.mktemp("run"), SIX_POSITIONS, ("triad 3", "triad \\u001b[2J µ√")
     )
     subprocess.run([*START, "simulate", str(path)], check=True, stdout=PIPE)
+    head = Path(__file__).parents[2] / "examples" / "dividing_head" / "pair.toml"
+    shutil.copy(head, path.with_name("head.toml"))
     return path
 
 
@@ -40,6 +43,9 @@ def shell(run: Path, redirection: str, *arguments: str, **environment: str) -> t
 VERBS = (
     ("calibrate", "run.toml", "--no-report"),
     ("calibrate", "run.toml", "--no-report", "--json"),
+    ("report", "run.toml"),
+    ("plan", "dual-orthogonal", "--run", "head.toml"),
+    ("reproduce", "centrifuge", "--trials", "2"),
     ("budget", "run.toml", "--trials", "2"),
     ("simulate", "run.toml", "--force"),
     ("apply", "run.calibration.json", "run.toml", "--out", "corrected.csv", "--force"),

@@ -21,6 +21,7 @@ from inercal.segments import (
     require_still,
 )
 from inercal.segments.motion_thresholds import WINDOW
+from inercal.small_files import read_small_file
 
 
 def check_marked_rests(
@@ -102,11 +103,9 @@ def marks_from_file(path: Path) -> tuple[Mark, ...]:
     if path.suffix.lower() == ".json":
         entries: Any
         try:
-            text = path.read_text(encoding="utf-8")
-            entries = json.loads(text, object_pairs_hook=_unique_keys)
-        except FileNotFoundError:
-            raise InputError(f"{path}: no such file of marks; check the path", file=path) from None
-        except (OSError, ValueError, RecursionError) as error:
+            raw = read_small_file(path, "file of marks")
+            entries = json.loads(raw.decode("utf-8"), object_pairs_hook=_unique_keys)
+        except (ValueError, RecursionError) as error:
             raise InputError(f"{path}: not a JSON file of marks: {error}", file=path) from None
         if not isinstance(entries, dict):
             raise InputError(
