@@ -133,7 +133,10 @@ MOMENTS = np.random.default_rng(20).uniform(0.01, 1.0, 20).round(4).tolist()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("share", MOMENTS[:8])
+@pytest.mark.parametrize(
+    "share",
+    [*MOMENTS[:3], *(pytest.param(one, marks=pytest.mark.evidence) for one in MOMENTS[3:8])],
+)
 def test_a_run_killed_at_any_moment_is_finished_by_resume(
     tmp_path: Path, unbroken: Unbroken, share: float
 ):

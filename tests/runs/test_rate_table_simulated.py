@@ -113,7 +113,7 @@ def test_simulated_recordings_err_as_their_calibrations_state(tmp_path: Path, se
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 12, 13])
-@pytest.mark.parametrize("lean", ["0.05 °", "0.3 °"])
+@pytest.mark.parametrize("lean", [pytest.param("0.05 °", marks=pytest.mark.evidence), "0.3 °"])
 def test_many_recordings_err_as_their_calibrations_state(tmp_path: Path, seed: int, lean: str):
     nees_and_chi_squared(
         run_of(tmp_path, *SHORT, ('lean = "0.05 °"', f'lean = "{lean}"')), seed, 300
