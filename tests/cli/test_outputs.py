@@ -30,7 +30,7 @@ FILE_VERBS = {
 FOLDER_VERBS = {
     "calibrate": (("calibrate", "run.toml"), ("run.calibration.json", "run.report.html")),
     "budget": (("budget", "run.toml", "--trials", "2"), ("run.budget.json", "run.budget.html")),
-    "reproduce": (("reproduce", "centrifuge", "--trials", "2"), ("centrifuge.study.html",)),
+    "reproduce": (("reproduce", "centrifuge", "--trials", "20"), ("centrifuge.study.html",)),
     "demo": (("demo", "--quick"), ()),
     "bench run": (("bench", "run", "table.toml", "--table", "no", "--imu", "no"), ()),
 }
