@@ -129,7 +129,7 @@ _SCHEMA = TypeAdapter(_File)
 
 
 def known_fields(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the known fields of a calibration file, whole numbers as float where one is due.
+    """Return the fields of a calibration file, with the numbers of its readouts as float.
 
     Parameters
     ----------
@@ -160,7 +160,8 @@ def known_fields(content: dict[str, Any]) -> dict[str, Any]:
     mount = np.array(file.mount, dtype=float)
     if np.max(np.abs(mount @ mount.T - np.eye(3))) > 1e-6 or np.linalg.det(mount) < 0:
         raise InputError("mount: the matrix is no rotation", key="mount")
-    return file.model_dump(exclude_unset=True)
+    # Only a readout is used as it stands; a register reads thousands of files.
+    return content | {"sensor": file.sensor.model_dump()}
 
 
 def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coefficient]) -> None:
@@ -185,7 +186,7 @@ def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coeffic
         correlation = covariance / size / size[:, None]
     if not np.isfinite(correlation).all():
         raise InputError("covariance: a correlation exceeds 1", key="covariance")
-    if not np.allclose(correlation, correlation.T, rtol=0, atol=_ROUNDING):
+    if p and np.abs(correlation - correlation.T).max() > _ROUNDING:
         raise InputError("covariance: the matrix is not symmetric", key="covariance")
     try:
         np.linalg.cholesky(correlation + 10 * p * _ROUNDING * np.eye(p))
