@@ -148,3 +148,14 @@ def test_own_files_are_written_again_and_links_written_through(folder: Path):
         assert b"triad 3" in Path("page.html").read_bytes()
         for path in Path().iterdir():
             path.unlink()
+
+
+def test_a_table_of_the_same_columns_is_written_again_and_no_other(tmp_path: Path):
+    run = shutil.copy(EXAMPLES / "rate_table" / "ship_recording.toml", tmp_path)
+    arguments = ("calibrate", run, "--out", tmp_path, "--no-report")
+    assert status("simulate", run)[0] == 0
+    for _ in range(2):
+        assert status(*arguments)[0] == 0
+    table = tmp_path / "ship_recording.states.csv"
+    table.write_text("mine,turns,seconds\n")
+    refused(tmp_path, *arguments)

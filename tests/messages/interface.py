@@ -7,7 +7,7 @@ from tests.runfile.run_file_texts import FERRARIS, changed
 
 from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.cli.bench_options import run_options
-from inercal.cli.outputs import check_outputs
+from inercal.cli.outputs import PAGE, WORKSHEET, check_outputs
 from inercal.design import rehearse_plan
 from inercal.pipeline import simulate
 from inercal.runfile import read
@@ -55,11 +55,11 @@ CASES: dict[str, Callable[[Path], object]] = {
     "budget without noise": lambda folder: experiment_from_run(
         read(write_run_file(folder, ('white = "100 µg/√Hz"\n', "")))
     ),
-    "file that exists": lambda folder: check_outputs({occupied(folder): "worksheet"}, force=False),
-    "no output folder": lambda folder: check_outputs({folder / "none" / "a.html": "page"}),
-    "file of another kind": lambda folder: check_outputs({occupied(folder): "page"}),
+    "file that exists": lambda folder: check_outputs({occupied(folder): WORKSHEET}, force=False),
+    "no output folder": lambda folder: check_outputs({folder / "none" / "a.html": PAGE}),
+    "file of another kind": lambda folder: check_outputs({occupied(folder): PAGE}),
     "output that is an input": lambda folder: check_outputs(
-        {folder / "sheet.csv": "page"}, [occupied(folder)]
+        {folder / "sheet.csv": PAGE}, [occupied(folder)]
     ),
     "option of a temperature": lambda _: run_options(None, 1.0, "40:15"),
     "address of a register": lambda _: resolve_address("mysql://host/lab"),

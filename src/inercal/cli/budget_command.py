@@ -31,7 +31,7 @@ def run(
     from inercal.budget import budget
     from inercal.budget.contribution_table import budget_as_dict
     from inercal.budget.experiment_from_runfile import experiment_from_run
-    from inercal.cli.outputs import check_outputs
+    from inercal.cli.outputs import BUDGET, PAGE, check_outputs
     from inercal.errors import InputError
     from inercal.io.atomic_files import write_text
     from inercal.report import write_budget
@@ -47,7 +47,7 @@ def run(
     plan = read(run_file)
     page = out / f"{run_file.stem}.budget.html"
     table = out / f"{run_file.stem}.budget.json"
-    check_outputs({page: "page", table: "budget file"}, plan.input_files())
+    check_outputs({page: PAGE, table: BUDGET}, plan.input_files())
     if plan.search is not None:
         raise InputError(
             f"{run_file}: a budget repeats the search of estimator {plan.estimator} for hours; "

@@ -38,7 +38,7 @@ def run(
     from contextlib import nullcontext
 
     from inercal.calibration.files import as_object, save
-    from inercal.cli.outputs import check_outputs
+    from inercal.cli.outputs import CALIBRATION, PAGE, check_outputs, table_kind
     from inercal.io.atomic_files import atomic_write_all
     from inercal.io.mean_tables import write_means
     from inercal.pipeline import calibrate
@@ -46,12 +46,13 @@ def run(
 
     plan = read(run_file)
     files = {"calibration_file": out / f"{run_file.stem}.calibration.json"}
-    kinds = {files["calibration_file"]: "calibration file"}
+    kinds = {files["calibration_file"]: CALIBRATION}
     refused = out / f"{run_file.stem}.refused.html" if with_report else None
     if refused is not None:
         files["report"] = out / f"{run_file.stem}.report.html"
-        kinds |= {files["report"]: "page", refused: "page"}
-    check_outputs(kinds, plan.input_files())
+        kinds |= {files["report"]: PAGE, refused: PAGE}
+    inputs = plan.input_files()
+    check_outputs(kinds, inputs)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
     with open_register(register) or nullcontext() as opened, progress_status(doing) as update:
         with draw_refusal(plan, refused):
@@ -60,7 +61,8 @@ def run(
             )
         tables = plan.kind.tables(plan, outcome)
         files |= {what: out / f"{run_file.stem}.{what}.csv" for what in tables}
-        check_outputs({files[what]: f"table of {what}" for what in tables}, plan.input_files())
+        own = {files[what]: table_kind(what, columns) for what, columns in tables.items()}
+        check_outputs(own, inputs)
         results = [kind for kind in files if kind != "report"]
         with atomic_write_all([files[kind] for kind in results]) as parts:
             part = dict(zip(results, parts, strict=True))

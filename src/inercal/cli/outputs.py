@@ -1,24 +1,48 @@
 """Where a verb may write: one decision for all verbs, made before any work."""
 
+import csv
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from io import StringIO
 from pathlib import Path
+from typing import NamedTuple
 
 from inercal.errors import InputError
 from inercal.io.atomic_files import writable_target
 
 _HEAD = 4096  # bytes by which a file is recognised
-# By what a file is: whether its first bytes are those that inercal writes.
-_IS_OWN: Mapping[str, Callable[[bytes], bool]] = {
-    "page": lambda head: b'<meta name="generator" content="inercal">' in head,
-    "calibration file": lambda head: b'"schema": "inercal/calibration/' in head,
-    "budget file": lambda head: b'"schema": "inercal budget ' in head,
-    "table of states": lambda head: head.partition(b"\n")[0].endswith(b",turns,seconds"),
-}
+
+
+class OutputKind(NamedTuple):
+    """What a verb writes, and how an earlier file of the same kind is recognised.
+
+    Parameters
+    ----------
+    name : str
+        For messages: "page".
+    mark : bytes
+        Among the first bytes of each such file; empty where nothing marks it, as a recording.
+    """
+
+    name: str
+    mark: bytes = b""
+
+
+PAGE = OutputKind("page", b'<meta name="generator" content="inercal">')
+CALIBRATION = OutputKind("calibration file", b'"schema": "inercal/calibration/')
+BUDGET = OutputKind("budget file", b'"schema": "inercal budget ')
+RECORDING, WORKSHEET = OutputKind("recording"), OutputKind("worksheet")
+
+
+def table_kind(name: str, columns: Iterable[str]) -> OutputKind:
+    """Return the kind of a table of these columns, which is marked by its header."""
+    header = StringIO()
+    csv.writer(header, lineterminator="\n").writerow(columns)
+    return OutputKind(f"table of {name}", header.getvalue().encode())
 
 
 def check_outputs(
-    files: Mapping[Path, str], inputs: Iterable[Path] = (), *, force: bool | None = None
+    files: Mapping[Path, OutputKind], inputs: Iterable[Path] = (), *, force: bool | None = None
 ) -> None:
     """Refuse files to write that would destroy something, or that cannot be written.
 
@@ -27,9 +51,8 @@ def check_outputs(
 
     Parameters
     ----------
-    files : mapping of path to str
-        The files to write, and what each is: "page", "calibration file", "budget file", "table of
-        states", or another word for files that inercal does not know again, as recordings.
+    files : mapping of path to OutputKind
+        The files to write.
     inputs : iterable of path
         The files that the verb reads.
     force : bool or None
@@ -68,7 +91,7 @@ def _check_folder(path: Path, folder: Path) -> None:
 
 
 def _check_existing(
-    path: Path, target: Path, kind: str, read: set[tuple[int, int]], force: bool | None
+    path: Path, target: Path, kind: OutputKind, read: set[tuple[int, int]], force: bool | None
 ) -> None:
     identity = _identity(target)
     if identity is None:
@@ -77,12 +100,11 @@ def _check_existing(
         raise InputError(
             f"--out {path}: the file is an input of this run; name another file", file=path
         )
-    is_own = _IS_OWN.get(kind)
-    if force or (force is None and is_own is not None and is_own(_head(path))):
+    if force or (force is None and kind.mark and kind.mark in _head(path)):
         return
     if force is None:
         raise InputError(
-            f"{path} exists and is no {kind} of inercal: name another with --out, or move it",
+            f"{path} exists and is no {kind.name} of inercal: name another with --out, or move it",
             file=path,
         )
     raise InputError(

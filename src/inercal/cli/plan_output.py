@@ -181,14 +181,14 @@ def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan
 
 def _output_files(out: Path, inputs: Sequence[Path], *, page: bool, force: bool) -> dict[str, Path]:
     """Return the files to write: "sheet", and "page" if the worksheet has a page."""
-    from inercal.cli.outputs import check_outputs
+    from inercal.cli.outputs import WORKSHEET, check_outputs
     from inercal.errors import InputError
 
     if out.suffix.lower() != ".csv":
         beside = "; the page is written next to it" * page
         raise InputError(f"--out {out}: give the name of a .csv file{beside}", key="--out")
     files = {"sheet": out} | ({"page": out.with_suffix(".html")} if page else {})
-    check_outputs(dict.fromkeys(files.values(), "worksheet"), inputs, force=force)
+    check_outputs(dict.fromkeys(files.values(), WORKSHEET), inputs, force=force)
     return files
 
 

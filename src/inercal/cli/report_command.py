@@ -28,7 +28,7 @@ def run(
     The exit status is 0, or 3 where the page is written but the result is not to be relied on.
     """
     from inercal.calibration.verdict_object import as_object
-    from inercal.cli.outputs import check_outputs
+    from inercal.cli.outputs import PAGE, check_outputs
     from inercal.pipeline import calibrate
     from inercal.report import write_report
     from inercal.runfile import read
@@ -36,7 +36,7 @@ def run(
     plan = read(run_file)
     page = out or Path(f"{run_file.stem}.report.html")
     refused = page.parent / f"{run_file.stem}.refused.html"
-    check_outputs({page: "page", refused: "page"}, plan.input_files())
+    check_outputs({page: PAGE, refused: PAGE}, plan.input_files())
     with progress_status(f"writing {page}") as update:
         with draw_refusal(plan, refused):
             outcome = calibrate(

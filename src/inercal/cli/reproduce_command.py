@@ -29,7 +29,7 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
     """Recompute a source paper, and judge whether each of its claims holds."""
-    from inercal.cli.outputs import check_outputs
+    from inercal.cli.outputs import PAGE, check_outputs
     from inercal.cli.terminal import terminal
     from inercal.io.atomic_files import make_folder
     from inercal.studies import reproduce, results_as_list, write_study
@@ -38,7 +38,7 @@ def run(
     folder = Path() if out is None and not json else out
     if folder is not None:
         make_folder(folder)
-        check_outputs({folder / f"{name}.study.html": "page"})
+        check_outputs({folder / f"{name}.study.html": PAGE})
     with terminal(stderr=True).status(f"reproducing {name}") as status:
         study = reproduce(name, trials, seed, status.update)
         if folder is not None:

@@ -22,7 +22,7 @@ def run(
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Simulate the recording of the run's plan."""
-    from inercal.cli.outputs import check_outputs
+    from inercal.cli.outputs import RECORDING, check_outputs
     from inercal.io.write import write_recordings
     from inercal.pipeline import simulate_files
     from inercal.runfile import read
@@ -34,7 +34,7 @@ def run(
         paths = [out, *(out.parent / path.name for path in paths[1:])]
     recordings = {plan.file(name) for name in names}
     inputs = [path for path in plan.input_files() if path not in recordings]
-    check_outputs(dict.fromkeys(paths, "recording"), inputs, force=force)
+    check_outputs(dict.fromkeys(paths, RECORDING), inputs, force=force)
     written = " and ".join(map(str, paths))
     with progress_status(f"simulating {written}"):
         result = simulate_files(plan, seed)

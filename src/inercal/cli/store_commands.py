@@ -121,9 +121,9 @@ def history(
 
     with Register(register, create=False) as opened:
         if out is not None:
-            from inercal.cli.outputs import check_outputs
+            from inercal.cli.outputs import PAGE, check_outputs
 
-            check_outputs({out: "page"}, opened.files)
+            check_outputs({out: PAGE}, opened.files)
         found = opened.history(sensor)
     chosen = found.select(coefficients or ())
     if out is not None:
