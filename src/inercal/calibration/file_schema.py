@@ -9,9 +9,11 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from inercal.calibration.forms import Frame
 from inercal.errors import InputError
+from inercal.sensors import Form
 
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
@@ -48,7 +50,7 @@ class _Axis(_Strict):
 
 class _Sensor(_Strict):
     name: _Text
-    form: _Text
+    form: Form
     reference_temperature_K: _Number
     axes: Annotated[list[_Axis], Field(min_length=1)]
 
@@ -114,7 +116,7 @@ class _File(_Strict):
     estimator: _Text
     coefficients: list[_Coefficient]
     covariance: list[list[_Number]]
-    frame: _Text
+    frame: Frame
     mount: Annotated[list[_Direction], Field(min_length=3, max_length=3)]
     conditions: _Texts
     provenance: _Texts
@@ -125,11 +127,8 @@ class _File(_Strict):
     job: _Texts = {}
 
 
-_SCHEMA = TypeAdapter(_File)
-
-
-def known_fields(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields of a calibration file, with the numbers of its readouts as float.
+def require_valid(content: dict[str, Any]) -> None:
+    """Refuse the content of a calibration file that contradicts the schema or itself.
 
     Parameters
     ----------
@@ -139,12 +138,12 @@ def known_fields(content: dict[str, Any]) -> dict[str, Any]:
     Raises
     ------
     InputError
-        Its first wrong field: a type, a number that is not finite, a coefficient twice, a standard
-        deviation that contradicts the covariance, a covariance that is none, a mounting that is no
-        rotation.
+        Its first wrong field: a type, a word that is not possible, a number that is not finite, a
+        coefficient twice, a standard deviation that contradicts the covariance, a covariance that
+        is none, a mounting that is no rotation.
     """
     try:
-        file = _SCHEMA.validate_python(content)
+        file = _File.model_validate(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = _dotted(first["loc"])
@@ -160,8 +159,6 @@ def known_fields(content: dict[str, Any]) -> dict[str, Any]:
     mount = np.array(file.mount, dtype=float)
     if np.max(np.abs(mount @ mount.T - np.eye(3))) > 1e-6 or np.linalg.det(mount) < 0:
         raise InputError("mount: the matrix is no rotation", key="mount")
-    # Only a readout is used as it stands; a register reads thousands of files.
-    return content | {"sensor": file.sensor.model_dump()}
 
 
 def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coefficient]) -> None:

@@ -14,15 +14,15 @@ import json
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, cast
 
 import numpy as np
 
-from inercal.calibration import Calibration, Frame, SharedError, Validity, verdict_object
-from inercal.calibration.file_schema import known_fields
+from inercal.calibration import Calibration, SharedError, Validity, verdict_object
+from inercal.calibration.file_schema import require_valid
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic_files import atomic_write
-from inercal.sensors import SI_UNITS, Axis, Form, Readout, Sensor
+from inercal.sensors import SI_UNITS, Axis, Readout, Sensor
 from inercal.small_files import read_small_file
 
 SCHEMA = "inercal/calibration/2"
@@ -166,7 +166,8 @@ def parse(text: str, source: str) -> Calibration:
             key="sha256",
         )
     try:
-        return _from_object(known_fields(fields))
+        require_valid(fields)
+        return _from_object(fields)
     except InercalError as error:
         raise InputError(
             f"{source}: broken calibration file: {error}; calibrate again or restore it",
@@ -191,31 +192,15 @@ def _refuse_constant(word: str) -> float:
 
 
 def _from_object(content: dict[str, Any]) -> Calibration:
+    coefficients = content["coefficients"]
     sensor = _sensor(
-        json.dumps(content["sensor"]), tuple(c["name"] for c in content["coefficients"])
+        json.dumps(content["sensor"]), tuple((one["name"], one["unit"]) for one in coefficients)
     )
-    mount = np.array(content["mount"], dtype=float)
-    for name, value, possible in (
-        ("frame", content["frame"], get_args(Frame)),
-        ("form", sensor.form, get_args(Form)),
-    ):
-        if value not in possible:
-            raise InputError(
-                f"{name} {value!r} is not possible; it must be one of {', '.join(possible)}"
-            )
-    for stated in content["coefficients"]:
-        name, unit = stated["name"], SI_UNITS[sensor.coefficient(stated["name"]).unit]
-        if stated["unit"] != unit:
-            raise InputError(
-                f"coefficients: {name} is in {stated['unit']!r}; it must be in {unit!r}",
-                key="coefficients",
-                names=(name,),
-            )
     notes, judged = tuple(content["notes"]), content.get("verdict")
     shared, validity = content.get("shared"), content.get("validity")
     return Calibration(
         sensor,
-        np.array([c["value"] for c in content["coefficients"]], dtype=float),
+        np.array([one["value"] for one in coefficients], dtype=float),
         np.array(content["covariance"], dtype=float),
         content["method"],
         content["estimator"],
@@ -223,7 +208,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         content["provenance"],
         notes,
         content["frame"],
-        mount,
+        np.array(content["mount"], dtype=float),
         None if judged is None else verdict_object.from_object(judged, notes),
         None if shared is None else tuple(map(_shared_error, shared)),
         None if validity is None else Validity(**{k: _range(v) for k, v in validity.items()}),
@@ -232,13 +217,26 @@ def _from_object(content: dict[str, Any]) -> Calibration:
 
 
 @lru_cache(maxsize=16)  # a register holds thousands of calibrations of one sensor
-def _sensor(described: str, names: tuple[str, ...]) -> Sensor:
-    content: dict[str, Any] = json.loads(described)
+def _sensor(described: str, coefficients: tuple[tuple[str, str], ...]) -> Sensor:
+    """Return the sensor of a file with its coefficients, which are stated with their units."""
+    content: dict[str, Any] = json.loads(described, parse_int=float)
     axes = tuple(
         Axis(a["name"], a["measures"], tuple(a["i"]), tuple(a["p"]), Readout(**a["readout"]))
         for a in content["axes"]
     )
-    return Sensor(content["name"], axes, names, content["form"], content["reference_temperature_K"])
+    names = tuple(name for name, _ in coefficients)
+    sensor = Sensor(
+        content["name"], axes, names, content["form"], content["reference_temperature_K"]
+    )
+    for name, stated in coefficients:
+        unit = SI_UNITS[sensor.coefficient(name).unit]
+        if stated != unit:
+            raise InputError(
+                f"coefficients: {name} is in {stated!r}; it must be in {unit!r}",
+                key="coefficients",
+                names=(name,),
+            )
+    return sensor
 
 
 def _shared_error(content: dict[str, Any]) -> SharedError:
