@@ -16,7 +16,7 @@ import pytest
 from tests.refusals import refused
 
 from inercal.calibration import Calibration, SharedError, Validity
-from inercal.calibration.files import load, save
+from inercal.calibration.files import canonical_text, load, parse, save
 from inercal.frames import exp_so3
 from inercal.sensors import G0, Readout, imu
 
@@ -232,6 +232,19 @@ def test_a_number_that_is_none_is_refused(saved: Path, text: str):
     saved.write_text(re.sub(r'"value": [^,]*,', f'"value": {text},', whole, count=1), "utf-8")
     with refused(file=saved):
         load(saved)
+
+
+@pytest.mark.parametrize(
+    "change", [lambda t: t, lambda t: t.replace('"method":"', '"method":"x', 1)]
+)
+def test_a_canonical_text_is_proven_as_any_other(saved: Path, change: Callable[[str], str]):
+    content = json.loads(saved.read_text(encoding="utf-8"))
+    text = canonical_text(content)
+    if change(text) == text:
+        assert parse(text, "canonical").values.tolist() == load(saved).values.tolist()
+    else:
+        with refused(key="sha256"):
+            parse(change(text), "canonical")
 
 
 def test_a_key_that_is_there_twice_is_refused(saved: Path):

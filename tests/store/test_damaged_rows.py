@@ -91,7 +91,7 @@ def damaged_content(path: Path, change: Callable[[str], str]) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        lambda text: text.replace('"value": ', '"value": 1', 1),
+        lambda text: text.replace('"value":', '"value":1', 1),
         lambda text: text[:1000],
         lambda _: "7",
         lambda text: text.replace('"method"', '"methods"', 1),

@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from inercal.calibration import Calibration
-from inercal.calibration.files import as_object, parse, read_text
+from inercal.calibration.files import as_object, canonical_text, parse, read_text
 from inercal.errors import InputError
 from inercal.sensors import SI_UNITS
 from inercal.store.comparison import recording_sha256
@@ -79,7 +79,7 @@ def make_document(source: Calibration | str | Path) -> CalibrationDocument:
         ) from None
     return CalibrationDocument(
         name,
-        json.dumps(content, ensure_ascii=False),
+        canonical_text(content),
         content["sha256"],
         calibration,
         created,
