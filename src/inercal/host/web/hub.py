@@ -26,7 +26,7 @@ from inercal.host.web.manual_request import (
     start_manual_process,
 )
 from inercal.host.web.message_history import MessageHistory, is_alarm
-from inercal.host.web.plans import Plans
+from inercal.host.web.plans import Plan, Plans
 from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import (
     PROCESS_RECORD,
@@ -278,14 +278,7 @@ class Hub:
         chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
         plans = await asyncio.to_thread(self.plans.all)
         await self._require_idle()
-        name = asked.get("plan")
-        plan = plans.get(name) if isinstance(name, str) else None
-        if plan is None:
-            raise InputError(
-                f"this server has no plan {name!r}; reload the page and choose from its list"
-            )
-        if plan.summary["trouble"]:
-            raise InputError(plan.summary["trouble"])
+        plan = _chosen_plan(plans, asked.get("plan"))
         await asyncio.to_thread(require_filter_changes, plan, filter_changes(asked.get("filter")))
         _require_room(self.runs.folder, plan.summary["bytes"])
         self._launch_process(
@@ -299,12 +292,7 @@ class Hub:
         chosen = self.choice.chosen(asked.get("table"), asked.get("imu"))
         plans = await asyncio.to_thread(self.plans.all)
         await self._require_idle()
-        name = asked.get("plan")
-        plan = plans.get(name) if isinstance(name, str) else None
-        if plan is None:
-            raise InputError(f"no plan {name!r}, whose [bench] states the limits; choose one")
-        if plan.summary["trouble"]:
-            raise InputError(plan.summary["trouble"])
+        plan = _chosen_plan(plans, asked.get("plan"))
         folder = _new_run_folder(self.runs.folder, "manual")
         with_imu = asked.get("with_imu") is True
         table, imu, clock, simulated = chosen
@@ -428,6 +416,18 @@ def _interrupt_process(folder: Path) -> bool:
     except PermissionError:
         return False
     return True
+
+
+def _chosen_plan(plans: Mapping[str, Plan], name: object) -> Plan:
+    """Return the plan of a name; refuse one that does not exist or cannot be used."""
+    plan = plans.get(name) if isinstance(name, str) else None
+    if plan is None:
+        raise InputError(
+            f"this server has no plan {name!r}; reload the page and choose from its list"
+        )
+    if plan.summary["trouble"]:
+        raise InputError(plan.summary["trouble"])
+    return plan
 
 
 def _new_run_folder(runs: Path, stem: str) -> Path:

@@ -1,21 +1,20 @@
-"""What the process of a session by hand is told, and how it is started."""
+"""The request and the commands of a session by hand, and the start of its process."""
 
 import json
 import sys
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 
-from inercal.errors import InputError
 from inercal.host.manual.commands import ManualCommand, command_fields, parse_command
 from inercal.host.web.json_objects import as_object
 from inercal.host.web.run_process import RunProcess
+from inercal.host.web.run_request import FolderRequest
 
 MANUAL_JOURNAL = "manual.journal"
 MANUAL, HALT, END = "manual ", "halt ", "abort"  # begin a line that the process is told
 
 
 @dataclass(frozen=True)
-class ManualRequest:
+class ManualRequest(FolderRequest):
     """A session by hand to be begun.
 
     Parameters
@@ -36,7 +35,6 @@ class ManualRequest:
         Whether the IMU is read, of a simulated bench too.
     """
 
-    folder: str
     plan: str
     requested_by: str = ""
     table: str = ""
@@ -45,34 +43,6 @@ class ManualRequest:
     simulated: str | None = None
     seed: int = 0
     with_imu: bool = False
-
-    @property
-    def json_line(self) -> str:
-        """The request as a line of JSON."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, line: str) -> "ManualRequest":
-        """Return what a line says.
-
-        Raises
-        ------
-        InputError
-            It is not a request.
-        """
-        try:
-            return cls(**json.loads(line))
-        except (TypeError, ValueError):
-            raise InputError(
-                f"{line[:80]!r} is not a request for a session by hand; send the JSON object of "
-                "a ManualRequest",
-                key="request",
-            ) from None
-
-    @property
-    def name(self) -> str:
-        """What the session is called: its folder's name."""
-        return Path(self.folder).name
 
     @property
     def premature_state(self) -> str:
@@ -86,7 +56,7 @@ class ManualRequest:
 
 
 def manual_line(by: str, command: ManualCommand) -> str:
-    """Return the line by which the process is told a command of an operator."""
+    """Return the line that hands the command of an operator to the process."""
     return f"{MANUAL}{json.dumps({'by': by, 'command': command_fields(command)})}"
 
 
@@ -99,10 +69,10 @@ def parse_manual_line(line: str) -> tuple[str, ManualCommand]:
         It is none.
     """
     try:
-        told = as_object(json.loads(line)) or {}
+        fields = as_object(json.loads(line)) or {}
     except ValueError:
-        told = {}
-    return str(told.get("by", "")), parse_command(as_object(told.get("command")) or {})
+        fields = {}
+    return str(fields.get("by", "")), parse_command(as_object(fields.get("command")) or {})
 
 
 def start_manual_process(order: ManualRequest) -> RunProcess:

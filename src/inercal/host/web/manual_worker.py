@@ -7,13 +7,9 @@ are stopped and the session ends. SIGINT and SIGTERM stop the table, by the watc
 
 import os
 import shutil
-import signal
 import sys
-from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from threading import Thread
-from typing import Any
 
 from inercal.errors import InercalError
 from inercal.host.addresses import DeviceAddresses
@@ -37,10 +33,9 @@ from inercal.host.web.publisher import Publisher
 from inercal.host.web.run_request import (
     SimulationRequest,
     end_message,
-    premature_end_message,
     write_process_record,
 )
-from inercal.host.web.worker import LineReader
+from inercal.host.web.worker_process import LineReader, serve_request
 from inercal.runfile import read
 
 _PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that the watchdog looks for a table that is gone
@@ -107,35 +102,14 @@ class SessionRelay:
 
 def main() -> int:
     """Carry out the session; return the status to exit with."""
-    # What else is printed here must not get between the messages.
-    told = os.dup(1)
-    os.dup2(2, 1)
-    lines, relay = LineReader(0), SessionRelay()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, relay.interrupt)
-    try:
-        order = ManualRequest.from_json(lines.next_line() or "")
-    except InercalError as error:
-        print(f"inercal: {error}", file=sys.stderr)
-        return 2
-    Thread(target=relay.hear, args=(lines,), name="commands", daemon=True).start()
-    with Publisher(told) as publisher:
-        publisher.publish("done", **_execute(order, publisher, relay))
-    return 0
-
-
-def _execute(order: ManualRequest, publisher: Publisher, relay: SessionRelay) -> Mapping[str, Any]:
-    try:
-        return end_message(order, "manual", _operate(order, publisher, relay))
-    except InercalError as error:
-        return premature_end_message(order, str(error))
-    except KeyboardInterrupt:
-        return premature_end_message(order, "stopped before anything moved")
-    except Exception as error:
-        # Told to who looks on; where it comes from stands in the server's log.
-        sys.excepthook(*sys.exc_info())  # pyright: ignore[reportArgumentType]
-        words = f"the session's process failed: {type(error).__name__}: {error}"
-        return premature_end_message(order, words)
+    relay = SessionRelay()
+    end = serve_request(
+        ManualRequest.from_json,
+        lambda order, publisher: end_message(order, "manual", _operate(order, publisher, relay)),
+        relay.hear,
+        relay.interrupt,
+    )
+    return 2 if end is None else 0
 
 
 def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) -> str:

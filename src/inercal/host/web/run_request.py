@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import tomlkit
 
@@ -45,7 +45,51 @@ class ProcessRequest(Protocol):
 
 
 @dataclass(frozen=True)
-class RunRequest:
+class FolderRequest:
+    """The request of a process that keeps a folder; one line of JSON hands it over.
+
+    Parameters
+    ----------
+    folder : str
+    """
+
+    folder: str
+
+    @property
+    def name(self) -> str:
+        """The name of the folder, which names the run or session too."""
+        return Path(self.folder).name
+
+    @property
+    def json_line(self) -> str:
+        """The request as a line of JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def from_json(cls, line: str) -> Self:
+        """Return the request of a line.
+
+        Raises
+        ------
+        InputError
+            It is none.
+        """
+        try:
+            return cls.from_fields(json.loads(line))
+        except (TypeError, ValueError):
+            raise InputError(
+                f"{line[:80]!r} is no request; send the JSON object of a {cls.__name__}",
+                key="request",
+            ) from None
+
+    @classmethod
+    def from_fields(cls, fields: dict[str, Any]) -> Self:
+        """Return the request of these fields, as JSON has them."""
+        return cls(**fields)
+
+
+@dataclass(frozen=True)
+class RunRequest(FolderRequest):
     """A run to be begun or to go on.
 
     Parameters
@@ -78,7 +122,6 @@ class RunRequest:
         Parameters of the filters that the operator has changed, as of `changed_section`.
     """
 
-    folder: str
     plan: str | None = None
     sensor: str | None = None
     requested_by: str = ""
@@ -94,36 +137,14 @@ class RunRequest:
     ambient: float | None = None
     filter: Mapping[str, str] | None = None
 
-    @property
-    def json_line(self) -> str:
-        """The order as a line of JSON."""
-        return json.dumps(asdict(self))
-
     @classmethod
-    def from_json(cls, line: str) -> "RunRequest":
-        """Return what a line says.
-
-        Raises
-        ------
-        InputError
-            It is not an order.
-        """
-        try:
-            result = cls(**json.loads(line))
-            if result.temperature is None:
-                return result
-            low, high = result.temperature  # JSON has lists alone
-            return replace(result, temperature=(low, high))
-        except (TypeError, ValueError):
-            raise InputError(
-                f"{line[:80]!r} is not a request for a run; send the JSON object of a RunRequest",
-                key="request",
-            ) from None
-
-    @property
-    def name(self) -> str:
-        """What the run is called: its folder's name."""
-        return Path(self.folder).name
+    def from_fields(cls, fields: dict[str, Any]) -> Self:
+        """Return the request of these fields, as JSON has them."""
+        request = cls(**fields)
+        if request.temperature is None:
+            return request
+        low, high = request.temperature  # JSON has lists only
+        return replace(request, temperature=(low, high))
 
     @property
     def options(self) -> RunOptions:
