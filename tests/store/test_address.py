@@ -183,6 +183,8 @@ SECRETS = (
     "postgresql:ada:secret@h/db",
     "postgres:ada:secret@h",
     "ada:secret@h/db",
+    "//ada:secret@h/db",
+    "postgresql/ada:secret@h/db",
     "://ada:secret@h/db",
     "postgresql+psycopg2://ada:secret@h/db",
     "ada:secret@h://db",
@@ -220,5 +222,5 @@ def test_a_mistyped_password_is_not_printed_and_names_no_file(
 
 
 def test_a_file_of_a_name_like_an_address_is_written_with_its_folder(tmp_path: Path):
-    for name in ("./a:b@c.db", str(tmp_path / "user=x.db")):
+    for name in ("./a:b@c.db", "postgres.db", "postgres/a.db", str(tmp_path / "a:b@c=d.db")):
         assert resolve_address(name).file is not None

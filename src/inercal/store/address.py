@@ -19,8 +19,8 @@ _SHOWN_PARAMETERS = frozenset(("sslmode", "connect_timeout", "application_name",
 # What looks like the address of a server and is none: "postgresql:/u:secret@h/db", "u:secret@h/db",
 # "host=h password=secret". Not a file of this name: a part of it may be a password.
 _MISTYPED_SERVER = re.compile(
-    r"""\W*(?:postgres(?:ql)?(?:\+\w+)?\W)   # the scheme without :// behind it
-      | [^/]*:[^/]*@                       # user and password before a host
+    r"""\W*postgres(?:ql)?(?:\+\w+)?(?::|//)  # the scheme without ://
+      | (?:(?![./~])|//).*:[^/]*@             # user and password before a host
       | (?:.*\s)?(?:(?:ssl)?pass(?:word|file)?|host(?:addr)?|dbname|user)\s*=""",
     re.IGNORECASE | re.VERBOSE | re.DOTALL,
 )
