@@ -7,13 +7,14 @@ differs between tables of angles (`table_polls`) and of rates (`rate_polls`).
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from math import inf, isfinite
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.host.assembly.clock_matching import MATCHING_TIME, wrap_correction
+from inercal.host.assembly.plausibility import Plausibility
 from inercal.host.run_log import LogFrame
 from inercal.host.table_state_codec import StateArrays, unpack_states
 from inercal.recording import AngleQuality
@@ -22,16 +23,6 @@ from inercal.recording import AngleQuality
 # to stand through as much that stood on both sides.
 MAX_UNREAD = 5.0
 _AFTER = 3  # polls that are needed behind a time
-
-
-class Plausibility(Protocol):
-    """Tells which readings may be motions of a table."""
-
-    rejected: int
-
-    def restart(self) -> None:
-        """Compare the next reading with none before: the host was away."""
-        ...
 
 
 class PollHistory(NamedTuple):
@@ -72,7 +63,7 @@ class PollRecord(ABC):
         Polls in all.
     """
 
-    def __init__(self, plausibility: Plausibility):
+    def __init__(self, plausibility: Plausibility[Any]):
         self.history: PollHistory | None = None
         self.offset: float | None = None
         self.drops = self.count = 0

@@ -1,11 +1,11 @@
 """The polls of a table of rates, and its rate between them.
 
-Between two polls the rate is a straight line. Nothing follows samples of such a table one by one:
-its states are means at steady rates. The controller of a motor has no clock of its own, so that
-angles at fast rates are not known to better than the rate times the jitter of a link. The table
-needs no zero either.
+Between two polls the rate is interpolated linearly. No estimator follows the samples of such a
+table one by one: its states are means at steady rates. The controller of a motor has no clock, so
+that an angle at a fast rate is uncertain by the rate times the jitter of the link. The table needs
+no zero.
 
-A poll whose rate no motion within the limits brings about, such as of a wrong digit, is left out.
+A poll is omitted where no motion within the limits explains its rate, as after a wrong digit.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.benches.motion_control import AxisMotionLimits, ControlledBench
 from inercal.errors import InputError
+from inercal.host.assembly.plausibility import Plausibility
 from inercal.host.assembly.poll_record import MAX_UNREAD, PollRecord
 from inercal.host.drivers.rotary_table import TableState
 from inercal.host.table_state_codec import StateArrays
@@ -28,37 +29,20 @@ _BAND = radians(1.0)  # rad/s by which a servo and its readback scatter
 _MAX_COMPARABLE_GAP = 0.5  # s between two readings that are compared
 
 
-class RatePlausibility:
+class RatePlausibility(Plausibility[tuple[float, Array]]):
     """Tells which readings may be motions of a table within its limits, by their rates.
 
     Parameters
     ----------
     limits : sequence of AxisMotionLimits
         Of each axis.
-
-    Attributes
-    ----------
-    rejected : int
-        Readings that were rejected so far.
-    in_a_row : int
-        Of them, those since the last reading that was accepted.
     """
 
+    most_in_a_row = MAX_IMPLAUSIBLE_RATES
+
     def __init__(self, limits: Sequence[AxisMotionLimits]):
-        self.rejected, self.in_a_row = 0, 0
+        super().__init__()
         self._limits = tuple(limits)
-        self._accepted: tuple[float, Array] | None = None
-        self._doubted: tuple[float, Array] | None = None
-
-    @property
-    def is_fault(self) -> bool:
-        """Whether so many readings in a row are implausible that the table cannot be followed."""
-        return self.in_a_row >= MAX_IMPLAUSIBLE_RATES
-
-    def restart(self) -> None:
-        """Compare the next reading with none before: the host was away."""
-        self._accepted = self._doubted = None
-        self.in_a_row = 0
 
     def accept_state(self, state: TableState) -> bool:
         """Tell whether a reading is plausible, as a driver returned it."""
@@ -74,11 +58,9 @@ class RatePlausibility:
         if self._is_possible(rates) and (
             before is None or self._agrees(before, now) or (doubted and self._agrees(doubted, now))
         ):
-            self._accepted, self._doubted, self.in_a_row = now, None, 0
+            self._accept(now)
             return True
-        self._doubted = now
-        self.rejected += 1
-        self.in_a_row += 1
+        self._reject(now)
         return False
 
     def _is_possible(self, rates: Array) -> bool:
@@ -131,7 +113,9 @@ class RatePolls(PollRecord):
         The quality of angles is that of none: no filter uses them.
         """
         if self.history is None:
-            raise InputError("no poll of the table yet")
+            raise InputError(
+                "the table has not been polled yet; add a poll before you ask for rates"
+            )
         x, y = self.history.time, self.history.value
         found = np.empty((time.size, y.shape[1]))
         for k, column in enumerate(y.T):

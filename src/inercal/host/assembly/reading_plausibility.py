@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from math import isfinite, nan, radians
 
 from inercal.benches.turntable.bench import Turntable
+from inercal.host.assembly.plausibility import Plausibility
 from inercal.host.drivers.rotary_table import TableState
 
 MAX_IMPLAUSIBLE_READINGS = 5  # in a row: as many as readings that may fail
@@ -54,42 +55,25 @@ class _Reading:
     rates: tuple[float, ...] = ()
 
 
-class ReadingPlausibility:
+class ReadingPlausibility(Plausibility[_Reading]):
     """The check of one table's readings, one after the other.
 
     Parameters
     ----------
     bench : Turntable
         Its limits, noise and latency.
-
-    Attributes
-    ----------
-    rejected : int
-        Readings that were rejected so far.
-    in_a_row : int
-        Of them, those since the last reading that was accepted.
     """
 
+    most_in_a_row = MAX_IMPLAUSIBLE_READINGS
+
     def __init__(self, bench: Turntable):
-        self.rejected, self.in_a_row = 0, 0
+        super().__init__()
         self._limits = tuple(
             (_RATE_MARGIN * one.rate, _ACCELERATION_MARGIN * one.acceleration)
             for one in bench.axis_motion_limits
         )
         self._noise = NOISE_FACTOR * bench.white + _RESOLUTION
         self._latency = abs(bench.latency.value) + 3 * bench.latency.sd
-        self._accepted: _Reading | None = None
-        self._doubted: _Reading | None = None
-
-    @property
-    def is_fault(self) -> bool:
-        """Whether so many readings in a row are implausible that the table cannot be followed."""
-        return self.in_a_row >= MAX_IMPLAUSIBLE_READINGS
-
-    def restart(self) -> None:
-        """Compare the next reading with none before: the host was away."""
-        self._accepted = self._doubted = None
-        self.in_a_row = 0
 
     def accept_state(self, state: TableState) -> bool:
         """Tell whether a reading is plausible, as a driver returned it."""
@@ -126,9 +110,7 @@ class ReadingPlausibility:
         ):
             self._accept(now)
             return True
-        self._doubted = now
-        self.rejected += 1
-        self.in_a_row += 1
+        self._reject(now)
         return False
 
     def _accept(self, now: _Reading) -> None:
@@ -140,7 +122,7 @@ class ReadingPlausibility:
                 for one, other in zip(now.axes, before.axes, strict=True)
             )
             now = replace(now, interval=interval, rates=rates)
-        self._accepted, self._doubted, self.in_a_row = now, None, 0
+        super()._accept(now)
 
     def _is_possible(self, before: _Reading, now: _Reading) -> bool:
         interval = now.time - before.time
