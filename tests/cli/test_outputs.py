@@ -4,14 +4,12 @@ import os
 import shutil
 import stat
 from collections.abc import Iterator
-from contextlib import chdir, redirect_stderr, redirect_stdout
-from io import StringIO
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
+from tests.program import run_program
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
-
-from inercal.cli.app import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SENSOR = "triad 3"
@@ -36,20 +34,6 @@ FOLDER_VERBS = {
 }
 
 
-def status(*arguments: str | Path) -> tuple[int, str]:
-    """Run the program within this process; return exit status and standard error."""
-    error = StringIO()
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        redirect_stdout(StringIO()),
-        redirect_stderr(error),
-    ):
-        patch.setattr("sys.argv", ["inercal", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-    return int(stop.value.code or 0), error.getvalue()
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Make inputs of all verbs, links to them, and what is no place to write to."""
@@ -58,8 +42,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         run_file(folder, SIX_POSITIONS)
         shutil.copy(EXAMPLES / "dividing_head" / "pair.toml", "head.toml")
         shutil.copy(EXAMPLES / "turntable" / "filter_keys.toml", "table.toml")
-        assert status("simulate", "run.toml") == (0, "")
-        assert status("calibrate", "run.toml", "--register", "register.db") == (0, "")
+        assert run_program("simulate", "run.toml").status == 0
+        assert run_program("calibrate", "run.toml", "--register", "register.db").status == 0
         for name in ("run.toml", "log.csv", "run.calibration.json", "head.toml", "register.db"):
             os.link(name, f"hard-{name}")
             Path(f"soft-{name}").symlink_to(name)
@@ -89,8 +73,8 @@ def content(folder: Path) -> dict[str, object]:
 
 def refused(folder: Path, *arguments: str | Path) -> None:
     before = content(folder)
-    code, error = status(*arguments)
-    assert (code, error.count("\n"), error[:9]) == (2, 1, "inercal: "), (arguments, error)
+    code, _, error = run_program(*arguments)
+    assert (code, error[:9]) == (2, "inercal: "), (arguments, error)
     assert error.rstrip("\n").isprintable()
     assert content(folder) == before, arguments
 
@@ -142,8 +126,8 @@ def test_own_files_are_written_again_and_links_written_through(folder: Path):
     with chdir(folder / "folder"):
         Path("link.html").symlink_to("page.html")
         for _ in range(2):
-            assert status("report", "../run.toml", "--out", "link.html")[0] == 0
-            assert status("calibrate", "../run.toml")[0] == 0
+            assert run_program("report", "../run.toml", "--out", "link.html").status == 0
+            assert run_program("calibrate", "../run.toml").status == 0
         assert Path("link.html").is_symlink()
         assert b"triad 3" in Path("page.html").read_bytes()
         for path in Path().iterdir():
@@ -153,9 +137,9 @@ def test_own_files_are_written_again_and_links_written_through(folder: Path):
 def test_a_table_of_the_same_columns_is_written_again_and_no_other(tmp_path: Path):
     run = shutil.copy(EXAMPLES / "rate_table" / "ship_recording.toml", tmp_path)
     arguments = ("calibrate", run, "--out", tmp_path, "--no-report")
-    assert status("simulate", run)[0] == 0
+    assert run_program("simulate", run).status == 0
     for _ in range(2):
-        assert status(*arguments)[0] == 0
+        assert run_program(*arguments).status == 0
     table = tmp_path / "ship_recording.states.csv"
     table.write_text("mine,turns,seconds\n")
     refused(tmp_path, *arguments)

@@ -4,9 +4,7 @@ import hashlib
 import json
 import random
 import shutil
-from contextlib import redirect_stderr, redirect_stdout
 from copy import deepcopy
-from io import StringIO
 from math import isclose
 from pathlib import Path
 from typing import Any
@@ -15,10 +13,10 @@ import pytest
 from hypothesis import given, seed
 from hypothesis import strategies as st
 from tests.fuzz.test_mutated_toml import COUNTS, EXAMPLES, require_one_line, tried
+from tests.program import run_program
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.calibration.files import as_object, load
-from inercal.cli.app import main
 from inercal.errors import InercalError
 
 # As `json.dumps` writes them; a calibration holds none of them where a test puts it by chance.
@@ -93,8 +91,8 @@ def strict(content: Any, like: Any) -> bool:
 @pytest.mark.parametrize("count", [pytest.param(40), *COUNTS[1:]])
 def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, count: int):
     run = run_file(tmp_path, SIX_POSITIONS)
-    assert status("simulate", run) == 0
-    assert status("calibrate", run, "--out", tmp_path, "--no-report") == 0
+    assert run_program("simulate", run).status == 0
+    assert run_program("calibrate", run, "--out", tmp_path, "--no-report").status == 0
     sources = [
         json.loads(path.read_text("utf-8"))
         for path in (
@@ -132,30 +130,15 @@ def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, c
             shutil.rmtree(work, ignore_errors=True)
             work.mkdir()
             register = work / "register.db"
-            assert status("store", "import", path, "--register", register) == expected
+            assert run_program("store", "import", path, "--register", register).status == expected
             if expected == 0:
-                assert status("store", "show", "1", "--register", register) == 0
-                assert status("store", "show", "1", "--json", "--register", register) == 0
-            applied = status("apply", path, run, "--out", work / "corrected.csv")
+                assert run_program("store", "show", "1", "--register", register).status == 0
+                assert (
+                    run_program("store", "show", "1", "--json", "--register", register).status == 0
+                )
+            applied = run_program("apply", path, run, "--out", work / "corrected.csv").status
             assert applied == 2 if expected else applied in (0, 2)
 
     once()
     assert seen["refused"] > 0.3 * count
     assert seen["read"] > 0.01 * count
-
-
-def status(*arguments: str | Path) -> int:
-    """Run the program within this process; return its exit status; an error is one line."""
-    error = StringIO()
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        redirect_stdout(StringIO()),
-        redirect_stderr(error),
-    ):
-        patch.setattr("sys.argv", ["inercal", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-    code = int(stop.value.code or 0)
-    if code:
-        assert (code, error.getvalue().count("\n")) == (2, 1), error.getvalue()
-    return code

@@ -4,32 +4,17 @@ import json
 import shutil
 import sqlite3
 from collections.abc import Callable
-from contextlib import closing, redirect_stderr, redirect_stdout
-from io import StringIO
+from contextlib import closing
 from pathlib import Path
 
 import pytest
+from tests.program import run_program
 from tests.store.calibration_generator import DRIFTING, hashed, ten, write
 
-from inercal.cli.app import main
 from inercal.store import Register
 
 NAME = DRIFTING.sensor
 VALUES = (None, b"\xff\x00", 7, -1.5, 10**18, "", "yesterday", "[" * 5000, '{"a": 1}', "\x1b[2J")
-
-
-def run(*arguments: str | Path) -> tuple[int, str, str]:
-    """Run the program within this process; return exit status, output and standard error."""
-    output, error = StringIO(), StringIO()
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        redirect_stdout(output),
-        redirect_stderr(error),
-    ):
-        patch.setattr("sys.argv", ["inercal", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-    return int(stop.value.code or 0), output.getvalue(), error.getvalue()
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +59,7 @@ def test_damaged_values_give_one_line_in_every_verb(sound: Path, tmp_path: Path)
             )
             verb = verbs[k % len(verbs)]
             for json_ in ((), ("--json",)):
-                code, _, error = run("store", *verb, *json_, "--register", path)
+                code, _, error = run_program("store", *verb, *json_, "--register", path)
                 assert code in (0, 2), (table, column, value)
                 assert error.count("\n") == (code != 0), (table, column, value, error)
                 refused += code != 0
@@ -102,7 +87,7 @@ def test_a_damaged_document_is_named(sound: Path, tmp_path: Path, change: Callab
     shutil.copy(sound, path)
     damaged_content(path, change)
     for verb in (("show", "1"), ("history", NAME), ("diff", "1", "2")):
-        code, _, error = run("store", *verb, "--register", path)
+        code, _, error = run_program("store", *verb, "--register", path)
         assert (code, error.count("\n")) == (2, 1)
         assert "calibration #1" in error
 
@@ -116,7 +101,7 @@ def test_a_note_that_nobody_reads_is_cut(sound: Path, tmp_path: Path):
     write(document, hashed(json.loads(first.read_text("utf-8")) | {"notes": [note]}))
     with Register(str(path)) as register:
         number = register.enter_calibration(document)
-    code, output, _ = run("store", "show", str(number), "--register", path)
+    code, output, _ = run_program("store", "show", str(number), "--register", path)
     assert code == 0
     assert len(output) < 100_000
     assert note[:2000] not in output

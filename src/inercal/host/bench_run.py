@@ -284,10 +284,7 @@ class BenchRun:
         if self._plausibility.accept_state(state):
             return True
         if self._plausibility.is_fault:
-            self._interruptions.end(
-                f"{self._plausibility.in_a_row} readings of the table in a row are no motion "
-                "within its limits: an encoder jumps, or digits of its replies are wrong"
-            )
+            self._interruptions.end(self._plausibility.fault_text)
         return False
 
     def _advance_sequencer(self, state: TableState) -> None:

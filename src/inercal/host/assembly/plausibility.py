@@ -31,6 +31,14 @@ class Plausibility(ABC, Generic[R]):
         """Whether so many readings in a row are implausible that the table cannot be followed."""
         return self.in_a_row >= self.most_in_a_row
 
+    @property
+    def fault_text(self) -> str:
+        """What a person is told where `is_fault`."""
+        return (
+            f"{self.in_a_row} readings of the table in a row are no motion within its limits: an "
+            "encoder jumps, or digits of its replies are wrong"
+        )
+
     def restart(self) -> None:
         """Compare the next reading with none before: the host was away."""
         self._accepted = self._doubted = None

@@ -401,10 +401,7 @@ class ManualSession:
         if self._plausibility.accept_state(state):
             return True
         if self._plausibility.is_fault and not self._end_words:
-            self._alarm_end(
-                f"{self._plausibility.in_a_row} readings of the table in a row are no motion "
-                "within its limits: an encoder jumps, or digits of its replies are wrong"
-            )
+            self._alarm_end(self._plausibility.fault_text)
         return False
 
     def _follow_state(self, time: float, state: TableState) -> None:
