@@ -78,9 +78,9 @@ class TurnTask:
     rate : float
         rad/s of the turn from start to end; 0 of a stay.
     seconds : float
-        Length of the section; a turn's is what its limits make of it.
+        Length of the section, s; that of a turn follows from angle, rate and acceleration.
     approach : float
-        How long the way to `start` takes from the step before, s.
+        Duration of the motion from the previous step to `start`, s.
     """
 
     label: str
@@ -108,7 +108,7 @@ class SpinTask:
     seconds : float
         At this rate.
     approach : float
-        How long the table takes to this rate from the one before, s.
+        Duration of the change from the previous rate, s.
     mounting : str
         Name of the sensor's mounting, which labels the samples in the recording.
     instruction : str

@@ -172,7 +172,7 @@ def _coefficient_cell(
 def listen_to_keys(run: "BenchRun", operator: str = "") -> Generator[None]:
     """Hear who operates a run: by keys of a terminal, else mountings by lines.
 
-    The key p pauses the run, g has it go on, and m confirms the mounting that is asked for.
+    The key p pauses the run, g continues it, and m confirms the requested mounting.
     """
     operator = operator_name(operator)
     if not sys.stdin.isatty():

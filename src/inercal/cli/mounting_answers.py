@@ -1,7 +1,7 @@
 """An operator who confirms mountings by lines of standard input, where it is no terminal.
 
-A line is `mounted`, or `mounted NAME`; another one confirms nothing. A line is read when a mounting
-is asked for, so that a file may hold the answers of a whole run.
+A line is `mounted`, or `mounted NAME`; any other line confirms nothing. A line is read when a
+mounting is requested, so that a file can hold the answers for all mountings of a run.
 """
 
 import os
@@ -42,15 +42,15 @@ def answer_by_lines(run: "BenchRun", operator: str) -> Generator[None]:
 
 
 def _answer(run: "BenchRun", operator: str, ended: Event) -> None:
-    buffer, told = b"", sys.stdin.fileno()
+    buffer, descriptor = b"", sys.stdin.fileno()
     while not ended.wait(_POLL_INTERVAL):
         if (request := run.mounting_request) is None:
             continue
         while b"\n" not in buffer and not ended.is_set():
             # Not by sys.stdin: it buffers all waiting bytes, which select does not see.
-            if not select([told], [], [], _POLL_INTERVAL)[0]:
+            if not select([descriptor], [], [], _POLL_INTERVAL)[0]:
                 continue
-            data = os.read(told, 4096)
+            data = os.read(descriptor, 4096)
             if not data:
                 _say("standard input has ended, and nobody confirms the mounting: the run stops")
                 return run.request("stop")

@@ -33,7 +33,7 @@ codecs.register_error("inercal-plain", _in_plain_characters)
 
 
 class _LastingOutput(io.RawIOBase):
-    """A descriptor that goes on taking bytes after it broke, and knows why it did.
+    """A descriptor that accepts and discards bytes after an error, and keeps the error.
 
     Parameters
     ----------

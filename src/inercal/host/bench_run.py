@@ -180,7 +180,7 @@ class BenchRun:
 
     @property
     def mounting_request(self) -> MountingRequest | None:
-        """The mounting that an operator is asked for; None where none is."""
+        """The mounting that waits for a confirmation, or None."""
         return self._mounting.request
 
     @property

@@ -1,7 +1,6 @@
-"""The change of a mounting: the operator is asked, and who confirms is kept with name and time.
+"""Requests a mounting of the sensor, and records who confirms it and when.
 
-A confirmation names the step that it is for: one that was meant for another prompt, as by a second
-click, confirms nothing.
+A confirmation names its step: one for another request, as by a second click, confirms nothing.
 """
 
 from collections.abc import Callable
@@ -15,7 +14,7 @@ from inercal.host.spin_sequencer import SpinSequencer
 
 
 class MountingRequest(NamedTuple):
-    """What an operator is asked for: the step that waits for it, the mounting, and how."""
+    """A requested mounting: the step that waits, its name, and the instruction."""
 
     number: int
     mounting: str
@@ -23,17 +22,17 @@ class MountingRequest(NamedTuple):
 
 
 class MountingPrompt:
-    """Asks for mountings, and hears who confirms them.
+    """Requests mountings of the operator and takes the confirmations.
 
     Parameters
     ----------
     sequencer : Sequencer or SpinSequencer
-        One on a table of angles asks for no mounting.
+        A table of angles has no mountings.
     journal : Journal
     clock : Clock
-        That of a simulated bench is told how the sensor is mounted.
+        A simulated bench receives the mounting by its clock.
     say : callable
-        Takes "info" or "warning", and what an operator should know.
+        Takes "info" or "warning", and the message for the operator.
     """
 
     def __init__(
@@ -46,11 +45,11 @@ class MountingPrompt:
         self._sequencer = sequencer if isinstance(sequencer, SpinSequencer) else None
         self._journal, self._clock, self._say = journal, clock, say
         self._confirmations: SimpleQueue[tuple[int, str]] = SimpleQueue()
-        self._asked: int | None = None
+        self._requested: int | None = None
 
     @property
     def request(self) -> MountingRequest | None:
-        """What is asked for now; None where nothing is."""
+        """The request that waits for a confirmation, or None."""
         task = self._sequencer.awaited_task if self._sequencer else None
         if self._sequencer is None or task is None:
             return None
@@ -72,7 +71,7 @@ class MountingPrompt:
         self._confirmations.put((number, by))
 
     def update(self, time: float) -> None:
-        """Ask for what is awaited, and take what was confirmed, at a time of the table, s.
+        """Publish a new request, and take the confirmations, at a time of the table, s.
 
         Raises
         ------
@@ -83,9 +82,9 @@ class MountingPrompt:
             return
         request = self.request
         if request is None:
-            self._asked = None
-        elif self._asked != request.number:
-            self._asked = request.number
+            self._requested = None
+        elif self._requested != request.number:
+            self._requested = request.number
             self._say("info", f"{request.instruction}; then confirm the mounting")
         while not self._confirmations.empty():
             self._take(*self._confirmations.get(), time)
@@ -93,10 +92,12 @@ class MountingPrompt:
     def _take(self, number: int, by: str, time: float) -> None:
         request = self.request
         if self._sequencer is None or request is None or request.number != number:
-            self._say("warning", f"{by} confirms a mounting that is not asked for now")
+            self._say(
+                "warning", f"{by} confirms a mounting that is not requested; wait for the request"
+            )
             return
         self._clock.mount(request.mounting)
-        # Before the table is told to turn: a host that is killed then does not ask again.
+        # Recorded before the table turns, so that a killed host does not request it again.
         self._journal.record_mounting(number, request.mounting, time)
         self._sequencer.confirm_mounting(number)
         self._say("info", f"{by} confirms: the sensor is mounted as {request.mounting}")

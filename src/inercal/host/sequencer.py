@@ -3,7 +3,7 @@
 ::
 
     enable -> home -> ( approach -> settle -> work )* -> return -> done
-                         ^ paused, or begun anew after an outage: the step is repeated whole
+                         ^ paused, or restarted after an outage: the step is repeated from its start
 
 A section of the recording is from the moment `work` begins to the moment it ends, by the table's
 clock.

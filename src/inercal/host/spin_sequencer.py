@@ -1,12 +1,12 @@
-"""From state to state on a table of rates, whose sensor an operator mounts.
+"""Sequences the states of a plan on a table of rates, whose sensor an operator mounts.
 
 ::
 
     enable -> ( mount -> approach -> work )* -> return -> done
-                  ^ paused, or begun anew after an outage: the state is repeated whole
+                  ^ paused, or restarted after an outage: the state is repeated from its start
 
 `mount` stops the table and waits until the operator confirms the mounting of the next state; it is
-left out where the sensor is mounted so already. `approach` brings the table to the rate of the
+omitted where the sensor has this mounting. `approach` brings the table to the rate of the
 state and waits until the rate is steady; a state at rest is approached by a stop. No zero is
 needed, so that the table does not look for one.
 """
@@ -111,7 +111,7 @@ class SpinSequencer(TaskSequencer[SpinTask]):
 
     def _enter_phase(self, phase: Phase) -> None:
         super()._enter_phase(phase)
-        # Of the mounting before: until the table is seen at rest nobody is asked for the next.
+        # No mounting is requested before a reading shows the table at rest.
         self._is_waiting = False
 
     def _advance_phase(self, time: float) -> None:

@@ -88,7 +88,7 @@ class SectionEvent:
 
 
 class TaskSequencer(ABC, Generic[T]):
-    """Carries out tasks; a subclass says how the table does one.
+    """Carries out tasks; a subclass derives the commands of one task.
 
     Parameters
     ----------
@@ -98,13 +98,13 @@ class TaskSequencer(ABC, Generic[T]):
     first : int
         The task to begin with; those before it are done.
     names : sequence of str, optional
-        Of the axes, for what is said of them; else their numbers from 0.
+        Names of the axes for messages; by default their numbers from 0.
 
     Attributes
     ----------
     phase : str
     number : int
-        The task in hand; `len(tasks)` when all are done.
+        The present task; `len(tasks)` when all are done.
     sections : list of Section
         What began and ended, in order; the caller may take them out.
     """

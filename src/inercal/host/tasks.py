@@ -1,4 +1,4 @@
-"""A plan as the table carries it out: its tasks, and what may be asked of the bench of a run."""
+"""The tasks of a plan, with the bench that carries them out."""
 
 from typing import Any, NamedTuple
 

@@ -1,7 +1,8 @@
-"""A turntable as a host drives it: each step made absolute, so that it can be done again.
+"""The steps of a plan on a turntable with absolute angles, so that the host can repeat a step.
 
-A step is repeated whole after an outage. `Rotation` turns from where the table stands; a task says
-where that is, counted on over whole turns from the zero that homing found.
+After an outage the host repeats the interrupted step from its beginning. A `Rotation` is relative
+to the present angle of the table; a task states that angle, cumulative over turns, from the zero of
+homing.
 """
 
 from collections.abc import Mapping, Sequence

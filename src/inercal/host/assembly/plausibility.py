@@ -33,7 +33,7 @@ class Plausibility(ABC, Generic[R]):
 
     @property
     def fault_text(self) -> str:
-        """What a person is told where `is_fault`."""
+        """The message of the fault, for a person."""
         return (
             f"{self.in_a_row} readings of the table in a row are no motion within its limits: an "
             "encoder jumps, or digits of its replies are wrong"

@@ -1,4 +1,4 @@
-"""What an axis that is operated by hand was told last."""
+"""The last command of an axis that is operated by hand."""
 
 from dataclasses import dataclass
 from math import inf, nan
@@ -9,18 +9,18 @@ Activity = Literal["idle", "home", "go", "jog", "stop"]
 
 @dataclass(frozen=True)
 class AxisTask:
-    """What an axis was told last.
+    """The last command of an axis.
 
     Parameters
     ----------
     activity : "idle", "home", "go", "jog" or "stop"
         Stop: it decelerates.
     goal : float
-        rad, where it was sent; NaN where it was sent nowhere.
+        Commanded angle, rad; NaN where none is commanded.
     rate : float
-        rad/s that it was told to turn at, signed in a jog.
+        Commanded rate, rad/s; signed in a jog.
     begun, due : float
-        s of the session: when it was told, and by when it should be over.
+        s of the session: the time of the command, and the time limit of the motion.
     """
 
     activity: Activity = "idle"

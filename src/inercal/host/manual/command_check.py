@@ -1,4 +1,4 @@
-"""Whether an axis can do what is asked of it by hand, and what its table is told then.
+"""Checks a manual command of an axis, and returns the command for the table.
 
 The limits are those of the run file's [bench] and of the controller, whichever are narrower. A jog
 toward a soft limit is a move that ends `LIMIT_MARGIN` before it: the controller itself stops there.

@@ -1,7 +1,7 @@
-"""What an operator may ask of a table by hand: a short list, each with its fields and no others.
+"""The manual commands of an operator: a short list, each with its fields and no others.
 
-A page asks by JSON objects in degrees and seconds; here they become commands in SI. Whether the
-table can do what is asked is for the session (`manual.session`) to judge.
+The page sends JSON objects in degrees and seconds; here they become commands in SI. The session
+(`manual.session`) decides whether the table can carry them out.
 
     {"what": "servo", "axis": "inner", "on": true}
     {"what": "home", "axis": "inner"}
@@ -90,32 +90,32 @@ AxisCommand = ServoCommand | HomeAxisCommand | GoCommand | JogCommand
 ManualCommand = AxisCommand | HoldCommand | ReleaseCommand | HaltCommand
 
 
-def parse_command(asked: Mapping[str, Any]) -> ManualCommand:
-    """Return the command that a JSON object asks for.
+def parse_command(fields: Mapping[str, Any]) -> ManualCommand:
+    """Return the command of a JSON object.
 
     Raises
     ------
     InputError
         Another command, a field that is missing, unknown or not of its kind.
     """
-    what = asked.get("what")
+    what = fields.get("what")
     if not isinstance(what, str) or what not in _COMMANDS:
         raise InputError(
             f"no manual command {str(what)[:_MAX_NAME]!r}; possible: {', '.join(_COMMANDS)}",
             key="what",
         )
-    kind, fields = _COMMANDS[what]
-    given = set(asked) - {"what"}
-    if given != set(fields):
-        listed = ", ".join(fields) or "no more fields"
+    kind, checks = _COMMANDS[what]
+    given = set(fields) - {"what"}
+    if given != set(checks):
+        listed = ", ".join(checks) or "no more fields"
         raise InputError(
-            f"{what} takes {listed}", key=what, names=tuple(sorted(given ^ set(fields)))
+            f"{what} takes {listed}", key=what, names=tuple(sorted(given ^ set(checks)))
         )
-    return kind(*(check(name, asked[name]) for name, check in fields.items()))
+    return kind(*(check(name, fields[name]) for name, check in checks.items()))
 
 
 def command_fields(command: ManualCommand) -> dict[str, Any]:
-    """Return the JSON object that asks for a command: `parse_command` in the other direction."""
+    """Return the JSON object of a command: `parse_command` in the other direction."""
     for what, (kind, fields) in _COMMANDS.items():
         if isinstance(command, kind):
             values = command._asdict()

@@ -1,4 +1,4 @@
-"""The dead-man of a jog: an axis turns only as long as somebody goes on saying that it shall.
+"""The dead-man of a jog: an axis turns only while messages of a held key arrive.
 
 A press has a number. `begin` makes it live, each `hold` of the same number keeps it so, by the
 host's monotonic clock, for `HOLD_TIMEOUT` from its arrival. A press that has expired or was
@@ -17,7 +17,7 @@ from inercal.host.closeable import Closeable
 
 # s from the last message to the command that stops, so that it is with the table by 0.3 s
 HOLD_TIMEOUT = 0.25
-_OVERDUE = 0.05  # s beyond it after which the watchdog is asked
+_OVERDUE = 0.05  # s beyond it after which the watchdog must stop the table
 
 
 class DeadMan(Closeable):
@@ -72,7 +72,7 @@ class DeadMan(Closeable):
         return self._count
 
     def set_moving(self, moving: bool) -> None:
-        """Say that the press moves an axis, or that the axis has been told to stop."""
+        """State whether the press moves an axis; false once the stop command is sent."""
         with self._changed:
             self._is_moving = moving
             self._changed.notify_all()

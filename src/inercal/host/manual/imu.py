@@ -20,7 +20,7 @@ _WORK_INTERVAL = 0.2  # s between two comparisons of gyros and table
 
 
 class ManualImu(Closeable):
-    """An IMU on the table; nothing of it is kept.
+    """An IMU on the table; its readings are shown and not recorded.
 
     Parameters
     ----------

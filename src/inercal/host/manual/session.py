@@ -1,14 +1,14 @@
 """A table operated by hand, from the connection to the table at rest: one loop of 20 ms.
 
-    clock -> commands, dead-man -> table told and read, IMU's bytes -> interlocks, journal
+    clock -> commands, dead-man -> table commanded and read, IMU's bytes -> interlocks, journal
 
 The driver, the watchdog and the interlocks are those of a run (`bench_run`); there are no steps.
 What an axis cannot do, or is beyond its limits, is refused before anything moves (`command_check`).
-Everything that is asked for is in the journal, with who asked and when, and so is everything that
-stops an axis.
+The journal has every command with its operator and time, and everything that stops an axis.
 
-A fault of an axis stops all axes, and the session goes on: the fault is mended by hand. What the
-interlocks find ends it. On any way out the table comes to rest, by the loop or by the watchdog.
+A fault of an axis stops all axes, and the session continues, so that the operator can clear the
+fault. A finding of the interlocks ends the session. However it ends, the loop or the watchdog
+brings the table to rest.
 Both are software; the hardware interlock is the safety function.
 """
 
@@ -61,7 +61,7 @@ from inercal.runfile import Run
 
 SHOW_INTERVAL = 0.1  # s of the wall's between two looks at the session
 _REPLY_TIMEOUT = 0.5  # s that the table may take for a reply
-_GRACE = 5.0  # s to come to rest in, beside what the deceleration takes
+_GRACE = 5.0  # s to come to rest, in addition to the deceleration
 _STOP_GRACE = 1.0  # s that a stop may take beyond what the deceleration takes
 _ARRIVAL_TOLERANCE = radians(0.05)  # rad
 _STARTING_TIME = 0.3  # s after a command in which an axis may still say that it rests
@@ -95,7 +95,7 @@ class ManualSession:
     state : TableState or None
         The table's, as last read.
     tasks : list of AxisTask
-        What each axis was told last.
+        The last command of each axis.
     imu : ManualImu or None
     dead_man : DeadMan
 
@@ -185,7 +185,7 @@ class ManualSession:
         self.dead_man.release()
 
     def operate(self) -> str:
-        """Do what is asked for until the session ends; return why it did."""
+        """Carry out the commands until the session ends; return why it ended."""
         with self._guard.catch_signals():
             try:
                 self._clock.begin(self._next)
@@ -235,10 +235,10 @@ class ManualSession:
     def _is_driving(self) -> bool:
         return any(task.activity != "idle" for task in self.tasks)
 
-    # What is asked for.
+    # Commands of the operator.
 
     def _do_requests(self) -> bool:
-        """Do what was asked for; tell whether the table was told anything."""
+        """Carry out the waiting commands; return whether one was sent to the table."""
         commanded = False
         with suppress(Empty):
             while not self._end_words:
@@ -250,7 +250,7 @@ class ManualSession:
         return commanded
 
     def _do(self, by: str, command: ManualCommand) -> bool:
-        """Do one thing, or refuse it; tell whether the table was told anything."""
+        """Carry out or refuse one command; return whether one was sent to the table."""
         if isinstance(command, (ReleaseCommand, HoldCommand)):
             return isinstance(command, ReleaseCommand) and self._stop_jog(f"released by {by}")
         # First stopped, then written down; all else is written down first.
@@ -261,14 +261,14 @@ class ManualSession:
             self._say("info", f"{by}: {command}: not begun, the key is up already")
             return False
         try:
-            told = self._judged(command, by)
+            checked = self._judged(command, by)
         except (InputError, TableFault) as error:
             why = str(error).removeprefix(f"axis {command.axis}: ")
             self._say("warning", f"refused: {by}: {command}: {why}")
             return False
         self._say("info", f"{by}: {command}")
         try:
-            self._driver.send([told])
+            self._driver.send([checked])
         except TableFault as error:
             self._say("warning", f"refused by the table: {command}: {error}")
             self._forget(command)
@@ -288,7 +288,7 @@ class ManualSession:
             raise InputError("the table has not been read yet; try again")
         if self._watchdog_stops:
             raise InputError("the watchdog stops the table; wait until it is at rest")
-        told, task = self._check.judge(command, self.state, self.tasks, self.time)
+        checked, task = self._check.judge(command, self.state, self.tasks, self.time)
         i = axis_index(command.axis, self.axes)
         if isinstance(command, JogCommand):
             self._stop_jog(f"replaced by a jog of axis {command.axis}")
@@ -296,7 +296,7 @@ class ManualSession:
             self.dead_man.set_moving(True)
         if task is not None:
             self._start(i, task)
-        return told
+        return checked
 
     def _start(self, i: int, task: AxisTask) -> None:
         self.tasks[i] = replace(task, begun=self.time)
@@ -314,7 +314,7 @@ class ManualSession:
     def _follow_dead_man(self) -> None:
         """Stop what is jogged where nobody holds the key any more."""
         if self._jog is not None and not self.dead_man.is_live(self._jog[1]):
-            # A release that was asked for says by whom when it is read.
+            # A release in the queue names its operator when it is read.
             if self._requests.empty():
                 self._stop_jog(f"no message of a held key for {HOLD_TIMEOUT:g} s", "warning")
             else:
@@ -322,7 +322,7 @@ class ManualSession:
                 self.dead_man.set_moving(False)
 
     def _stop_jog(self, why: str, level: Literal["info", "warning"] = "info") -> bool:
-        """Stop what is jogged, if anything is; tell whether the table was told so."""
+        """Stop the jogged axis, if any; return whether a command was sent to the table."""
         if self._jog is None:
             return False
         i, _, by = self._jog
@@ -449,7 +449,7 @@ class ManualSession:
             self._late(i, task)
 
     def _late(self, i: int, task: AxisTask) -> None:
-        """See to an axis that does not do in time what it was told."""
+        """Stop an axis that exceeds the time limit of its command."""
         name, what = self.axes[i], task.activity
         if what == "stop":
             self._start(i, AxisTask())
@@ -475,7 +475,7 @@ class ManualSession:
     def _wait_for_rest(self) -> None:
         """See the table come to rest; where it does not, the watchdog has it."""
         slowest = max(one.rate / one.acceleration for one in self.limits)
-        # One that was told to go a moment ago may not say so yet.
+        # An axis may report the motion of a new command later.
         least, until = self.time + _STARTING_TIME, self.time + slowest + _GRACE
         while self.time < least or (self.time < until and not self._is_at_rest):
             self._tick()
@@ -499,7 +499,7 @@ class ManualSession:
     def __exit__(self, *_: object) -> None:
         try:
             if not self._is_at_rest:
-                self._clock.close()  # a simulated bench goes on by itself then
+                self._clock.close()  # a simulated bench then follows the wall clock
                 if (words := self._driver.release_to_guard()) is not None:
                     self._say("alarm", words)
         except BaseException:

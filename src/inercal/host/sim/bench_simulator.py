@@ -1,4 +1,4 @@
-"""A simulated table as a process: its controller, its time, and its motion told to the IMU.
+"""A simulated table as a process: its controller, its time, and its motion for a simulated IMU.
 
 The controller of a table of angles is a Turbo PMAC, that of a table of rates a motor's.
 

@@ -11,17 +11,17 @@ from inercal.runfile.filter_fields import FILTER_KEY, filter_errors
 _MAX_CHANGES, _MAX_TEXT = 32, 40
 
 
-def filter_changes(asked: object) -> Mapping[str, str] | None:
-    """Return what is asked for, by key; None where nothing is.
+def filter_changes(requested: object) -> Mapping[str, str] | None:
+    """Return the requested changes by key; None where there are none.
 
     Raises
     ------
     InputError
         No object of short texts.
     """
-    if asked is None:
+    if requested is None:
         return None
-    given: Mapping[str, Any] | None = as_object(asked)
+    given: Mapping[str, Any] | None = as_object(requested)
     if given is None or len(given) > _MAX_CHANGES:
         raise InputError("filter: give an object of parameters and their values", key="filter")
     for key, text in given.items():
@@ -45,8 +45,8 @@ def require_filter_changes(plan: Plan, changes: Mapping[str, str] | None) -> Non
         raise InputError(f"{FILTER_KEY} {key}: {words}".replace(" : ", ": "), key=key)
 
 
-def check_filter_changes(plan: Plan | None, asked: JsonObject) -> dict[str, str]:
-    """Return what is wrong with what is asked for, in words by key.
+def check_filter_changes(plan: Plan | None, requested: JsonObject) -> dict[str, str]:
+    """Return what is wrong with the requested changes, in words by key.
 
     Raises
     ------
@@ -55,5 +55,5 @@ def check_filter_changes(plan: Plan | None, asked: JsonObject) -> dict[str, str]
     """
     if plan is None or plan.summary["trouble"]:
         raise InputError("choose a plan that can be run", key="plan")
-    changes = filter_changes(asked.get("filter"))
+    changes = filter_changes(requested.get("filter"))
     return filter_errors(plan.path, changes) if changes else {}

@@ -64,9 +64,9 @@ class Hub:
     options : RunOptions
         Of each run.
     start : callable, optional
-        Makes an order a run that goes on.
+        Starts the process of a run.
     start_manual : callable, optional
-        Makes an order a session by hand that goes on.
+        Starts the process of a session by hand.
 
     Attributes
     ----------

@@ -10,7 +10,7 @@ from inercal.host.web.run_process import RunProcess
 from inercal.host.web.run_request import FolderRequest
 
 MANUAL_JOURNAL = "manual.journal"
-MANUAL, HALT, END = "manual ", "halt ", "abort"  # begin a line that the process is told
+MANUAL, HALT, END = "manual ", "halt ", "abort"  # begin a line to the process
 
 
 @dataclass(frozen=True)

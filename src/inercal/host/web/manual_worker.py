@@ -42,7 +42,7 @@ _PATIENCE, _SIMULATED_PATIENCE = 600.0, 10.0  # s that the watchdog looks for a 
 
 
 class SessionRelay:
-    """Hands on what is asked to the session, once there is one.
+    """Passes the commands of standard input to the session, once it exists.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class SessionRelay:
         self._end_words = ""
 
     def attach(self, session: ManualSession) -> None:
-        """Have a session hear from now on, of an end too that was asked for before."""
+        """Pass commands to a session from now on, and an end that was requested before."""
         self.session = session
         if self._end_words:
             session.end(self._end_words)
@@ -120,7 +120,7 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
         addresses, simulated = DeviceAddresses(order.table, order.imu, order.clock), None
         if order.simulated is not None:
             publisher.publish("phase", run=order.name, words=STARTUP_MESSAGE)
-            # By hand a second is a second: what is simulated goes at the pace of who operates.
+            # The simulation runs in real time, since a person operates it.
             bench = BenchSimulator(plan, order.seed, order.simulated, pace=1.0)
             opened.enter_context(bench)
             addresses = DeviceAddresses(bench.table, bench.imu if order.with_imu else "")
@@ -143,7 +143,7 @@ def _operate(order: ManualRequest, publisher: Publisher, relay: SessionRelay) ->
             session = opened.enter_context(
                 ManualSession(run, journal, addresses, telemetry, patience)
             )
-            # What was connected to is kept, whatever becomes of it.
+            # The devices answered: the folder stays from now on.
             removed.pop_all()
         telemetry.publish_plan(session)
         relay.attach(session)

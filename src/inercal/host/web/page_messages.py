@@ -78,7 +78,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
     seen, tally = run.state, run.recorder.assembly.tally
     remaining = run.sequencer.remaining_time(seen.time) if seen is not None else None
     table = None if seen is None else {"axes": [axis_fields(axis) for axis in seen.axes]}
-    task, asked = run.sequencer.task, run.mounting_request
+    task, request = run.sequencer.task, run.mounting_request
     counts = tally.bytes
     return {
         "time": rounded_number(run.time),
@@ -90,7 +90,7 @@ def state_message(run: BenchRun, plan: Run, angles: Array | None) -> dict[str, A
         "speed": rounded_number(run.speed, 3),
         "table": table,
         "set_rate": _set_rate(task, run.sequencer.phase),
-        "mounting": None if asked is None else asked._asdict(),
+        "mounting": None if request is None else request._asdict(),
         "imu": {
             "packets": counts.packets,
             "lost": counts.lost,

@@ -18,7 +18,7 @@ _MAX_MESSAGE = 1 << 20  # bytes of a message
 
 
 class RunProcess:
-    """A run, or a session by hand, that goes on.
+    """A run, or a session by hand, in progress.
 
     Parameters
     ----------

@@ -40,7 +40,7 @@ class ProcessRequest(Protocol):
 
     @property
     def loss_text(self) -> str:
-        """What becomes of the table and of it where its process is lost."""
+        """What happens to the table and to the run where the process is lost."""
         ...
 
 
@@ -189,7 +189,7 @@ def end_message(order: ProcessRequest, state: str, words: str = "", **more: obje
 
 
 def premature_end_message(order: ProcessRequest, words: str) -> EndMessage:
-    """Return what is told of a run or a session whose process came to nothing more."""
+    """Return the end message of a process that ended early."""
     return end_message(order, order.premature_state, words)
 
 
