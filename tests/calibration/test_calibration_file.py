@@ -247,9 +247,10 @@ def test_a_canonical_text_is_proven_as_any_other(saved: Path, change: Callable[[
             parse(change(text), "canonical")
 
 
-def test_a_key_that_is_there_twice_is_refused(saved: Path):
+@pytest.mark.parametrize("colon", [":", " :", "\n\t:", ' : "a\\":", "method":'])
+def test_a_key_that_is_there_twice_is_refused(saved: Path, colon: str):
     whole = saved.read_text(encoding="utf-8")
-    saved.write_text(whole.replace('"method":', '"method": "other", "method":', 1), "utf-8")
+    saved.write_text(whole.replace('"method":', f'"method"{colon} "other", "method":', 1), "utf-8")
     with refused(file=saved):
         load(saved)
 

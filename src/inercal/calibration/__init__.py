@@ -110,7 +110,8 @@ class Calibration:
 
     def uncertainty(self, name: str) -> float:
         """Return a standard uncertainty (k = 1) in SI by full name."""
-        return float(self.std[self._index(name)])
+        k = self._index(name)
+        return float(np.sqrt(self.covariance[k, k]))
 
     def _index(self, name: str) -> int:
         if name not in self.sensor.coefficients:

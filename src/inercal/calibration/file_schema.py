@@ -4,6 +4,7 @@ A file whose hash is right may still have been written by another program, or by
 again. Nothing is converted: a number in quotation marks or `true` is no number.
 """
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
@@ -148,8 +149,9 @@ def require_valid(content: dict[str, Any]) -> None:
         first = error.errors(include_url=False)[0]
         key = _dotted(first["loc"])
         raise InputError(f"{key}: {_reason(first['type'], first['msg'])}", key=key) from None
-    stated = Counter(one.name for one in file.coefficients)
-    if repeated := tuple(name for name, count in stated.items() if count > 1):
+    names = [one.name for one in file.coefficients]
+    if len(set(names)) < len(names):
+        repeated = tuple(name for name, count in Counter(names).items() if count > 1)
         raise InputError(
             f"coefficients: {repeated[0]} is stated more than once",
             key="coefficients",
@@ -173,7 +175,7 @@ def _require_covariance(rows: list[list[float]], coefficients: Sequence[_Coeffic
     for one, each in zip(coefficients, variance.tolist(), strict=True):
         if each < 0:
             what = f"the variance of {one.name} is negative"
-        elif abs(np.sqrt(each) - one.std) > 1e-6 * one.std:
+        elif abs(math.sqrt(each) - one.std) > 1e-6 * one.std:
             what = f"the variance of {one.name} contradicts its std {one.std:g}"
         else:
             continue
