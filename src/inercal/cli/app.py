@@ -1,4 +1,7 @@
-"""The `inercal` program. Verbs import what they run inside their function: help stays quick."""
+"""The `inercal` program. Verbs import what they run inside their function, after their checks.
+
+Help, and the refusal of a mistyped run file, stay quick.
+"""
 
 import os
 import sys
