@@ -22,6 +22,7 @@ VERBS = (
     "apply",
     "report",
     "reproduce",
+    "compile",
     "bench",
     "store",
 )

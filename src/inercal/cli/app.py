@@ -14,6 +14,7 @@ from inercal.cli import (
     bench_commands,
     budget_command,
     calibrate_command,
+    compile_command,
     demo_command,
     plan_command,
     report_command,
@@ -42,6 +43,7 @@ for verb in (
     apply_command,
     report_command,
     reproduce_command,
+    compile_command,
 ):
     app.command(verb.NAME)(verb.run)
 app.add_typer(bench_commands.app, name=bench_commands.NAME)
