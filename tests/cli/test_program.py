@@ -97,6 +97,18 @@ def test_linear_algebra_has_one_thread_unless_told_otherwise(
     assert os.environ["OPENBLAS_NUM_THREADS"] == used
 
 
+def test_importing_the_package_changes_nothing_in_a_process():
+    code = """
+import os, sys, threading
+before = dict(os.environ), threading.active_count(), sys.path[:], sys.flags
+import inercal
+inercal.calibrate
+assert (dict(os.environ), threading.active_count(), sys.path, sys.flags) == before
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_help_lists_every_verb():
     done = inercal("--help")
     assert done.returncode == 0
