@@ -14,15 +14,20 @@ from tempfile import TemporaryDirectory
 from benchmarks import ROOT, Row
 
 REPEAT = 5
+THREADS = "OPENBLAS_NUM_THREADS"
 PROGRAM = (sys.executable, "-c", "from inercal.cli.app import main; main()")
 
 
 def processor_time(*arguments: str | Path, status: int = 0, **environment: str) -> float:
-    """Return the processor time, s, of the program with these arguments."""
+    """Return the processor time, s, of the program with these arguments.
+
+    The number of threads of linear algebra is the program's own choice unless it is given.
+    """
+    inherited = {k: value for k, value in os.environ.items() if k != THREADS}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
         [*PROGRAM, *map(str, arguments)],
-        env=os.environ | environment,
+        env=inherited | environment,
         capture_output=True,
         check=False,
     )
@@ -31,13 +36,14 @@ def processor_time(*arguments: str | Path, status: int = 0, **environment: str) 
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def least(*arguments: str | Path, status: int = 0) -> float:
+def least(*arguments: str | Path, status: int = 0, **environment: str) -> float:
     """Return the least processor time of several runs, s."""
-    return min(processor_time(*arguments, status=status) for _ in range(REPEAT))
+    times = (processor_time(*arguments, status=status, **environment) for _ in range(REPEAT))
+    return min(times)
 
 
 def rows() -> list[Row]:
-    """Time a six-row table, its report, and a mistyped run file."""
+    """Time a six-row table, its report, a mistyped run file, and a recording of small matrices."""
     with TemporaryDirectory() as folder:
         run = Path(folder) / "run.toml"
         shutil.copytree(ROOT / "examples" / "six_position", folder, dirs_exist_ok=True)
@@ -50,4 +56,15 @@ def rows() -> list[Row]:
             Row("calibrate six means, no report", least(*verb, run, "--no-report"), 0.8, "limit"),
             Row("calibrate six means, with report", least(*verb, run), 1.8, "limit"),
             Row("refuse a mistyped run file", least(*verb, mistyped, status=2), 0.4, "limit"),
+            one_thread(Path(folder)),
         ]
+
+
+def one_thread(folder: Path) -> Row:
+    """Compare the program's choice of threads of linear algebra with one thread."""
+    run = folder / "ferraris" / "run.toml"
+    shutil.copytree(ROOT / "examples" / "ferraris_simulated", run.parent)
+    processor_time("simulate", run)
+    verb = ("calibrate", run, "--out", folder, "--no-report")
+    single = least(*verb, OPENBLAS_NUM_THREADS="1")
+    return Row("calibrate six positions and three turns", least(*verb), single, "one BLAS thread")
