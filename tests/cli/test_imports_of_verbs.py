@@ -11,6 +11,17 @@ from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 EXAMPLE = Path(__file__).parents[2] / "examples" / "six_position"
 HEAVY = ("scipy.special", "scipy.optimize", "scipy.ndimage", "numba", "matplotlib", "pyarrow")
 NOWHERE = ("pint", "pandas", "h5py")
+OTHER_METHODS = tuple(
+    f"inercal.methods.{name}"
+    for name in (
+        "centrifuge_norm",
+        "ship_multi_angle",
+        "multi_position",
+        "tumble",
+        "turntable_kalman",
+    )
+)
+WATCHED = HEAVY + NOWHERE + OTHER_METHODS
 
 
 def heavy_imports(*arguments: str | Path, status: int = 0) -> set[str]:
@@ -23,13 +34,13 @@ def heavy_imports(*arguments: str | Path, status: int = 0) -> set[str]:
         "    main()\n"
         "except SystemExit as stop:\n"
         "    status = stop.code or 0\n"
-        f"print([m for m in {HEAVY + NOWHERE!r} if m in sys.modules], status, file=sys.stderr)\n"
+        f"print([m for m in {WATCHED!r} if m in sys.modules], status, file=sys.stderr)\n"
     )
     command = [sys.executable, "-c", code, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
     last = done.stderr.splitlines()[-1]
     assert last.endswith(f"] {status}"), done.stderr
-    return {name for name in HEAVY + NOWHERE if f"'{name}'" in last}
+    return {name for name in WATCHED if f"'{name}'" in last}
 
 
 @pytest.fixture
