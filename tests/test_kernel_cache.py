@@ -36,8 +36,8 @@ CALL = """
 import sys
 sys.path.insert(0, PACKAGE_PARENT)
 import inercal  # of a writable tree: links nothing here
-from inercal.kernel_cache import provide_kernel_cache
-folder = provide_kernel_cache(PACKAGE)
+from inercal.kernel_cache import prepare_kernel_cache
+folder = prepare_kernel_cache(PACKAGE)
 from kernels.one import doubled
 assert doubled(ARGUMENT) == 2 * ARGUMENT
 print(sum(doubled.stats.cache_hits.values()), sum(doubled.stats.cache_misses.values()))

@@ -10,7 +10,7 @@ The names below are loaded when they are first used, so that the command line st
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from inercal.kernel_cache import provide_kernel_cache
+from inercal.kernel_cache import prepare_kernel_cache
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -32,7 +32,7 @@ _EXPORT_MODULES = {
 }
 
 
-_kernel_folder = provide_kernel_cache()  # removed when the process ends
+_kernel_folder = prepare_kernel_cache()  # removed when the process ends
 
 
 def __getattr__(name: str) -> Any:

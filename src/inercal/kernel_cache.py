@@ -21,7 +21,7 @@ _INDEX, _DATA = ".nbi", ".nbc"  # suffixes of Numba's files
 _PACKAGE = os.path.dirname(os.path.abspath(__file__))
 
 
-def provide_kernel_cache(package: str = _PACKAGE) -> "TemporaryDirectory[str] | None":
+def prepare_kernel_cache(package: str = _PACKAGE) -> "TemporaryDirectory[str] | None":
     """Link the kernels of a read-only installation to where Numba finds them.
 
     Sets the environment variable NUMBA_CACHE_DIR only if Numba finds no folder to write to: it
@@ -47,7 +47,7 @@ def provide_kernel_cache(package: str = _PACKAGE) -> "TemporaryDirectory[str] | 
     return folder
 
 
-def kernel_places() -> tuple[str, int]:
+def count_kernels() -> tuple[str, int]:
     """Return the folder that holds the compiled kernels of this package, and their number."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given is None and _is_writable(_PACKAGE):
