@@ -7,9 +7,10 @@
 The names below are loaded when they are first used, so that the command line starts quickly.
 """
 
-import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from inercal.kernel_cache import prepare_kernel_cache
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
@@ -31,30 +32,7 @@ _EXPORT_MODULES = {
 }
 
 
-def _is_writable(folder: str) -> bool:
-    """Whether files can be made in a folder, or the folder itself where it is not there yet."""
-    while not os.path.exists(folder) and os.path.dirname(folder) != folder:
-        folder = os.path.dirname(folder)
-    return os.access(folder, os.W_OK | os.X_OK)
-
-
-def _provide_kernel_cache() -> Any:
-    """Give numba a folder for this process where it finds none; it would refuse to start.
-
-    It keeps compiled kernels beside their modules, or in the user's cache.
-    """
-    own = os.environ.get("XDG_CACHE_HOME") or os.path.join("~", ".cache")
-    places = (os.path.dirname(__file__), os.path.expanduser(own))
-    if "NUMBA_CACHE_DIR" in os.environ or any(map(_is_writable, places)):
-        return None
-    from tempfile import TemporaryDirectory
-
-    folder = TemporaryDirectory(prefix="inercal-")  # removed when the process ends
-    os.environ["NUMBA_CACHE_DIR"] = folder.name
-    return folder
-
-
-_kernels = _provide_kernel_cache()
+_kernel_folder = prepare_kernel_cache()  # removed when the process ends
 
 
 def __getattr__(name: str) -> Any:

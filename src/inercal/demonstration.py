@@ -30,7 +30,7 @@ from inercal.pipeline.truth import true_coefficients
 from inercal.runfile import Run, read
 
 _PACKETS = "fixed"
-_RUN_FILE, _PATH = "mimu.toml", "path.csv"
+RUN_FILE, _PATH = "mimu.toml", "path.csv"
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,5 +145,5 @@ def _write_run_file(folder: Path, *, quick: bool) -> Run:
     if quick:
         text = text.replace('path = "fast"', f'path = "{_PATH}"')
         (folder / _PATH).write_bytes(packaged.joinpath("demo_path.csv").read_bytes())
-    (folder / _RUN_FILE).write_text(text, encoding="utf-8")
-    return read(folder / _RUN_FILE)
+    (folder / RUN_FILE).write_text(text, encoding="utf-8")
+    return read(folder / RUN_FILE)

@@ -22,6 +22,7 @@ VERBS = (
     "apply",
     "report",
     "reproduce",
+    "compile",
     "bench",
     "store",
 )
@@ -94,6 +95,18 @@ def test_linear_algebra_has_one_thread_unless_told_otherwise(
     with pytest.raises(SystemExit):
         main()
     assert os.environ["OPENBLAS_NUM_THREADS"] == used
+
+
+def test_importing_the_package_changes_nothing_in_a_process():
+    code = """
+import os, sys, threading
+before = dict(os.environ), threading.active_count(), sys.path[:], sys.flags
+import inercal
+inercal.calibrate
+assert (dict(os.environ), threading.active_count(), sys.path, sys.flags) == before
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_help_lists_every_verb():

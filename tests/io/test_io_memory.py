@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv  # here: its modules are no memory of a table
 import pyarrow.parquet as pq
 import pytest
 

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtrc, fdtrc, gammaln
+import scipy
 
 from inercal.estimate import Estimate, ScoreTest
 from inercal.estimate.scores import (
@@ -113,7 +113,7 @@ class SuspectedCause:
     def remaining_p_value(self) -> float:
         """Probability of a χ² as large as the remaining χ², if the remaining model holds."""
         return (
-            float(chdtrc(self.remaining_dof, self.remaining_chi2))
+            float(scipy.special.chdtrc(self.remaining_dof, self.remaining_chi2))
             if self.remaining_dof > 0
             else 1.0
         )
@@ -344,10 +344,13 @@ def _explains_residuals(estimate: Estimate, score: ScoreTest) -> bool:
     """Return whether a candidate explains the residuals better than a scatter of all rows."""
     score_tests = estimate.score_tests
     left, dof = max(score_tests.chi2 - score.chi2, 0.0), score_tests.dof - score.dof
-    if dof <= 0 or float(chdtrc(dof, left)) > SIGNIFICANCE_LEVEL:
+    if dof <= 0 or float(scipy.special.chdtrc(dof, left)) > SIGNIFICANCE_LEVEL:
         return True
     ratio = (score.chi2 / score.dof) / (left / dof)
-    return score_tests.adjusted(score, float(fdtrc(score.dof, dof, ratio))) < SIGNIFICANCE_LEVEL
+    return (
+        score_tests.adjusted(score, float(scipy.special.fdtrc(score.dof, dof, ratio)))
+        < SIGNIFICANCE_LEVEL
+    )
 
 
 def _outlier_row(estimate: Estimate) -> OutlierRow | None:
@@ -365,4 +368,4 @@ def _log_p(score: ScoreTest) -> float:
     if (p := score.p_value) > _MIN_P_VALUE:
         return float(np.log(p))
     half = score.dof / 2
-    return float((half - 1) * np.log(score.chi2 / 2) - score.chi2 / 2 - gammaln(half))
+    return float((half - 1) * np.log(score.chi2 / 2) - score.chi2 / 2 - scipy.special.gammaln(half))

@@ -1,4 +1,7 @@
-"""The `inercal` program. Verbs import what they run inside their function: help stays quick."""
+"""The `inercal` program. Verbs import what they run inside their function, after their checks.
+
+Help, and the refusal of a mistyped run file, stay quick.
+"""
 
 import os
 import sys
@@ -11,6 +14,7 @@ from inercal.cli import (
     bench_commands,
     budget_command,
     calibrate_command,
+    compile_command,
     demo_command,
     plan_command,
     report_command,
@@ -39,6 +43,7 @@ for verb in (
     apply_command,
     report_command,
     reproduce_command,
+    compile_command,
 ):
     app.command(verb.NAME)(verb.run)
 app.add_typer(bench_commands.app, name=bench_commands.NAME)

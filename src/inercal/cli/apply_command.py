@@ -22,12 +22,14 @@ def run(
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
     from inercal.calibration.files import load
     from inercal.cli.outputs import RECORDING, check_outputs
-    from inercal.io.write import write_recording
-    from inercal.pipeline import apply
     from inercal.runfile import read
 
     calibration = load(calibration_file)
     plan = read(run_file)
+    # The modules of the work load after the run file was checked.
+    from inercal.io.write import write_recording
+    from inercal.pipeline import apply
+
     check_outputs({out: RECORDING}, [calibration_file, *plan.input_files()], force=force)
     with progress_status(f"correcting {plan.data.file}"):
         corrected = apply(calibration, plan)

@@ -28,13 +28,8 @@ def run(
     """Compute the error budget: the contribution of each imperfection to each coefficient."""
     from json import dumps
 
-    from inercal.budget import budget
-    from inercal.budget.contribution_table import budget_as_dict
-    from inercal.budget.experiment_from_runfile import experiment_from_run
     from inercal.cli.outputs import BUDGET, PAGE, check_outputs
     from inercal.errors import InputError
-    from inercal.io.atomic_files import write_text
-    from inercal.report import write_budget
     from inercal.runfile import read
 
     if trials < 2:
@@ -45,6 +40,13 @@ def run(
     if seed < 0:
         raise InputError(f"--seed {seed} is negative; give 0 or more", key="--seed")
     plan = read(run_file)
+    # The modules of the work load after the run file was checked.
+    from inercal.budget import budget
+    from inercal.budget.contribution_table import budget_as_dict
+    from inercal.budget.experiment_from_runfile import experiment_from_run
+    from inercal.io.atomic_files import write_text
+    from inercal.report import write_budget
+
     page = out / f"{run_file.stem}.budget.html"
     table = out / f"{run_file.stem}.budget.json"
     check_outputs({page: PAGE, table: BUDGET}, plan.input_files())

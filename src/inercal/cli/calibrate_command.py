@@ -37,14 +37,16 @@ def run(
     """
     from contextlib import nullcontext
 
-    from inercal.calibration.files import as_object, save
     from inercal.cli.outputs import CALIBRATION, PAGE, check_outputs, table_kind
-    from inercal.io.atomic_files import atomic_write_all
-    from inercal.io.mean_tables import write_means
-    from inercal.pipeline import calibrate
     from inercal.runfile import read
 
     plan = read(run_file)
+    # The modules of the work load after the run file was checked.
+    from inercal.calibration.files import as_object, save
+    from inercal.io.atomic_files import atomic_write_all
+    from inercal.io.mean_tables import write_means
+    from inercal.pipeline import calibrate
+
     files = {"calibration_file": out / f"{run_file.stem}.calibration.json"}
     kinds = {files["calibration_file"]: CALIBRATION}
     refused = out / f"{run_file.stem}.refused.html" if with_report else None

@@ -27,13 +27,15 @@ def run(
 
     The exit status is 0, or 3 where the page is written but the result is not to be relied on.
     """
-    from inercal.calibration.verdict_object import as_object
     from inercal.cli.outputs import PAGE, check_outputs
-    from inercal.pipeline import calibrate
-    from inercal.report import write_report
     from inercal.runfile import read
 
     plan = read(run_file)
+    # The modules of the work load after the run file was checked.
+    from inercal.calibration.verdict_object import as_object
+    from inercal.pipeline import calibrate
+    from inercal.report import write_report
+
     page = out or Path(f"{run_file.stem}.report.html")
     refused = page.parent / f"{run_file.stem}.refused.html"
     check_outputs({page: PAGE, refused: PAGE}, plan.input_files())

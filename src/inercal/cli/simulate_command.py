@@ -23,11 +23,13 @@ def run(
 ) -> None:
     """Simulate the recording of the run's plan."""
     from inercal.cli.outputs import RECORDING, check_outputs
-    from inercal.io.write import write_recordings
-    from inercal.pipeline import simulate_files
     from inercal.runfile import read
 
     plan = read(run_file)
+    # The modules of the work load after the run file was checked.
+    from inercal.io.write import write_recordings
+    from inercal.pipeline import simulate_files
+
     names = [plan.data.file, *plan.data.further_files().values()]
     paths = [plan.file(name) for name in names]
     if out is not None:

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from typing import NamedTuple, cast
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq
-from scipy.special import chdtri, digamma, polygamma
 
 from inercal.arrays import Array
 
@@ -101,7 +100,7 @@ def fit_correlations(
         deviance[k] = np.log(shape) @ dof + dof.sum() * np.log(np.maximum(own, SMALLEST_VARIANCE))
     without = deviance.sum(axis=0) - deviance
     rise = without[:, 0] - without.min(axis=1)
-    bound = float(chdtri(2, _LEVEL))
+    bound = float(scipy.special.chdtri(2, _LEVEL))
     others = tuple(
         every[int(np.argmin(row))] if up > bound else WHITE
         for row, up in zip(without, rise, strict=True)
@@ -128,13 +127,17 @@ def fine_variance(
 
 def _log_variance(freedom: Array) -> Array:
     """Return the variance of the logarithm of a variance of some degrees of freedom: trigamma."""
-    return np.array([float(cast("float", polygamma(1, half))) for half in (freedom / 2).tolist()])
+    return np.array(
+        [float(cast("float", scipy.special.polygamma(1, half))) for half in (freedom / 2).tolist()]
+    )
 
 
 def _log_bias(freedom: Array) -> Array:
     """Return the mean of the logarithm of a variance over its expectation."""
     half: Array = freedom / 2
-    return np.array([float(cast("float", digamma(h))) for h in half.tolist()]) - np.log(half)
+    return np.array(
+        [float(cast("float", scipy.special.digamma(h))) for h in half.tolist()]
+    ) - np.log(half)
 
 
 def moderated_variances(found: Sequence[tuple[float, int]]) -> tuple[Array, Array]:
@@ -163,4 +166,4 @@ def _inverse_trigamma(y: float) -> float:
         return float(np.exp(high))
     if off(low) < 0:
         return float(np.exp(low))
-    return float(np.exp(cast("float", brentq(off, low, high, xtol=1e-6))))
+    return float(np.exp(cast("float", scipy.optimize.brentq(off, low, high, xtol=1e-6))))

@@ -25,9 +25,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps
+
+Indices = NDArray[np.int64]
 
 _ROWS = 512  # whitened rows that are multiplied at once
 
@@ -66,64 +69,88 @@ def omitted_constant_sums(
     tested : int, optional
         Observations of each epoch that count; all where it is left out.
     """
-    m = steps.s.shape[1]
-    gram, product, x = _accumulate_sums(
-        steps, np.array(start, dtype=float, order="C"), np.ascontiguousarray(driven), at,
-        np.ascontiguousarray(seen), row, m if tested is None else tested,
-    )  # fmt: skip
-    return OmittedSums(gram, product, -x)
+    x = np.array(start, dtype=float, order="C")
+    driven, seen = np.ascontiguousarray(driven), np.ascontiguousarray(seen)
+    epochs, k, _ = steps.a.shape
+    c = driven.shape[2] + seen.shape[2]
+    # The innovations are one more column: they go into the products as the others do.
+    rows, square = np.zeros((max(_ROWS, steps.s.shape[1]), c + 1)), np.zeros((c + 1, c + 1))
+    # The kernel allocates nothing and multiplies no matrices: that takes long to compile.
+    work = np.zeros((k + 1, c))
+    count = steps.s.shape[1] if tested is None else tested
+    ends, epoch = np.zeros(2, np.int64), 0
+    while epoch < epochs:
+        _whiten_rows(
+            steps.a, steps.keep, steps.h, steps.gain, steps.off, steps.s, x, driven, at, seen, row,
+            count, epoch, work, rows, ends,
+        )  # fmt: skip
+        epoch = int(ends[0])
+        whitened = rows[: ends[1]]
+        square += whitened.T @ whitened
+    return OmittedSums(square[:c, :c].copy(), square[:c, c].copy(), -x)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _accumulate_sums(
-    steps: FilterSteps,
+def _whiten_rows(
+    a: Array,
+    keep: Array,
+    h: Array,
+    gain: Array,
+    off: Array,
+    s: Array,
     x: Array,
     driven: Array,
     at: int,
     seen: Array,
     row: int,
     tested: int,
-) -> tuple[Array, Array, Array]:
-    """Return G, b and U at the end, in place of x, U at the start."""
-    a, keep, h, gain, off, s, _wanted, _rows = steps
-    count, k, n = a.shape
-    r, d, o, width = driven.shape[1], driven.shape[2], seen.shape[1], seen.shape[2]
-    c = d + width
-    moved = np.zeros((k, c))
-    # The innovations are one more column: they go into the products as the others do.
-    rows, square = np.zeros((_ROWS, c + 1)), np.zeros((c + 1, c + 1))
-    filled = 0
-    for e in range(count):
-        moved[:] = 0.0
+    first: int,
+    work: Array,
+    rows: Array,
+    ends: Indices,
+) -> None:
+    """Carry U, `x`, in place over epochs from `first` on; write whitened rows until they are full.
+
+    `ends` (2,) is where to go on and how many rows are written; `work`, (k + 1, c), is any.
+    """
+    k, n, r, d = a.shape[1], a.shape[2], driven.shape[1], driven.shape[2]
+    o, c, m = seen.shape[1], x.shape[1], s.shape[1]
+    column, filled = work[k], 0
+    for e in range(first, a.shape[0]):
+        if filled + tested > rows.shape[0]:
+            ends[0], ends[1] = e, filled
+            return
         for i in range(k):
+            for q in range(c):
+                work[i, q] = 0.0
             for j in range(n):
                 size = a[e, i, j]
                 if size != 0.0:
                     for q in range(c):
-                        moved[i, q] += size * x[j, q]
+                        work[i, q] += size * x[j, q]
         for i in range(k):
             for q in range(c):
-                x[i, q] = moved[i, q]
+                x[i, q] = work[i, q]
         for j in range(k, n):
             if keep[e, j] != 1.0:
                 for q in range(c):
                     x[j, q] *= keep[e, j]
-        if not np.any(s[e] > 0.0):
+        observed = False
+        for j in range(m):
+            observed |= s[e, j] > 0.0
+        if not observed:
             continue
         for i in range(r):
             for q in range(d):
                 x[at + i, q] += driven[e, i, q]
-        if filled + tested > _ROWS:
-            square += rows.T @ rows
-            rows[:] = 0.0
-            filled = 0
-        for j in range(s.shape[1]):
+        for j in range(m):
             if not s[e, j] > 0.0:
                 continue
-            column = np.zeros(c)
+            for q in range(c):
+                column[q] = 0.0
             if row <= j < row + o:
-                for q in range(width):
-                    column[d + q] = seen[e, j - row, q]
+                for q in range(d, c):
+                    column[q] = seen[e, j - row, q - d]
             for i in range(n):
                 size = h[e, j, i]
                 if size != 0.0:
@@ -139,5 +166,4 @@ def _accumulate_sums(
                     rows[filled, q] = column[q] / root
                 rows[filled, c] = off[e, j] / root
                 filled += 1
-    square += rows.T @ rows
-    return square[:c, :c].copy(), square[:c, c].copy(), x
+    ends[0], ends[1] = a.shape[0], filled

@@ -25,8 +25,7 @@ from collections.abc import Callable
 from typing import NamedTuple, cast
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import chdtri, fdtrc
+import scipy
 
 from inercal.arrays import Array
 from inercal.estimate.scores import chi2_tail_probability
@@ -98,13 +97,13 @@ def fit_scatter(
         return chi_squared(residual, jacobian, lambda a: whiten(found, a)) - other_chi2
 
     stated = off(ScatterModel())
-    if stated > float(chdtri(dof, 1 - _LEVEL)):
+    if stated > float(scipy.special.chdtri(dof, 1 - _LEVEL)):
         high = float(np.mean(residual**2))
         while off(ScatterModel(excess=high**0.5)) > dof:
             high *= 4.0
         v = _falling_root(lambda v: off(ScatterModel(excess=v**0.5)) - dof, high)
         return ScatterModel(excess=v**0.5)
-    if dof > _FEW and stated < float(chdtri(dof, _CALM)):
+    if dof > _FEW and stated < float(scipy.special.chdtri(dof, _CALM)):
         share = _falling_root(lambda s: off(ScatterModel(share=s)) - (dof - 2), 1.0)
         return ScatterModel(share=min(max(share, least), 1.0))
     return ScatterModel()
@@ -133,8 +132,8 @@ def leave_one_out_factors(rows: Array, noise_dof: float = np.inf) -> Array:
         if chi2_tail_probability(beyond, dof, noise_dof) > 1 - _LEVEL:
             continue
         ratio = float(squares[k]) / q / (float(others[k]) / dof)
-        p = float(fdtrc(q, dof, ratio))
-        equal = float(chdtri(q, p)) if p > 0 else np.inf
+        p = float(scipy.special.fdtrc(q, dof, ratio))
+        equal = float(scipy.special.chdtri(q, p)) if p > 0 else np.inf
         whole = min(equal, q * ratio)
         factor[k] = np.sqrt(whole / float(squares[k])) if squares[k] > 0 else 1.0
     return factor
@@ -148,5 +147,5 @@ def _falling_root(falling: Callable[[float], float], high: float) -> float:
 
     if at(_LEAST) <= 0:
         return high * float(np.exp(_LEAST))
-    log = cast("float", brentq(at, _LEAST, 0.0, xtol=_EXACT))
+    log = cast("float", scipy.optimize.brentq(at, _LEAST, 0.0, xtol=_EXACT))
     return high * float(np.exp(log))

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri
 
 from inercal.arrays import Array
 from inercal.errors import InputError
@@ -62,7 +62,7 @@ class ResidualGroup:
     @property
     def p_value(self) -> float:
         """Probability of a χ² at least as large if the noise is as stated; 1 without dof."""
-        return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +173,9 @@ class Estimate:
     @property
     def p_value(self) -> Array:
         """Probability of a χ² at least as large if noise and model are as stated; 1 without dof."""
-        return chdtrc(self.dof, self.chi2) if self.dof else np.ones(np.shape(self.chi2))
+        return (
+            scipy.special.chdtrc(self.dof, self.chi2) if self.dof else np.ones(np.shape(self.chi2))
+        )
 
     @property
     def consistent(self) -> NDArray[np.bool_]:
@@ -182,7 +184,7 @@ class Estimate:
             return np.array(all(group.spread.excess == 0 for group in self.groups))
         if not self.dof:
             return np.ones(np.shape(self.chi2), dtype=bool)
-        return self.chi2 <= chdtri(self.dof, 1 - _LEVEL)
+        return self.chi2 <= scipy.special.chdtri(self.dof, 1 - _LEVEL)
 
     @property
     def birge(self) -> Array:

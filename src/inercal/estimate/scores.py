@@ -32,8 +32,8 @@ from functools import cache, cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri, chndtrix, fdtrc
 
 from inercal.arrays import Array
 from inercal.estimate.lazy_value import LazyValue
@@ -67,7 +67,11 @@ def chi2_tail_probability(chi2: float, dof: int, noise_dof: float = np.inf) -> f
     if dof <= 0:
         return 1.0
     known = np.isinf(noise_dof)
-    return float(chdtrc(dof, chi2) if known else fdtrc(dof, noise_dof, chi2 / dof))
+    return float(
+        scipy.special.chdtrc(dof, chi2)
+        if known
+        else scipy.special.fdtrc(dof, noise_dof, chi2 / dof)
+    )
 
 
 class ModelTest(NamedTuple):
@@ -82,7 +86,7 @@ class ModelTest(NamedTuple):
     @property
     def p_value(self) -> float:
         """Probability of a statistic at least as large where the model holds."""
-        return float(chdtrc(self.dof, self.statistic)) if self.dof > 0 else 1.0
+        return float(scipy.special.chdtrc(self.dof, self.statistic)) if self.dof > 0 else 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +199,7 @@ class ScoreTest:
     @property
     def p_value(self) -> float:
         """Probability of a fall of χ² at least as large where the candidate is zero."""
-        return float(chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
+        return float(scipy.special.chdtrc(self.dof, self.chi2)) if self.dof > 0 else 1.0
 
     def cosine(self, other: "ScoreTest") -> float:
         """Return |cos| of the angle between what both explain; 0 where one explains nothing."""
@@ -254,14 +258,17 @@ class ScoreTestSet:
     def _scheffe_is_sharper(self) -> bool:
         """Whether the space of all candidates is the less strict for a single direction."""
         level = SCORE_TEST_SHARE * SIGNIFICANCE_LEVEL
-        return bool(chdtri(self.span, level) < chdtri(1, level * _level_weight(1) / self._weights))
+        return bool(
+            scipy.special.chdtri(self.span, level)
+            < scipy.special.chdtri(1, level * _level_weight(1) / self._weights)
+        )
 
 
 @cache
 def _level_weight(dof: int) -> float:
     """Return the p-value that a χ² of η = 6 exceeds but with the probability to miss it."""
     dof = min(dof, _MOST)
-    return float(chdtrc(dof, chndtrix(_MISSED, dof, _ETA**2)))
+    return float(scipy.special.chdtrc(dof, scipy.special.chndtrix(_MISSED, dof, _ETA**2)))
 
 
 NO_SCORE_TESTS = LazyValue(ScoreTestSet)

@@ -39,8 +39,8 @@ from math import comb
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri, fdtrc
 
 from inercal.arrays import Array
 from inercal.estimate.correlation import (
@@ -260,7 +260,7 @@ def _changes(
             of_steps = 0.5 * one.samples * float(steps[k]) / float(size[k]) ** 2
             for place, (level, part) in enumerate(zip(coarse, shape, strict=True)):
                 square = float(np.mean((level[:, k] / size[k]) ** 2)) / (by.white * part + of_steps)
-                p = float(fdtrc(len(level), by.dof, square))
+                p = float(scipy.special.fdtrc(len(level), by.dof, square))
                 found.append(_DisturbanceTest(p, r, k, "change", _change_variance(one, place, k)))
     return found
 
@@ -282,7 +282,7 @@ def _changes_by_other_sections(
                 ratio = float(squares[r, :, a].mean()) / max(
                     rest / max(others, 1), SMALLEST_VARIANCE
                 )
-                p = float(fdtrc(count, others, ratio)) if others else 1.0
+                p = float(scipy.special.fdtrc(count, others, ratio)) if others else 1.0
                 found.append(_DisturbanceTest(p, r, k, "change", _change_variance(one, place, k)))
     return found
 
@@ -311,7 +311,7 @@ def _bursts(
             for few in (1, 2):
                 largest = float(squares[:few].sum())
                 rest = float(squares[few:].mean()) + least
-                p = comb(c, few) * float(fdtrc(few, c - few, largest / few / rest))
+                p = comb(c, few) * float(scipy.special.fdtrc(few, c - few, largest / few / rest))
                 # Neighbours may have gone the same way: their shifts add up.
                 found.append(_DisturbanceTest(p, r, k, "burst", few * largest / c / one.samples))
     return found
@@ -348,7 +348,7 @@ def _trend(
         return mean, sd, None
     square_t = np.zeros(m)
     square_t[used] = (mean[used] / sd[used]) ** 2
-    p = float(fdtrc(used.size, dof, square_t.sum() / used.size))
+    p = float(scipy.special.fdtrc(used.size, dof, square_t.sum() / used.size))
     name = f"{_COMMON} ({names[int(square_t.argmax())]})"
     return mean, sd, model_test_from_p_value(name, p)
 
@@ -368,11 +368,11 @@ def largest_change_test(
     """
     chi2 = np.sum(change**2, axis=1) / variance
     worst = int(np.argmax(chi2))
-    p = len(chi2) * float(chdtrc(change.shape[1], float(chi2[worst])))
+    p = len(chi2) * float(scipy.special.chdtrc(change.shape[1], float(chi2[worst])))
     return model_test_from_p_value(f"change within {labels[worst]} ({names[worst]})", p)
 
 
 def model_test_from_p_value(name: str, p: float) -> ModelTest:
     """Return a test of one degree of freedom with this p-value."""
     p = min(max(p, _RAREST), 1.0)
-    return ModelTest(name, float(chdtri(1, p)), 1)
+    return ModelTest(name, float(scipy.special.chdtri(1, p)), 1)

@@ -1,7 +1,8 @@
 """CSV, tab, semicolon and white-space separated text.
 
-NumPy's C parser reads the numbers, some rows at a time. Only where it fails, Python reads the
-lines to name the line, the column and the text that are wrong.
+Long plain files are parsed by pyarrow (`plain_numbers`), all others by NumPy's C parser, some rows
+at a time. Only where that fails, Python reads the lines to name the line, the column and the text
+that are wrong.
 """
 
 import re
@@ -24,6 +25,7 @@ from inercal.io.column_table import (
     select_columns,
     shorten,
 )
+from inercal.io.plain_numbers import load_plain
 from inercal.io.readers import Reader
 from inercal.io.text_layout import TextLayout, column_count_text, sniff
 from inercal.io.text_scan import scan
@@ -57,7 +59,9 @@ def read_text(path: Path, wanted: ReadRequest) -> Table:
     )
     places = {str(k): blank[layout.names[k]] for k in numbers}
     try:
-        labels, n = _load(path, layout, places, words, fill=set())
+        labels, n = load_plain(path, layout, places, words) or _load(
+            path, layout, places, words, fill=set()
+        )
     except _RowError as error:
         # The parser's count of rows is only a hint: where to look first.
         for skip in (error.row - 2, 0):

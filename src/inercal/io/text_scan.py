@@ -8,8 +8,6 @@ import hashlib
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from inercal.errors import InputError
 
 BLOCK_BYTES = 1 << 22  # bytes
@@ -66,25 +64,40 @@ def scan(path: Path) -> Scan:
                     line=line,
                 )
             _refuse_other_encodings(decoder, block, complete, newline, path.name)
-            ends = np.flatnonzero(np.frombuffer(block, np.uint8) == newline[0])
-            lengths = np.diff(ends, prepend=-1 - unfinished, append=len(block))
-            if (lengths > LONGEST_LINE).any():
-                line = complete + int(np.argmax(lengths > LONGEST_LINE)) + 1
-                raise InputError(
-                    f"{path.name} line {line}: more than {LONGEST_LINE} bytes without a line end; "
-                    "write each sample as a line of text",
-                    line=line,
-                )
-            unfinished = int(lengths[-1]) - 1
+            unfinished = _refuse_long_line(block, newline, unfinished, complete, path.name)
+            ends = block.count(newline)
             if text := block.rstrip():
-                last = complete + block.count(newline, 0, len(text)) + 1
-            complete += ends.size
-            kinds = block.count(b"\n"), block.count(b"\r"), block.count(b"\r\n")
-            ends_of_all_kinds += kinds[0] + kinds[1] - kinds[2]
+                last = complete + ends - block.count(newline, len(text)) + 1
+            complete += ends
+            returns = block.count(b"\r")
+            ends_of_all_kinds += block.count(b"\n") + returns
+            ends_of_all_kinds -= block.count(b"\r\n") if returns else 0
     _refuse_other_encodings(decoder, None, complete, newline, path.name)
     if last == 0:
         raise InputError(f"{path.name} is empty: record or export it again")
     return Scan(digest.hexdigest(), last, ends_of_all_kinds + 1)
+
+
+def _refuse_long_line(
+    block: bytes, newline: bytes, unfinished: int, complete: int, name: str
+) -> int:
+    """Refuse a line above `LONGEST_LINE`; return the bytes of the line that the block leaves open.
+
+    From one line end to the last one within reach: lines are short, so that few are looked at.
+    """
+    end = -1 - unfinished  # of a line, relative to the block
+    while end + LONGEST_LINE < len(block):
+        further = block.rfind(newline, max(end + 1, 0), end + LONGEST_LINE + 1)
+        if further < 0:
+            line = complete + block.count(newline, 0, max(end + 1, 0)) + 1
+            raise InputError(
+                f"{name} line {line}: more than {LONGEST_LINE} bytes without a line end; "
+                "write each sample as a line of text",
+                line=line,
+            )
+        end = further
+    last = block.rfind(newline)
+    return len(block) - 1 - (end if last < 0 else last)
 
 
 def _refuse_utf16(block: bytes, name: str) -> None:
@@ -95,6 +108,8 @@ def _refuse_utf16(block: bytes, name: str) -> None:
 def _refuse_other_encodings(
     decoder: codecs.IncrementalDecoder, block: bytes | None, lines: int, newline: bytes, name: str
 ) -> None:
+    if block is not None and block.isascii() and not decoder.getstate()[0]:
+        return
     try:
         decoder.decode(block or b"", final=block is None)
     except UnicodeDecodeError as error:

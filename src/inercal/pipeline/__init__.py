@@ -3,11 +3,11 @@
 run file ─> recording ─> audit ─> marks ─> observations ─> method's estimator ─> calibration
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from inercal.data.recording_loader import readback_columns, reader_columns
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.estimate import Estimate
 from inercal.methods import Fit
-from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory
 from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
@@ -45,6 +44,9 @@ from inercal.runfile import Run, read
 from inercal.segments import RestDetection
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
+
+if TYPE_CHECKING:
+    from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory
 
 _ALL = 3  # axes that measure every component
 
@@ -91,7 +93,7 @@ class Outcome:
     findings: tuple[Finding, ...]
     verdict: Verdict
     rests: RestDetection | None = None
-    search: SearchHistory | None = None
+    search: "SearchHistory | None" = None
 
     def sensed_motion(self, w: Array | None = None) -> Motion:
         """Return the motion that the calibrated sensor measured, at the temperatures of the means.
@@ -108,7 +110,7 @@ class Outcome:
 
 
 def calibrate(
-    run: Run | str | Path, progress: Callable[[Generation], None] | None = None
+    run: Run | str | Path, progress: "Callable[[Generation], None] | None" = None
 ) -> Outcome:
     """Calibrate from a run file. Writes nothing.
 
@@ -138,7 +140,7 @@ def calibrate(
     )
     generations: list[Generation] = []
 
-    def after(generation: Generation) -> None:
+    def after(generation: "Generation") -> None:
         generations.append(generation)
         if progress is not None:
             progress(generation)
@@ -231,8 +233,16 @@ def calibrate(
         findings,
         judged,
         inputs.rests,
-        run.search and SearchHistory(run.search.goal, tuple(generations)),
+        _search_history(run, generations),
     )
+
+
+def _search_history(run: Run, generations: "Sequence[Generation]") -> "SearchHistory | None":
+    if run.search is None:
+        return None
+    from inercal.methods.ship_multi_angle.global_search import SearchHistory
+
+    return SearchHistory(run.search.goal, tuple(generations))
 
 
 def _possible_causes(inputs: EstimatorInput, sensor: Sensor, error: InercalError) -> str:

@@ -5,7 +5,7 @@
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import radians
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -18,12 +18,14 @@ from inercal.benches import Turntable
 from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import FilterHistory, SmoothedStates
 from inercal.keys import CoefficientName
-from inercal.methods.ship_multi_angle.global_search import SearchHistory
 from inercal.pipeline import Outcome
 from inercal.recording import Track
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, PAPER, WARN, Y, svg
 from inercal.sensors import G0, Sensor
+
+if TYPE_CHECKING:
+    from inercal.methods.ship_multi_angle.global_search import SearchHistory
 
 MAX_POINTS = 290
 """Of each line, at most."""
@@ -244,7 +246,7 @@ def thin_indices(count: int, most: int = MAX_POINTS) -> NDArray[np.int64]:
 
 
 @drawing.style
-def search_figure(search: SearchHistory) -> Markup:
+def search_figure(search: "SearchHistory") -> Markup:
     """Return the best member after each generation, as in Fig. 6 of the source of the search."""
     number = np.array([g.number for g in search.generations])
     cost = np.array([g.cost for g in search.generations])

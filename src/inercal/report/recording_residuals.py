@@ -18,9 +18,6 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.turntable import is_turntable
-from inercal.methods.turntable import model
-from inercal.methods.turntable_trajectory import METHOD
-from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows
 from inercal.pipeline import Outcome
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, svg
@@ -42,11 +39,18 @@ class StepResiduals(NamedTuple):
 
 def uses_whole_recording(outcome: Outcome) -> bool:
     """Whether an outcome's residuals are those of a whole recording."""
-    return outcome.calibration.method == METHOD.name and outcome.observations.track is not None
+    if outcome.observations.track is None:
+        return False
+    from inercal.methods.turntable_trajectory import METHOD  # loads Numba
+
+    return outcome.calibration.method == METHOD.name
 
 
 def residuals_by_step(outcome: Outcome) -> tuple[StepResiduals, ...]:
     """Return the whitened residuals by step, gyros before accelerometers."""
+    from inercal.methods.turntable import model
+    from inercal.methods.turntable_trajectory.rows import RotationRows, StaticRows
+
     track, sensor, bench = outcome.observations.track, outcome.calibration.sensor, outcome.bench
     assert track is not None
     assert is_turntable(bench)

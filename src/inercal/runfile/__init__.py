@@ -21,8 +21,6 @@ from inercal.estimate import Gaussian
 from inercal.keys import CoefficientName
 from inercal.methods import Method, method
 from inercal.methods._base import Estimator
-from inercal.methods.ship_multi_angle import global_
-from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
 from inercal.runfile.filter_keys import with_filter_keys
@@ -42,6 +40,7 @@ from inercal.sensors import Sensor
 from inercal.small_files import parse_toml, read_small_file, read_toml
 
 if TYPE_CHECKING:
+    from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
 _DEFAULT_KIND = "hand"  # [bench] kind
@@ -103,7 +102,7 @@ class Run:
     rate_hz: float | None
     time_offset: bool = False
     has_plan_keys: bool = False
-    search: SearchOptions | None = None
+    search: "SearchOptions | None" = None
     filter: "FilterConfig | None" = None
     bench_name: str = ""
     findings: tuple[Finding, ...] = ()
@@ -132,7 +131,7 @@ class Run:
         """The positions and rotations of the nominal plan; on a turntable these are all steps."""
         return table_steps(self.steps)
 
-    def solver(self, progress: Callable[[Generation], None] | None = None) -> Estimator[Any, Any]:
+    def solver(self, progress: "Callable[[Generation], None] | None" = None) -> Estimator[Any, Any]:
         """Return the estimator; one that searches has the options of the run file.
 
         Parameters
@@ -142,6 +141,8 @@ class Run:
         """
         if self.search is None:
             return self.method.estimator(self.estimator)
+        from inercal.methods.ship_multi_angle import global_
+
         return partial(global_, options=self.search, progress=progress)
 
     def file(self, name: str) -> Path:

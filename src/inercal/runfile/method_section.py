@@ -3,15 +3,17 @@
 from collections.abc import Callable
 from functools import partial
 from inspect import signature
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from inercal.errors import InputError
-from inercal.methods import METHODS, Method, ship_multi_angle
-from inercal.methods.ship_multi_angle.global_search import Bounds, SearchOptions
+from inercal.methods import METHODS, Method
 from inercal.plan import Step
 from inercal.runfile.schema import MethodSection, SearchSection
 from inercal.section_settings import si_value
 from inercal.sensors import G0
+
+if TYPE_CHECKING:
+    from inercal.methods.ship_multi_angle.global_search import SearchOptions
 
 # [method] keys of the plan: key, unit like, argument of the method's plan
 _PLAN = (
@@ -26,6 +28,7 @@ _PLAN = (
     ("path", "", "path"),
 )
 _SENSE = ", or negative for a turn clockwise seen from above"
+_SEARCHING_METHOD = "ship_multi_angle"
 _SEARCH = "[method.search]"
 
 
@@ -98,7 +101,7 @@ def require_frame(frame: str, chosen: Method[Any, Any], estimator: str) -> None:
 
 def search_options(
     section: MethodSection, chosen: Method[Any, Any], estimator: str
-) -> SearchOptions | None:
+) -> "SearchOptions | None":
     """Return the options of the search, or None for an estimator that does not search.
 
     Raises
@@ -106,7 +109,7 @@ def search_options(
     InputError
         [method.search] is stated for an estimator that does not search, or a value is not possible.
     """
-    if chosen is not ship_multi_angle.METHOD or estimator != "global":
+    if chosen.name != _SEARCHING_METHOD or estimator != "global":
         if section.search is not None:
             raise InputError(
                 f"{_SEARCH} is used only by estimator global of ship_multi_angle; {estimator} of "
@@ -115,6 +118,8 @@ def search_options(
                 names=(estimator,),
             )
         return None
+    from inercal.methods.ship_multi_angle.global_search import Bounds, SearchOptions
+
     search = section.search or SearchSection.model_validate({})
     goal = _positive_value(search, "goal", "1")
     if goal >= 1:

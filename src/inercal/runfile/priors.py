@@ -3,18 +3,19 @@
 from collections.abc import Mapping
 from math import isclose, pi
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from inercal.calibration import Calibration
-from inercal.calibration.files import load
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.keys import CoefficientName
-from inercal.methods import centrifuge_norm
 from inercal.runfile.schema import MethodSection
 from inercal.runfile.sensor_builder import coefficient_value
 from inercal.sensors import G0, Axis, Sensor
+
+if TYPE_CHECKING:
+    from inercal.calibration import Calibration
 
 
 def method_priors(section: MethodSection, folder: Path, sensor: Sensor) -> tuple[Gaussian, ...]:
@@ -65,9 +66,12 @@ def _static_prior(path: Path, sensor: Sensor) -> Gaussian:
 
     IEEE Std 836 advises to take both from a static multi-position test.
     """
+    from inercal.calibration.files import load
+    from inercal.methods.centrifuge_norm import METHOD as CENTRIFUGE
+
     key = "[method] prior_file"
     known = load(path)
-    if known.method == centrifuge_norm.METHOD.name:
+    if known.method == CENTRIFUGE.name:
         raise InputError(
             f"{key}: {path.name} is a calibration on a centrifuge; give a calibration at rest",
             key=key,
@@ -115,6 +119,8 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
         A coefficient that one of the two does not have, two coefficients of different terms, or
         another nominal readout.
     """
+    from inercal.calibration.files import load
+
     key = f'[method.prior_from."{path.name}"]'
     known = load(path)
     if not taken:
@@ -170,7 +176,7 @@ def _prior_from(path: Path, taken: Mapping[str, str], sensor: Sensor) -> Gaussia
     return _gaussian(tuple(taken), known, sources)
 
 
-def _gaussian(names: tuple[str, ...], known: Calibration, sources: tuple[str, ...]) -> Gaussian:
+def _gaussian(names: tuple[str, ...], known: "Calibration", sources: tuple[str, ...]) -> Gaussian:
     """Return values and covariance of coefficients of a calibration, under `names`."""
     index = [known.sensor.coefficients.index(name) for name in sources]
     return Gaussian(names, known.values[index], known.covariance[np.ix_(index, index)])

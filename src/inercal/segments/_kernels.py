@@ -6,10 +6,13 @@ reference, so that neither a large offset nor an earlier shock costs digits. A w
 its first sample. A sample has the window of `window` samples centred on it or, next to the ends of
 its segment, the last window that fits.
 
-The variances of a kind of axis are summed with weights, and exist for one block at a time.
+The variances of a kind of axis are summed with weights, and exist for one block at a time. Arrays
+are allocated by the functions that call the kernels: allocations take long to compile.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
+
+from math import log
 
 import numpy as np
 from numba import njit
@@ -28,7 +31,8 @@ def _window_variances(
     data: Array, columns: Indices, weight: Array, first: int, count: int, window: int, out: Array
 ) -> None:
     """Write the summed variances of the windows that begin at samples `first` + 0 … count − 1."""
-    out[:count] = 0.0
+    for k in range(count):
+        out[k] = 0.0
     for c in range(columns.size):
         j = columns[c]
         reference = data[first, j]
@@ -47,7 +51,6 @@ def _window_variances(
             out[k] += each * max(square - total * total / window, 0.0)
 
 
-@njit(cache=True, nogil=True)
 def window_variances(
     data: Array, columns: Indices, weight: Array, segments: Indices, window: int
 ) -> Array:
@@ -65,8 +68,26 @@ def window_variances(
         Samples.
     """
     out = np.empty(data.shape[0])
-    block = np.empty(max(window, _BLOCK))
-    for start, stop in segments:
+    _write_variances(data, columns, weight, segments, window, _block(window), out)
+    return out
+
+
+def _block(window: int) -> Array:
+    return np.empty(max(window, _BLOCK))
+
+
+@njit(cache=True, nogil=True)
+def _write_variances(
+    data: Array,
+    columns: Indices,
+    weight: Array,
+    segments: Indices,
+    window: int,
+    block: Array,
+    out: Array,
+) -> None:
+    for s in range(segments.shape[0]):
+        start, stop = segments[s, 0], segments[s, 1]
         fits = min(window, stop - start)
         half, count = fits // 2, stop - start - fits + 1
         for first in range(0, count, block.size):
@@ -75,12 +96,12 @@ def window_variances(
             # Element by element, here and below: assigning a slice takes twice as long to compile.
             for k in range(size):
                 out[start + first + half + k] = block[k]
-        out[start : start + half] = out[start + half]
-        out[start + half + count : stop] = out[start + half + count - 1]
-    return out
+        for k in range(start, start + half):
+            out[k] = out[start + half]
+        for k in range(start + half + count, stop):
+            out[k] = out[start + half + count - 1]
 
 
-@njit(cache=True, nogil=True)
 def variance_extent(
     data: Array, columns: Indices, weight: Array, segments: Indices, window: int
 ) -> tuple[float, Array, Indices]:
@@ -89,10 +110,25 @@ def variance_extent(
     Parameters are those of `window_variances`; steps are between neighbouring samples, and not
     zero.
     """
-    top = 0.0
     step, changes = np.full(columns.size, np.inf), np.zeros(columns.size, np.int64)
-    block = np.empty(max(window, _BLOCK))
-    for start, stop in segments:
+    top = _largest_variance(data, columns, weight, segments, window, _block(window), step, changes)
+    return top, step, changes
+
+
+@njit(cache=True, nogil=True)
+def _largest_variance(
+    data: Array,
+    columns: Indices,
+    weight: Array,
+    segments: Indices,
+    window: int,
+    block: Array,
+    step: Array,
+    changes: Indices,
+) -> float:
+    top = 0.0
+    for s in range(segments.shape[0]):
+        start, stop = segments[s, 0], segments[s, 1]
         for first in range(start, stop - window + 1, block.size):
             size = min(block.size, stop - window + 1 - first)
             _window_variances(data, columns, weight, first, size, window, block)
@@ -104,10 +140,9 @@ def variance_extent(
                 if d > 0.0:
                     changes[c] += 1
                     step[c] = min(step[c], d)
-    return top, step, changes
+    return top
 
 
-@njit(cache=True, nogil=True)
 def variance_histogram(
     data: Array,
     columns: Indices,
@@ -134,9 +169,30 @@ def variance_histogram(
     bins : int
     """
     counts, every = np.zeros(bins, np.int64), np.zeros(bins, np.int64)
-    per_log = bins / np.log(top / lowest)
-    block = np.empty(max(window, _BLOCK))
-    for start, stop in segments:
+    _count_windows(
+        data, columns, weight, segments, window, _block(window), lowest,
+        bins / log(top / lowest), stay, counts, every,
+    )  # fmt: skip
+    return counts, every
+
+
+@njit(cache=True, nogil=True)
+def _count_windows(
+    data: Array,
+    columns: Indices,
+    weight: Array,
+    segments: Indices,
+    window: int,
+    block: Array,
+    lowest: float,
+    per_log: float,
+    stay: int,
+    counts: Indices,
+    every: Indices,
+) -> None:
+    bins = counts.size
+    for s in range(segments.shape[0]):
+        start, stop = segments[s, 0], segments[s, 1]
         anchor, stayed = 0.0, 0
         for first in range(start, stop - window + 1, block.size):
             size = min(block.size, stop - window + 1 - first)
@@ -150,10 +206,8 @@ def variance_histogram(
                 every[place] += 1
                 if stayed <= stay:
                     counts[place] += 1
-    return counts, every
 
 
-@njit(cache=True, nogil=True)
 def rest_runs(
     data: Array,
     columns: Indices,
@@ -177,23 +231,47 @@ def rest_runs(
     shortest : int
         Samples; shorter runs are left out.
     """
-    found, count = np.empty((64, 2), np.int64), 0
-    block = np.empty(max(window, _BLOCK))
+    block = _block(window)
+    # Runs are apart, and not shorter than the shortest.
+    length = segments[:, 1] - segments[:, 0]
+    found = np.empty((int((length // max(shortest, 1) + 1).sum()), 2), np.int64)
+    first = np.concatenate([[0], ends[:-1]])
     quiet = np.empty(block.size, np.bool_)
-    half = window // 2
-    for start, stop in segments:
+    count = _write_runs(
+        data, columns, weight, first, ends, limit, segments, window, shortest, block, quiet, found
+    )
+    return found[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _write_runs(
+    data: Array,
+    columns: Indices,
+    weight: Array,
+    begins: Indices,
+    ends: Indices,
+    limit: Array,
+    segments: Indices,
+    window: int,
+    shortest: int,
+    block: Array,
+    quiet: NDArray[np.bool_],
+    found: Indices,
+) -> int:
+    count, half = 0, window // 2
+    for s in range(segments.shape[0]):
+        start, stop = segments[s, 0], segments[s, 1]
         last = stop - window  # the first sample of the last window
         begin = -1
         for first in range(start, last + 1, block.size):
             size = min(block.size, last + 1 - first)
-            quiet[:size] = True
-            c = 0
+            for k in range(size):
+                quiet[k] = True
             for kind in range(ends.size):
-                these = slice(c, ends[kind])
+                these = slice(begins[kind], ends[kind])
                 _window_variances(data, columns[these], weight[these], first, size, window, block)
                 for k in range(size):
                     quiet[k] &= block[k] < limit[kind]
-                c = ends[kind]
             for k in range(size):
                 if quiet[k] and begin < 0:
                     begin = start if first + k == start else first + k + half
@@ -201,12 +279,7 @@ def rest_runs(
                 if begin >= 0 and (at_end or not quiet[k]):
                     end = stop if at_end and quiet[k] else first + k + half
                     if end - begin >= shortest:
-                        if count == len(found):
-                            grown = np.empty((2 * count, 2), np.int64)
-                            for k in range(count):
-                                grown[k, 0], grown[k, 1] = found[k, 0], found[k, 1]
-                            found = grown
                         found[count, 0], found[count, 1] = begin, end
                         count += 1
                     begin = -1
-    return found[:count]
+    return count

@@ -21,8 +21,8 @@ from itertools import pairwise
 from math import pi
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from inercal.arrays import Array, true_ranges
 from inercal.errors import InputError
@@ -152,8 +152,10 @@ def _earlier_attitude(attitude: Attitude, before: Sequence[Dwell]) -> Attitude:
 def steady_rate(recording: Recording) -> tuple[Array, NDArray[np.bool_]]:
     """Return the mean rate over half a second, (n,) rad/s, and a mask of steady turning."""
     width = max(round(_WINDOW * recording.rate_hz), 3)
-    smooth: Array = uniform_filter1d(recording.readback[ARM_RATE], width)
-    spread: Array = maximum_filter1d(smooth, width) - minimum_filter1d(smooth, width)
+    smooth: Array = scipy.ndimage.uniform_filter1d(recording.readback[ARM_RATE], width)
+    spread: Array = scipy.ndimage.maximum_filter1d(smooth, width) - scipy.ndimage.minimum_filter1d(
+        smooth, width
+    )
     size = np.abs(smooth)
     return smooth, (spread <= _STEADY * size) & (size > TURNING_SHARE * size.max())
 

@@ -23,7 +23,7 @@ within the halves counts: a step in one rest is not noise of the others.
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from inercal.arrays import Array
 from inercal.sensors import Sensor, inverse
@@ -62,7 +62,7 @@ def density_without_hand_motion(density: Array, sensor: Sensor, sections: Iterab
     for _ in range(_ROUNDS):
         weight = 1 / (by_axis @ own)
         counted: Array = np.where(halves * weight > _CHANGED, calm, seen)
-        own, _residual = nnls(by_axis * weight[:, None], counted * weight)
+        own, _residual = scipy.optimize.nnls(by_axis * weight[:, None], counted * weight)
         own = np.maximum(own, _LEAST * float(seen.mean()))
     own = _shrink_densities(own, by_axis / (by_axis @ own)[:, None])
     replaced = density.copy()

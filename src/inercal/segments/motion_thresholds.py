@@ -35,7 +35,6 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.recording import Recording
-from inercal.segments import _kernels
 from inercal.sensors import Sensor
 
 Indices = NDArray[np.int64]
@@ -139,6 +138,8 @@ def scatter(recording: Recording, sensor: Sensor, kind: Kind) -> Array:
     InputError
         A trial axis, or no axis of this kind.
     """
+    from inercal.segments import _kernels  # loads Numba
+
     for one in axis_kinds(recording, sensor):
         if one.kind == kind:
             window, segments = window_samples(recording), gapless_segments(recording)
@@ -155,6 +156,8 @@ def motion_threshold(
 
     `segments` are (s, 2), `window` is in samples. Without two classes the threshold is infinite.
     """
+    from inercal.segments import _kernels  # loads Numba
+
     given = (recording.data, axes.columns, axes.weight, segments, window)
     top, step, changes = _kernels.variance_extent(*given)
     coarse = np.where(changes >= _MOVING * recording.time.size, step, 0.0)

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from inercal.arrays import Array, true_ranges
 from inercal.errors import InputError
 from inercal.recording import Finding, Mark, Recording
-from inercal.segments import _kernels
 from inercal.segments.motion_thresholds import (
     KIND_NAMES,
     WINDOW,
@@ -109,6 +108,8 @@ def find_rests(recording: Recording, sensor: Sensor) -> RestDetection:
     limits = [
         summed_variance(level.threshold, kind) for level, kind in zip(levels, kinds, strict=True)
     ]
+    from inercal.segments import _kernels  # loads Numba
+
     found = _kernels.rest_runs(
         recording.data,
         np.concatenate([kind.columns for kind in kinds]),

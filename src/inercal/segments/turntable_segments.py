@@ -10,8 +10,8 @@ distinguishes a turn from a move to the next position, for which the table takes
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from inercal.arrays import Array
 
@@ -83,9 +83,11 @@ def find_holds(
     quiet = np.ones(n, dtype=np.bool_)
     for column, most in zip(angles.T, hold_limits(angles), strict=True):
         own = np.ascontiguousarray(column)
-        reach = maximum_filter1d(own, window) - minimum_filter1d(own, window)
+        reach = scipy.ndimage.maximum_filter1d(own, window) - scipy.ndimage.minimum_filter1d(
+            own, window
+        )
         quiet &= reach <= most
-    held = maximum_filter1d(quiet.astype(np.uint8), window).astype(np.bool_)
+    held = scipy.ndimage.maximum_filter1d(quiet.astype(np.uint8), window).astype(np.bool_)
     settled = np.zeros(n, dtype=np.bool_)
     for start, stop in _runs(held, np.zeros(n - 1, dtype=np.bool_)).tolist():
         first = np.searchsorted(time, time[start] + settling) if start else 0

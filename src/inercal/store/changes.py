@@ -34,7 +34,7 @@ from math import erfc, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.special import gammaincc, gammainccinv
+import scipy
 
 from inercal.arrays import Array
 from inercal.calibration.verdict import COVERAGE
@@ -111,7 +111,7 @@ def joint_test(difference: Array, covariance: Array) -> JointTest:
 
 def chi2_p_value(chi2: float, dof: int) -> float:
     """Return how likely a χ² of that many degrees of freedom is as large; 1 of none."""
-    return float(gammaincc(dof / 2, chi2 / 2)) if dof else 1.0
+    return float(scipy.special.gammaincc(dof / 2, chi2 / 2)) if dof else 1.0
 
 
 class ConstancyTest(NamedTuple):
@@ -183,7 +183,7 @@ def fit_drift_line(time: Array, values: Array, std: Array) -> DriftLine | None:
     slope = float(np.sum(weights * off * (values - value))) / squares
     chi2 = float(np.sum(((values - value - slope * off) / std) ** 2))
     dof = values.size - 2
-    bound = 2 * float(gammainccinv(dof / 2, _BIRGE_PROBABILITY))
+    bound = 2 * float(scipy.special.gammainccinv(dof / 2, _BIRGE_PROBABILITY))
     birge = sqrt(chi2 / dof) if chi2 > bound else 1.0
     value_std, slope_std = birge / sqrt(float(weights.sum())), birge / sqrt(squares)
     return DriftLine(middle, value, value_std, slope, slope_std, chi2, dof, birge)

@@ -1,6 +1,6 @@
 """Units as text, "µg/g²" or "°/√h": their size in SI and their dimension.
 
-This small grammar refuses junk at once, so that only names reach pint::
+This small grammar refuses junk at once; `definitions` has the units::
 
     product = factor { ["·" | "*" | "/"] factor }
     factor  = ("√" | "sqrt") factor | (name | "1" | "(" product ")") [power]
@@ -13,43 +13,12 @@ from collections import deque
 from collections.abc import Generator
 from contextlib import contextmanager
 from difflib import get_close_matches
-from functools import cache, lru_cache
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import NamedTuple
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-
-# Definitions in pint's notation (name = size = symbol or _ = other names), and allowed prefixes.
-_UNITS = (
-    ("m = [length] = _ = meter = metre", "nµmck"),
-    ("s = [time] = _ = sec = second", "nµm"),
-    ("rad = [angle] = _ = radian", "nµm"),
-    ("K = [temperature] = _ = kelvin", "µm"),
-    ("V = [voltage] = _ = volt", "nµmk"),
-    ("A = [current] = _ = ampere", "nµm"),
-    ("LSB = [count] = _ = count", ""),
-    ("sample = [sample]", ""),
-    ("min = 60 * s = _ = minute", ""),
-    ("h = 3600 * s = _ = hr = hour", ""),
-    ("Hz = 1 / s = _ = hertz", "µmkM"),
-    (f"deg = {math.pi / 180!r} * rad = ° = degree", "m"),
-    (f"arcmin = {math.pi / 10800!r} * rad = ′", ""),
-    (f"arcsec = {math.pi / 648000!r} * rad = ″", "µm"),
-    (f"rev = {2 * math.pi!r} * rad = _ = r = turn", ""),
-    ("rpm = rev / min", ""),
-    ("dps = deg / s", "m"),
-    ("g = 9.80665 * m / s**2", "nµm"),
-    ("Gal = 0.01 * m / s**2", "µm"),
-    ("degC = K = °C = celsius", ""),
-    ("ppm = 1e-6", ""),
-    ("percent = 0.01 = %", ""),
-)
-_PREFIXES = ("n- = 1e-9", "µ- = 1e-6 = _ = u-", "m- = 1e-3", "c- = 0.01", "k- = 1e3", "M- = 1e6")
-_NAMES = {
-    names[0]: [name for i, name in enumerate(names) if i != 1 and name != "_"]
-    for names in (definition.split(" = ") for definition, _ in _UNITS)
-}
-_TAKES = dict(zip(_NAMES, (prefixes for _, prefixes in _UNITS), strict=True))
+from inercal.units.definitions import UNITS, canonical_name, known_names, size_and_dimension
 
 _KINDS = {
     "1": "a plain number",
@@ -189,28 +158,12 @@ def _dimension_name(unit: Unit) -> str:
 @lru_cache(maxsize=1024)
 def read_unit(unit: str) -> Unit:
     """Return SI size and dimension of a unit; refuse a text that is not a unit."""
-    from pint.util import UnitsContainer  # imported here: see _registry
-
     with error_context(unit):
         powers = _powers(plain_text(unit))
-        size, _ = _registry().get_base_units(UnitsContainer(powers))
+        size, dimension = size_and_dimension(powers)
         if not 0 < size < math.inf:
             raise NotationError(_NOT_A_UNIT)
-    dimension = _registry().get_dimensionality(UnitsContainer(powers))
-    return Unit(
-        float(size),
-        frozenset((name.strip("[]"), float(power)) for name, power in dimension.items()),
-        ZERO_CELSIUS if powers == {"degC": 1} else 0.0,
-    )
-
-
-@cache
-def _registry() -> Any:
-    """Return a registry of the units above and no others; pint's types are partial."""
-    import pint  # takes 0.2 s, which a program that reads no unit saves
-
-    registry: Any = pint.UnitRegistry  # its constructor takes lines too, unlike its annotation
-    return registry([*_PREFIXES, *(definition for definition, _ in _UNITS)])
+    return Unit(size, frozenset(dimension.items()), ZERO_CELSIUS if powers == {"degC": 1} else 0.0)
 
 
 def _powers(plain: str) -> dict[str, float]:
@@ -264,14 +217,15 @@ def _parse_factor(tokens: deque[str | float]) -> dict[str, float]:
 
 
 def _canonical_unit(name: str) -> str:
-    """Return pint's name of a unit with or without prefix, or refuse it with similar names."""
-    for prefix, unit, _ in _registry().parse_unit_name(name):
-        if not prefix or prefix in _TAKES.get(unit, ""):
-            return prefix + unit
-    names = [name for names in _NAMES.values() for name in names]
-    names += [prefix + unit for unit, prefixes in _TAKES.items() for prefix in prefixes]
-    near = [n for n in names if n.lower() == name.lower()] or get_close_matches(name, names)
+    """Return the canonical name of a unit with or without prefix, or refuse it with similar names.
+
+    A plural "s" is allowed after names of two letters and more.
+    """
+    if (found := canonical_name(name)) is not None:
+        return found
+    known = known_names()
+    near = [n for n in known if n.lower() == name.lower()] or get_close_matches(name, known)
     advice = f"did you mean {' or '.join(map(repr, near))}?"
     if not near:
-        advice = f"known are {', '.join(_NAMES)}"
+        advice = f"known are {', '.join(UNITS)}"
     raise InputError(f"unknown unit {_quote(name)}; {advice}", names=(name,))

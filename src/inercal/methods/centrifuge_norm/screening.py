@@ -23,8 +23,8 @@ from itertools import combinations, pairwise
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from inercal.arrays import Array
 from inercal.benches.centrifuge.bench import Centrifuge
@@ -217,7 +217,7 @@ def row_agreement(problem: Problem) -> Agreement:
         # If the stated noise is too small, not every row is a suspect.
         noise = max(1.0, _MAD_FACTOR * float(np.median(np.abs(fit.whitened))))
     # Half of the level, both signs.
-    limit = -float(ndtri(SIGNIFICANCE_LEVEL / 4 / len(fit.whitened)))
+    limit = -float(scipy.special.ndtri(SIGNIFICANCE_LEVEL / 4 / len(fit.whitened)))
     return Agreement(fit, noise, np.flatnonzero(np.abs(fit.whitened) > limit * noise))
 
 

@@ -32,7 +32,6 @@ def _corrected_motion(sensed: Array, back: Array, zero: Array, output: Array, i:
         sensed[a] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def integrate_transitions(
     time: Array,
     output: Array,
@@ -69,17 +68,45 @@ def integrate_transitions(
         Covariance of ψ by the rate's white noise on the way from `left` to `reached`, rad².
     """
     count = start.size
+    # Allocated here: in a kernel each shape takes a tenth of a second to compile.
     rotation, noise = np.empty((count, 3, 3)), np.empty((count, 3, 3))
     sensitivity = np.empty((count, 3, 3, 7))
+    _integrate(
+        time, output, start, left, reached, stop, back, zero, white, weight,
+        rotation, sensitivity, noise,
+    )  # fmt: skip
+    return rotation, sensitivity, noise
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _integrate(
+    time: Array,
+    output: Array,
+    start: Indices,
+    left: Indices,
+    reached: Indices,
+    stop: Indices,
+    back: Array,
+    zero: Array,
+    white: Array,
+    weight: Array,
+    rotation: Array,
+    sensitivity: Array,
+    noise: Array,
+) -> None:
     sensed, last, result = np.empty(7), np.empty(7), np.empty(7)
-    e, turned = np.empty((3, 3)), np.empty((3, 3))
+    # Rows of the sensitivity, (b, quantity), as separate arrays of the kernel: the compiler then
+    # knows that they do not overlap.
+    s0, s1, s2 = np.empty(21), np.empty(21), np.empty(21)
+    r, p, e, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     sensed[6] = 1.0
     weighted, before, now = weight.size > 0, 1.0, 1.0
-    for k in range(count):
-        r, p = np.eye(3), np.zeros((3, 3))
-        # Rows of the sensitivity, (b, quantity), as separate arrays: the compiler then knows that
-        # they do not overlap.
-        s0, s1, s2 = np.zeros(21), np.zeros(21), np.zeros(21)
+    for k in range(start.size):
+        for a in range(3):
+            for b in range(3):
+                r[a, b], p[a, b] = 1.0 if a == b else 0.0, 0.0
+        for j in range(21):
+            s0[j], s1[j], s2[j] = 0.0, 0.0, 0.0
         rise, fall = left[k] - start[k] + 1.0, stop[k] - reached[k] + 1.0
         for i in range(start[k], stop[k] + 1):
             for j in range(7):
@@ -157,7 +184,6 @@ def integrate_transitions(
                 sensitivity[k, 0, b, j] = s0[7 * b + j]
                 sensitivity[k, 1, b, j] = s1[7 * b + j]
                 sensitivity[k, 2, b, j] = s2[7 * b + j]
-    return rotation, sensitivity, noise
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

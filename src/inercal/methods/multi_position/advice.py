@@ -3,7 +3,7 @@
 # pyright: reportMissingTypeStubs=false
 
 import numpy as np
-from scipy.special import fdtrc
+import scipy
 
 from inercal.arrays import Array
 from inercal.calibration.verdict import COVERAGE
@@ -86,7 +86,7 @@ def g_sensitivity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
         _residual_sum_of_squares(design, weight * group.residual) for design in (weight, attitude)
     )
     ratio = (alone - with_it) / 9 / (with_it / freedom)
-    if fdtrc(9, freedom, ratio) > _TEST_LEVEL:
+    if scipy.special.fdtrc(9, freedom, ratio) > _TEST_LEVEL:
         return ()
     explained = 100 * (1 - with_it / alone)
     return (

@@ -26,7 +26,6 @@ from inercal.arrays import Array
 from inercal.errors import NotInvertible
 from inercal.frames import exp_so3, skew
 from inercal.methods import temperature
-from inercal.methods.multi_position._kernels import integrate_transitions
 from inercal.motion import Motion
 from inercal.recording import Transitions
 from inercal.sensors import Sensor
@@ -184,6 +183,8 @@ def transition_rotations(
     dT : (n,) array, optional
         Temperature of each sample minus the sensor's reference temperature, K.
     """
+    from inercal.methods.multi_position._kernels import integrate_transitions  # loads Numba
+
     model, way = inverse_model(sensor, c), transitions
     time = way.time * (1 + timebase)
     output = way.output if dT is None else output_at_reference(way.output, sensor, c, dT)

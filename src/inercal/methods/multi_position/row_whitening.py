@@ -14,8 +14,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cholesky_banded, solve_banded
 
 from inercal.arrays import Array
 from inercal.methods.multi_position.rest_observations import ResidualRows, Rests, Scatter
@@ -147,14 +147,14 @@ def whitener(rests: Rests, rows: ResidualRows, scatter: Scatter, *, norms: bool 
     for below in range(1, _BLOCK_ROWS):
         band[below, absent] = 0.0
         band[below, :-below][absent[below:]] = 0.0
-    factor: Any = cholesky_banded(band, lower=True)
+    factor: Any = scipy.linalg.cholesky_banded(band, lower=True)
 
     def whiten(columns: Array) -> Array:
         flat = columns.reshape(len(columns), -1)
         line = np.zeros((band.shape[1], flat.shape[1]))
         line[place] = flat[0 if norms else r :]
         white: Array = np.asarray(
-            solve_banded((_BLOCK_ROWS - 1, 0), factor, line), dtype=np.float64
+            scipy.linalg.solve_banded((_BLOCK_ROWS - 1, 0), factor, line), dtype=np.float64
         )
         return white[place].reshape(-1, *columns.shape[1:])
 

@@ -10,7 +10,6 @@ import numpy as np
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate
 from inercal.methods import temperature
-from inercal.methods.multi_position._kernels import delay_sums
 from inercal.methods.multi_position.rotations import inverse_model
 from inercal.observe import norm_residuals
 from inercal.recording import Observations
@@ -43,6 +42,8 @@ def gyro_delay(
     NotObserved
         Too few transitions, or nothing turned.
     """
+    from inercal.methods.multi_position._kernels import delay_sums  # loads Numba
+
     way = observations.transitions
     if way is None or len(way.rest) < _MIN_PASSAGES:
         count = 0 if way is None else len(way.rest)

@@ -17,7 +17,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import differential_evolution
+import scipy
 
 from inercal.arrays import Array
 from inercal.methods.ship_multi_angle.norm_equations import damped_solution, norm_residuals
@@ -163,7 +163,7 @@ def search(
         if late:
             raise StopIteration
 
-    best = differential_evolution(
+    best = scipy.optimize.differential_evolution(
         cost,
         list(zip(IDENTITY_PARAMETERS - half, IDENTITY_PARAMETERS + half, strict=True)),
         maxiter=generations,

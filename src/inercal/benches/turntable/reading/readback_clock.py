@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
+import scipy
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
@@ -231,7 +231,7 @@ def _interpolate_angles(table_time: Array, angles: Array, said: Array) -> Array:
     """Return angles by Hermite's cubics with slopes of central differences."""
     slopes = np.gradient(angles, table_time, axis=0)
     within = np.clip(said, table_time[0], table_time[-1])
-    return np.asarray(CubicHermiteSpline(table_time, angles, slopes)(within))
+    return np.asarray(scipy.interpolate.CubicHermiteSpline(table_time, angles, slopes)(within))
 
 
 def _resample_rates(table: WindowedRates, said: Array) -> WindowedRates:

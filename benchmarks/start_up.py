@@ -1,0 +1,70 @@
+"""Processor time of the command from its start to its end, user and system, of all its processes.
+
+Each is the least of several runs: what else the machine does can only add to it.
+"""
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks import ROOT, Row
+
+REPEAT = 5
+THREADS = "OPENBLAS_NUM_THREADS"
+PROGRAM = (sys.executable, "-c", "from inercal.cli.app import main; main()")
+
+
+def processor_time(*arguments: str | Path, status: int = 0, **environment: str) -> float:
+    """Return the processor time, s, of the program with these arguments.
+
+    The number of threads of linear algebra is the program's own choice unless it is given.
+    """
+    inherited = {k: value for k, value in os.environ.items() if k != THREADS}
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(
+        [*PROGRAM, *map(str, arguments)],
+        env=inherited | environment,
+        capture_output=True,
+        check=False,
+    )
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert done.returncode == status, done.stderr.decode()
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def least(*arguments: str | Path, status: int = 0, **environment: str) -> float:
+    """Return the least processor time of several runs, s."""
+    times = (processor_time(*arguments, status=status, **environment) for _ in range(REPEAT))
+    return min(times)
+
+
+def rows() -> list[Row]:
+    """Time a six-row table, its report, a mistyped run file, and a recording of small matrices."""
+    with TemporaryDirectory() as folder:
+        run = Path(folder) / "run.toml"
+        shutil.copytree(ROOT / "examples" / "six_position", folder, dirs_exist_ok=True)
+        mistyped = run.with_name("mistyped.toml")
+        text = run.read_text(encoding="utf-8")
+        mistyped.write_text(text.replace("latitude", "lattitude"), encoding="utf-8")
+        verb = ("calibrate", "--out", folder)
+        processor_time(*verb, run)  # modules are compiled to bytecode by the first run
+        return [
+            Row("calibrate six means, no report", least(*verb, run, "--no-report"), 0.8, "limit"),
+            Row("calibrate six means, with report", least(*verb, run), 1.8, "limit"),
+            Row("refuse a mistyped run file", least(*verb, mistyped, status=2), 0.4, "limit"),
+            one_thread(Path(folder)),
+        ]
+
+
+def one_thread(folder: Path) -> Row:
+    """Compare the program's choice of threads of linear algebra with one thread."""
+    run = folder / "ferraris" / "run.toml"
+    shutil.copytree(ROOT / "examples" / "ferraris_simulated", run.parent)
+    processor_time("simulate", run)
+    verb = ("calibrate", run, "--out", folder, "--no-report")
+    single = least(*verb, OPENBLAS_NUM_THREADS="1")
+    return Row("calibrate six positions and three turns", least(*verb), single, "one BLAS thread")

@@ -1,0 +1,27 @@
+"""`inercal compile`: all kernels, once, into the installation."""
+
+import typer
+
+from inercal.cli.console import print_json, progress_status
+
+NAME = "compile"
+
+
+def run(json: bool = typer.Option(False, "--json", help="Print one JSON object.")) -> None:
+    """Compile all kernels now, so that no later run waits for the compiler.
+
+    They are kept beside the installed modules, where a read-only installation finds them, or in the
+    user's cache where this user cannot write to the installation. It takes about a minute.
+    """
+    from inercal.kernel_cache import count_kernels
+    from inercal.kernel_compilation import compile_kernels
+
+    with progress_status("compiling kernels") as update:
+        failed = compile_kernels(lambda what: update(f"compiling kernels: {what}"))
+    place, count = count_kernels()
+    if json:
+        print_json({"folder": place, "kernels": count, "not_compiled": list(failed)})
+        return
+    print(f"{count} kernels are compiled, in {place}")
+    for line in failed:
+        print(f"not compiled: {line}")

@@ -1,0 +1,131 @@
+"""The units, their prefixes, sizes in SI and dimensions.
+
+A unit is a size times a product of powers of other units. A product of units is expanded down to
+base units, one for each dimension, in the order in which it is written::
+
+    size = Π size_i^power_i,   dimension = Σ power_i dimension_i
+"""
+
+import math
+from collections.abc import Mapping
+from functools import cache
+from typing import NamedTuple
+
+
+class UnitDefinition(NamedTuple):
+    """A unit: its names, the prefixes it takes, and its size in other units."""
+
+    names: tuple[str, ...]  # in the order in which messages list them; the first is canonical
+    prefixes: str
+    size: float
+    powers: Mapping[str, float]  # of other units by canonical name
+    dimension: str = ""  # of a base unit
+
+
+def _base(names: str, prefixes: str, dimension: str) -> UnitDefinition:
+    return UnitDefinition(tuple(names.split()), prefixes, 1.0, {}, dimension)
+
+
+def _unit(
+    names: str, prefixes: str, size: float, powers: Mapping[str, float] | None = None
+) -> UnitDefinition:
+    return UnitDefinition(tuple(names.split()), prefixes, size, powers or {})
+
+
+UNITS = {
+    unit.names[0]: unit
+    for unit in (
+        _base("m meter metre", "nµmck", "length"),
+        _base("s sec second", "nµm", "time"),
+        _base("rad radian", "nµm", "angle"),
+        _base("K kelvin", "µm", "temperature"),
+        _base("V volt", "nµmk", "voltage"),
+        _base("A ampere", "nµm", "current"),
+        _base("LSB count", "", "count"),
+        _base("sample", "", "sample"),
+        _unit("min minute", "", 60.0, {"s": 1}),
+        _unit("h hr hour", "", 3600.0, {"s": 1}),
+        _unit("Hz hertz", "µmkM", 1.0, {"s": -1}),
+        _unit("deg ° degree", "m", math.pi / 180, {"rad": 1}),
+        _unit("arcmin ′", "", math.pi / 10800, {"rad": 1}),
+        _unit("arcsec ″", "µm", math.pi / 648000, {"rad": 1}),
+        _unit("rev r turn", "", 2 * math.pi, {"rad": 1}),
+        _unit("rpm", "", 1.0, {"rev": 1, "min": -1}),
+        _unit("dps", "m", 1.0, {"deg": 1, "s": -1}),
+        _unit("g", "nµm", 9.80665, {"m": 1, "s": -2}),  # CGPM 1901, exact
+        _unit("Gal", "µm", 0.01, {"m": 1, "s": -2}),
+        _unit("degC °C celsius", "", 1.0, {"K": 1}),
+        _unit("ppm", "", 1e-6),
+        _unit("percent %", "", 0.01),
+    )
+}
+PREFIXES = {"n": 1e-9, "µ": 1e-6, "m": 1e-3, "c": 0.01, "k": 1e3, "M": 1e6}
+_SPELLINGS = {"": "", **dict(zip(PREFIXES, PREFIXES, strict=True)), "u": "µ"}  # to the prefix
+
+
+@cache
+def _canonical() -> Mapping[str, str]:
+    return {name: unit for unit, definition in UNITS.items() for name in definition.names}
+
+
+def canonical_name(name: str) -> str | None:
+    """Return a prefix and the canonical name of a unit, "µg" for "ug"; None for an unknown name.
+
+    A plural "s" may follow a name of two letters and more.
+    """
+    canonical = _canonical()
+    stems = [name]
+    if name.endswith("s"):
+        stems.append(name[:-1])
+    for stem in stems:
+        for spelling, prefix in _SPELLINGS.items():
+            unit = stem[len(spelling) :] if stem.startswith(spelling) else ""
+            if stem is not name and len(unit) == 1:
+                continue
+            found = canonical.get(unit)
+            if found is not None and (not prefix or prefix in UNITS[found].prefixes):
+                return prefix + found
+    return None
+
+
+def known_names() -> list[str]:
+    """Return all names of units, and the canonical ones with each of their prefixes."""
+    names = [name for unit in UNITS.values() for name in unit.names]
+    return names + [prefix + unit for unit, one in UNITS.items() for prefix in one.prefixes]
+
+
+def size_and_dimension(powers: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+    """Return the SI size of a product of powers of units, by canonical name, and its dimension.
+
+    A size beyond the range of floating-point numbers is infinite or zero.
+    """
+    factors: dict[float, float] = {}
+    dimension: dict[str, float] = {}
+    _expand(powers, 1.0, factors, dimension)
+    size = 1.0
+    try:
+        for factor, power in factors.items():
+            size *= factor**power
+    except OverflowError:
+        size = math.inf
+    return size, {name: power for name, power in dimension.items() if power}
+
+
+def _expand(
+    powers: Mapping[str, float],
+    power: float,
+    factors: dict[float, float],
+    dimension: dict[str, float],
+) -> None:
+    """Add the powers of sizes and of dimensions; equal sizes above and below cancel."""
+    for name, own in powers.items():
+        total = power * own
+        if name in UNITS:
+            unit = UNITS[name]
+        else:
+            unit = UnitDefinition((), "", PREFIXES[name[0]], {name[1:]: 1})
+        if unit.dimension:
+            dimension[unit.dimension] = dimension.get(unit.dimension, 0.0) + total
+        else:
+            factors[unit.size] = factors.get(unit.size, 0.0) + total
+            _expand(unit.powers, total, factors, dimension)

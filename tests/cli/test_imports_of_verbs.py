@@ -1,0 +1,75 @@
+"""What verbs import: heavy libraries only where their work needs them."""
+
+import subprocess
+import sys
+from pathlib import Path
+from shutil import copytree
+
+import pytest
+from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "six_position"
+HEAVY = ("scipy.special", "scipy.optimize", "scipy.ndimage", "numba", "matplotlib", "pyarrow")
+NOWHERE = ("pint", "pandas", "h5py")
+OTHER_METHODS = tuple(
+    f"inercal.methods.{name}"
+    for name in (
+        "centrifuge_norm",
+        "ship_multi_angle",
+        "multi_position",
+        "tumble",
+        "turntable_kalman",
+    )
+)
+WATCHED = HEAVY + NOWHERE + OTHER_METHODS
+
+
+def heavy_imports(*arguments: str | Path, status: int = 0) -> set[str]:
+    """Return which heavy libraries the program has imported when it ends with this status."""
+    code = (
+        "import sys\n"
+        "from inercal.cli.app import main\n"
+        "status = None\n"
+        "try:\n"
+        "    main()\n"
+        "except SystemExit as stop:\n"
+        "    status = stop.code or 0\n"
+        f"print([m for m in {WATCHED!r} if m in sys.modules], status, file=sys.stderr)\n"
+    )
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=False)
+    last = done.stderr.splitlines()[-1]
+    assert last.endswith(f"] {status}"), done.stderr
+    return {name for name in WATCHED if f"'{name}'" in last}
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """Return a run file of six means."""
+    return copytree(EXAMPLE, tmp_path / "run") / "run.toml"
+
+
+def test_calibrating_six_means_imports_no_compiler_no_optimiser_and_no_plots(
+    table: Path, tmp_path: Path
+):
+    options = (table, "--out", tmp_path, "--no-report")
+    assert heavy_imports("calibrate", *options) == {"scipy.special"}
+
+
+def test_a_report_of_six_means_adds_the_plots_alone(table: Path, tmp_path: Path):
+    used = {"scipy.special", "matplotlib"}
+    assert heavy_imports("calibrate", table, "--out", tmp_path) == used
+    assert heavy_imports("report", table, "--out", tmp_path / "page.html") == used
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "report", "simulate", "budget"])
+def test_a_mistyped_run_file_is_refused_before_anything_heavy_is_imported(verb: str, table: Path):
+    text = table.read_text(encoding="utf-8")
+    table.write_text(text.replace("latitude", "lattitude"), encoding="utf-8")
+    assert heavy_imports(verb, table, status=2) == set()
+
+
+def test_a_simulation_of_six_positions_imports_nothing_heavy(tmp_path: Path):
+    recording = tmp_path / "log.csv"
+    assert heavy_imports("simulate", run_file(tmp_path, SIX_POSITIONS), "--out", recording) == set()
+    assert recording.is_file()
