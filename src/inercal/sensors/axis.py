@@ -8,7 +8,6 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.motion import Motion
 from inercal.sensors.noise import Noise
 
 
@@ -78,12 +77,3 @@ class Axis:
     def frame(self) -> Array:
         """Rows I, P, O in the sensor's frame, (3, 3)."""
         return np.array([self.i, self.p, np.cross(self.i, self.p)])
-
-    def motion_components(self, motion: Motion) -> dict[str, Array]:
-        """Return the components of a motion along I, P, O by name, arrays (..., n)."""
-        seen: dict[str, Array] = {"dT": np.asarray(motion.dT, dtype=float)}
-        for letter, vectors in (("f", motion.f), ("w", motion.w), ("a", motion.dw)):
-            along = vectors @ self.frame.T
-            seen |= {letter + axis: along[..., k] for k, axis in enumerate("ipo")}
-        seen["si"], seen["swi"] = np.sign(seen["fi"]), np.sign(seen["wi"])
-        return seen

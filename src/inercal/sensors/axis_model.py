@@ -19,18 +19,16 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.frames import skew
-from inercal.motion import Motion
-from inercal.sensors.axis import Axis
 from inercal.sensors.coefficient_tables import ErrorTerm
 
 Form = Literal["reference", "tilted"]
 MOTION_COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo")
-_ARMS = ("arm_i", "arm_p", "arm_o")
-_ALONG = {"f": "fi", "w": "wi"}  # what an axis reads when it has no errors
+ARMS = ("arm_i", "arm_p", "arm_o")
+ALONG = {"f": "fi", "w": "wi"}  # what an axis reads when it has no errors
 
 
 class AxisResponse(NamedTuple):
-    """Reading of one axis and its derivatives, all (..., n)."""
+    """Readings and derivatives of k axes, all (..., n, k); derivatives of zero are absent."""
 
     reading: Array
     coefficient_derivatives: dict[str, Array]
@@ -38,62 +36,79 @@ class AxisResponse(NamedTuple):
 
 
 def axis_response(
-    axis: Axis,
+    measures: Literal["f", "w"],
     lines: Sequence[ErrorTerm],
     values: Mapping[str, Array],
-    motion: Motion,
+    seen: Mapping[str, Array],
     form: Form,
+    by: Sequence[str],
     *,
-    derive: bool,
+    design: bool,
 ) -> AxisResponse:
-    """Return the reading of an axis and, if wanted, its derivatives.
+    """Return the readings of k axes of one kind and, if wanted, their derivatives.
 
     Parameters
     ----------
-    axis : Axis
+    measures : "f" or "w"
     lines : sequence of ErrorTerm
         The terms of the model.
-    values : mapping of str to (..., 1) array
+    values : mapping of str to (..., 1, k) array
         Their coefficients in SI by short name.
-    motion : Motion
-        (..., n, 3).
+    seen : mapping of str to (..., n, k) array
+        Components of the motion along each axis's I, P and O, by name; those that do not act may
+        be missing.
     form : "reference" or "tilted"
-    derive : bool
-        Whether derivatives are wanted.
+    by : sequence of str
+        Components by which the reading is differentiated.
+    design : bool
+        Whether it is differentiated by the coefficients.
     """
-    seen = axis.motion_components(motion)
-    along = _ALONG[axis.measures]
+    along = ALONG[measures]
     geometry = _tilted_axis_response(values, seen, along) if form == "tilted" else None
     if geometry is not None:
-        seen = seen | {along: geometry.reading, "s" + along[1:]: np.sign(geometry.reading)}
+        seen = {**seen, along: geometry.reading}
+        if measures == "f" and "si" in seen:
+            seen["si"] = np.sign(geometry.reading)
     terms = [
         line
         for line in lines
         if geometry is None or line.name not in geometry.coefficient_derivatives
     ]
-    shape = np.broadcast_shapes(*(v.shape for v in (*seen.values(), *values.values())))
+    shape = np.broadcast_shapes(seen[along].shape, *(v.shape for v in values.values()))
     reading = np.broadcast_to(seen[along], shape).copy()
-    for line in terms:
-        reading += values[line.name] * line.basis.value(seen)
-    if not derive:
-        return AxisResponse(reading, {}, {})
-    coefficient_derivatives = {
-        line.name: line.basis.value(seen) + np.zeros(shape) for line in terms
-    }
-    motion_derivatives = {name: np.full(shape, float(name == along)) for name in MOTION_COMPONENTS}
-    for line in terms:
-        for name in MOTION_COMPONENTS:
-            for product in line.basis.derivative(name):
-                motion_derivatives[name] += values[line.name] * product.value(seen)
-    if geometry is None:
+    bases = [line.basis.value(seen) for line in terms]
+    for line, basis in zip(terms, bases, strict=True):
+        reading += values[line.name] * basis
+    coefficient_derivatives: dict[str, Array] = {}
+    if design:
+        coefficient_derivatives = {
+            line.name: np.asarray(basis, dtype=float)
+            for line, basis in zip(terms, bases, strict=True)
+        }
+    motion_derivatives: dict[str, Array] = {}
+    wanted = dict.fromkeys((*by, *((along,) if design and geometry is not None else ())))
+    for name in wanted if by or design else ():
+        parts = [
+            values[line.name] * product.value(seen)
+            for line in terms
+            for product in line.basis.derivative(name)
+        ]
+        if parts or name == along:
+            total = np.full(shape, float(name == along))
+            for part in parts:
+                total += part
+            motion_derivatives[name] = total
+    if geometry is None or not motion_derivatives:
         return AxisResponse(reading, coefficient_derivatives, motion_derivatives)
     # Chain rule through the rotated axis: the terms of `along` are functions of a(δ, r, f, ω).
     outer = motion_derivatives.pop(along)
-    motion_derivatives[along] = np.zeros(shape)
     for name, inner in geometry.motion_derivatives.items():
-        motion_derivatives[name] += outer * inner
-    for name, inner in geometry.coefficient_derivatives.items():
-        coefficient_derivatives[name] = outer * inner
+        if name in by:
+            rest = motion_derivatives.get(name)
+            motion_derivatives[name] = outer * inner if rest is None else rest + outer * inner
+    if design:
+        for name, inner in geometry.coefficient_derivatives.items():
+            coefficient_derivatives[name] = outer * inner
     return AxisResponse(reading, coefficient_derivatives, motion_derivatives)
 
 
@@ -107,8 +122,8 @@ def _tilted_axis_response(
     h = (1 / norm, tan_o / norm, -tan_p / norm)
     kind = along[0]
     sensed = [seen[kind + axis] for axis in "ipo"]
-    modelled = [name for name in _ARMS if name in values]
-    arm = [values.get(name, np.zeros(1)) for name in _ARMS] if modelled else []
+    modelled = [name for name in ARMS if name in values]
+    arm = [values.get(name, np.zeros(1)) for name in ARMS] if modelled else []
     coefficient_derivatives: dict[str, Array] = {}
     motion_derivatives = {kind + axis: h[k] for k, axis in enumerate("ipo")}
     if arm:
@@ -121,7 +136,7 @@ def _tilted_axis_response(
         ]
         along_r = _apply(np.swapaxes(cross, -1, -2), h_row)
         coefficient_derivatives = {
-            name: along_r[..., k] for k, name in enumerate(_ARMS) if name in modelled
+            name: along_r[..., k] for k, name in enumerate(ARMS) if name in modelled
         }
         # h·(ω × (ω × r)) = (h·ω)(ω·r) − (h·r) ω², so d/dω = h (ω·r) + (h·ω) r − 2 (h·r) ω
         dot = {"wr": (w * r).sum(-1), "hw": (h_row * w).sum(-1), "hr": (h_row * r).sum(-1)}

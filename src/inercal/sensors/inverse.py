@@ -144,13 +144,15 @@ def _newton(
 ) -> Array:
     """Return (f, ω), (..., n, 6), of a chunk that begins at sample `first`."""
     origin = _motion(across, rates, dT)
-    at_origin = sensor.slope(origin, c) @ basis
-    x = _solve(at_origin, y - sensor.forward(origin, c))
+    reading, slope = sensor.reading_and_slope(origin, c)
+    at_origin = slope @ basis
+    x = _solve(at_origin, y - reading)
     size = np.abs(x).max(axis=-1, keepdims=True) + np.finfo(float).tiny
     step = np.full_like(x, np.inf)
     for _ in range(_MAX_STEPS):
         motion = _motion(across + x @ basis.T, rates, dT)
-        new = _solve(sensor.slope(motion, c) @ basis, y - sensor.forward(motion, c))
+        reading, slope = sensor.reading_and_slope(motion, c)
+        new = _solve(slope @ basis, y - reading)
         settled = np.abs(new) <= 4 * np.finfo(float).eps * size
         x, step = x + new, new
         if settled.all():

@@ -4,7 +4,7 @@
 All functions broadcast over leading axes of trials: motion `(..., n, 3)`, coefficients `(..., p)`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -16,9 +16,10 @@ from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.sensors.axis import Axis
-from inercal.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form, axis_response
+from inercal.sensors.axis_model import MOTION_COMPONENTS, AxisResponse, Form
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.sensors.similar_axes import SimilarAxes
 
 
 class Linearisation(NamedTuple):
@@ -141,10 +142,56 @@ class Sensor:
     def _readout(self, what: str) -> Array:
         return np.array([getattr(axis.readout, what) for axis in self.axes])
 
+    @cached_property
+    def _groups(self) -> tuple[SimilarAxes, ...]:
+        """The axes, those of one kind with the same terms together."""
+        alike: dict[tuple[str, tuple[ErrorTerm, ...]], list[int]] = {}
+        for k, axis in enumerate(self.axes):
+            terms = sorted(self._by_axis[axis.name], key=TABLES[axis.measures].index)
+            alike.setdefault((axis.measures, tuple(terms)), []).append(k)
+        return tuple(
+            SimilarAxes.of(self.axes, members, terms, self.coefficients)
+            for (_, terms), members in alike.items()
+        )
+
     def forward(self, motion: Motion, c: Array) -> Array:
         """Return noise-free readings in SI, (..., n, m), for coefficients `c`, (..., p) in SI."""
-        responses = [self._respond(axis, motion, c, derive=False) for axis in self.axes]
-        return np.stack(np.broadcast_arrays(*(r.reading for r in responses)), axis=-1)
+        return self._reading([group.response(motion, c, self.form, ()) for group in self._groups])
+
+    def _reading(self, responses: Sequence[AxisResponse]) -> Array:
+        if len(responses) == 1:
+            return responses[0].reading
+        lead = np.broadcast_shapes(*(r.reading.shape[:-1] for r in responses))
+        reading = np.empty((*lead, len(self.axes)))
+        for group, response in zip(self._groups, responses, strict=True):
+            reading[..., group.members] = response.reading
+        return reading
+
+    def reading_and_slope(
+        self, motion: Motion, c: Array, by: Sequence[str] = MOTION_COMPONENTS
+    ) -> tuple[Array, Array]:
+        """Return the reading, (..., n, m), and its slope, (..., n or 1, m, 6), without the design.
+
+        Parameters
+        ----------
+        motion, c
+            As of `forward`.
+        by : sequence of str
+            Components along the axes by which the reading is differentiated; the slope leaves out
+            the others.
+        """
+        if self.affine:
+            one = self._linearise_affine(motion, c)
+            return one.reading, one.slope
+        responses = [group.response(motion, c, self.form, by) for group in self._groups]
+        reading = self._reading(responses)
+        return reading, self._slope(responses, reading.shape)
+
+    def _slope(self, responses: Sequence[AxisResponse], shape: tuple[int, ...]) -> Array:
+        slope = np.zeros((*shape, 6))
+        for group, response in zip(self._groups, responses, strict=True):
+            group.add_slope(response, slope)
+        return slope
 
     def design(self, motion: Motion, c: Array) -> Array:
         """Return d(reading)/d(coefficient) at `c`, (..., n, m, p); exact."""
@@ -155,24 +202,22 @@ class Sensor:
 
         The axis of samples has length 1 where the slope is the same for all of them.
         """
-        return self.linearise(motion, c).slope
+        return self.reading_and_slope(motion, c)[1]
 
     def linearise(self, motion: Motion, c: Array) -> Linearisation:
         """Return the reading, (..., n, m), with `design` and `slope`, in one pass."""
         if self.affine:
             return self._linearise_affine(motion, c)
-        responses = [self._respond(axis, motion, c, derive=True) for axis in self.axes]
-        shape = np.broadcast_shapes(*(r.reading.shape for r in responses))
-        reading = np.stack([np.broadcast_to(r.reading, shape) for r in responses], axis=-1)
-        design = np.zeros((*shape, len(self.axes), len(self.coefficients)))
-        slope = np.zeros((*shape, len(self.axes), 6))
-        for k, (axis, response) in enumerate(zip(self.axes, responses, strict=True)):
+        responses = [
+            group.response(motion, c, self.form, MOTION_COMPONENTS, design=True)
+            for group in self._groups
+        ]
+        reading = self._reading(responses)
+        design = np.zeros((*reading.shape, len(self.coefficients)))
+        for group, response in zip(self._groups, responses, strict=True):
             for short, column in response.coefficient_derivatives.items():
-                design[..., k, self.coefficients.index(f"{axis.name}.{short}")] = column
-            for name, column in response.motion_derivatives.items():
-                block = slice(0, 3) if name[0] == "f" else slice(3, 6)
-                slope[..., k, block] += column[..., None] * axis.frame["ipo".index(name[1])]
-        return Linearisation(reading, design, slope)
+                design[..., group.members, group.columns[short]] = column
+        return Linearisation(reading, design, self._slope(responses, reading.shape))
 
     def _linearise_affine(self, motion: Motion, c: Array) -> Linearisation:
         """Return the same from two products of matrices: y = (A₀ + Σ c B) (f, ω, 1)."""
@@ -198,11 +243,3 @@ class Sensor:
         at[:, :6] -= at[:, 6:]
         maps = np.swapaxes(at, -1, -2)
         return maps[p], maps[:p] - maps[p]
-
-    def _respond(self, axis: Axis, motion: Motion, c: Array, *, derive: bool) -> AxisResponse:
-        lines = self._by_axis[axis.name]
-        values = {
-            line.name: c[..., self.coefficients.index(f"{axis.name}.{line.name}"), None]
-            for line in lines
-        }
-        return axis_response(axis, lines, values, motion, self.form, derive=derive)
