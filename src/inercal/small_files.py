@@ -61,6 +61,14 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
     return raw
 
 
+def is_file(path: Path) -> bool:
+    """Return whether a path is that of a regular file; a text that can be no name is that of none.
+
+    `Path.is_file` raises OSError where a name is too long.
+    """
+    return os.path.isfile(path)
+
+
 def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
     """Return the content of a TOML text.
 

@@ -118,6 +118,25 @@ def test_files_of_a_folder_are_not_written_over_an_input_or_another_kind(folder:
             place.rmdir() if place.is_dir() else place.unlink()
 
 
+@pytest.mark.parametrize("verb", FILE_VERBS)
+def test_nothing_is_written_where_the_working_directory_was_deleted(
+    folder: Path, tmp_path: Path, verb: str
+):
+    arguments, inputs = FILE_VERBS[verb]
+    names = (*inputs, "run.toml", "head.toml", "run.calibration.json", "register.db")
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    before = content(folder)
+    with chdir(gone):
+        gone.rmdir()
+        code, _, error = run_program(
+            *(str(folder / one) if one in names else one for one in arguments), "--out", "a.html"
+        )
+    assert (code, error[:9]) == (2, "inercal: "), error
+    assert error.rstrip("\n").isprintable()
+    assert content(folder) == before
+
+
 def test_a_page_of_another_origin_stays(folder: Path):
     refused(folder, "report", "run.toml", "--out", "photo.html")
 

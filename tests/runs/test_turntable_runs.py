@@ -227,6 +227,7 @@ def test_a_table_that_never_rests_is_refused(tmp_path: Path):
         ("[method]", 'marks = "labels"\n\n[method]', "[data] marks"),
         ("[method]", 'angle = "outer"\n\n[method]', "[data] angle"),
         ('"path.csv"', '"none.csv"', "[method] path: 'none.csv'"),
+        ('"path.csv"', f'"{"x" * 300}"', "[method] path"),
         ('"path.csv"', '"path.csv"\nseconds = "9 s"', "[method] seconds"),
         ('white = "0.1 °/√h"\n', "", "[sensor.gyro] white"),
         ('"turntable_kalman"\npath', '"ferraris"\npath', "ferraris"),

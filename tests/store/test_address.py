@@ -1,5 +1,6 @@
 """Where a register is: what is taken, what is refused in one line, and that no password is said."""
 
+import json
 import os
 import socket
 import sqlite3
@@ -12,6 +13,7 @@ import pytest
 from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, content, ten, write
 
+from inercal.calibration.files import parse
 from inercal.cli.app import main
 from inercal.errors import InputError
 from inercal.store import Register
@@ -123,6 +125,15 @@ def test_a_file_that_is_no_database_is_refused_and_left(tmp_path: Path):
     assert "cannot be opened" in refusal(str(tmp_path))
     assert "cannot be opened" in refusal(str(tmp_path / "none" / "r.db"))
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("create", [False, True])
+def test_a_name_that_is_too_long_is_one_line(tmp_path: Path, create: bool):
+    calibration = parse(json.dumps(content(DRIFTING, 0.0, np.random.default_rng(1))), "first")
+    with refused(InputError, key="--register") as refusal:
+        Register(str(tmp_path / ("x" * 300)), create=create).enter_calibrations([calibration])
+    assert str(refusal.value).isprintable()
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_cut_register_is_one_line(tmp_path: Path):

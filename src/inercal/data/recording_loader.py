@@ -12,6 +12,7 @@ from inercal.io.read import Columns, detect_reader, read_recording
 from inercal.recording import Finding, Recording
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
+from inercal.small_files import is_file
 from inercal.units import parse_quantity
 
 READBACK = "readback"  # key in `DataSection.further_files` of the file with the bench's readback
@@ -136,7 +137,7 @@ def _data_file_options(run: Source[DataSection]) -> dict[str, object]:
 
 def file_reader_options(run: Source[DataSection], name: str) -> dict[str, object]:
     """Return the options that the reader of a file knows; none where the file does not exist."""
-    if not run.reader_options or not run.file(name).exists():
+    if not run.reader_options or not is_file(run.file(name)):
         return {}
     known = detect_reader(run.file(name)).keys
     return {key: value for key, value in run.reader_options.items() if key in known}

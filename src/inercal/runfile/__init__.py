@@ -37,7 +37,7 @@ from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
-from inercal.small_files import parse_toml, read_small_file, read_toml
+from inercal.small_files import is_file, parse_toml, read_small_file, read_toml
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
@@ -152,7 +152,7 @@ class Run:
     def input_files(self) -> list[Path]:
         """Return the run file and the existing files that its keys and values name."""
         named = map(self.file, _texts(read_toml(self.path, "run file")))
-        return [self.path, *(path for path in named if _is_file(path))]
+        return [self.path, *(path for path in named if is_file(path))]
 
 
 def _texts(content: object) -> Iterator[str]:
@@ -166,13 +166,6 @@ def _texts(content: object) -> Iterator[str]:
     elif isinstance(content, list):
         for value in cast(list[object], content):
             yield from _texts(value)
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # a text that cannot be a name
-        return False
 
 
 def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> Run:

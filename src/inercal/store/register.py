@@ -1,5 +1,6 @@
 """The register itself: what is entered, and what is read from it."""
 
+import os
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from getpass import getuser
@@ -70,7 +71,7 @@ class Register:
         self.files = () if self._address.file is None else (self._address.file,)
         self._engine = make_engine(self._address)
         file = self._address.file
-        self.exists = file is None or file.exists()
+        self.exists = file is None or os.path.exists(file)
         if file is not None and not self.exists:
             require_place_of_register(file, create=create)
         else:

@@ -27,6 +27,7 @@ from inercal.io.column_table import Table
 from inercal.io.read import read_table
 from inercal.plan import Position, Rotation, Step, TableStep
 from inercal.section_settings import key_error
+from inercal.small_files import is_file
 from inercal.units import si_factor
 
 _WORDS = ("label", "kind", "axis")
@@ -185,7 +186,7 @@ def path_plan(
             )
         return plan
     file = folder / name
-    if not file.is_file():
+    if not is_file(file):
         raise key_error(
             "[method] path",
             f"{name!r} is neither a file in {folder} nor one of {', '.join(PATHS)}",
