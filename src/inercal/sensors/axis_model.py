@@ -87,7 +87,7 @@ def axis_response(
         }
     motion_derivatives: dict[str, Array] = {}
     wanted = dict.fromkeys((*by, *((along,) if design and geometry is not None else ())))
-    for name in wanted if by or design else ():
+    for name in wanted:
         parts = [
             values[line.name] * product.value(seen)
             for line in terms

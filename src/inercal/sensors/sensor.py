@@ -167,23 +167,17 @@ class Sensor:
             reading[..., group.members] = response.reading
         return reading
 
-    def reading_and_slope(
-        self, motion: Motion, c: Array, by: Sequence[str] = MOTION_COMPONENTS
-    ) -> tuple[Array, Array]:
-        """Return the reading, (..., n, m), and its slope, (..., n or 1, m, 6), without the design.
+    def reading_and_slope(self, motion: Motion, c: Array) -> tuple[Array, Array]:
+        """Return the reading, (..., n, m), and its `slope`, (..., n or 1, m, 6), in one pass.
 
-        Parameters
-        ----------
-        motion, c
-            As of `forward`.
-        by : sequence of str
-            Components along the axes by which the reading is differentiated; the slope leaves out
-            the others.
+        Where the design is not wanted, this takes less time than `linearise`.
         """
         if self.affine:
             one = self._linearise_affine(motion, c)
             return one.reading, one.slope
-        responses = [group.response(motion, c, self.form, by) for group in self._groups]
+        responses = [
+            group.response(motion, c, self.form, MOTION_COMPONENTS) for group in self._groups
+        ]
         reading = self._reading(responses)
         return reading, self._slope(responses, reading.shape)
 
