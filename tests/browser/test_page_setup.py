@@ -13,6 +13,7 @@ def test_a_run_is_set_up_and_started_by_keyboard_alone(page: Page, scripted: Scr
     expect(page.get_by_role("heading", name="Set up a run")).to_be_visible()
     tab_to(page, "Name")
     page.keyboard.type("Ada")
+    expect(page.get_by_role("radio", name="mimu.toml")).to_be_visible()
     tab_to(page, "mimu.toml")
     page.keyboard.press("Space")
     page.keyboard.press("ArrowDown")

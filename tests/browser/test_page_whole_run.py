@@ -46,6 +46,8 @@ def test_a_run_is_set_up_watched_paused_finished_and_read_by_keyboard_alone(
     expect(page.get_by_role("heading", name="Set up a run")).to_be_visible()
     tab_to(page, "Name")
     page.keyboard.type("Ada")
+    # A server that has just started imports what reads a plan first.
+    expect(page.get_by_role("radio", name="plan.toml")).to_be_visible(timeout=STARTING)
     tab_to(page, "plan.toml")
     page.keyboard.press("Space")
     tab_to(page, "Start the run")
