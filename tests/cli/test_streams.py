@@ -51,6 +51,7 @@ VERBS = (
     ("apply", "run.calibration.json", "run.toml", "--out", "corrected.csv", "--force"),
     ("store", "import", "run.calibration.json", "--register", "register.db"),
     ("store", "list", "--register", "register.db"),
+    ("bench", "devices"),
     ("--help",),
 )
 
@@ -88,6 +89,22 @@ def test_each_verb_ends_well_whatever_its_output_is(run: Path, arguments: tuple[
         assert "run.calibration.json" in shell(run, "> /dev/full", *arguments)[2]
         assert calibration.stat().st_mtime_ns > before
         load(calibration)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("redirection", "status", "encoding"),
+    [("> /dev/full", 2, "utf-8"), ("| head -1", 0, "utf-8"), ("", 0, "ascii"), ("", 0, "cp1252")],
+)
+def test_a_run_on_a_bench_is_finished_whatever_its_output_is(
+    run: Path, tmp_path: Path, redirection: str, status: int, encoding: str
+):
+    folder = str(tmp_path / "demo")
+    arguments = ("demo", "--quick", "--out", folder)
+    code, _, error = shell(run, redirection, *arguments, PYTHONIOENCODING=encoding)
+    assert (code, "Traceback" in error) == (status, False), error
+    load(tmp_path / "demo" / "mimu.calibration.json")
+    assert (folder in error.splitlines()[-1]) == (status == 2)
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused
 
 import inercal
 from inercal.host.bench_run import BenchRun
@@ -69,6 +70,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     }
     run = {"six_position/run.toml", "ferraris_simulated/run.toml", "hand_held/simulated.toml"}
     run |= {f"hand_held/{name}.toml" for name in ("xsens", "mpu9150")}  # by tests/accuracy
+    run |= {"six_position/archive.toml"}
     run |= {"six_position/soaks.toml"}  # by tests/runs/test_temperature_runs.py
     # by tests/runs/test_centrifuge_runs.py
     run |= {f"centrifuge/{name}.toml" for name in ("printed", "corrected", "lab", "arm_run")}
@@ -110,6 +112,21 @@ def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: 
     nees = error @ np.linalg.solve(calibration.covariance, error)
     # χ² with 33 (30, 24) degrees of freedom: these are its 0.003 % (0.5 % of 24) and 99.9 % points.
     assert 10 < nees < 63
+
+
+def test_a_compressed_recording_is_calibrated_within_the_limit_that_its_run_file_states(
+    examples: Path,
+):
+    path = examples / "six_position" / "archive.toml"
+    run = read(path)
+    write_recordings({run.file(name): made for name, made in simulate_files(run).items()})
+    calibration = calibrate(path).calibration
+    sd = dict(zip(calibration.sensor.coefficients, calibration.std, strict=True))["ay.k1"]
+    assert calibration.value("ay.k1") == pytest.approx(-0.004, abs=4 * sd)
+    text = path.read_text("utf-8")
+    path.write_text(text.replace("most_values = 100_000", "most_values = 20_000"), "utf-8")
+    with refused(key="[data] most_values"):
+        calibrate(path)
 
 
 @pytest.mark.slow

@@ -102,6 +102,13 @@ def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, c
     ]
     path, seen = tmp_path / "mutated.calibration.json", {"refused": 0, "read": 0}
     work = tmp_path / "work"
+    # A report of a run whose prior knowledge is a calibration.
+    for name in ("lab.toml", "lab.csv"):
+        shutil.copy(EXAMPLES / "dividing_head" / name, tmp_path)
+    report = tmp_path / "lab.toml"
+    text = report.read_text("utf-8")
+    assert text.count("centrifuge.calibration.json") == 1
+    report.write_text(text.replace("centrifuge.calibration.json", path.name), "utf-8")
 
     @seed(count)
     @tried(count)
@@ -138,6 +145,10 @@ def test_a_mutated_calibration_is_refused_or_read_as_it_stands(tmp_path: Path, c
                 )
             applied = run_program("apply", path, run, "--out", work / "corrected.csv").status
             assert applied == 2 if expected else applied in (0, 2)
+        # Drawing takes a second: where the file is refused nothing is drawn.
+        if rng.random() < min(1.0, (400 if expected else 40) / count):
+            reported = run_program("report", report, "--out", tmp_path / "lab.html").status
+            assert reported == 2 if expected else reported in (0, 2)
 
     once()
     assert seen["refused"] > 0.3 * count

@@ -75,22 +75,57 @@ def mat_element(kind: int, content: bytes) -> bytes:
     return struct.pack("<2I", kind, len(content)) + content
 
 
-def mat(path: Path, size: int = 8 * 500_000_000, declared: int | None = None) -> None:
-    """Write a packed matrix, whose last element declares `size` bytes and has as many zeros."""
-    flags = mat_element(6, struct.pack("<2I", 6, 0))
-    shape = mat_element(5, struct.pack("<2i", size // 8, 1))
-    name = mat_element(1, b"ax\0\0\0\0\0\0")
-    head = (
-        struct.pack("<2I", 14, declared or size + 64)
-        + flags
-        + shape
-        + name
-        + struct.pack("<2I", 9, size)
-    )
+def mat_matrix(kind: int, shape: tuple[int, int], name: bytes = b"") -> bytes:
+    """Return the head of a matrix of a class, before its values."""
+    flags, sides = struct.pack("<2I", kind, 0), struct.pack("<2i", *shape)
+    return mat_element(6, flags) + mat_element(5, sides) + mat_element(1, name)
+
+
+def packed_mat(path: Path, head: bytes, zeros: int) -> None:
+    """Write a file with one packed element: a head, and zeros."""
     packer = zlib.compressobj(9)
     packed = packer.compress(head)
     block = bytes(1 << 24)
-    for _ in range(size >> 24):
+    for _ in range(zeros >> 24):
+        packed += packer.compress(block)
+    packed += packer.compress(bytes(zeros & ((1 << 24) - 1))) + packer.flush()
+    title = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x100) + b"IM"
+    path.write_bytes(title + mat_element(15, packed))
+
+
+DOUBLES, CELLS, STRUCT = 6, 1, 2  # classes of MATLAB
+NAME = b"ax\0\0\0\0\0\0"
+
+
+def mat(path: Path) -> None:
+    """Write numbers that are stored as bytes, as MATLAB stores small integers."""
+    head = mat_matrix(DOUBLES, (N, 1), NAME) + struct.pack("<2I", 2, N)
+    packed_mat(path, struct.pack("<2I", 14, len(head) + N) + head, N)
+
+
+def mat_long(path: Path) -> None:
+    """Write a matrix whose values are more than it declares."""
+    head = mat_matrix(DOUBLES, (100, 1), NAME) + struct.pack("<2I", 2, N)
+    packed_mat(path, struct.pack("<2I", 14, 1000) + head, N)
+
+
+def mat_struct(path: Path) -> None:
+    """Write a struct with such numbers in its field."""
+    inner = mat_matrix(DOUBLES, (N, 1)) + struct.pack("<2I", 2, N)
+    fields = struct.pack("<HHI", 5, 4, 8) + mat_element(1, NAME)
+    head = mat_matrix(STRUCT, (1, 1), NAME) + fields
+    head += struct.pack("<2I", 14, len(inner) + N) + inner
+    packed_mat(path, struct.pack("<2I", 14, len(head) + N) + head, N)
+
+
+def mat_cells(path: Path) -> None:
+    """Write cells without values: eight bytes each in the file, and an array each once loaded."""
+    cells = N // 10
+    head = mat_matrix(CELLS, (cells, 1), NAME)
+    packer = zlib.compressobj(9)
+    packed = packer.compress(struct.pack("<2I", 14, len(head) + 8 * cells) + head)
+    block = struct.pack("<2I", 14, 0) * (1 << 20)
+    for _ in range(cells >> 20):
         packed += packer.compress(block)
     packed += packer.flush()
     title = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x100) + b"IM"
@@ -116,14 +151,16 @@ BOMBS: dict[str, tuple[Callable[[Path], None], str]] = {
     "a.h5": (hdf5, "h5py"),
     "filled.h5": (hdf5_filled, "h5py"),
     "a.mat": (mat, "scipy.io"),
-    "short.mat": (lambda path: mat(path, declared=1000), "scipy.io"),
+    "long.mat": (mat_long, "scipy.io"),
+    "struct.mat": (mat_struct, "scipy.io"),
+    "cells.mat": (mat_cells, "scipy.io"),
     "a.parquet": (parquet, "pyarrow.parquet"),
     "dictionary.parquet": (parquet_dictionary, "pyarrow.parquet"),
 }
 
 
 # Values that are not stored, a label of 100 MB, a variable longer than it declares.
-REFUSED_OTHERWISE = ("a.h5", "dictionary.parquet", "short.mat")
+REFUSED_OTHERWISE = ("a.h5", "dictionary.parquet", "long.mat")
 
 
 @pytest.mark.slow

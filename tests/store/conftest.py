@@ -14,6 +14,7 @@ import pytest
 from psycopg.sql import SQL, Identifier
 
 _OWNER = "postgres"  # initdb refuses root: this user has the server then
+GUARDED, PASSWORD = "guarded", "se:cr@et\\x"  # the one user whom the server asks for a password
 
 
 @pytest.fixture(scope="session")
@@ -38,6 +39,8 @@ def server() -> Iterator[str]:
             )
 
         run("initdb", "--username=inercal", "--auth=trust", "--encoding=UTF8", "--no-sync")
+        hba = Path(data, "pg_hba.conf")
+        hba.write_text(f"local all {GUARDED} scram-sha-256\n{hba.read_text()}")
         options = f"-c listen_addresses='' -c unix_socket_directories='{folder}' -c fsync=off"
         run("pg_ctl", "start", "--wait", "--log", f"{folder}/log", "--options", options)
         try:
@@ -78,6 +81,20 @@ def database(server: str) -> Iterator[str]:
         connection.execute(SQL("CREATE DATABASE {}").format(Identifier(name)))
         yield f"postgresql://inercal@/{name}?host={server}"
         connection.execute(SQL("DROP DATABASE {} WITH (FORCE)").format(Identifier(name)))
+
+
+@pytest.fixture
+def guarded(server: str, database: str) -> str:
+    """Give the address of a register whose user needs `PASSWORD`."""
+    name = database.partition("@/")[2].partition("?")[0]
+    with psycopg.connect(f"host={server} user=inercal dbname={name}", autocommit=True) as one:
+        # Users belong to the server: the second test of a session finds it.
+        if not one.execute("SELECT FROM pg_roles WHERE rolname = %s", [GUARDED]).fetchall():
+            one.execute(
+                SQL("CREATE ROLE {} LOGIN PASSWORD {}").format(Identifier(GUARDED), PASSWORD)
+            )
+        one.execute(SQL("GRANT ALL ON SCHEMA public TO {}").format(Identifier(GUARDED)))
+    return database.replace("inercal@", f"{GUARDED}@")
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.refusals import refused
 from tests.store.calibration_generator import DRIFTING, content, ten, write
+from tests.store.conftest import GUARDED, PASSWORD
 
 from inercal.calibration.files import parse
 from inercal.cli.app import main
@@ -115,6 +116,27 @@ def test_a_server_that_is_not_there_is_refused_with_its_address_and_no_password(
 def test_a_server_without_that_database_says_so(database: str):
     name = database.partition("@/")[2].partition("?")[0]
     assert "does not exist" in refusal(database.replace(name, "none"))
+
+
+def test_a_password_is_read_from_a_file_or_the_environment_as_by_libpq(
+    guarded: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "passwords"
+    path.touch(mode=0o600)
+    monkeypatch.setenv("PGPASSFILE", str(path))
+    monkeypatch.delenv("PGPASSWORD", raising=False)
+    path.write_text(f"*:*:*:{GUARDED}:not{PASSWORD[:2]}\n")
+    assert PASSWORD not in refusal(guarded)
+    escaped = PASSWORD.replace("\\", "\\\\").replace(":", "\\:")
+    path.write_text(f"elsewhere:*:*:{GUARDED}:other\n*:*:*:{GUARDED}:{escaped}\n")
+    with Register(guarded) as register:
+        assert register.sensors() == ()
+        assert PASSWORD not in register.address
+    path.unlink()
+    assert PASSWORD not in refusal(guarded)
+    monkeypatch.setenv("PGPASSWORD", PASSWORD)
+    with Register(guarded) as register:
+        assert register.sensors() == ()
 
 
 def test_a_file_that_is_no_database_is_refused_and_left(tmp_path: Path):

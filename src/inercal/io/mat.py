@@ -1,20 +1,18 @@
 """MATLAB files up to version 7, through SciPy; those of version 7.3 are HDF5 (see `hdf5`)."""
 
-import os
-import struct
 import warnings
-import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.errors import InputError
 from inercal.io.column_table import ReadRequest, Table, shorten
+from inercal.io.mat_sizes import loaded_sizes
 from inercal.io.readers import Reader
 from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 from inercal.io.variables import (
@@ -28,10 +26,6 @@ from inercal.io.variables import (
     Variable,
     table_from_variables,
 )
-
-_TITLE, _COMPRESSED = 128, 15  # bytes of the title; the type of a packed element
-_MOST_PACKED = 1100  # times; deflate reaches 1032
-_BLOCK, _PADDING = 1 << 20, 64  # bytes
 
 _NUMBERS = {"double", "single", "logical"} | {
     f"{u}int{b}" for u in ("", "u") for b in (8, 16, 32, 64)
@@ -69,51 +63,14 @@ def read_mat(path: Path, wanted: ReadRequest, most_values: int = MOST_VALUES) ->
 
 
 def _refuse_too_large(path: Path, most_values: int) -> None:
-    """Refuse a file of version 7 with a variable that unpacks to more than is read.
+    """Refuse a file of version 7 with variables that are larger than what is read.
 
-    What it declares is compared with what it has. Nothing is kept of what is unpacked.
+    Numbers are loaded one by one, and only if used; what holds others is loaded whole.
     """
-    with path.open("rb") as file:
-        if not file.read(_TITLE).startswith(b"MATLAB 5.0"):
-            return
-        file.seek(126)
-        order: Literal["little", "big"] = "little" if file.read(2) == b"IM" else "big"
-        while len(tag := file.read(8)) == 8:
-            kind, size = struct.unpack("<2I" if order == "little" else ">2I", tag)
-            if kind != _COMPRESSED:
-                file.seek(size, os.SEEK_CUR)
-                continue
-            refuse_too_many_values(
-                _unpacked_size(file, size, order, 8 * most_values), most_values, path.name
-            )
-
-
-def _unpacked_size(file: BinaryIO, size: int, order: Literal["little", "big"], limit: int) -> int:
-    """Return how many bytes an element declares; count them where that is within the limit.
-
-    Raises
-    ------
-    InputError
-        It has more bytes than it declares.
-    """
-    # Each byte of the packed stream stands for at most so many: no need to unpack small elements.
-    if size * _MOST_PACKED <= limit:
-        file.seek(size, os.SEEK_CUR)
-        return 0
-    unpacker, end = zlib.decompressobj(), file.tell() + size
-    begin = unpacker.decompress(file.read(min(_BLOCK, size)), 8)
-    declared = int.from_bytes(begin[4:8], order)
-    count = len(begin)
-    # What a variable declares may be too little: then the file is damaged, or made to look so.
-    while count <= declared + _PADDING and declared <= limit and not unpacker.eof:
-        packed = unpacker.unconsumed_tail or file.read(min(_BLOCK, max(end - file.tell(), 0)))
-        if not packed:
-            break
-        count += len(unpacker.decompress(packed, _BLOCK))
-    if count > declared + _PADDING:
-        raise InputError("a packed variable is longer than it declares; write the file again")
-    file.seek(end)
-    return declared
+    whole = 0
+    for size, holds_others in loaded_sizes(path, 8 * most_values):
+        whole += size if holds_others else 0
+        refuse_too_many_values(max(size, whole), most_values, path.name)
 
 
 def _variables(path: Path, scipy_io: Any) -> list[Variable]:

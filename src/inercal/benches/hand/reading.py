@@ -177,7 +177,8 @@ def _planned_sections(
     observations = averaged(recording, run.sensor, marks, steps, found=True, drifting=True)
     if run.data.marks == "found":
         observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
-    if run.data.gyro and not run.sensor.select_axes("w").axes:
+    stated = run.data.model_fields_set & {"gyro", "gyro_file"}
+    if stated and not run.sensor.select_axes("w").axes:
         note = f"method {run.method.name} does not use the gyros"
         observations = replace(observations, notes=(*observations.notes, note))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
