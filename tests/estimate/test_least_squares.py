@@ -33,13 +33,17 @@ def problem(
     noise: Array | Callable[[Array], Array] = NOISE,
     priors: tuple[Gaussian, ...] = (),
     gauges: tuple[Gauge, ...] = (),
+    *,
+    correlated: bool = False,
 ) -> Problem:
     def linearise(x: Array) -> tuple[Array, Array]:
         h, jacobian = model(x)
         return y - h, jacobian
 
     start = np.broadcast_to(start, (*y.shape[:-1], 4))
-    return Problem(NAMES, start, linearise, noise, np.ones(4), priors, gauges)
+    return Problem(
+        NAMES, start, linearise, noise, np.ones(4), priors, gauges, correlated=correlated
+    )
 
 
 def data(trials: int | None = None, seed: int = 1) -> Array:
@@ -130,7 +134,9 @@ def test_a_prior_is_a_pseudo_observation():
     noise = np.zeros((14, 14))
     noise[:12, :12] = np.eye(12) * 1e-4
     noise[12:, 12:] = covariance
-    observed = least_squares(Problem(NAMES, TRUTH * 1.2, linearise, noise, np.ones(4)))
+    observed = least_squares(
+        Problem(NAMES, TRUTH * 1.2, linearise, noise, np.ones(4), correlated=True)
+    )
     assert_allclose(with_prior.value, observed.value, rtol=1e-9)
     assert_allclose(with_prior.covariance, observed.covariance, rtol=1e-7)
     assert_allclose(with_prior.chi2, observed.chi2, rtol=1e-9)
@@ -142,7 +148,7 @@ def test_correlated_noise_is_decorrelated(trials: int | None):
     y = data(trials)
     sd, rho = 0.01, 0.8
     noise = sd**2 * rho ** np.abs(np.subtract.outer(np.arange(12), np.arange(12)))
-    estimate = least_squares(problem(y, noise=noise))
+    estimate = least_squares(problem(y, noise=noise, correlated=True))
     inverse = np.linalg.inv(noise)
     first = 0 if trials else slice(None)
     value = estimate.value[first] if trials else estimate.value
@@ -153,6 +159,16 @@ def test_correlated_noise_is_decorrelated(trials: int | None):
     assert_allclose(covariance, np.linalg.inv(jacobian.T @ inverse @ jacobian), rtol=1e-7)
     chi2 = estimate.chi2[first] if trials else estimate.chi2
     assert_allclose(chi2, residual @ inverse @ residual, rtol=1e-9)
+
+
+def test_as_many_trials_as_observations_keep_their_own_deviations():
+    sd = 0.01 * np.random.default_rng(0).uniform(1, 2, size=(12, 12))
+    y = data(12)
+    together = least_squares(problem(y, noise=sd))
+    for k in range(12):
+        alone = least_squares(problem(y[k], noise=sd[k]))
+        assert_allclose(together.value[k], alone.value, rtol=1e-8)
+        assert_allclose(together.covariance[k], alone.covariance, rtol=1e-7)
 
 
 @pytest.mark.parametrize("trials", [None, 20])
@@ -224,7 +240,7 @@ def test_a_model_that_overflows_on_the_way_is_survived(trials: int | None, noise
         return y - h, (t * h)[..., None]
 
     start = np.full((1,) if trials is None else (trials, 1), 0.1)
-    steep = Problem(("rate",), start, linearise, noise, np.ones(1))
+    steep = Problem(("rate",), start, linearise, noise, np.ones(1), correlated=noise.ndim == 2)
     estimate = least_squares(steep)
     assert not all(seen)
     assert np.all(estimate.converged)

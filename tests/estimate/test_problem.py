@@ -8,6 +8,7 @@ from tests.refusals import refused
 
 from inercal.estimate import Gauge, Gaussian, Problem, least_squares
 
+SKEW = np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]])
 DESIGN = np.array([[1.0, 0.0], [1.0, 1.0], [1.0, 2.0]])
 GOOD = Problem(
     ("a", "b"),
@@ -43,9 +44,11 @@ def test_a_malformed_problem_is_refused_by_its_argument(
     [
         ({"noise": np.ones(4)}, "noise", ()),
         ({"noise": np.array([1, 0.0, 1])}, "noise", ("second",)),
-        ({"noise": np.ones((3, 3))}, "covariance", ()),  # singular
-        ({"noise": np.array([[1, 2, 0], [0, 1, 0], [0, 0, 1.0]])}, "covariance", ()),
-        ({"noise": np.diag([1, np.nan, 1])}, "covariance", ()),
+        ({"noise": np.ones((3, 3))}, "noise", ()),
+        ({"noise": np.ones(3), "correlated": True}, "noise", ()),
+        ({"noise": np.ones((3, 3)), "correlated": True}, "covariance", ()),  # singular
+        ({"noise": SKEW, "correlated": True}, "covariance", ()),
+        ({"noise": np.diag([1, np.nan, 1]), "correlated": True}, "covariance", ()),
         ({"observations": ("one",)}, "observations", ()),
         ({"linearise": lambda x: (np.ones(3), DESIGN.T)}, "linearise", ()),
         ({"linearise": lambda x: (np.full(3, np.inf), DESIGN)}, "linearise", ()),

@@ -7,6 +7,7 @@ from inercal.estimate.priors_and_gauges import Gauge, Gaussian
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate, ResidualGroup
 from inercal.estimate.scores import Candidate, ModelTest, ScoreTest, ScoreTestSet, score_tests
+from inercal.estimate.trial_blocks import least_squares_of_trials
 
 __all__ = [
     "Candidate",
@@ -23,5 +24,6 @@ __all__ = [
     "ScoreTestSet",
     "SmoothedStates",
     "least_squares",
+    "least_squares_of_trials",
     "score_tests",
 ]

@@ -89,7 +89,7 @@ def least_squares(
     """
     system = WhitenedProblem(problem)
     structure = nullspace.observability(system, system.first)
-    point, converged, iterations = _search(system, loss, max_iterations)
+    point, converged, iterations = search(system, loss, max_iterations)
     if converged[0]:
         # An accident at the solution, such as a parameter of zero, may hide what the start shows.
         at_solution = nullspace.observability(system, point)
@@ -160,7 +160,7 @@ def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint)
     return score_tests(residual, jacobian, found, system.basis)
 
 
-def _search(
+def search(
     system: WhitenedProblem, loss: Cauchy | None, max_iterations: int
 ) -> tuple[LinearisationPoint, Bools, NDArray[np.intp]]:
     """Return the last point, which trials converged (trials,), and the steps tried (trials,)."""

@@ -7,7 +7,7 @@ x = x₀ + Z t with C Z = 0, not by a large weight.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,6 +71,10 @@ class Gaussian:
             return None
         kept = tuple(self.names[i] for i in keep)
         return Gaussian(kept, self.mean[..., keep], self.covariance[np.ix_(keep, keep)])
+
+    def of_trials(self, part: slice) -> "Gaussian":
+        """Return the prior of some trials; the same where all trials share it."""
+        return self if self.mean.ndim == 1 else replace(self, mean=self.mean[part])
 
     def rows(self, names: Sequence[str]) -> tuple[Array, Array]:
         """Return the whitened rows L⁻¹ over all parameters `names`, (k, p), and L⁻¹ μ, (..., k)."""

@@ -36,10 +36,10 @@ class Problem:
         with x as `start` first, and then, where there are trials, for all of them, (trials, p). A
         Jacobian that all trials share may stay (m, p).
     noise : array or callable
-        Standard deviation of the observations, (m,) or (trials, m), or their covariance, (m, m) or
-        (trials, m, m); an (m, m) array is always a covariance. Or a callable of x that returns
-        either: the weights are constant within a step and updated between steps. It is called after
-        `linearise`, with the same x.
+        Standard deviation of the observations, (m,) or (trials, m); with `correlated` their
+        covariance, (m, m) or (trials, m, m). Or a callable of x that returns it: the weights are
+        constant within a step and updated between steps. It is called after `linearise`, with the
+        same x.
     scale : (p,) array
         Typical size of each parameter, positive; it makes singular values free of units.
     priors : tuple of Gaussian
@@ -59,6 +59,8 @@ class Problem:
         From the solution x (p,) to the parameters that the problem omits or takes as known, with
         the derivatives of the observations, not whitened; each gets a score test. Called only for a
         problem without trials.
+    correlated : bool
+        Whether `noise` is a covariance: of as many trials as observations its shape cannot tell.
 
     Raises
     ------
@@ -78,6 +80,7 @@ class Problem:
     known_nulls: tuple[KnownNull, ...] = ()
     rounding: float = 1e-12
     candidates: Candidates | None = None
+    correlated: bool = False
 
     def __post_init__(self) -> None:
         p = len(self.names)

@@ -155,15 +155,13 @@ class WhitenedProblem:
 
     def _whitener(self, noise: Array) -> Whitener:
         m, leads = self.m, ((), (1,), (self.trials,))
-        if noise.shape[-2:] == (m, m) and noise.shape[:-2] in leads:
+        if self.problem.correlated:
+            if noise.shape[-2:] != (m, m) or noise.shape[:-2] not in leads:
+                raise self._noise_shape_error(noise, f"a covariance (..., {m}, {m})")
             inverse = np.asarray(np.linalg.inv(cholesky(noise, "noise")), dtype=float)
             return Whitener(inverse.reshape(-1, m, m), full=True)
         if noise.shape[-1:] != (m,) or noise.shape[:-1] not in leads:
-            raise InputError(
-                f"noise has shape {noise.shape}; expected standard deviations (..., {m}) or a "
-                f"covariance (..., {m}, {m}), with no leading axis or one of 1 or {self.trials}",
-                key="noise",
-            )
+            raise self._noise_shape_error(noise, f"standard deviations (..., {m})")
         if not np.all(np.isfinite(noise) & (noise > 0)):
             bad: int = int(np.flatnonzero(~(np.isfinite(noise) & (noise > 0)))[0]) % m
             label = self.problem.observations[bad] if self.problem.observations else f"{bad}"
@@ -173,6 +171,13 @@ class WhitenedProblem:
                 names=(label,),
             )
         return Whitener(1 / noise.reshape(-1, m), full=False)
+
+    def _noise_shape_error(self, noise: Array, expected: str) -> InputError:
+        return InputError(
+            f"noise has shape {noise.shape}; expected {expected}, with no leading axis or one of "
+            f"1 or {self.trials}",
+            key="noise",
+        )
 
 
 def _gauge_basis(problem: Problem) -> tuple[Array | None, Array]:

@@ -23,6 +23,7 @@ from inercal.methods.observability import (
     require_bias_scale_separation,
     require_observed,
 )
+from inercal.methods.row_comparison import ReadingNoise
 from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Observations
 from inercal.sensors import Sensor, inverse
@@ -86,7 +87,8 @@ def problem(
     """
     noise = _reading_noise(observations)
     if curvature is not None:
-        noise = observations.full_covariance + curvature.covariance
+        full = observations.full_covariance + curvature.covariance
+        noise = ReadingNoise(full, correlated=True)
         observations = replace(observations, mean=observations.mean - curvature.shift)
     # The recording states how long a step took, not the plan.
     lasting = [
@@ -134,13 +136,14 @@ def _zero_input_readings(sensor: Sensor, done: Sequence[HandStep]) -> NDArray[np
     return (across | (still[:, None] & rates)).ravel()
 
 
-def _reading_noise(observations: Observations) -> Array:
-    """Return the covariance of all readings, or without correlations their deviations, (..., r·m).
+def _reading_noise(observations: Observations) -> ReadingNoise:
+    """Return the covariance of all readings, or without correlations their deviations.
 
     Standard deviations are faster to whiten by.
     """
     blocks = observations.covariance
     variance = np.diagonal(blocks, axis1=-2, axis2=-1)
     if observations.drift is None and np.count_nonzero(blocks) == np.count_nonzero(variance):
-        return np.sqrt(variance).reshape(*variance.shape[:-2], -1)
-    return observations.full_covariance
+        deviations = np.sqrt(variance).reshape(*variance.shape[:-2], -1)
+        return ReadingNoise(deviations, correlated=False)
+    return ReadingNoise(observations.full_covariance, correlated=True)

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.benches import MeanBench, MeanMotion
 from inercal.errors import InputError
-from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem, least_squares
-from inercal.methods import candidates, temperature
+from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem
+from inercal.methods import candidates, temperature, trial_blocks
 from inercal.methods.estimator_inputs import require_matching_rows
+from inercal.methods.row_comparison import ReadingNoise, RowComparison
 from inercal.observe import vector_residuals
 from inercal.parameters import Parameter
 from inercal.recording import Observations
@@ -54,27 +55,6 @@ class Unknowns(NamedTuple):
     def bench_values(self, x: Array) -> Mapping[str, Array]:
         """Return the bench's parameters by full name, (...) SI, of parameters x (..., p + k)."""
         return self.exact | {n: x[..., self.p + k] for k, n in enumerate(self.nuisances)}
-
-
-class RowComparison(NamedTuple):
-    """How n observations are compared with the bench's motion.
-
-    Parameters
-    ----------
-    linearise : callable
-        As `Problem.linearise`.
-    noise : array or callable
-        As `Problem.noise`.
-    rows : tuple of n str
-        Names of the observations.
-    relative_size : callable
-        From parameters to the largest ratio of an observation to its standard deviation.
-    """
-
-    linearise: Callable[[Array], tuple[Array, Array]]
-    noise: Array | Callable[[Array], Array]
-    rows: tuple[str, ...]
-    relative_size: Callable[[Array], float]
 
 
 def joint(
@@ -123,18 +103,21 @@ def joint(
     offsets = {
         name: bench.reading_offsets(done, sensor, {name: np.array(1.0)}) for name in declared
     }
-    whole = problem(
+    columns = {name: one.ravel() for name, one in offsets.items() if one.ndim and one.any()}
+    estimate = trial_blocks.solve(
         observations,
-        sensor,
-        declared,
-        lambda q: bench.mean_motion(done, q),
         priors,
-        reading_columns={
-            name: one.ravel() for name, one in offsets.items() if one.ndim and one.any()
-        },
-        with_drift_candidate=True,
+        lambda some, own: problem(
+            some,
+            sensor,
+            declared,
+            lambda q: bench.mean_motion(done, q),
+            own,
+            reading_columns=columns,
+            with_drift_candidate=True,
+        ),
     )
-    return replace(least_squares(whole), tests=observations.tests)
+    return replace(estimate, tests=observations.tests)
 
 
 def problem(
@@ -151,7 +134,7 @@ def problem(
     families: Mapping[str, Sequence[str]] | None = None,
     common_errors: Sequence[str] = (),
     unknown_forces: Mapping[str, Array] | None = None,
-    stated_noise: Array | None = None,
+    stated_noise: ReadingNoise | None = None,
     zero_input: NDArray[np.bool_] | None = None,
 ) -> Problem:
     """Return the problem of all readings.
@@ -183,8 +166,8 @@ def problem(
     unknown_forces : mapping of str to (...) array, optional
         Start values of specific forces without a prior, m/s², by the names that `motion_function`
         takes.
-    stated_noise : (..., m r) or (..., m r, m r) array, optional
-        Deviations of the readings, or their covariance, in place of that of the observations.
+    stated_noise : ReadingNoise, optional
+        In place of that of the observations.
     zero_input : (m r,) array of bool, optional
         As of `inercal.methods.candidates.candidate_function`.
     """
@@ -259,6 +242,7 @@ def build_problem(
         start=first,
         linearise=comparison.linearise,
         noise=comparison.noise,
+        correlated=comparison.correlated,
         scale=np.concatenate([parameter_scales(sensor, loose), np.full(len(forces), G0)]),
         priors=with_bench_priors(loose, priors),
         wanted=sensor.coefficients,
@@ -273,7 +257,7 @@ def compare_vectors(
     motion_function: MotionFunction,
     reading_columns: Mapping[str, Array] | None = None,
     dwell_covariance: Callable[[Array, MeanMotion], Array] | None = None,
-    stated_noise: Array | None = None,
+    stated_noise: ReadingNoise | None = None,
 ) -> RowComparison:
     """Compare each reading with that of the motion its axis sensed; arguments as of `problem`."""
     p, sensor, nuisances = unknowns.p, unknowns.sensor, unknowns.nuisances
@@ -302,7 +286,7 @@ def compare_vectors(
             slope[..., at] = columns
         return residual, slope
 
-    full = observations.full_covariance if stated_noise is None else stated_noise
+    full, correlated = stated_noise or ReadingNoise(observations.full_covariance, correlated=True)
 
     def noise(x: Array) -> Array:
         assert dwell_covariance is not None
@@ -317,7 +301,7 @@ def compare_vectors(
 
     rows = tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels)
     return RowComparison(
-        linearise, full if dwell_covariance is None else noise, rows, relative_size
+        linearise, full if dwell_covariance is None else noise, correlated, rows, relative_size
     )
 
 

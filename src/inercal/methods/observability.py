@@ -75,12 +75,16 @@ def require_observed(estimate: Estimate, sensor: Sensor, missing: Sequence[HandS
     NotObserved
         Naming the coefficients and the directions.
     """
-    p = len(sensor.coefficients)
-    scaled = estimate.covariance[..., :p, :p] / np.outer(sensor.unit_scale, sensor.unit_scale)
-    trials = scaled.reshape(-1, p, p)
+    p, limit = len(sensor.coefficients), OBSERVABILITY_LIMIT**2
+    covariance = estimate.covariance.reshape(-1, *estimate.covariance.shape[-2:])[:, :p, :p]
+    # No variance exceeds the trace: eigenvalues of few trials, if any, are computed.
+    trace = np.diagonal(covariance, axis1=-2, axis2=-1) @ sensor.unit_scale**-2.0
+    suspects = covariance[trace > limit] / np.outer(sensor.unit_scale, sensor.unit_scale)
+    if not len(suspects):
+        return
     # Of many trials, the trial with the largest variance of its weakest direction decides.
-    variance, directions = np.linalg.eigh(trials[np.argmax(np.linalg.eigvalsh(trials)[:, -1])])
-    weak = directions[:, variance > OBSERVABILITY_LIMIT**2].T
+    variance, directions = np.linalg.eigh(suspects[np.argmax(np.linalg.eigvalsh(suspects)[:, -1])])
+    weak = directions[:, variance > limit].T
     if not len(weak):
         return
     raise not_observed_error(

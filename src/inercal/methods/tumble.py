@@ -54,9 +54,8 @@ from inercal.benches.dividing_head.covariance import bench_covariance, reading_s
 from inercal.benches.dividing_head.passes import evenly_spaced_angles as even_angles
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian
-from inercal.estimate import least_squares as solve
 from inercal.keys import CoefficientName
-from inercal.methods import dividing_head_problem, estimator_inputs
+from inercal.methods import dividing_head_problem, estimator_inputs, trial_blocks
 from inercal.methods import tumble_harmonics as harmonics
 from inercal.methods._base import Method
 from inercal.methods.dual_orthogonal import coefficient_sums
@@ -108,7 +107,11 @@ def least_squares(
     """
     angle = _checked_angles(observations, sensor, steps)
     try:
-        estimate = solve(dividing_head_problem.problem(observations, sensor, bench, steps, priors))
+        estimate = trial_blocks.solve(
+            observations,
+            priors,
+            lambda some, own: dividing_head_problem.problem(some, sensor, bench, steps, own),
+        )
         require_observed(estimate, sensor, missing=())
     except NotObserved as error:
         raise harmonics.not_observed_error(

@@ -345,6 +345,28 @@ class Observations:
         """Whether the recorded temperatures differ by more than a temperature sensor's error."""
         return _temperature_varies(self.temperature)
 
+    @property
+    def lead(self) -> tuple[int, ...]:
+        """The leading axes of trials; () for one recording."""
+        t = self.temperature
+        return np.broadcast_shapes(
+            self.mean.shape[:-2], self.covariance.shape[:-3], () if t is None else t.shape[:-1]
+        )
+
+    def of_trials(self, part: slice) -> "Observations":
+        """Return some trials, of one leading axis; what all trials share stays whole."""
+
+        def some(array: Array, own: int) -> Array:
+            return array[part] if array.ndim > own and len(array) > 1 else array
+
+        t = self.temperature
+        return replace(
+            self,
+            mean=some(self.mean, 2),
+            covariance=some(self.covariance, 3),
+            temperature=None if t is None else some(t, 1),
+        )
+
     def rows(self, at: Sequence[int]) -> "Observations":
         """Return some rows, without transitions, changes within rows and samples."""
         kept = list(at)

@@ -31,7 +31,7 @@ from inercal.calibration.forms import Frame
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate, Gaussian, least_squares
 from inercal.keys import CoefficientName
-from inercal.methods import estimator_inputs
+from inercal.methods import estimator_inputs, trial_blocks
 from inercal.methods._base import Fit, Method, Remarks
 from inercal.methods.centrifuge_norm import closed_formulas
 from inercal.methods.centrifuge_norm.arm_plans import plan
@@ -82,7 +82,9 @@ def ml(
     NotObserved
         Coefficients that these dwells do not determine.
     """
-    estimate = least_squares(problem(observations, sensor, bench, steps, priors))
+    estimate = trial_blocks.solve(
+        observations, priors, lambda some, own: problem(some, sensor, bench, steps, own)
+    )
     require_observed(estimate, sensor, missing=())
     notes = [_observability_note(estimate)]
     if bench.indexing is None:

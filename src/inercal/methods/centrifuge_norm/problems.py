@@ -31,7 +31,8 @@ from inercal.methods.centrifuge_norm.rotation_gauge import (
     require_gauge,
     rotation_null_directions,
 )
-from inercal.methods.mean_problem import RowComparison, Unknowns
+from inercal.methods.mean_problem import Unknowns
+from inercal.methods.row_comparison import RowComparison
 from inercal.observe import NoisyNormResiduals, noisy_norm_residuals, norm_residuals
 from inercal.parameters import Parameter
 from inercal.plan import Spin
@@ -206,6 +207,7 @@ def _compare_norms(
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     shared = _same_dwell_rows(observations, bench, steps)
     warmth = temperature.row_offsets(observations, sensor)
+    correlated = shared is not None or observations.drift is not None
 
     @_cache_last_result
     def compared(x: Array) -> tuple[SpecificForceNorm, MeanMotion | None, NoisyNormResiduals]:
@@ -235,7 +237,7 @@ def _compare_norms(
 
     def noise(x: Array) -> Array:
         result, turned, seen = compared(x)
-        if shared is None and observations.drift is None:
+        if not correlated:
             return np.sqrt(seen.variance + result.dwell**2)
         full = seen.variance[..., None] * np.eye(len(steps))
         if shared is None:
@@ -256,7 +258,7 @@ def _compare_norms(
         result, _, seen = compared(x)
         return float(np.max(result.norm / np.sqrt(seen.variance)))
 
-    return RowComparison(linearise, noise, observations.labels, relative_size)
+    return RowComparison(linearise, noise, correlated, observations.labels, relative_size)
 
 
 def _same_dwell_rows(

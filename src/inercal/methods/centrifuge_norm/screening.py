@@ -227,11 +227,9 @@ def _with_independent_rows(problem: Problem) -> Problem:
     assert callable(stated)
 
     def noise(x: Array) -> Array:
-        result = stated(x)
-        matrix = result.ndim == x.ndim + 1
-        return np.sqrt(np.diagonal(result, axis1=-2, axis2=-1)) if matrix else result
+        return np.sqrt(np.diagonal(stated(x), axis1=-2, axis2=-1))
 
-    return replace(problem, noise=noise)
+    return replace(problem, noise=noise, correlated=False) if problem.correlated else problem
 
 
 def _single_changes(written: Array, channels: Sequence[str]) -> Iterator[list[Repair]]:

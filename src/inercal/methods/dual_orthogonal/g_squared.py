@@ -182,6 +182,7 @@ def problem(
         start=np.zeros(p),
         linearise=linearise,
         noise=noise + bench.gravity.sd**2,
+        correlated=True,
         scale=sensor.unit_scale,
         priors=tuple(priors),
         gauges=gauges(sensor),

@@ -233,6 +233,7 @@ def _second_stage_problem(
         start=np.zeros((*noise.shape[:-2], len(maps.names))),  # each trial may have its noise
         linearise=linearise,
         noise=noise,
+        correlated=True,
         scale=unit_scale,
         priors=priors,
         gauges=g_squared.gauges(sensor),

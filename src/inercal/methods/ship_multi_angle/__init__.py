@@ -23,8 +23,8 @@ from dataclasses import replace
 from inercal.benches.rate_table.bench import RateTable, mounting_names
 from inercal.benches.rate_table.fixture import TiltConvention, multi_angle_plan, planar_plan
 from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian, least_squares
-from inercal.methods import prediction_error
+from inercal.estimate import Estimate, Gaussian
+from inercal.methods import prediction_error, trial_blocks
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.observability import require_observed
@@ -86,9 +86,12 @@ def joint(
         Coefficients that these states do not determine.
     """
     require_matching_rows(observations, sensor, steps)
-    requested = joint_problem(observations, sensor, bench, steps, priors)
     try:
-        estimate = least_squares(requested)
+        estimate = trial_blocks.solve(
+            observations,
+            priors,
+            lambda some, own: joint_problem(some, sensor, bench, steps, own),
+        )
         require_observed(estimate, sensor, missing=())
     except NotObserved:
         if not priors:
