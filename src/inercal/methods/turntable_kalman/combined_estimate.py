@@ -58,7 +58,7 @@ def run_filter(
     passage = run.follow(track)
     course, found, checked = passage.history, run.estimate, None
     if smooth:
-        checked = filter_tests.innovation_test_data(passage, found)
+        checked = filter_tests.innovation_test_data(result, passage, found)
         course = replace(course, smoothed=passage.smoothed(result.time_varying_states))
     return FilterResult(
         result.triad, course.names, found.value, found.covariance, course,

@@ -139,9 +139,7 @@ class Filter(ABC, Generic[S]):
         return pass_over(self, state, track)
 
     @abstractmethod
-    def advance(
-        self, state: S, track: Track, wanted: Array | None = None
-    ) -> tuple[S, FilterPiece]:
+    def advance(self, state: S, track: Track, wanted: Array | None = None) -> tuple[S, FilterPiece]:
         """Return the state after the samples of a piece of a track, and what the filter did.
 
         Parameters

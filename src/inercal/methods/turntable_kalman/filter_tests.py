@@ -44,10 +44,12 @@ class InnovationTestData(NamedTuple):
 
 
 def innovation_test_data(
-    passage: Passage[AttitudeState] | Passage[VelocityState], found: FilterEstimate
+    made: GyroFilter | AccelerometerFilter,
+    passage: Passage[AttitudeState] | Passage[VelocityState],
+    found: FilterEstimate,
 ) -> InnovationTestData:
     """Return the data for the tests of a filter; `found` is its estimate at the end of the run."""
-    made, track, time = passage.filter, passage.track, passage.history.time
+    track, time = passage.track, passage.history.time
     theta = found.value[: len(made.initial_values)]
     # Driving constants act on gyros from the start of the run.
     whole = np.concatenate([track.time[:1], time]) if isinstance(made, GyroFilter) else time
@@ -58,7 +60,7 @@ def innovation_test_data(
     if time.size:
         gyros, first = isinstance(made, GyroFilter), _columns(made, at, 0, 1)
         names = first.columns
-        pieces = _pieces_with_columns(passage, at, standard)
+        pieces = _pieces_with_columns(made, passage, at, standard)
         sums = omitted_constant_sums(
             pieces,
             _initial_sensitivity(made, first),
@@ -73,10 +75,13 @@ def innovation_test_data(
 
 
 def _pieces_with_columns(
-    passage: Passage[AttitudeState] | Passage[VelocityState], at: ColumnInputs, standard: Array
+    made: GyroFilter | AccelerometerFilter,
+    passage: Passage[AttitudeState] | Passage[VelocityState],
+    at: ColumnInputs,
+    standard: Array,
 ) -> Iterator[tuple[FilterSteps, Array, Array]]:
     """Yield steps and columns of each piece, and write the standardised innovations."""
-    made, first = passage.filter, 0
+    first = 0
     for piece in passage.pieces():
         stop = first + piece.time.size
         if stop > first:

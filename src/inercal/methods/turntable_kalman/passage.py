@@ -149,7 +149,8 @@ def pass_over(filter_: "Filter[S]", state: S, track: Track, piece: int | None = 
     n, epoch = track.time.size, filter_.epoch
     seconds = float(track.time[-1] - track.time[0]) if n else 0.0
     if piece is None:
-        piece = min(PIECE_EPOCHS * max(round(epoch * n / seconds), 1) if seconds else n, PIECE_SAMPLES)
+        samples = max(round(epoch * n / seconds), 1) if seconds else 1  # of an epoch
+        piece = min(PIECE_EPOCHS * samples, PIECE_SAMPLES)
     starts = list(range(0, n, max(piece, 1))) or [0]
     stride = max(-int(-seconds // (epoch * MAX_SHOWN_EPOCHS)), 1)
     before: list[S] = []
