@@ -65,8 +65,8 @@ class SimulatedErrors:
         driving = [*range(DRIVING), COUNT - 1]
         order = [*driving, *range(DRIVING, COUNT - 1)]
         found = omitted_constant_sums(
-            made, self.start[:, order], self.driven[:, :, driving], 0,
-            self.seen[:, :, DRIVING : COUNT - 1], ROW,
+            [(made, self.driven[:, :, driving], self.seen[:, :, DRIVING : COUNT - 1])],
+            self.start[:, order], 0, ROW,
         )  # fmt: skip
         back = np.argsort(order)
         return x, OmittedSums(
@@ -148,8 +148,10 @@ def test_observations_that_do_not_count_still_correct_the_states():
             steps.off[e, k], steps.s[e, k] = update(
                 x, p, drawn.h[e, k], z[e, k], drawn.r[k], steps.gain[e, k]
             )
-    columns = drawn.start[:, :DRIVING], drawn.driven[:, :, :DRIVING], 0, zero((EPOCHS, 2, 0)), ROW
-    whole, some = omitted_constant_sums(steps, *columns), omitted_constant_sums(steps, *columns, 2)
+    pieces = [(steps, drawn.driven[:, :, :DRIVING], zero((EPOCHS, 2, 0)))]
+    start = drawn.start[:, :DRIVING]
+    whole = omitted_constant_sums(pieces, start, 0, ROW)
+    some = omitted_constant_sums(pieces, start, 0, ROW, 2)
     np.testing.assert_array_equal(whole.moved, some.moved)
     least = np.linalg.eigvalsh(whole.gram - some.gram)[0]
     assert least > -1e-9

@@ -112,14 +112,16 @@ def largest_accepted(shown: DemonstrationResult, clean: Track) -> float:
     assert isinstance(bench, Turntable)
     made = FILTER_CONFIGS["full"].filter("w", outcome.calibration.sensor, bench, track)
     assert isinstance(made, GyroFilter)
-    course, steps = made.begin(track).step(track, made.time_varying_states)
+    passage = made.begin(track).follow(track)
+    course = passage.history
+    variance = np.concatenate([piece.steps.s for piece in passage.pieces()])
     at = np.searchsorted(track.time, course.time) - made.lag
     both = np.searchsorted(clean.time, track.time[at])
     assert (clean.time[both] == track.time[at]).all()
     said, true = (reference_attitude(bench, a) for a in (track.angles[at], clean.angles[both]))
     error = log_so3(said @ np.swapaxes(true, -1, -2))
     used = course.nis > 0
-    return float(np.sqrt(np.max(np.sum(error[used] ** 2 / steps.s[used], axis=-1))))
+    return float(np.sqrt(np.max(np.sum(error[used] ** 2 / variance[used], axis=-1))))
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,7 @@ from inercal.methods.turntable_kalman import METHOD
 from inercal.methods.turntable_kalman._gyros import run_gyro_filter as compiled_gyros
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.gyros import GyroFilter
+from inercal.methods.turntable_kalman.passage import pass_over
 from inercal.recording import Track
 from inercal.units import Measured
 
@@ -256,6 +257,21 @@ def test_a_recording_in_pieces_is_the_whole_to_the_last_bit(
     assert state.nis == pytest.approx(whole.nis, rel=1e-12)
     assert np.array_equal(np.concatenate([part.value for part in parts]), course.value)
     assert np.array_equal(np.concatenate([part.time for part in parts]), course.time)
+
+
+@pytest.mark.parametrize("kind", [GyroFilter, AccelerometerFilter])
+def test_the_smoother_from_checkpoints_is_that_of_the_whole(
+    made: turntable.Draw, kind: type[GyroFilter] | type[AccelerometerFilter]
+):
+    one = track(made).trial(0)
+    ours: Any = kind.from_track(sensor(flicker=True), bench(), one)
+    names = ours.time_varying_states
+    whole, parts = (
+        pass_over(ours, ours.start(one), one, piece).smoothed(names) for piece in (10**6, 1300)
+    )
+    # Of a value near zero the rounding is that of the sums it is a difference of.
+    assert np.max(np.abs(parts.value - whole.value) / whole.std) < 1e-10
+    np.testing.assert_allclose(parts.std, whole.std, rtol=1e-10)
 
 
 def test_both_filters_make_one_estimate_in_the_sensors_order(made: turntable.Draw):

@@ -2,17 +2,23 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from inercal.arrays import Array
+
+Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothedStates:
-    """States that vary with time: their smoothed estimates at each epoch, from all epochs.
+    """States that vary with time: their smoothed estimates from all epochs.
 
     Parameters
     ----------
     names : tuple of r str
-    value, std : (e, r) arrays
+    value, std : (k, r) arrays
+        At the epochs of `FilterHistory.shown`.
     """
 
     names: tuple[str, ...]
@@ -32,14 +38,16 @@ class FilterHistory:
         Of the estimated states.
     time : (e,) array
         s, of each epoch.
-    value, std : (e, n) arrays
-        Estimates and standard deviations after the epoch.
+    value, std : (k, n) arrays
+        Estimates and standard deviations after the epochs `shown`.
     innovation : (e, q) array
         Observation minus prediction.
     nis : (e,) array
         Normalised innovation squared of q components; its mean is q where the model holds.
     smoothed : SmoothedStates or None
         None where no state was smoothed.
+    shown : (k,) array of int or None
+        Epochs that estimates are kept of, evenly spaced and the last; None is each of them.
     """
 
     name: str
@@ -50,3 +58,9 @@ class FilterHistory:
     innovation: Array
     nis: Array
     smoothed: SmoothedStates | None = None
+    shown: Indices | None = None
+
+    @property
+    def shown_time(self) -> Array:
+        """Times of the epochs that estimates are kept of, (k,) s."""
+        return self.time if self.shown is None else self.time[self.shown]

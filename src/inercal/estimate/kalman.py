@@ -31,14 +31,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from inercal.arrays import Array
+
+Indices = NDArray[np.int64]
 
 
 class FilterSteps(NamedTuple):
     """The steps of a filter of n states at each of e epochs: a prediction, then m observations.
 
-    A filter writes into row `epoch % len(s)`: without smoothing one row is enough.
+    A filter writes into row `epoch % len(s)`: where nobody asks for them one row is enough.
     """
 
     a: Array  # (e, k, n) and (e, n): Φ as `predict` takes it, since the epoch before
@@ -52,7 +55,7 @@ class FilterSteps(NamedTuple):
 
 
 def allocate_steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> FilterSteps:
-    """Return empty arrays for the steps of a filter; of one epoch where nothing is smoothed.
+    """Return arrays for the steps of a filter.
 
     Parameters
     ----------
@@ -60,16 +63,40 @@ def allocate_steps(epochs: int, n: int, k: int, m: int, wanted: Array) -> Filter
         e, states, driven states, observations.
     wanted : (r, n) array
     """
-    e = epochs if wanted.size else 1
     return FilterSteps(
-        np.zeros((e, k, n)),
-        np.ones((e, n)),
-        np.zeros((e, m, n)),
-        np.zeros((e, m, n)),
-        np.zeros((e, m)),
-        np.zeros((e, m)),
+        np.zeros((epochs, k, n)),
+        np.ones((epochs, n)),
+        np.zeros((epochs, m, n)),
+        np.zeros((epochs, m, n)),
+        np.zeros((epochs, m)),
+        np.zeros((epochs, m)),
         wanted,
-        np.zeros((e, len(wanted), n)),
+        np.zeros((epochs, len(wanted), n)),
+    )
+
+
+class SmootherState(NamedTuple):
+    """What the smoother carries from the last epoch to the first, and its room to work."""
+
+    by: Array  # (n,), λ
+    large: Array  # (n, n), Λ
+    back: Array  # (r, n), μ of each sum
+    moved: Array  # (n,)
+    ahead: Array  # (n, n)
+
+
+def start_smoother(against: Array) -> SmootherState:
+    """Return the smoother's state after the last epoch.
+
+    Parameters
+    ----------
+    against : (r, n) array
+        Weights of sums of the states after the last epoch; variances are of the differences from
+        these sums.
+    """
+    n = against.shape[1]
+    return SmootherState(
+        np.zeros(n), np.zeros((n, n)), against.copy(), np.zeros(n), np.zeros((n, n))
     )
 
 
@@ -162,59 +189,99 @@ def store_covariance_rows(p: Array, steps: FilterSteps, row: int) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def smoother_corrections(steps: FilterSteps, against: Array, p: Array) -> tuple[Array, Array]:
-    """Return corrections of the filter's estimates by the smoother, and variances, (e, r) each.
-
-    They are of the sums `steps.wanted`, after each epoch.
+def smooth_steps(
+    steps: FilterSteps,
+    state: SmootherState,
+    last: Array,
+    shown: Indices,
+    added: Array,
+    variance: Array,
+) -> None:
+    """Carry the smoother back over epochs, in place.
 
     Parameters
     ----------
     steps : FilterSteps
-    against : (r, n) array
-        Weights of sums of the states after the last epoch; variances are of the differences from
-        these sums.
-    p : (n, n) array
-        Covariance after the last epoch.
+        The last ones, or those before the ones that were smoothed.
+    state : SmootherState
+        Changed in place.
+    last : (r,) array
+        Variance of each sum of `start_smoother` after the last epoch.
+    shown : (q,) array of int
+        Epochs whose results are wanted, ascending.
+    added, variance : (q, r) arrays
+        Written: corrections of the filter's estimates after these epochs of the sums
+        `steps.wanted`, and their variances.
     """
-    count, r, n = steps.rows.shape
-    by, large = np.zeros(n), np.zeros((n, n))  # λ, Λ
-    added, variance = np.zeros((count, r)), np.zeros((count, r))
-    moved, ahead = np.zeros(n), np.zeros((n, n))
-    back, apart = against.copy(), np.any(against != 0.0)
-    for e in range(count - 1, -1, -1):
-        for i in range(r):
-            row = steps.rows[e, i]
-            added[e, i] = row @ by
-            variance[e, i] = row @ steps.wanted[i] - row @ (large @ row)
-            if apart:
-                variance[e, i] += against[i] @ (p @ against[i]) - 2 * (row @ back[i])
-        for j in range(steps.s.shape[1] - 1, -1, -1):
+    by, large, back, moved, ahead = state
+    r, n = back.shape
+    m = steps.s.shape[1]
+    apart, q = False, shown.size - 1
+    for i in range(r):
+        for j in range(n):
+            apart |= back[i, j] != 0.0
+    for e in range(len(steps.s) - 1, -1, -1):
+        if q >= 0 and shown[q] == e:
+            for i in range(r):
+                row = steps.rows[e, i]
+                _multiply(large, row, moved)
+                total, left = 0.0, last[i]
+                for j in range(n):
+                    total += row[j] * by[j]
+                    left += row[j] * (steps.wanted[i, j] - 2 * back[i, j] - moved[j])
+                added[q, i], variance[q, i] = total, left
+            q -= 1
+        for j in range(m - 1, -1, -1):
             if steps.s[e, j] > 0:
-                _reverse_update(steps.h[e, j], steps.gain[e, j], steps.off[e, j], steps.s[e, j],
-                               by, large)  # fmt: skip
+                h, gain = steps.h[e, j], steps.gain[e, j]
+                _reverse_update(h, gain, steps.off[e, j], steps.s[e, j], by, large, moved)
                 if apart:
                     for i in range(r):
-                        along = steps.gain[e, j] @ back[i]
-                        for m in range(n):
-                            back[i, m] -= steps.h[e, j, m] * along
+                        along = 0.0
+                        for b in range(n):
+                            along += gain[b] * back[i, b]
+                        for b in range(n):
+                            back[i, b] -= h[b] * along
         _reverse_predict(steps.a[e], steps.keep[e], by, large, moved, ahead)
         if apart:
             for i in range(r):
                 _apply_transposed_transition(steps.a[e], steps.keep[e], back[i], moved)
-    return added, variance
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _reverse_update(h: Array, gain: Array, off: float, s: float, by: Array, large: Array) -> None:
-    """Carry λ and Λ back over an update, in place."""
+def _multiply(symmetric: Array, v: Array, out: Array) -> None:
+    """Write the product of a symmetric matrix and a vector, row by row: that vectorises."""
+    for j in range(v.size):
+        out[j] = 0.0
+    for i in range(v.size):
+        size = v[i]
+        if size != 0.0:
+            for j in range(v.size):
+                out[j] += size * symmetric[i, j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reverse_update(
+    h: Array, gain: Array, off: float, s: float, by: Array, large: Array, moved: Array
+) -> None:
+    """Carry λ and Λ back over an update, in place; `moved` is overwritten."""
     n = h.size
-    moved = large @ gain
-    along, twice = off / s - gain @ by, 1 / s + gain @ moved
+    along, twice = off / s, 1 / s
+    _multiply(large, gain, moved)
     for i in range(n):
-        by[i] += h[i] * along
-        for m in range(i, n):
-            large[i, m] += h[i] * h[m] * twice - h[i] * moved[m] - moved[i] * h[m]
-            large[m, i] = large[i, m]
+        along -= gain[i] * by[i]
+        twice += gain[i] * moved[i]
+    # Λ + h vᵀ + v hᵀ
+    for i in range(n):
+        moved[i] = 0.5 * twice * h[i] - moved[i]
+    for i in range(n):
+        size = h[i]
+        if size != 0.0:
+            by[i] += size * along
+            for m in range(n):
+                large[i, m] += size * moved[m]
+            for m in range(n):
+                large[m, i] += size * moved[m]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -225,18 +292,25 @@ def _reverse_predict(
     k, n = a.shape
     _apply_transposed_transition(a, keep, by, moved)
     for i in range(n):
-        for j in range(n):
-            ahead[i, j] = large[i, j] * keep[j] if j >= k else 0.0
+        for j in range(k):
+            ahead[i, j] = 0.0
+        for j in range(k, n):
+            ahead[i, j] = large[i, j] * keep[j]
         for m in range(k):
+            size = large[i, m]
             for j in range(n):
-                ahead[i, j] += large[i, m] * a[m, j]
+                ahead[i, j] += size * a[m, j]
     for i in range(n):
+        before = keep[i] if i >= k else 0.0
         for j in range(i, n):
-            total = keep[i] * ahead[i, j] if i >= k else 0.0
-            for m in range(k):
-                total += a[m, i] * ahead[m, j]
-            large[i, j] = total
-            large[j, i] = total
+            large[i, j] = before * ahead[i, j]
+        for m in range(k):
+            size = a[m, i]
+            if size != 0.0:
+                for j in range(i, n):
+                    large[i, j] += size * ahead[m, j]
+        for j in range(i + 1, n):
+            large[j, i] = large[i, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -245,7 +319,8 @@ def _apply_transposed_transition(a: Array, keep: Array, by: Array, moved: Array)
     k, n = a.shape
     for i in range(n):
         moved[i] = keep[i] * by[i] if i >= k else 0.0
-        for m in range(k):
+    for m in range(k):
+        for i in range(n):
             moved[i] += a[m, i] * by[m]
     for i in range(n):
         by[i] = moved[i]

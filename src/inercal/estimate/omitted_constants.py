@@ -21,6 +21,7 @@ Source: Friedland 1969, IEEE TAC 14(4), 359–367; Willsky and Jones 1976, IEEE 
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -44,11 +45,9 @@ class OmittedSums(NamedTuple):
 
 
 def omitted_constant_sums(
-    steps: FilterSteps,
+    pieces: Iterable[tuple[FilterSteps, Array, Array]],
     start: Array,
-    driven: Array,
     at: int,
-    seen: Array,
     row: int,
     tested: int | None = None,
 ) -> OmittedSums:
@@ -56,25 +55,42 @@ def omitted_constant_sums(
 
     Parameters
     ----------
-    steps : FilterSteps
-        Of e epochs, all kept; m observations each.
+    pieces : iterable of (steps, driven, seen)
+        One after the other: steps of e epochs, all kept, m observations each; driven, (e, r, D),
+        is d of the states from `at` on, not taken where nothing was observed; seen, (e, o, B), is c
+        of the observations from `row` on.
     start : (n, D + B) array
         U before the first epoch.
-    driven : (e, r, D) array
-        d of the states from `at` on; not taken where nothing was observed.
     at : int
-    seen : (e, o, B) array
-        c of the observations from `row` on.
     row : int
     tested : int, optional
         Observations of each epoch that count; all where it is left out.
     """
     x = np.array(start, dtype=float, order="C")
-    driven, seen = np.ascontiguousarray(driven), np.ascontiguousarray(seen)
-    epochs, k, _ = steps.a.shape
-    c = driven.shape[2] + seen.shape[2]
+    c = x.shape[1]
+    square = np.zeros((c + 1, c + 1))
+    for steps, driven, seen in pieces:
+        _add_piece(
+            steps, x, np.ascontiguousarray(driven), at, np.ascontiguousarray(seen), row, tested,
+            square,
+        )  # fmt: skip
+    return OmittedSums(square[:c, :c].copy(), square[:c, c].copy(), -x)
+
+
+def _add_piece(
+    steps: FilterSteps,
+    x: Array,
+    driven: Array,
+    at: int,
+    seen: Array,
+    row: int,
+    tested: int | None,
+    square: Array,
+) -> None:
+    """Carry U, `x`, over the epochs of a piece and add the products of its rows, in place."""
+    (epochs, k, _), c = steps.a.shape, x.shape[1]
     # The innovations are one more column: they go into the products as the others do.
-    rows, square = np.zeros((max(_ROWS, steps.s.shape[1]), c + 1)), np.zeros((c + 1, c + 1))
+    rows = np.zeros((max(_ROWS, steps.s.shape[1]), c + 1))
     # The kernel allocates nothing and multiplies no matrices: that takes long to compile.
     work = np.zeros((k + 1, c))
     count = steps.s.shape[1] if tested is None else tested
@@ -87,7 +103,6 @@ def omitted_constant_sums(
         epoch = int(ends[0])
         whitened = rows[: ends[1]]
         square += whitened.T @ whitened
-    return OmittedSums(square[:c, :c].copy(), square[:c, c].copy(), -x)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

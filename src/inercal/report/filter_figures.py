@@ -78,8 +78,8 @@ def _draw_convergence(
     axes: Axes, kind: _CoefficientGroup, sensor: Sensor, truth: Mapping[str, float] | None
 ) -> None:
     course = kind.course
-    picks = thin_indices(course.time.size)
-    time = course.time[picks]
+    picks = thin_indices(course.shown_time.size)
+    time = course.shown_time[picks]
     channels = list(dict.fromkeys(CoefficientName(name).axis for name in kind.names))
     shorts = list(dict.fromkeys(CoefficientName(name).term for name in kind.names))
     final: list[float] = []
@@ -132,7 +132,7 @@ def smoothed_figure(courses: Sequence[FilterHistory], sensor: Sensor) -> Markup 
     for row, (course, result) in zip(panels, found, strict=True):
         for axes, line in zip(row, _state_groups(course, result, sensor), strict=True):
             if line.states:
-                _draw_states(axes, course.time, result, line)
+                _draw_states(axes, course.shown_time, result, line)
             else:
                 axes.set_axis_off()
     for axes in panels[-1]:

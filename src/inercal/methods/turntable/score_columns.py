@@ -104,7 +104,11 @@ def sensor_of_omitted_coefficients(sensor: Sensor, *, temperature_varies: bool =
 
 
 def sensor_columns(
-    part: TriadModel, motion: Motion, time: Array, warmth: Array | None = None
+    part: TriadModel,
+    motion: Motion,
+    time: Array,
+    warmth: Array | None = None,
+    run: tuple[float, float] | None = None,
 ) -> tuple[tuple[ConstantColumn, ...], Array]:
     """Return columns of coefficients and of the biases' changes, on readings, (n, 3, D).
 
@@ -117,6 +121,8 @@ def sensor_columns(
         s.
     warmth : (n,) array, optional
         Temperature minus the sensor's reference temperature, K, where it is known and varies.
+    run : (float, float), optional
+        First and last time of the run, s, where these are not all of it.
     """
     larger = sensor_of_omitted_coefficients(part.sensor, temperature_varies=warmth is not None)
     motion = motion if warmth is None else replace(motion, dT=warmth)
@@ -129,7 +135,8 @@ def sensor_columns(
             ConstantColumn(full, "coefficient", unit, LARGEST_RELATIVE_SIZE * unit_scale, families)
         )
     kind = part.sensor.axes[0].measures
-    start, span = float(time[0]), float(time[-1] - time[0]) or 1.0
+    start, end = run or (float(time[0]), float(time[-1]))
+    span = end - start or 1.0
     share = (time - start) / span
     shapes = [share - 0.5, *(np.cos(np.pi * k * share) for k in range(1, DRIFT_MODES + 1))]
     drift = np.zeros((len(time), 3, 3 * len(shapes)))
@@ -146,12 +153,21 @@ def sensor_columns(
     return tuple(columns), np.concatenate([design, drift], axis=-1)
 
 
-def gyro_columns(epochs: ColumnInputs) -> tuple[ConstantColumns, Array]:
-    """Return the columns of gyros whose attitude a readback shows, and c where the run begins.
+def gyro_columns(
+    epochs: ColumnInputs, first: int = 0, stop: int | None = None
+) -> tuple[ConstantColumns, Array]:
+    """Return the columns of gyros whose attitude a readback shows, and c before the first of them.
 
-    The first of e + 1 epochs is where the run begins.
+    The first of e + 1 epochs is where the run begins; of the e that follow, the columns of those
+    from `first` to `stop` are computed, all unless stated.
     """
-    part, bench, theta, time, angles, warmth = epochs
+    part, bench, theta, whole, angles, warmth = epochs
+    stop = len(whole) - 1 if stop is None else stop
+    # The rate at an epoch depends on the epoch that follows.
+    taken, count = slice(first, min(stop + 2, len(whole))), stop - first
+    time, angles = whole[taken], angles[taken]
+    warmth = None if warmth is None else warmth[taken]
+    run = float(whole[1] + whole[0]) / 2, float(whole[-1] + whole[-2]) / 2
     mat, since = reference_attitude(bench, angles), np.diff(time)
     since = np.where(since > 0, since, np.inf)  # of an epoch where the run begins nothing is asked
     back = np.swapaxes(mat, -1, -2)
@@ -167,7 +183,7 @@ def gyro_columns(epochs: ColumnInputs) -> tuple[ConstantColumns, Array]:
     )
     since = np.where(np.isfinite(since), since, 0.0)
     between = None if warmth is None else (warmth[1:] + warmth[:-1]) / 2
-    columns, readings = sensor_columns(part, sensed, (time[1:] + time[:-1]) / 2, between)
+    columns, readings = sensor_columns(part, sensed, (time[1:] + time[:-1]) / 2, between, run)
     cm = middle @ _inverse_scale_matrix(part, theta)
     of_place = np.zeros((len(since), 3, 2))
     of_place[:, 0, 0] = earth[1] * since
@@ -177,21 +193,27 @@ def gyro_columns(epochs: ColumnInputs) -> tuple[ConstantColumns, Array]:
     observed, by = table_columns(bench, angles, ("lean_x", "lean_y", "azimuth"))
     # Between two epochs the rate is that of their mean, at one its mean.
     rate[1:-1] = (rate[1:-1] + rate[2:]) / 2
-    late = np.stack([-rate, -rate * (time - time[0])[:, None]], axis=-1)
+    late = np.stack([-rate, -rate * (time - whole[0])[:, None]], axis=-1)
     seen = np.concatenate([by, late], axis=-1)
     observed = (*observed, _bench_column("latency", "s"), _bench_column("clock", "1"))
-    return ConstantColumns((*columns, *places), driven, observed, seen[1:]), seen[0]
+    result = ConstantColumns((*columns, *places), driven[:count], observed, seen[1 : count + 1])
+    return result, seen[0]
 
 
-def accelerometer_columns(epochs: ColumnInputs) -> ConstantColumns:
+def accelerometer_columns(
+    epochs: ColumnInputs, first: int = 0, stop: int | None = None
+) -> ConstantColumns:
     """Return the columns of accelerometers that a table holds, as velocities.
 
-    The first epoch of a hold drives nothing.
+    The first epoch of a hold drives nothing. Those from `first` to `stop`, all unless stated.
     """
-    part, bench, theta, time, angles, warmth = epochs
-    mat = reference_attitude(bench, angles)
-    columns, readings = sensor_columns(part, static_motion(bench, mat), time, warmth)
-    since = np.diff(time, prepend=time[:1])
+    part, bench, theta, whole, angles, warmth = epochs
+    taken = slice(first, stop)
+    time, angles = whole[taken], angles[taken]
+    warmth = None if warmth is None else warmth[taken]
+    mat, run = reference_attitude(bench, angles), (float(whole[0]), float(whole[-1]))
+    columns, readings = sensor_columns(part, static_motion(bench, mat), time, warmth, run)
+    since = np.diff(time, prepend=whole[max(first - 1, 0)])
     driven = (mat @ _inverse_scale_matrix(part, theta) @ readings) * since[:, None, None]
     observed, by = table_columns(bench, angles, ("azimuth",))
     return ConstantColumns(columns, driven, observed, by)

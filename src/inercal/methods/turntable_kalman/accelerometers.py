@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.benches.turntable.attitude import Misalignment, linear_misalignment, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import FilterHistory, Gaussian
-from inercal.estimate.kalman import FilterSteps
+from inercal.estimate import Gaussian
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import table_sensitivity
 from inercal.methods.turntable_kalman import _accelerometers
@@ -28,7 +27,8 @@ from inercal.methods.turntable_kalman._accelerometers import (
     VelocitySettings,
     VelocityState,
 )
-from inercal.methods.turntable_kalman.filter import TILT, Filter, copy_state
+from inercal.methods.turntable_kalman.filter import TILT, Filter
+from inercal.methods.turntable_kalman.passage import FilterPiece
 from inercal.recording import AngleQuality, Track
 from inercal.sensors import Sensor
 
@@ -167,20 +167,19 @@ class AccelerometerFilter(Filter[VelocityState]):
             rejections=np.zeros(2, np.int64),
         )
 
-    def with_steps(
-        self, state: VelocityState, track: Track, smooth: Sequence[str] = ()
-    ) -> tuple[VelocityState, FilterHistory, FilterSteps]:
-        """Return as `Filter.with_steps`."""
-        after = copy_state(state)
-        # An epoch waits for the first sample with usable angles; see `GyroFilter.with_steps`.
+    def advance(
+        self, state: VelocityState, track: Track, wanted: Array | None = None
+    ) -> tuple[VelocityState, FilterPiece]:
+        """Return as `Filter.advance`."""
+        # An epoch waits for the first sample with usable angles; see `GyroFilter.advance`.
         usable = np.flatnonzero(np.isfinite(track.angle_variance(1.0)))
         period = self.epoch * (1 - 1e-6)
         epochs = usable[
             strapdown.epoch_indices_in_holds(
-                track.time[usable], track.hold[usable], period, after.time[1], after.hold[0]
+                track.time[usable], track.hold[usable], period, state.time[1], state.hold[0]
             )
         ]
-        steps, history = self.allocate_steps(epochs.size, smooth)
+        steps, history = self.allocate_steps(epochs.size, wanted)
         nis = _accelerometers.run_accelerometer_filter(
             self.samples(track),
             self._readback(epochs, track),
@@ -188,11 +187,11 @@ class AccelerometerFilter(Filter[VelocityState]):
             VelocitySettings(
                 self.velocity_sd**2, self.alignment_sd**2, self.innovation_gate(track)
             ),
-            after,
+            state,
             steps,
             history,
         )
-        return self.step_result(after, nis, track.time[epochs], steps, history, smooth)
+        return self.count_epochs(state, nis, FilterPiece(track.time[epochs], steps, history))
 
     def _readback(self, epochs: NDArray[np.int64], track: Track) -> VelocityReadback:
         """Return the readback at the epochs (e,) of a track as the kernel takes it."""

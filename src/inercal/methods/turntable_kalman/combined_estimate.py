@@ -1,6 +1,7 @@
 """Both filters over one track, and their combined estimate."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -54,10 +55,11 @@ def run_filter(
     """
     result = config.filter(kind, sensor, bench, track, priors)
     run = result.begin(track)
-    course, steps = run.step(track, result.time_varying_states if smooth else ())
-    found, checked = run.estimate, None
-    if len(steps.s) == len(course.time):
-        checked = filter_tests.innovation_test_data(result, found, track, course.time, steps)
+    passage = run.follow(track)
+    course, found, checked = passage.history, run.estimate, None
+    if smooth:
+        checked = filter_tests.innovation_test_data(result, passage, found)
+        course = replace(course, smoothed=passage.smoothed(result.time_varying_states))
     return FilterResult(
         result.triad, course.names, found.value, found.covariance, course,
         run.state.nis, run.components, minimum_nis(track, config.epoch), result.unit,

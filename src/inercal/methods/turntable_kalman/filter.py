@@ -8,30 +8,29 @@ the drift of the biases (`turntable.drift`), the table's parameters, and those o
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import ClassVar, Generic, NamedTuple, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Generic, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
-from inercal.estimate import FilterHistory, SmoothedStates
-from inercal.estimate.kalman import FilterSteps, allocate_steps, smoother_corrections
+from inercal.estimate import FilterHistory
+from inercal.estimate.kalman import FilterSteps, allocate_steps
 from inercal.methods import temperature
 from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel, earth_rate_level_frame
 from inercal.methods.turntable.terms import BIAS
-from inercal.methods.turntable_kalman import _accelerometers, _readback
 from inercal.methods.turntable_kalman._filter_steps import (
     INNOVATION_GATE,
     FilterSamples,
     KernelModel,
 )
+from inercal.methods.turntable_kalman.passage import FilterPiece, Passage, pass_over
+from inercal.methods.turntable_kalman.states import S
 from inercal.parameters import Parameter
 from inercal.recording import Track
 
-_SCALAR_FIELDS = ("nis", "epochs")  # of a state; all else is an array
-S = TypeVar("S", _accelerometers.VelocityState, _readback.AttitudeState)
 TILT = ("phi_e", "phi_n", "phi_u")
 """φ: the error of the attitude that a filter uses, about east, north and up."""
 
@@ -131,13 +130,26 @@ class Filter(ABC, Generic[S]):
         smooth : sequence of str
             States whose course is smoothed by all of the track, as `time_varying_states`.
         """
-        return self.with_steps(state, track, smooth)[:2]
+        made = self.follow(state, track)
+        course = made.history
+        return made.state, replace(course, smoothed=made.smoothed(smooth)) if smooth else course
+
+    def follow(self, state: S, track: Track) -> Passage[S]:
+        """Return the filter after the samples of a track, and what it did there."""
+        return pass_over(self, state, track)
 
     @abstractmethod
-    def with_steps(
-        self, state: S, track: Track, smooth: Sequence[str] = ()
-    ) -> tuple[S, FilterHistory, FilterSteps]:
-        """Return the same, and what the filter did at each epoch where a state is smoothed."""
+    def advance(self, state: S, track: Track, wanted: Array | None = None) -> tuple[S, FilterPiece]:
+        """Return the state after the samples of a piece of a track, and what the filter did.
+
+        Parameters
+        ----------
+        state : State
+            Its arrays are changed in place.
+        track : Track
+        wanted : (r, n) array, optional
+            The steps of each epoch are kept, with these sums of states.
+        """
 
     def estimate(self, state: S) -> FilterEstimate:
         """Return the present estimate, with biases as means over the run so far."""
@@ -220,19 +232,24 @@ class Filter(ABC, Generic[S]):
         warmth = temperature.sample_offsets(track, self.triad.sensor)
         return FilterSamples(track.time, reading, track.hold, warmth)
 
-    def allocate_steps(self, epochs: int, smooth: Sequence[str]) -> tuple[FilterSteps, Array]:
-        """Return empty arrays for a kernel's steps, for its smoother, and for its history."""
+    def allocate_steps(self, epochs: int, wanted: Array | None) -> tuple[FilterSteps, Array]:
+        """Return arrays for a kernel's steps and for its history; `wanted` as of `advance`."""
+        n, kept = len(self.states), 1 if wanted is None else epochs
+        steps = allocate_steps(
+            kept, n, len(self.leading_states), self.rows, _no_sums(n) if wanted is None else wanted
+        )
+        return steps, np.empty((epochs, self.rows + 1 + 2 * n))
+
+    def state_sums(self, names: Sequence[str]) -> Array:
+        """Return the weights of the states in what `time_varying_states` names, (r, n)."""
         states = self.states
-        wanted = np.zeros((len(smooth), len(states)))
-        for row, name in zip(wanted, smooth, strict=True):
+        wanted = np.zeros((len(names), len(states)))
+        for row, name in zip(wanted, names, strict=True):
             if name in states:
                 row[states.index(name)] = 1.0
             else:
                 self._write_bias_weights(name, row)
-        history = np.zeros((epochs, self.rows + 1 + 2 * len(states)))
-        return allocate_steps(
-            epochs, len(states), len(self.leading_states), self.rows, wanted
-        ), history
+        return wanted
 
     def _write_bias_weights(self, name: str, row: Array) -> None:
         """Write the weights of the states in a bias: its constant and components of its drift."""
@@ -242,68 +259,14 @@ class Filter(ABC, Generic[S]):
         for m in np.flatnonzero(terms.bias & (terms.axis == i)):
             row[at + m] = terms.weights[m, BIAS]
 
-    def step_result(
-        self,
-        state: S,
-        nis: float,
-        time: Array,
-        made: FilterSteps,
-        history: Array,
-        smooth: Sequence[str],
-    ) -> tuple[S, FilterHistory, FilterSteps]:
-        """Return the state after the epochs of a kernel, their course and steps.
+    def count_epochs(self, state: S, nis: float, made: FilterPiece) -> tuple[S, FilterPiece]:
+        """Return a state with the sum of NIS and the number of tested epochs, and the piece."""
+        taken = int(np.count_nonzero(made.history[:, self.rows] > 0))
+        return state._replace(nis=nis, epochs=state.epochs + taken), made
 
-        Only the smoothed course has the states before the coefficients. With flicker a bias is the
-        mean so far, as in the result; its smoothed drift is the departure from the mean over all
-        epochs.
 
-        Parameters
-        ----------
-        state : State
-            As the kernel left it.
-        nis : float
-            Sum of all epochs so far.
-        time : (e,) array
-            s, of the epochs.
-        made, history
-            As of `allocate_steps`, written.
-        smooth : sequence of str
-        """
-        k, n, m = len(self.leading_states), state.x.size, self.rows
-        taken = int((history[:, m] > 0).sum())
-        state = state._replace(nis=nis, epochs=state.epochs + taken)
-        value, variance = history[:, m + 1 : m + 1 + n], history[:, m + 1 + n :]
-        found = None
-        if smooth:
-            found = self._smoothed_course(smooth, time - float(state.time[2]), value, made, state.p)
-        course = FilterHistory(
-            self.name, self.states[k:], time, value[:, k:], np.sqrt(variance[:, k:]),
-            history[:, :m], history[:, m], found,
-        )  # fmt: skip
-        return state, course, made
-
-    def _smoothed_course(
-        self, smooth: Sequence[str], elapsed: Array, value: Array, made: FilterSteps, p: Array
-    ) -> SmoothedStates:
-        """Return the smoothed course from a covariance p; `elapsed` is the time since the start."""
-        part, at = self.triad, len(self.leading_states)
-        value, against = value.copy(), np.zeros(made.wanted.shape)
-        if part.drift.mean_over_run and elapsed.size:
-            first = at + len(self.initial_values)
-            mean = part.drift.running_mean(value[:, first : first + part.drift.size], elapsed)
-            for m in np.flatnonzero(part.terms.bias):
-                weight = part.terms.weights[m, BIAS]
-                value[:, at + m] -= mean[:, part.terms.axis[m]] / weight
-            whole = np.eye(len(self.states)) + self.mean_bias_transform(float(elapsed[-1]))[0]
-            for row, weights, name in zip(against, made.wanted, smooth, strict=True):
-                if name.startswith("drift["):
-                    row[at:first] = weights[at:first]
-                    row[:] = row @ whole
-        added, spread = smoother_corrections(made, against, p)
-        # The variance of a known state is a difference of equal numbers: rounding may make it < 0.
-        std = np.sqrt(np.maximum(spread, 0.0))
-        last = against @ value[-1] if elapsed.size else 0.0
-        return SmoothedStates(tuple(smooth), value @ made.wanted.T + added - last, std)
+def _no_sums(n: int) -> Array:
+    return np.zeros((0, n))
 
 
 @dataclass
@@ -313,10 +276,15 @@ class RunningFilter(Generic[S]):
     filter: Filter[S]
     state: S
 
-    def step(self, track: Track, smooth: Sequence[str] = ()) -> tuple[FilterHistory, FilterSteps]:
-        """Take in the samples that follow; return as `Filter.with_steps`."""
-        self.state, course, result = self.filter.with_steps(self.state, track, smooth)
-        return course, result
+    def step(self, track: Track) -> None:
+        """Take in the samples that follow."""
+        self.state = self.filter.advance(self.state, track)[0]
+
+    def follow(self, track: Track) -> Passage[S]:
+        """Take in the samples that follow, and return what the filter did."""
+        made = self.filter.follow(self.state, track)
+        self.state = made.state
+        return made
 
     @property
     def estimate(self) -> FilterEstimate:
@@ -332,9 +300,3 @@ class RunningFilter(Generic[S]):
     def components(self) -> int:
         """How many components of innovations were tested so far."""
         return self.filter.tested_components * self.state.epochs
-
-
-def copy_state(state: S) -> S:
-    """Return a state of its own, which a kernel may change in place."""
-    arrays: dict[str, Array] = {k: v for k, v in state._asdict().items() if k not in _SCALAR_FIELDS}
-    return state._replace(**{name: array.copy() for name, array in arrays.items()})

@@ -1,6 +1,6 @@
 """Tests of both filters' models: innovations by step, and scores of constants without a state."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,9 +20,12 @@ from inercal.estimate.scores import rows_from_products
 from inercal.methods import temperature
 from inercal.methods.turntable import score_columns as columns
 from inercal.methods.turntable.score_columns import ColumnInputs, ConstantColumn, ConstantColumns
+from inercal.methods.turntable_kalman._accelerometers import VelocityState
+from inercal.methods.turntable_kalman._readback import AttitudeState
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.filter import TILT, FilterEstimate
 from inercal.methods.turntable_kalman.gyros import GyroFilter
+from inercal.methods.turntable_kalman.passage import Passage
 from inercal.recording import Observations, Track
 
 _TIME_PARAMETERS = ("latency", "clock")
@@ -42,53 +45,64 @@ class InnovationTestData(NamedTuple):
 
 def innovation_test_data(
     made: GyroFilter | AccelerometerFilter,
+    passage: Passage[AttitudeState] | Passage[VelocityState],
     found: FilterEstimate,
-    track: Track,
-    time: Array,
-    steps: FilterSteps,
 ) -> InnovationTestData:
-    """Return the data for the tests of a filter.
-
-    Parameters
-    ----------
-    made : GyroFilter or AccelerometerFilter
-    found : FilterEstimate
-        At the end of the run.
-    track : Track
-    time : (e,) array
-        s, of its epochs.
-    steps : FilterSteps
-        Of them all.
-    """
+    """Return the data for the tests of a filter; `found` is its estimate at the end of the run."""
+    track, time = passage.track, passage.history.time
     theta = found.value[: len(made.initial_values)]
     # Driving constants act on gyros from the start of the run.
     whole = np.concatenate([track.time[:1], time]) if isinstance(made, GyroFilter) else time
     warmth = temperature.offsets_at_times(track, made.triad.sensor, whole)
     at = ColumnInputs(made.triad, made.bench, theta, whole, _angles(track, whole), warmth)
-    phi = made.states.index(TILT[0])
-    if isinstance(made, GyroFilter):
-        some, _ = columns.gyro_columns(at)
+    standard = np.zeros((time.size, made.tested_components))
+    phi, sums, names = made.states.index(TILT[0]), None, ()
+    if time.size:
+        gyros, first = isinstance(made, GyroFilter), _columns(made, at, 0, 1)
+        names = first.columns
+        pieces = _pieces_with_columns(made, passage, at, standard)
         sums = omitted_constant_sums(
-            steps,
-            _initial_sensitivity(made, some),
-            some.driving_effects,
-            phi,
-            some.observed_effects,
-            0,
-        )
-        sums = _sums_for_time_states(
-            made, found, some.columns, _sums_for_mean_biases(made, track, time, sums)
-        )
-    else:
-        some = columns.accelerometer_columns(at)
-        start = _initial_sensitivity(made, some)
-        seen = some.observed_effects[:, : steps.s.shape[1] - phi]
-        sums = omitted_constant_sums(
-            steps, start, some.driving_effects, 0, seen, phi, made.tested_components
+            pieces,
+            _initial_sensitivity(made, first),
+            phi if gyros else 0,
+            0 if gyros else phi,
+            None if gyros else made.tested_components,
         )
         sums = _sums_for_mean_biases(made, track, time, sums)
-    standard = standardised_innovations(steps.off, steps.s)[:, : made.tested_components]
-    return InnovationTestData(made.name, time, standard, made.states, some.columns, sums)
+    if sums is not None and isinstance(made, GyroFilter):
+        sums = _sums_for_time_states(made, found, names, sums)
+    return InnovationTestData(made.name, time, standard, made.states, names, sums)
+
+
+def _pieces_with_columns(
+    made: GyroFilter | AccelerometerFilter,
+    passage: Passage[AttitudeState] | Passage[VelocityState],
+    at: ColumnInputs,
+    standard: Array,
+) -> Iterator[tuple[FilterSteps, Array, Array]]:
+    """Yield steps and columns of each piece, and write the standardised innovations."""
+    first = 0
+    for piece in passage.pieces():
+        stop = first + piece.time.size
+        if stop > first:
+            steps = piece.steps
+            some = _columns(made, at, first, stop)
+            _initial_sensitivity(made, some)
+            innovations = standardised_innovations(steps.off, steps.s)
+            standard[first:stop] = innovations[:, : made.tested_components]
+            rows = steps.s.shape[1] - (
+                0 if isinstance(made, GyroFilter) else made.states.index(TILT[0])
+            )
+            yield steps, some.driving_effects, some.observed_effects[:, :rows]
+        first = stop
+
+
+def _columns(
+    made: GyroFilter | AccelerometerFilter, at: ColumnInputs, first: int, stop: int
+) -> ConstantColumns:
+    if isinstance(made, GyroFilter):
+        return columns.gyro_columns(at, first, stop)[0]
+    return columns.accelerometer_columns(at, first, stop)
 
 
 def _sums_for_mean_biases(
@@ -150,9 +164,8 @@ def _sums_for_time_states(
 
 
 def _angles(track: Track, time: Array) -> Array:
-    """Return the readback at some times, (e, k)."""
-    axes: list[Array] = [np.interp(time, track.time, axis) for axis in track.angles.T]
-    return np.stack(axes, axis=-1)
+    """Return the readback at times of samples, (e, k)."""
+    return track.angles[np.searchsorted(track.time, time)]
 
 
 def innovation_tests(one: InnovationTestData, observations: Observations) -> tuple[ModelTest, ...]:

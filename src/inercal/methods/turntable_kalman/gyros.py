@@ -22,8 +22,7 @@ from inercal.benches.turntable.attitude import linear_misalignment, reference_at
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.rest_timing import MAX_GAP_SECONDS
 from inercal.errors import InputError
-from inercal.estimate import FilterHistory, Gaussian
-from inercal.estimate.kalman import FilterSteps
+from inercal.estimate import Gaussian
 from inercal.methods.turntable import model, strapdown
 from inercal.methods.turntable.model import ARCSEC, table_sensitivity
 from inercal.methods.turntable_kalman import _gyros
@@ -33,7 +32,8 @@ from inercal.methods.turntable_kalman._readback import (
     AttitudeSettings,
     AttitudeState,
 )
-from inercal.methods.turntable_kalman.filter import TILT, Filter, copy_state
+from inercal.methods.turntable_kalman.filter import TILT, Filter
+from inercal.methods.turntable_kalman.passage import FilterPiece
 from inercal.recording import Track
 from inercal.sensors import Sensor
 
@@ -181,15 +181,14 @@ class GyroFilter(Filter[AttitudeState]):
             else np.tile([time, self._angle_variance(track)[0], *track.angles[0]], (self.lag, 1)),
         )
 
-    def with_steps(
-        self, state: AttitudeState, track: Track, smooth: Sequence[str] = ()
-    ) -> tuple[AttitudeState, FilterHistory, FilterSteps]:
-        """Return as `Filter.with_steps`."""
-        after = copy_state(state)
+    def advance(
+        self, state: AttitudeState, track: Track, wanted: Array | None = None
+    ) -> tuple[AttitudeState, FilterPiece]:
+        """Return as `Filter.advance`."""
         samples, readback, tail = self._pair_readback(state.pending_samples, track)
         stamps, variance, angles = readback[:, 0], readback[:, 1], readback[:, 2:]
         # With one memory layout, or Numba would compile the kernel for each layout.
-        after = after._replace(pending_samples=np.ascontiguousarray(tail))
+        after = state._replace(pending_samples=np.ascontiguousarray(tail))
         # An epoch waits for the first sample with usable angles, so that pieces of any length have
         # the same epochs.
         usable = np.flatnonzero(np.isfinite(variance))
@@ -199,7 +198,7 @@ class GyroFilter(Filter[AttitudeState]):
             epochs = epochs[samples.hold[epochs] >= 0]
         angles = np.ascontiguousarray(angles[epochs])
         late = self._timing_state_indices()
-        steps, history = self.allocate_steps(epochs.size, smooth)
+        steps, history = self.allocate_steps(epochs.size, wanted)
         nis = _gyros.run_gyro_filter(
             samples,
             AttitudeReadback(
@@ -225,7 +224,7 @@ class GyroFilter(Filter[AttitudeState]):
             steps,
             history,
         )
-        return self.step_result(after, nis, samples.time[epochs], steps, history, smooth)
+        return self.count_epochs(after, nis, FilterPiece(samples.time[epochs], steps, history))
 
     def _angle_variance(self, track: Track) -> Array:
         """Return the variance of the attitude by readback at each sample, (n,) rad²."""

@@ -86,7 +86,9 @@ def run_gyro_filter(filter_: GyroFilter, case: TurntableCase, first: int = 0) ->
 
 def _error_trace(course: FilterHistory, at: NDArray[np.int64], truth: Array) -> ErrorTrace:
     kept = slice(None, None, TRACE_STRIDE)
-    return ErrorTrace(course.time[kept], course.value[kept][:, at] - truth, course.std[kept][:, at])
+    return ErrorTrace(
+        course.shown_time[kept], course.value[kept][:, at] - truth, course.std[kept][:, at]
+    )
 
 
 def accelerometer_run(way: str) -> FilterRun:

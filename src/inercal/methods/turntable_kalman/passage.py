@@ -1,0 +1,204 @@
+"""A filter's way over a whole track, in pieces of bounded memory, and back for the smoother.
+
+The state before each piece is kept. What a filter did in a piece, 5 to 8 kB an epoch, is computed
+again from there where it is wanted: forward for the tests, backward for the smoother. A filter over
+pieces takes the same steps to the last bit.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.estimate import FilterHistory, SmoothedStates
+from inercal.estimate.kalman import FilterSteps, smooth_steps, start_smoother
+from inercal.methods.turntable.terms import BIAS
+from inercal.methods.turntable_kalman.states import S, copy_state
+from inercal.recording import Track
+
+if TYPE_CHECKING:
+    from inercal.methods.turntable_kalman.filter import Filter
+
+Indices = NDArray[np.int64]
+# Of a piece, at most. The memory of a piece is that of its epochs, at a high rate of its samples;
+# the states before the pieces take 30 kB each.
+PIECE_EPOCHS, PIECE_SAMPLES = 1024, 1 << 16
+MAX_SHOWN_EPOCHS = 20_000  # of estimates over time: many times what a figure can show
+
+
+class FilterPiece(NamedTuple):
+    """What a filter did over a piece of a track of e epochs."""
+
+    time: Array  # (e,) s, of the epochs
+    steps: FilterSteps  # of each epoch, or of the last one
+    # (e, m + 1 + 2 n): innovations, NIS, estimates and variances
+    history: Array
+
+
+@dataclass(eq=False)
+class Passage(Generic[S]):
+    """A filter after a track, and what it did there.
+
+    Parameters
+    ----------
+    filter : Filter
+    track : Track
+    starts : list of int
+        The first sample of each piece.
+    before : list of S
+        The state before each piece.
+    state : S
+        After the last piece.
+    history : FilterHistory
+    """
+
+    filter: "Filter[S]"
+    track: Track
+    starts: list[int]
+    before: list[S]
+    state: S
+    history: FilterHistory
+
+    def pieces(self) -> Iterator[FilterPiece]:
+        """Yield what the filter did in each piece, with the steps of each epoch."""
+        none = np.zeros((0, len(self.filter.states)))
+        for k in range(len(self.starts)):
+            yield self._repeat(k, none)
+
+    def _repeat(self, k: int, wanted: Array) -> FilterPiece:
+        stop = [*self.starts[1:], self.track.time.size][k]
+        part = self.track.slice(self.starts[k], stop)
+        return self.filter.advance(copy_state(self.before[k]), part, wanted)[1]
+
+    def smoothed(self, names: Sequence[str]) -> SmoothedStates:
+        """Return the course of states that vary with time, smoothed by all of the track.
+
+        With flicker a bias is the mean so far, as in the result; its smoothed drift is the
+        departure from the mean over all epochs.
+
+        Parameters
+        ----------
+        names : sequence of str
+            As `Filter.time_varying_states`.
+        """
+        course, p = self.history, self.state.p
+        wanted = self.filter.state_sums(names)
+        elapsed = course.time - float(self.state.time[2])
+        shown = np.arange(elapsed.size) if course.shown is None else course.shown
+        against = self._weights_at_the_end(names, wanted, elapsed)
+        last = np.einsum("rn,nm,rm->r", against, p, against)
+        back = start_smoother(against)
+        value, spread = (np.zeros((shown.size, len(names))) for _ in range(2))
+        stop, end = elapsed.size, np.zeros(len(names))
+        for k in range(len(self.starts) - 1, -1, -1):
+            made = self._repeat(k, wanted)
+            first = stop - made.time.size
+            rows = slice(*np.searchsorted(shown, [first, stop]).tolist())
+            at = shown[rows] - first
+            smooth_steps(made.steps, back, last, at, value[rows], spread[rows])
+            found = self._without_mean(made.history[at], elapsed[shown[rows]])
+            if stop == elapsed.size and at.size:
+                end = against @ found[-1]
+            value[rows] += found @ wanted.T - end
+            stop = first
+        # The variance of a known state is a difference of equal numbers: rounding may make it < 0.
+        return SmoothedStates(tuple(names), value, np.sqrt(np.maximum(spread, 0.0)))
+
+    def _weights_at_the_end(self, names: Sequence[str], wanted: Array, elapsed: Array) -> Array:
+        """Return the weights of the states at the end that each sum is a difference from."""
+        part, against = self.filter, np.zeros(wanted.shape)
+        if part.triad.drift.mean_over_run and elapsed.size:
+            at = len(part.leading_states)
+            first = at + len(part.initial_values)
+            whole = np.eye(wanted.shape[1]) + part.mean_bias_transform(float(elapsed[-1]))[0]
+            for row, weights, name in zip(against, wanted, names, strict=True):
+                if name.startswith("drift["):
+                    row[at:first] = weights[at:first]
+                    row[:] = row @ whole
+        return against
+
+    def _without_mean(self, history: Array, elapsed: Array) -> Array:
+        """Return the estimates of k rows of a history, a bias without the mean of its drift."""
+        part, n, m = self.filter, len(self.filter.states), self.filter.rows
+        value, drift = history[:, m + 1 : m + 1 + n].copy(), part.triad.drift
+        if drift.mean_over_run and elapsed.size:
+            at = len(part.leading_states)
+            first = at + len(part.initial_values)
+            mean = drift.running_mean(value[:, first : first + drift.size], elapsed)
+            terms = part.triad.terms
+            for i in np.flatnonzero(terms.bias):
+                value[:, at + i] -= mean[:, terms.axis[i]] / terms.weights[i, BIAS]
+        return value
+
+
+def pass_over(filter_: "Filter[S]", state: S, track: Track, piece: int | None = None) -> Passage[S]:
+    """Return a filter after the samples of a track, and what it did.
+
+    Parameters
+    ----------
+    filter_ : Filter
+    state : S
+        Before them; it stays.
+    track : Track
+    piece : int, optional
+        Samples of each piece.
+    """
+    n, epoch = track.time.size, filter_.epoch
+    seconds = float(track.time[-1] - track.time[0]) if n else 0.0
+    if piece is None:
+        samples = max(round(epoch * n / seconds), 1) if seconds else 1  # of an epoch
+        piece = min(PIECE_EPOCHS * samples, PIECE_SAMPLES)
+    starts = list(range(0, n, max(piece, 1))) or [0]
+    stride = max(-int(-seconds // (epoch * MAX_SHOWN_EPOCHS)), 1)
+    before: list[S] = []
+    record = _Record(filter_.rows, len(filter_.states), len(filter_.leading_states), stride)
+    for start, stop in zip(starts, [*starts[1:], n], strict=True):
+        before.append(state)
+        state, made = filter_.advance(copy_state(state), track.slice(start, stop))
+        record.add(made)
+    return Passage(
+        filter_, track, starts, before, state, record.history(filter_.name, filter_.states)
+    )
+
+
+class _Record:
+    """The history of a filter as it grows: of every so many epochs, and of the last, estimates."""
+
+    def __init__(self, rows: int, states: int, leading: int, stride: int):
+        self._m, self._n, self._k, self._stride = rows, states, leading, stride
+        self._time: list[Array] = []
+        self._tested: list[Array] = []  # (e, m + 1), innovations and NIS
+        self._kept: list[Array] = []  # estimates and variances
+        self._shown: list[Indices] = []
+        self._count = 0
+        self._last = np.zeros((0, 0))
+
+    def add(self, made: FilterPiece) -> None:
+        """Take in a piece."""
+        m, e = self._m, made.time.size
+        self._time.append(made.time)
+        self._tested.append(made.history[:, : m + 1].copy())
+        at = np.arange(-self._count % self._stride, e, self._stride)
+        self._kept.append(made.history[at, m + 1 :])
+        self._shown.append(at + self._count)
+        self._count += e
+        if e:
+            self._last = made.history[-1:, m + 1 :].copy()
+
+    def history(self, name: str, states: Sequence[str]) -> FilterHistory:
+        """Return all of it; only the smoothed course has the states before the coefficients."""
+        k, n, m = self._k, self._n, self._m
+        shown = np.concatenate(self._shown)
+        if self._count and shown[-1] != self._count - 1:
+            shown = np.append(shown, self._count - 1)
+            self._kept.append(self._last)
+        kept = np.concatenate(self._kept)
+        tested = np.concatenate(self._tested)
+        std = np.sqrt(kept[:, n + k :])
+        return FilterHistory(
+            name, tuple(states[k:]), np.concatenate(self._time), kept[:, k:n].copy(), std,
+            tested[:, :m], tested[:, m], shown=None if self._stride == 1 else shown,
+        )  # fmt: skip
