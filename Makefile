@@ -54,8 +54,8 @@ check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
 	$(BIN)/lint-imports
 	$(MAKE) test
 
-bench: $(INSTALLED)  ## speed against a peer, measured in one run
-	$(BIN)/python -m benchmarks
+bench: $(INSTALLED)  ## speed against a peer, measured in one run, and its page: on a machine that does nothing else
+	$(BIN)/python -m benchmarks --page
 
 evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, in full, and the longest tests: over an hour
 	$(BIN)/python -m tests.evidence

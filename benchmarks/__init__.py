@@ -13,6 +13,27 @@ ROOT = Path(__file__).parents[1]
 DATA = Path(os.environ.get("INERCAL_DATA", ROOT.parent / "shared" / "data"))
 
 
+class Duration(float):
+    """A time, s, that a row judges, with what it is a part of or stands for.
+
+    Parameters
+    ----------
+    value : float
+        The judged one of the others.
+    wall, processor : float
+        Of the work, s; the processor's of all its processes.
+    """
+
+    wall: float
+    processor: float
+
+    def __new__(cls, value: float, wall: float, processor: float) -> "Duration":
+        """Return the value with the other times."""
+        new = super().__new__(cls, value)
+        new.wall, new.processor = wall, processor
+        return new
+
+
 @dataclass(frozen=True)
 class Row:
     """One line of the table.
@@ -27,6 +48,8 @@ class Row:
         Who the peer is; "limit" where it is a number that ours must not exceed.
     unit : str
         Of ours and peer.
+    to_reach : float
+        The least ratio of peer to ours that is wanted.
     """
 
     name: str
@@ -34,6 +57,23 @@ class Row:
     peer: float
     peer_name: str
     unit: str = "s"
+    to_reach: float = 1.0
+
+    @property
+    def ratio(self) -> float:
+        """How many times the peer's size is ours."""
+        return self.peer / self.ours
+
+    @property
+    def reached(self) -> bool:
+        """Whether the ratio is the wanted one or better."""
+        return self.ratio >= self.to_reach
+
+    @property
+    def times(self) -> tuple[float, float] | None:
+        """Wall and processor time of our work, s, where both were measured."""
+        ours = self.ours
+        return (ours.wall, ours.processor) if isinstance(ours, Duration) else None
 
 
 @dataclass(frozen=True)
@@ -44,12 +84,13 @@ class Skipped:
     reason: str
 
 
-def best(work: Callable[[], object], repeat: int = 5) -> float:
-    """Return the shortest of several times, s, after a first call that may compile."""
+def best(work: Callable[[], object], repeat: int = 5) -> Duration:
+    """Return the shortest wall time of several, s, after a first call that may compile."""
     work()
-    times: list[float] = []
+    times: list[Duration] = []
     for _ in range(repeat):
-        begin = time.perf_counter()
+        begin, used = time.perf_counter(), time.process_time()
         work()
-        times.append(time.perf_counter() - begin)
+        wall, processor = time.perf_counter() - begin, time.process_time() - used
+        times.append(Duration(wall, wall, processor))
     return min(times)

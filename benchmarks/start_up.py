@@ -8,22 +8,24 @@ import resource
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks import ROOT, Row
+from benchmarks import ROOT, Duration, Row
 
 REPEAT = 5
 THREADS = "OPENBLAS_NUM_THREADS"
 PROGRAM = (sys.executable, "-c", "from inercal.cli.app import main; main()")
 
 
-def processor_time(*arguments: str | Path, status: int = 0, **environment: str) -> float:
+def processor_time(*arguments: str | Path, status: int = 0, **environment: str) -> Duration:
     """Return the processor time, s, of the program with these arguments.
 
     The number of threads of linear algebra is the program's own choice unless it is given.
     """
     inherited = {k: value for k, value in os.environ.items() if k != THREADS}
+    begin = time.perf_counter()
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(
         [*PROGRAM, *map(str, arguments)],
@@ -32,11 +34,13 @@ def processor_time(*arguments: str | Path, status: int = 0, **environment: str) 
         check=False,
     )
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    wall = time.perf_counter() - begin
     assert done.returncode == status, done.stderr.decode()
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Duration(used, wall, used)
 
 
-def least(*arguments: str | Path, status: int = 0, **environment: str) -> float:
+def least(*arguments: str | Path, status: int = 0, **environment: str) -> Duration:
     """Return the least processor time of several runs, s."""
     times = (processor_time(*arguments, status=status, **environment) for _ in range(REPEAT))
     return min(times)

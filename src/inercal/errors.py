@@ -9,7 +9,7 @@ import copy
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from inercal.visible_text import visible_text
 
@@ -49,6 +49,10 @@ class InercalError(Exception):
     def __str__(self) -> str:
         return visible_text(" ".join(super().__str__().split()))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # To a copy, or to another process; not by `__init__`: its arguments differ by class.
+        return _rebuild_error, (type(self), self.args, vars(self))
+
     def located(
         self,
         where: str | Path,
@@ -74,6 +78,12 @@ class InercalError(Exception):
         error.line = line if error.line is None else error.line
         error.key = key if error.key is None else error.key
         return error
+
+
+def _rebuild_error(kind: type[InercalError], args: tuple[Any, ...], attributes: dict[str, Any]):
+    error = kind.__new__(kind, *args)
+    vars(error).update(attributes)
+    return error
 
 
 class InputError(InercalError):

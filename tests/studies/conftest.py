@@ -34,7 +34,7 @@ def two_devices() -> turntable_trials.TurntableTrials:
 def turntable_study(two_devices: turntable_trials.TurntableTrials) -> Study:
     """Return the fourth study of these two; six decide some verdicts, in a slow test."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(turntable_trials, "run_filters", lambda devices, seed, say: two_devices)
+        patch.setattr(turntable_trials, "run_filters", lambda *_: two_devices)
         return reproduce("turntable", trials=400, seed=1)
 
 

@@ -37,7 +37,8 @@ TABLE = {
 
 @pytest.fixture(scope="module")
 def method_comparison() -> method_accuracy.MethodAccuracy:
-    return method_accuracy.compare_methods(2000, 1)
+    calls = method_accuracy.method_accuracy_calls(2000, 1)
+    return method_accuracy.combine_methods([call() for call in calls])
 
 
 def section_verdicts(study: Study, name: str) -> list[str]:
@@ -116,7 +117,7 @@ def test_accuracy_of_a_micro_g_holds_but_for_k1(dual_orthogonal_study: Study):
 
 def test_the_head_is_eliminated(dual_orthogonal_study: Study):
     assert section_verdicts(dual_orthogonal_study, "head") == ["reproduced", "reproduced"]
-    found = head_error.compare_heads(300, 2)
+    found = head_error.combine_heads([call() for call in head_error.head_calls(300, 2)])
     assert found.head_change < 2e-3
     for name in ("patent", EVERY_FACE):
         values = [x.value for x in found.k0[name]]

@@ -10,6 +10,7 @@ from tests.refusals import refused
 
 from inercal.cli.app import main
 from inercal.errors import InputError
+from inercal.parallel import Executor, SerialExecutor
 from inercal.studies import STUDIES, Study, reproduce, results_as_list, write_study
 
 KEYS = ["claim", "printed", "expected", "computed", "uncertainty", "verdict"]
@@ -30,7 +31,10 @@ def test_invalid_trials_and_seeds_are_refused(trials: int, seed: int, key: str):
 def test_progress_messages_are_reported(monkeypatch: pytest.MonkeyPatch):
     class Stub:
         @staticmethod
-        def run(trials: int, seed: int, say: Callable[[str], object]) -> tuple[int, int]:
+        def run(
+            trials: int, seed: int, say: Callable[[str], object], executor: Executor
+        ) -> tuple[int, int]:
+            assert isinstance(executor, SerialExecutor)
             say("half of it")
             return trials, seed
 
@@ -135,7 +139,9 @@ def reproduce_calls(
     """Replace `reproduce` by a finished study; return the list of its calls."""
     found: list[tuple[str, int, int]] = []
 
-    def at_once(name: str, trials: int, seed: int, say: Callable[[str], object]) -> Study:
+    def at_once(
+        name: str, trials: int, seed: int, say: Callable[[str], object], executor: Executor
+    ) -> Study:
         say("at once")
         found.append((name, trials, seed))
         return centrifuge_study

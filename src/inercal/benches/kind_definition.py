@@ -134,8 +134,18 @@ def simulate_without_sensor(
     in_hand : bool
         Whether `perform` also takes the keyword `carried`: the sensor may stay in a hand.
     """
+    return _SimulationWithoutSensor(perform, in_hand)
 
-    def simulate(
+
+@dataclass(frozen=True)
+class _SimulationWithoutSensor:
+    """Not a function within the other: this one can be sent to another process."""
+
+    perform: Callable[..., SimulatedMotion]
+    in_hand: bool
+
+    def __call__(
+        self,
         bench: Any,
         steps: Sequence[Any],
         rate_hz: float,
@@ -144,10 +154,8 @@ def simulate_without_sensor(
         sensor: Sensor,
         carried: bool,
     ) -> SensorSimulation:
-        more = {"carried": carried} if in_hand else {}
-        return SensorSimulation(perform(bench, steps, rate_hz, rng, trials, **more), sensor)
-
-    return simulate
+        more = {"carried": carried} if self.in_hand else {}
+        return SensorSimulation(self.perform(bench, steps, rate_hz, rng, trials, **more), sensor)
 
 
 def three_axis_sensor(

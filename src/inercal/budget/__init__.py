@@ -20,6 +20,7 @@ from inercal.budget.contributions import (
 from inercal.budget.imperfections import Imperfection
 from inercal.budget.virtual_experiment import Experiment
 from inercal.errors import InputError
+from inercal.parallel import Executor
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,7 @@ def budget(
     trials: int = 1000,
     seed: int = 0,
     progress: ProgressCallback | None = None,
+    executor: Executor | None = None,
 ) -> Budget:
     """Compute the budget of an experiment.
 
@@ -96,6 +98,8 @@ def budget(
         Equal seeds give equal budgets.
     progress : callable, optional
         Called with the number of trials done, and of all trials.
+    executor : Executor, optional
+        Where trials are computed; by default in this process. The budget is the same.
 
     Raises
     ------
@@ -108,7 +112,7 @@ def budget(
             key="trials",
         )
     linear = first_order_contributions(experiment)
-    estimates = monte_carlo_estimates(experiment, trials, seed, progress)
+    estimates = monte_carlo_estimates(experiment, trials, seed, progress, executor)
     lines = {
         each: BudgetDeviations(linear[each.name], *sample_deviation(estimates[each.name]))
         for each in experiment.imperfections

@@ -23,6 +23,7 @@ from inercal.benches.kind_definition import Effect
 from inercal.benches.kinds import kind_for_bench
 from inercal.budget.imperfections import NOISE
 from inercal.budget.virtual_experiment import Experiment
+from inercal.parallel import Executor
 from inercal.uncertainty import monte_carlo
 from inercal.uncertainty.monte_carlo import BATCH
 from inercal.units import Measured
@@ -44,7 +45,11 @@ def first_order_contributions(experiment: Experiment) -> dict[str, Array]:
 
 
 def monte_carlo_estimates(
-    experiment: Experiment, trials: int, seed: int, progress: ProgressCallback | None = None
+    experiment: Experiment,
+    trials: int,
+    seed: int,
+    progress: ProgressCallback | None = None,
+    executor: Executor | None = None,
 ) -> dict[str, Array]:
     """Return the estimates, (trials, p) SI, by the name of the only imperfection that is drawn.
 
@@ -57,21 +62,34 @@ def monte_carlo_estimates(
     seed : int
     progress : callable, optional
         Called with the number of trials done, and of all trials.
+    executor : Executor, optional
+        Where trials are computed; by default in this process.
     """
+    names = list(experiment.draw_columns)
+    # Without other imperfections the noise alone is all of them.
+    runs = [ImperfectionTrials(experiment, name) for name in names]
+    if names != [NOISE]:
+        runs.append(ImperfectionTrials(experiment, ALL_IMPERFECTIONS))
+    found = monte_carlo(runs, trials, seed, progress=progress, executor=executor)
+    return {ALL_IMPERFECTIONS: found[NOISE]} | found
 
-    def run(rng: np.random.Generator, count: int) -> dict[str, Array]:
-        z = rng.standard_normal((count, experiment.size))
-        estimates: dict[str, Array] = {}
-        for name, columns in experiment.draw_columns.items():
-            alone = np.tile(experiment.expansion_point, (count, 1))
-            alone[:, columns] = z[:, columns]
-            estimates[name] = experiment(alone)
-        # Without other imperfections the noise alone is all of them.
-        only_noise = len(estimates) == 1
-        estimates[ALL_IMPERFECTIONS] = estimates[NOISE] if only_noise else experiment(z)
-        return estimates
 
-    return monte_carlo(run, trials, seed, progress=progress)
+@dataclass(frozen=True, eq=False)
+class ImperfectionTrials:
+    """Estimates with one imperfection drawn, or `ALL_IMPERFECTIONS`; of equal draws of all."""
+
+    experiment: Experiment
+    name: str
+
+    def __call__(self, rng: np.random.Generator, count: int) -> dict[str, Array]:
+        """Return the estimates of so many trials, (count, p) SI, by the name."""
+        z = rng.standard_normal((count, self.experiment.size))
+        if self.name == ALL_IMPERFECTIONS:
+            return {self.name: self.experiment(z)}
+        columns = self.experiment.draw_columns[self.name]
+        alone = np.tile(self.experiment.expansion_point, (count, 1))
+        alone[:, columns] = z[:, columns]
+        return {self.name: self.experiment(alone)}
 
 
 def sample_deviation(estimates: Array) -> tuple[Array, Array]:

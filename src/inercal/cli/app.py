@@ -5,8 +5,10 @@ Help, and the refusal of a mistyped run file, stay quick.
 
 import os
 import sys
+from typing import Any
 
 import typer
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from inercal.cli import (
@@ -27,8 +29,23 @@ from inercal.errors import InercalError
 from inercal.io.atomic_files import written_files
 from inercal.visible_text import visible_text
 
+_INTERRUPTED = 130  # the exit status, as of a shell
+
+
+class _Verbs(TyperGroup):
+    """Verbs whose interruption is one line; typer would end without a word."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            print("inercal: stopped", file=sys.stderr)
+            raise typer.Exit(_INTERRUPTED) from None
+
+
 app = typer.Typer(
     name="inercal",
+    cls=_Verbs,
     help="Calibrate accelerometers and IMUs, with the uncertainty of every coefficient.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -91,4 +108,4 @@ def _run() -> int:
         return 2
     except KeyboardInterrupt:
         print("inercal: stopped", file=sys.stderr)
-        return 130
+        return _INTERRUPTED

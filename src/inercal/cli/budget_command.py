@@ -11,6 +11,7 @@ from inercal.cli.console import (
     print_written_files,
     progress_status,
 )
+from inercal.cli.worker_option import WORKERS
 
 if TYPE_CHECKING:
     from inercal.budget import Budget
@@ -22,6 +23,7 @@ def run(
     run_file: Path = typer.Argument(help="The run file (TOML); its data are not read."),
     trials: int = typer.Option(1000, help="Monte Carlo trials of each imperfection."),
     seed: int = typer.Option(0, help="Seed of the trials."),
+    workers: int | None = WORKERS,
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
 ) -> None:
@@ -30,6 +32,7 @@ def run(
 
     from inercal.cli.outputs import BUDGET, PAGE, check_outputs
     from inercal.errors import InputError
+    from inercal.parallel import open_executor
     from inercal.runfile import read
 
     if trials < 2:
@@ -39,6 +42,7 @@ def run(
         )
     if seed < 0:
         raise InputError(f"--seed {seed} is negative; give 0 or more", key="--seed")
+    executor = open_executor(workers)
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
     from inercal.budget import budget
@@ -57,12 +61,13 @@ def run(
             file=run_file,
             key="[method] estimator",
         )
-    with progress_status(f"first order of {plan.sensor.name}") as update:
+    with progress_status(f"first order of {plan.sensor.name}") as update, executor:
         result = budget(
             experiment_from_run(plan),
             trials,
             seed,
             lambda done, all_: update(f"{done} of {all_} trials of each imperfection"),
+            executor,
         )
         method = {"method": plan.method.name, "estimator": plan.estimator}
         content = budget_as_dict(result) | method

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import typer
 
+from inercal.cli.worker_option import WORKERS
+
 NAME = "plan"
 _POSITIONS, _SECONDS = 24, 3.0  # by hand
 
@@ -34,6 +36,7 @@ def run(
         "print (.html).",
     ),
     force: bool = typer.Option(False, "--force", help="Write over an existing worksheet."),
+    workers: int | None = WORKERS,
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print the steps of a plan, one by one, and the uncertainties to expect."""
@@ -41,6 +44,7 @@ def run(
     from inercal.cli.plan_output import print_plan
     from inercal.errors import InputError
     from inercal.methods import method as named
+    from inercal.parallel import open_executor
 
     name = method.replace("-", "_")
     chosen = named(name)
@@ -61,7 +65,9 @@ def run(
         )
     if run_file is None:
         raise InputError(f"a plan of {name} needs a run file: add --run FILE", key="--run")
-    print_plan(run_file, _method_keys(name, positions, seconds), out, force=force, json=json)
+    keys = _method_keys(name, positions, seconds)
+    with open_executor(workers) as executor:
+        print_plan(run_file, keys, out, executor, force=force, json=json)
 
 
 def _kind_list(kinds: Sequence[str]) -> str:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from inercal.design.expected_uncertainty import ExpectedUncertainty
+    from inercal.parallel import Executor
     from inercal.runfile import Run
 
 
@@ -31,7 +32,13 @@ class _Plan(NamedTuple):
 
 
 def print_plan(
-    run_file: Path, keys: Mapping[str, object], out: Path | None, *, force: bool, json: bool
+    run_file: Path,
+    keys: Mapping[str, object],
+    out: Path | None,
+    executor: "Executor",
+    *,
+    force: bool,
+    json: bool,
 ) -> None:
     """Print the plan of a run; with `out`, write the table to be filled, and its page if any.
 
@@ -57,7 +64,7 @@ def print_plan(
                 key="--out",
             )
         else:
-            plan = _path_plan(run) if run.kind.sampled else _hand_plan(run)
+            plan = _path_plan(run) if run.kind.sampled else _hand_plan(run, executor)
     if json:
         expected = [_uncertainty_as_object(each) for each in plan.expected[0]]
         content: dict[str, Any] = {
@@ -78,13 +85,13 @@ def print_plan(
         )
 
 
-def _hand_plan(run: "Run") -> _Plan:
+def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
     from rich.table import Table
 
     from inercal.design import rehearse_plan
     from inercal.design.expected_uncertainty import coefficient_uncertainties
 
-    result = rehearse_plan(run)
+    result = rehearse_plan(run, executor=executor)
     title = f"{len(result.steps)} rests, {result.seconds:.0f} s in all"
     table = Table("rest", "attitude", "hold for", title=title)
     for step in result.steps:

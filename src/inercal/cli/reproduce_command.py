@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from inercal.cli.worker_option import WORKERS
+
 if TYPE_CHECKING:
     from inercal.studies import Study
 
@@ -26,21 +28,24 @@ def run(
         4000, help="Largest number of Monte Carlo trials; slow studies take fewer."
     ),
     seed: int = typer.Option(0, help="Seed of the noise."),
+    workers: int | None = WORKERS,
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
     """Recompute a source paper, and judge whether each of its claims holds."""
     from inercal.cli.outputs import PAGE, check_outputs
     from inercal.cli.terminal import terminal
     from inercal.io.atomic_files import make_folder
+    from inercal.parallel import open_executor
     from inercal.studies import reproduce, results_as_list, write_study
 
+    executor = open_executor(workers)
     written: Path | None = None
     folder = Path() if out is None and not json else out
     if folder is not None:
         make_folder(folder)
         check_outputs({folder / f"{name}.study.html": PAGE})
-    with terminal(stderr=True).status(f"reproducing {name}") as status:
-        study = reproduce(name, trials, seed, status.update)
+    with terminal(stderr=True).status(f"reproducing {name}") as status, executor:
+        study = reproduce(name, trials, seed, status.update, executor)
         if folder is not None:
             status.update("writing the page")
             written = write_study(study, folder)

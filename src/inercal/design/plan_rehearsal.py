@@ -1,14 +1,19 @@
 """Expected uncertainties of a plan by hand, from simulations of the plan."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.benches.kind_definition import Simulate
 from inercal.errors import InputError
+from inercal.estimate import Estimate, Gaussian
 from inercal.methods.temperature import refuse_temperature_terms_in_plan
+from inercal.parallel import Executor, SerialExecutor, in_order
 from inercal.pipeline import read_out
 from inercal.plan import Hold, Step
 from inercal.recording import Mark, Recording
@@ -46,7 +51,9 @@ def default_run_file() -> Path:
     return Path(str(files("inercal") / "hand_held.toml"))
 
 
-def rehearse_plan(run: Run, sessions: int = SESSIONS) -> RehearsalResult:
+def rehearse_plan(
+    run: Run, sessions: int = SESSIONS, executor: Executor | None = None
+) -> RehearsalResult:
     """Simulate the run's plan, and return the uncertainties that its estimator states.
 
     Parameters
@@ -55,6 +62,8 @@ def rehearse_plan(run: Run, sessions: int = SESSIONS) -> RehearsalResult:
         Of a method with free attitudes; only its sensor's noise and its bench matter.
     sessions : int
         Simulations; their median is robust against one that a χ² enlarges by chance.
+    executor : Executor, optional
+        Where the simulations run; by default in this process. The result is the same.
 
     Raises
     ------
@@ -80,31 +89,58 @@ def rehearse_plan(run: Run, sessions: int = SESSIONS) -> RehearsalResult:
             raise InputError(
                 f"{run.path}: {key} is missing; add it for the simulation", file=run.path, key=key
             )
-    std: list[Array] = []
-    p, seconds = len(run.sensor.coefficients), 0.0
-    estimator = run.method.estimator(run.estimator)
+    rehearsal = _Rehearsal(
+        run.kind.simulate, run.bench, run.steps, run.kind.steps, run.sensor, run.priors,
+        run.method.estimator(run.estimator), run.rate_hz,
+    )  # fmt: skip
+    executor = executor or SerialExecutor()
     for seed in range(sessions):
-        recording = _simulate_recording(run, run.rate_hz, np.random.default_rng(seed))
-        seconds = recording.duration
-        holds = tuple(step for step in run.steps if isinstance(step, Hold))
+        executor.submit(rehearsal, seed)
+    found: list[_Session] = list(in_order(executor))
+    std = np.median([one.std for one in found], axis=0)
+    return RehearsalResult(run.steps, run.sensor, std, found[-1].seconds)
+
+
+class _Session(NamedTuple):
+    """Standard uncertainties, (p,) SI, by one simulation, and its duration, s."""
+
+    std: Array
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Rehearsal:
+    """One simulation of a plan and its calibration; other processes take it without the run."""
+
+    simulate: Simulate[Any]
+    bench: Any
+    steps: tuple[Step, ...]
+    simulated_steps: tuple[type[Step], ...]
+    sensor: Sensor
+    priors: tuple[Gaussian, ...]
+    estimator: Callable[..., Estimate]
+    rate_hz: float
+
+    def __call__(self, seed: int) -> _Session:
+        recording = self._recording(np.random.default_rng(seed))
+        holds = tuple(step for step in self.steps if isinstance(step, Hold))
         marks = _trimmed_marks(recording)
-        seen = observe(recording, run.sensor, marks, holds, by_hand=True)
-        if run.sensor.select_axes("w").axes:
-            seen = replace(
-                seen, transitions=transitions_between_rests(recording, run.sensor, marks)
-            )
-        estimate = estimator(seen, run.sensor, run.bench, run.steps, run.priors)
-        std.append(estimate.std[:p])
-    return RehearsalResult(run.steps, run.sensor, np.median(std, axis=0), seconds)
+        seen = observe(recording, self.sensor, marks, holds, by_hand=True)
+        if self.sensor.select_axes("w").axes:
+            turns = transitions_between_rests(recording, self.sensor, marks)
+            seen = replace(seen, transitions=turns)
+        estimate = self.estimator(seen, self.sensor, self.bench, self.steps, self.priors)
+        return _Session(estimate.std[: len(self.sensor.coefficients)], recording.duration)
 
-
-def _simulate_recording(run: Run, rate_hz: float, rng: np.random.Generator) -> Recording:
-    steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
-    done = run.kind.simulate(run.bench, steps, rate_hz, rng, 1, run.sensor, True).simulated_motion
-    c = np.zeros(len(run.sensor.coefficients))
-    data = read_out(run.sensor, done.motion, c, rate_hz, rng)[0]
-    units = tuple(axis.readout.unit for axis in run.sensor.axes)
-    return Recording(done.time, data, run.sensor.channels, units, done.labels)
+    def _recording(self, rng: np.random.Generator) -> Recording:
+        steps = [step for step in self.steps if isinstance(step, self.simulated_steps)]
+        done = self.simulate(
+            self.bench, steps, self.rate_hz, rng, 1, self.sensor, True
+        ).simulated_motion
+        c = np.zeros(len(self.sensor.coefficients))
+        data = read_out(self.sensor, done.motion, c, self.rate_hz, rng)[0]
+        units = tuple(axis.readout.unit for axis in self.sensor.axes)
+        return Recording(done.time, data, self.sensor.channels, units, done.labels)
 
 
 def _trimmed_marks(recording: Recording) -> tuple[Mark, ...]:

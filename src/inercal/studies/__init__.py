@@ -1,6 +1,7 @@
 """Source papers, recomputed: their tables, figures and claims, each judged from the numbers.
 
-A study is a module with `run(trials, seed, say)`; adding one is adding its line to `STUDIES`.
+A study is a module with `run(trials, seed, say, executor)`; adding one is adding its line to
+`STUDIES`.
 """
 
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ from typing import Any, cast
 
 from inercal.errors import InputError, require_extra
 from inercal.io.atomic_files import make_folder, write_text
+from inercal.parallel import Executor, SerialExecutor
 from inercal.studies.claim import Claim, ClaimResult, judge_claim
 from inercal.studies.study_content import MessageCallback, Study, StudyModule
 
@@ -30,7 +32,11 @@ def _discard_message(_: str) -> None:
 
 
 def reproduce(
-    name: str, trials: int = TRIALS, seed: int = 0, say: MessageCallback = _discard_message
+    name: str,
+    trials: int = TRIALS,
+    seed: int = 0,
+    say: MessageCallback = _discard_message,
+    executor: Executor | None = None,
 ) -> Study:
     """Return a source paper recomputed.
 
@@ -43,6 +49,8 @@ def reproduce(
     seed : int
     say : callable
         Receives progress messages.
+    executor : Executor, optional
+        Where the study is computed; by default in this process. The study is the same.
 
     Raises
     ------
@@ -61,7 +69,8 @@ def reproduce(
         )
     if seed < 0:
         raise InputError(f"seed is {seed}; give a whole number, 0 or larger", key="--seed")
-    return cast("StudyModule", import_module(STUDIES[name])).run(trials, seed, say)
+    module = cast("StudyModule", import_module(STUDIES[name]))
+    return module.run(trials, seed, say, executor or SerialExecutor())
 
 
 def results_as_list(study: Study) -> list[dict[str, Any]]:

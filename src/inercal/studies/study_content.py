@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from inercal.arrays import Array
+from inercal.parallel import Executor
 from inercal.studies.claim import ClaimResult
 
 MessageCallback = Callable[[str], object]
@@ -98,6 +99,6 @@ class Study:
 class StudyModule(Protocol):
     """The module of a study."""
 
-    def run(self, trials: int, seed: int, say: MessageCallback) -> Study:
+    def run(self, trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
         """Compute the study with this number of Monte Carlo trials; `say` receives progress."""
         ...

@@ -4,29 +4,34 @@ Trials are drawn in batches, each with a random stream of its own that is spawne
 batch does not depend on how many others there are, and they may be drawn in any order.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.random import Generator
+from numpy.random import Generator, SeedSequence
 
 from inercal.arrays import Array
+from inercal.parallel import Executor, SerialExecutor, in_order
 
 BATCH = 500
 
+Run = Callable[[Generator, int], Mapping[str, Array]]
+
 
 def monte_carlo(
-    run: Callable[[Generator, int], Mapping[str, Array]],
+    run: Run | Sequence[Run],
     trials: int,
     seed: int,
     batch: int = BATCH,
     progress: Callable[[int, int], None] | None = None,
+    executor: Executor | None = None,
 ) -> dict[str, Array]:
     """Return what `run` gives for every trial.
 
     Parameters
     ----------
-    run : callable
-        A generator and a number of trials n, to arrays (n, ...) by name.
+    run : callable or several
+        A generator and a number of trials n, to arrays (n, ...) by name. Several are given
+        generators of equal draws; each batch of each is a task of its own.
     trials : int
         How many in all.
     seed : int
@@ -34,22 +39,35 @@ def monte_carlo(
     batch : int, optional
         Trials drawn at once: enough to share the cost of a call, few enough for the cache.
     progress : callable, optional
-        Called after each batch with the number of trials done and of all trials.
+        Called with the number of trials done and of all trials, when more are done.
+    executor : Executor, optional
+        Where batches are drawn; by default in this process. The results are the same.
 
     Returns
     -------
     dict of str to (trials, ...) arrays
         By the names that `run` gives.
     """
+    runs = (run,) if callable(run) else run
+    executor = executor or SerialExecutor()
     firsts = range(0, trials, batch)
-    streams = np.random.SeedSequence(seed).spawn(len(firsts))
-    parts: list[Mapping[str, Array]] = []
-    for first, stream in zip(firsts, streams, strict=True):
-        count = min(batch, trials - first)
-        parts.append(run(np.random.default_rng(stream), count))
+    streams = SeedSequence(seed).spawn(len(firsts))
+    indices = [
+        executor.submit(_draw_batch, one, stream, min(batch, trials - first))
+        for first, stream in zip(firsts, streams, strict=True)
+        for one in runs
+    ]
+    parts: dict[str, list[Array]] = {}
+    for k, part in enumerate(in_order(executor, indices[0])):
+        for name, values in part.items():
+            parts.setdefault(name, []).append(values)
         if progress:
-            progress(first + count, trials)
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+            progress(min((k + 1) * batch // len(runs), trials), trials)
+    return {name: np.concatenate(values) for name, values in parts.items()}
+
+
+def _draw_batch(run: Run, stream: SeedSequence, count: int) -> Mapping[str, Array]:
+    return run(np.random.default_rng(stream), count)
 
 
 def nees(error: Array, covariance: Array) -> Array:

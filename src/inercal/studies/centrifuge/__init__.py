@@ -4,6 +4,7 @@ Each module takes one question: what comes out, and the section of the page that
 words, and the claims that it judges, stand in the TOML file of the section's name.
 """
 
+from inercal.parallel import Executor
 from inercal.studies.centrifuge import (
     bench_effects,
     efficiency,
@@ -18,8 +19,12 @@ from inercal.studies.section_texts import build_study
 from inercal.studies.study_content import MessageCallback, Study
 
 
-def run(trials: int, seed: int, say: MessageCallback) -> Study:
-    """Return the study; see `inercal.studies.reproduce`."""
+def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
+    """Return the study; see `inercal.studies.reproduce`.
+
+    It is not divided into tasks: all of it takes 2 s, hardly more than other processes need to
+    start.
+    """
     say("Table 1: screening the printed outputs")
     first = table1.section()
     say(f"repeating the experiment {trials} times")

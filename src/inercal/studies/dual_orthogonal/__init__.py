@@ -5,6 +5,9 @@ question and its section of the page; the text and the claims of a section are i
 its name.
 """
 
+from functools import partial
+
+from inercal.parallel import Executor
 from inercal.studies.dual_orthogonal import (
     cardinal_points,
     error_allocation,
@@ -14,32 +17,35 @@ from inercal.studies.dual_orthogonal import (
     step_angle,
 )
 from inercal.studies.section_texts import build_study
+from inercal.studies.stages import compute_stages
 from inercal.studies.study_content import MessageCallback, Study
 
 TRIAL_RATIO = 4  # trials of the table of methods per trial of each further question
 
 
-def run(trials: int, seed: int, say: MessageCallback) -> Study:
+def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
     fewer = max(trials // TRIAL_RATIO, 20)
-    say(f"the methods, {trials} trials each")
-    compared = method_accuracy.compare_methods(trials, seed)
-    say("heads of several sizes")
-    heads = head_error.section(head_error.compare_heads(fewer, seed))
-    say("error allocation")
-    budget = error_allocation.section(fewer, seed)
-    say("g² and the four points")
-    seen, points = squared_observation.section(fewer, seed), cardinal_points.section(trials, seed)
-    say("steps")
-    steps = step_angle.section(fewer // 2, seed)
+    stages = {
+        f"the methods, {trials} trials each": method_accuracy.method_accuracy_calls(trials, seed),
+        "heads of several sizes": head_error.head_calls(fewer, seed),
+        "error allocation": error_allocation.allocation_calls(fewer, seed),
+        "g² and the four points": [
+            partial(squared_observation.section, fewer, seed),
+            partial(cardinal_points.section, trials, seed),
+        ],
+        "steps": step_angle.step_calls(fewer // 2, seed),
+    }
+    methods, heads, items, (seen, points), steps = compute_stages(stages, say, executor)
+    compared = method_accuracy.combine_methods(methods)
     return build_study(
         __name__,
         (
             method_accuracy.section(compared),
-            heads,
+            head_error.section(head_error.combine_heads(heads)),
             method_accuracy.faces_section(compared),
-            steps,
-            budget,
+            step_angle.section(steps, seed),
+            error_allocation.section(items),
             points,
             seen,
         ),

@@ -3,8 +3,10 @@
 One item has its error at a time, while the estimator assumes all of them; then all together.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +30,7 @@ from inercal.studies.dual_orthogonal.simulated_head import (
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS, method_errors
 from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
+from inercal.studies.stages import Call
 from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "allocation")
@@ -118,15 +121,24 @@ def allowed_autocollimator_deviation(k0: Mapping[str, float]) -> float:
     return AUTOCOLLIMATOR * np.sqrt(K0_BUDGET**2 - k0["readings"] ** 2) / k0[_AUTOCOLLIMATOR_ITEM]
 
 
-def section(trials: int, seed: int) -> StudySection:
-    """Return the section of the error allocation."""
-    found = {way: item_errors(way, trials, seed) for way in _ALLOCATED_METHODS}
+def allocation_calls(trials: int, seed: int) -> list[Call]:
+    """Return the calls that `section` needs: by way, the items and the tilting base."""
+    return [
+        *(partial(item_errors, way, trials, seed) for way in _ALLOCATED_METHODS),
+        *(partial(method_errors, way, trials, seed, pier=BASE_TILT) for way in _ALLOCATED_METHODS),
+    ]
+
+
+def section(results: Sequence[Any]) -> StudySection:
+    """Return the section of the error allocation, from the results of the calls."""
+    count = len(_ALLOCATED_METHODS)
+    found: ErrorsByItem = dict(zip(_ALLOCATED_METHODS, results[:count], strict=True))
     patent, faces = found.values()
     k0 = {name: rms(by_column["K0"]).value for name, by_column in patent.items()}
     whole = rms(patent[ALL_ITEMS]["K0"])
     moving = {
-        way: rms(method_errors(way, trials, seed, pier=BASE_TILT)["K0"])
-        for way in _ALLOCATED_METHODS
+        way: rms(errors["K0"])
+        for way, errors in zip(_ALLOCATED_METHODS, results[count:], strict=True)
     }
     leaning = max(rms(patent["lean of the spindle"][column]) for column in JUDGED_COLUMNS)
     findings = (

@@ -1,6 +1,8 @@
 """The head's error by method: heads with errors of several sizes, with the same random draws."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -10,12 +12,14 @@ from inercal.studies.dual_orthogonal.simulated_head import rms_ratio
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
 from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
+from inercal.studies.stages import Call
 from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "head")
 
 HEAD_ERRORS = (0.5, 1.0, 3.0, 10.0)  # ″ rms
 SHOWN_METHODS = ("single", "dual, Bayes", "patent", "joint", EVERY_FACE)
+_CASES = (*((name, head) for name in SHOWN_METHODS for head in HEAD_ERRORS), ("patent", 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,15 +31,21 @@ class HeadComparison:
     head_change: float  # µg, RMS change of the patent's K0 by the head of 10″
 
 
-def compare_heads(trials: int, seed: int) -> HeadComparison:
-    """Return the errors of K0 by method and size of the head's error."""
+def head_calls(trials: int, seed: int) -> list[Call]:
+    """Return the calls, one a method and head, that `combine_heads` needs."""
+    return [partial(_bias_error, name, head, trials, seed) for name, head in _CASES]
 
-    def error(name: str, head: float) -> Array:
-        return method_errors(name, trials, seed, head=head)["K0"]
 
-    k0 = {name: [rms(error(name, head)) for head in HEAD_ERRORS] for name in SHOWN_METHODS}
-    none, worst = error("patent", 0.0), error("patent", HEAD_ERRORS[-1])
+def combine_heads(found: Sequence[Array]) -> HeadComparison:
+    """Return the errors of K0 by method and size of the head, from the results of the calls."""
+    error = dict(zip(_CASES, found, strict=True))
+    k0 = {name: [rms(error[name, head]) for head in HEAD_ERRORS] for name in SHOWN_METHODS}
+    none, worst = error["patent", 0.0], error["patent", HEAD_ERRORS[-1]]
     return HeadComparison(k0, rms_ratio(worst, none), rms(worst - none).value)
+
+
+def _bias_error(name: str, head: float, trials: int, seed: int) -> Array:
+    return method_errors(name, trials, seed, head=head)["K0"]
 
 
 def section(found: HeadComparison) -> StudySection:

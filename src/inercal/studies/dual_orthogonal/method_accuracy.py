@@ -1,7 +1,8 @@
 """The table of methods: what each knows of each coefficient, and the claim of 1 µg."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from inercal.studies.dual_orthogonal.simulated_head import (
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, METHODS
 from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
+from inercal.studies.stages import Call
 from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "accuracy")
@@ -42,19 +44,27 @@ class MethodAccuracy:
     nees: Mapping[str, Rms]
 
 
-def compare_methods(trials: int, seed: int) -> MethodAccuracy:
-    """Return what the methods reach with a head of 3″."""
-    found: dict[str, dict[str, Rms]] = {}
-    square: dict[str, Rms] = {}
-    for name, method in METHODS.items():
-        case = simulate(nominal_bench(collimated=method.collimated), trials, seed)
-        estimate = method(case)
-        found[name] = {
-            column: rms(error) for column, error in estimate_errors(estimate, case).items()
-        }
-        if name in (JOINT_METHOD, EVERY_FACE):
-            square[name] = _normalized_error(estimate, case)
-    return MethodAccuracy(found, square)
+def method_accuracy_calls(trials: int, seed: int) -> list[Call]:
+    """Return the calls, one a method, that `combine_methods` needs."""
+    return [partial(_assess_method, name, trials, seed) for name in METHODS]
+
+
+def combine_methods(found: Sequence[tuple[dict[str, Rms], Rms | None]]) -> MethodAccuracy:
+    """Return what the methods reach with a head of 3″, from the results of the calls."""
+    by_name = dict(zip(METHODS, found, strict=True))
+    return MethodAccuracy(
+        {name: columns for name, (columns, _) in by_name.items()},
+        {name: square for name, (_, square) in by_name.items() if square is not None},
+    )
+
+
+def _assess_method(name: str, trials: int, seed: int) -> tuple[dict[str, Rms], Rms | None]:
+    method = METHODS[name]
+    case = simulate(nominal_bench(collimated=method.collimated), trials, seed)
+    estimate = method(case)
+    found = {column: rms(error) for column, error in estimate_errors(estimate, case).items()}
+    stated = name in (JOINT_METHOD, EVERY_FACE)
+    return found, _normalized_error(estimate, case) if stated else None
 
 
 def _normalized_error(found: Estimate, case: DividingHeadCase) -> Rms:

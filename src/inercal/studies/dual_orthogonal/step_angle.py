@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import pi, sqrt
 
 import numpy as np
@@ -17,6 +18,7 @@ from inercal.studies.dual_orthogonal.squared_observation import matrix_rank
 from inercal.studies.dual_orthogonal.studied_methods import EVERY_FACE, method_errors
 from inercal.studies.rms import Rms, rms
 from inercal.studies.section_texts import read_section_text
+from inercal.studies.stages import Call
 from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.dual_orthogonal", "step")
@@ -79,24 +81,25 @@ _PLANS = {
 }
 
 
-def step_effects(trials: int, seed: int) -> list[StepEffect]:
-    """Return what each step does."""
-    found: list[StepEffect] = []
-    for n in COUNTS:
-        each: dict[str, Array | None] = {}
-        total: dict[str, Array | None] = {}
-        for way, (name, plan) in _PLANS.items():
-            visited = plan(n)
-            each[way] = judged_errors(name, visited, trials, seed)
-            # As many readings in all as BEST positions have, shared by more or fewer positions.
-            shared = NOISE * sqrt(len(visited) / CLAIMED_BEST)
-            total[way] = judged_errors(name, visited, trials, seed, shared)
-        rank = matrix_rank(g_squared.design_matrix(2 * pi * np.arange(n) / n))
-        dual = judged_errors(
-            "dual, Bayes", position_plan(n), max(trials // _DUAL_TRIAL_RATIO, 20), seed
-        )
-        found.append(StepEffect(n, rank, dual, each, total))
-    return found
+def step_calls(trials: int, seed: int) -> list[Call]:
+    """Return the calls that `section` needs: one a step, the longest first."""
+    return [partial(_step_effect, n, trials, seed) for n in reversed(COUNTS)]
+
+
+def _step_effect(n: int, trials: int, seed: int) -> StepEffect:
+    each: dict[str, Array | None] = {}
+    total: dict[str, Array | None] = {}
+    for way, (name, plan) in _PLANS.items():
+        visited = plan(n)
+        each[way] = judged_errors(name, visited, trials, seed)
+        # As many readings in all as BEST positions have, shared by more or fewer positions.
+        shared = NOISE * sqrt(len(visited) / CLAIMED_BEST)
+        total[way] = judged_errors(name, visited, trials, seed, shared)
+    rank = matrix_rank(g_squared.design_matrix(2 * pi * np.arange(n) / n))
+    dual = judged_errors(
+        "dual, Bayes", position_plan(n), max(trials // _DUAL_TRIAL_RATIO, 20), seed
+    )
+    return StepEffect(n, rank, dual, each, total)
 
 
 def ratio_to_best_other_step(by_count: Mapping[int, Array | None]) -> tuple[Rms, int]:
@@ -121,9 +124,9 @@ def best_step(by_count: Mapping[int, Array | None]) -> tuple[float, float, str]:
     return 360 / n, abs(360 / CLAIMED_BEST - 360 / n) * over.u / (over.value - 1), words
 
 
-def section(trials: int, seed: int) -> StudySection:
-    """Return the section of the step."""
-    found = step_effects(trials, seed)
+def section(results: Sequence[StepEffect], seed: int) -> StudySection:
+    """Return the section of the step, from the results of the calls."""
+    found = list(reversed(results))
     serving, helped = (
         [n for n in CLAIMED_COUNTS if judged_errors("patent", plan(n), 20, seed) is not None]
         for plan in (position_plan, positions_with_cardinals)

@@ -5,6 +5,9 @@ simulates a table. Each module computes one question and its section of the page
 claims of a section are in the TOML file of its name.
 """
 
+from itertools import islice
+
+from inercal.parallel import Executor, in_order
 from inercal.studies.section_texts import build_study
 from inercal.studies.ship_model import (
     equation_rank,
@@ -13,17 +16,26 @@ from inercal.studies.ship_model import (
     planar,
     wave_check,
 )
+from inercal.studies.ship_model.simulated_rate_table import simulate
 from inercal.studies.study_content import MessageCallback, Study
 
 TRIALS_PER_DEVICE = 4  # of the tables
 TRIALS_PER_SEARCH = 500
 
 
-def run(trials: int, seed: int, say: MessageCallback) -> Study:
+def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
     devices, searches = max(trials // TRIALS_PER_DEVICE, 20), max(trials // TRIALS_PER_SEARCH, 3)
     say(f"estimators on {devices} devices")
-    found = estimators.compare_estimators(devices, seed)
+    case = simulate(devices, seed)
+    estimates = estimators.estimator_calls(case)
+    calls = [*estimates, *optimiser.search_calls(case, searches, seed)]
+    indices = [executor.submit(call) for call in calls]
+    results = in_order(executor, indices[0])
+    found = estimators.combine_estimators(case, seed, list(islice(results, len(estimates))))
+    # The searches go on meanwhile in other processes.
+    for call in wave_check.wave_calls(found):
+        executor.submit(call)
     say("the planar calibration")
     sections = [
         planar.section(found),
@@ -31,10 +43,10 @@ def run(trials: int, seed: int, say: MessageCallback) -> Study:
         equation_rank.damped_section(found),
     ]
     say(f"global searches of {searches} devices")
-    searched = optimiser.compare_searches(found.case, searches, seed)
+    searched = list(islice(results, searches))
     sections.append(optimiser.section(searched))
     reached = optimiser.median_of_few([one.vector_error["default"] / 1e-3 for one in searched])
     sections.append(estimators.section(found, reached, searches))
     say("the model in waves")
-    sections.append(wave_check.section(found))
+    sections.append(wave_check.section(found, list(results)))
     return build_study(__name__, sections, devices=devices, searches=searches, seed=seed)

@@ -1,7 +1,8 @@
 """The estimators on the same devices, in the norms they see and in the vectors they are for."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     simulate,
     vector_rms,
 )
+from inercal.studies.stages import Call
 from inercal.studies.study_content import StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "estimators")
@@ -47,6 +49,10 @@ class EstimatorComparison:
     seed: int
     models: Mapping[str, AffineModel]
 
+    def with_only(self, name: str) -> "EstimatorComparison":
+        """Return the same devices with one estimator."""
+        return replace(self, models={name: self.models[name]})
+
     def vector_errors(self, name: str) -> Array:
         """Return the rms error on fresh poses, (trials,) g."""
         return vector_rms(self.models[name], self.case.device, self.seed)
@@ -59,13 +65,34 @@ class EstimatorComparison:
 def compare_estimators(trials: int, seed: int) -> EstimatorComparison:
     """Return the estimates of so many devices."""
     case = simulate(trials, seed)
-    models = {UNCALIBRATED: AffineModel.of(np.broadcast_to(IDENTITY_PARAMETERS, (trials, 12)))}
-    for name, estimator in ESTIMATORS.items():
-        models[name] = model_from_estimate(
-            estimator(case.observations, SENSOR, case.bench, case.steps)
-        )
-    models[UNDAMPED] = undamped_model(case, models["planar"])
-    return EstimatorComparison(case, seed, models)
+    return combine_estimators(case, seed, [call() for call in estimator_calls(case)])
+
+
+def estimator_calls(case: ShipModelCase) -> list[Call]:
+    """Return the calls, one an estimator, that `combine_estimators` needs."""
+    return [*(partial(_estimate_model, case, name) for name in ESTIMATORS),
+            partial(_undamped_from_planar, case)]  # fmt: skip
+
+
+def combine_estimators(
+    case: ShipModelCase, seed: int, found: Sequence[AffineModel]
+) -> EstimatorComparison:
+    """Return the estimates of all estimators, from the results of the calls."""
+    trials = len(case.readings)
+    none = AffineModel.of(np.broadcast_to(IDENTITY_PARAMETERS, (trials, 12)))
+    names = (*ESTIMATORS, UNDAMPED)
+    return EstimatorComparison(
+        case, seed, {UNCALIBRATED: none} | dict(zip(names, found, strict=True))
+    )
+
+
+def _estimate_model(case: ShipModelCase, name: str) -> AffineModel:
+    estimate = ESTIMATORS[name](case.observations, SENSOR, case.bench, case.steps)
+    return model_from_estimate(estimate)
+
+
+def _undamped_from_planar(case: ShipModelCase) -> AffineModel:
+    return undamped_model(case, _estimate_model(case, "planar"))
 
 
 def undamped_model(case: ShipModelCase, start: AffineModel) -> AffineModel:

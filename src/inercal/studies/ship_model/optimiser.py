@@ -1,6 +1,7 @@
 """The commercial optimiser's part, by differential evolution: the same norms, another sensor."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     rms_length,
     vector_rms,
 )
+from inercal.studies.stages import Call
 from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "optimiser")
@@ -48,10 +50,13 @@ class OptimiserComparison(NamedTuple):
     largest: dict[str, float]  # relative error as a vector in a fresh pose
 
 
-def compare_searches(case: ShipModelCase, devices: int, seed: int) -> list[OptimiserComparison]:
-    """Return what becomes of the first devices."""
+def search_calls(case: ShipModelCase, devices: int, seed: int) -> list[Call]:
+    """Return the calls that compare the searches on the first devices, one a device."""
     # Chance decides the null directions: each search has its own.
-    return [_search_device(case.single_device(k), seed, 1000 * seed + k) for k in range(devices)]
+    return [
+        partial(_search_device, case.single_device(k), seed, 1000 * seed + k)
+        for k in range(devices)
+    ]
 
 
 def _search_device(case: ShipModelCase, seed: int, chance: int) -> OptimiserComparison:

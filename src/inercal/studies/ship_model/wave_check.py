@@ -1,5 +1,7 @@
 """What a calibration is worth on the model: the error of acceleration it leaves in waves."""
 
+from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +24,7 @@ from inercal.studies.ship_model.simulated_rate_table import (
     median_estimate,
     select_trials,
 )
+from inercal.studies.stages import Call
 from inercal.studies.study_content import Chart, Curve, StudyPanel, StudySection, StudyTable
 
 TEXT = read_section_text("inercal.studies.ship_model", "motion")
@@ -29,6 +32,7 @@ TEXT = read_section_text("inercal.studies.ship_model", "motion")
 WAVES = {"regular": REGULAR_WAVES, "irregular": IRREGULAR_WAVES}
 SHOWN_ESTIMATORS = (UNCALIBRATED, "planar", "damped", "joint")
 _RATE, _SECONDS = 10.0, 400.0
+_TIME = np.arange(0, _SECONDS, 1 / _RATE)
 _BATCH = 100  # devices at a time
 _CHART_SECONDS = 10.0  # s in the chart
 
@@ -56,14 +60,25 @@ def residual_error(found: EstimatorComparison, name: str, f: Array) -> ResidualE
     return ResidualError(rms, peak, rest_corrected)
 
 
-def section(found: EstimatorComparison) -> StudySection:
-    """Return the section of the ship motion check."""
-    t = np.arange(0, _SECONDS, 1 / _RATE)
-    runs = {name: simulate_ship_motion(waves, t, found.seed) for name, waves in WAVES.items()}
-    by_run = {
-        name: {way: residual_error(found, way, run.f / G0) for way in SHOWN_ESTIMATORS}
-        for name, run in runs.items()
-    }
+def wave_calls(found: EstimatorComparison) -> list[Call]:
+    """Return the calls that `section` needs: one a run and estimator."""
+    runs = _wave_runs(found.seed)
+    return [
+        partial(residual_error, found.with_only(way), way, run.f / G0)
+        for run in runs.values()
+        for way in SHOWN_ESTIMATORS
+    ]
+
+
+def _wave_runs(seed: int) -> dict[str, ShipMotion]:
+    return {name: simulate_ship_motion(waves, _TIME, seed) for name, waves in WAVES.items()}
+
+
+def section(found: EstimatorComparison, results: Sequence[ResidualError]) -> StudySection:
+    """Return the section of the ship motion check, from the results of the calls."""
+    runs = _wave_runs(found.seed)
+    rest = iter(results)
+    by_run = {name: {way: next(rest) for way in SHOWN_ESTIMATORS} for name in runs}
     rough = by_run["irregular"]
     heave = _heave_acceleration(runs["irregular"])[0]
     worst = {way: median_estimate(rough[way].rms.max(-1)) for way in SHOWN_ESTIMATORS}
@@ -89,7 +104,7 @@ def section(found: EstimatorComparison) -> StudySection:
     return TEXT.section(
         findings,
         tuple(_table(name, runs[name], by_run[name]) for name in WAVES),
-        (_chart(found, t, runs["irregular"]),),
+        (_chart(found, _TIME, runs["irregular"]),),
         place=SENSOR_POSITION,
     )
 

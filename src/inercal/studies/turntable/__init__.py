@@ -5,6 +5,7 @@ illegible in our copy, so the study simulates a table. Each module computes one 
 section of the page; the text and the claims of a section are in the TOML file of its name.
 """
 
+from inercal.parallel import Executor
 from inercal.studies.section_texts import build_study
 from inercal.studies.study_content import MessageCallback, Study
 from inercal.studies.turntable import duration, failures, printed_accuracy, state_models
@@ -14,10 +15,10 @@ TRIALS_PER_DEVICE = 250  # a device is half an hour of samples
 MIN_DEVICES = 6
 
 
-def run(trials: int, seed: int, say: MessageCallback) -> Study:
+def run(trials: int, seed: int, say: MessageCallback, executor: Executor) -> Study:
     """Return the study; see `inercal.studies.reproduce`."""
     devices = max(trials // TRIALS_PER_DEVICE, MIN_DEVICES)
-    found = of_devices.run_filters(devices, seed, say)
+    found = of_devices.run_filters(devices, seed, say, executor)
     return build_study(
         __name__,
         (

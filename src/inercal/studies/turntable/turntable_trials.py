@@ -1,12 +1,13 @@
 """The results of all filters on all devices, by the name of the run."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from inercal.benches.turntable.paths import discrete_path, fast_path, paper_path
 from inercal.methods.turntable import model
+from inercal.parallel import Executor, SerialExecutor, in_order
 from inercal.studies.study_content import MessageCallback
 from inercal.studies.turntable.simulated_turntable import (
     DEG_MIN,
@@ -60,20 +61,34 @@ class TurntableTrials:
         runs = self.gyros if kind == "g" else self.accelerometers
         runs.setdefault(name, []).append(found)
 
+    def extend(self, other: "TurntableTrials") -> None:
+        """Append the errors of other devices."""
+        for mine, more in ((self.gyros, other.gyros), (self.accelerometers, other.accelerometers)):
+            for name, found in more.items():
+                mine.setdefault(name, []).extend(found)
+        self.decided_at_ends.extend(other.decided_at_ends)
 
-def run_filters(devices: int, seed: int, say: MessageCallback) -> TurntableTrials:
+
+def run_filters(
+    devices: int, seed: int, say: MessageCallback, executor: Executor | None = None
+) -> TurntableTrials:
     """Return the results of all filters on a number of devices."""
-    result = TurntableTrials()
-    parts: Sequence[Callable[[int, TurntableTrials], None]] = (
-        _run_paper_path,
-        _run_fast_path,
-        _run_late_path,
-        _run_discrete_path,
-    )
+    executor = executor or SerialExecutor()
     for k in range(devices):
-        say(f"device {k + 1} of {devices}")
-        for one in parts:
-            one(seed * 1_000_003 + k, result)
+        executor.submit(_run_device, seed * 1_000_003 + k)
+    result = TurntableTrials()
+    say(f"device 1 of {devices}")
+    for k, one in enumerate(in_order(executor)):
+        say(f"device {min(k + 2, devices)} of {devices}")
+        result.extend(one)
+    return result
+
+
+def _run_device(seed: int) -> TurntableTrials:
+    """Return the results of all filters on one device."""
+    result = TurntableTrials()
+    for part in (_run_paper_path, _run_fast_path, _run_late_path, _run_discrete_path):
+        part(seed, result)
     return result
 
 

@@ -1,0 +1,89 @@
+"""Two workers against one: the commands from start to end, and tasks of 100 ms.
+
+Work beside this on the machine lengthens the times with two workers more than those with one.
+"""
+
+import os
+import shutil
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks import ROOT, Duration, Row, Skipped
+from benchmarks.start_up import processor_time
+from inercal.parallel import available_cores
+from inercal.parallel.process_executor import ProcessExecutor
+
+REPEAT = 3
+TO_REACH = 1.7  # times as fast by two workers
+EFFICIENCY = 0.85  # of two workers, of tasks of 100 ms
+TASK, TASKS = 0.1, 60  # s
+ARM = ROOT / "examples" / "centrifuge" / "arm_run.toml"
+JOBS = {
+    "reproduce ship-model": ("reproduce", "ship-model"),
+    "reproduce dual-orthogonal": ("reproduce", "dual-orthogonal"),
+    "budget of a triad on an arm": ("budget", ARM.name),
+    "budget of a triad on an arm, 4000 trials": ("budget", ARM.name, "--trials", "4000"),
+}
+
+
+def compute_for(iterations: int) -> int:
+    """Compute without waiting; return the process."""
+    for _ in range(iterations):
+        pass
+    return os.getpid()
+
+
+def rows() -> list[Row | Skipped]:
+    """Time the commands, then tasks in workers that have started."""
+    if available_cores() < 2:
+        return [Skipped("two workers", "this process may use one core")]
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        shutil.copytree(ARM.parent, folder, dirs_exist_ok=True)
+        return [*(_job(work, verb, folder) for work, verb in JOBS.items()), _efficiency()]
+
+
+def _job(work: str, verb: tuple[str, ...], folder: Path) -> Row:
+    """Compare the wall time of a command with one worker and with two, by turns."""
+    program, *rest = verb
+    arguments = [folder / one if one.endswith(".toml") else one for one in rest]
+    turns = [
+        [_wall(program, *arguments, "--out", folder, "--workers", str(n)) for n in (1, 2)]
+        for _ in range(REPEAT)
+    ]
+    one, two = (min(times) for times in zip(*turns, strict=True))
+    return Row(f"{work}, 2 workers", two, one, "1 worker", to_reach=TO_REACH)
+
+
+def _wall(*arguments: str | Path) -> Duration:
+    used = processor_time(*arguments)
+    return Duration(used.wall, used.wall, used.processor)
+
+
+def _efficiency() -> Row:
+    """Compare tasks by two workers with half the time that one needs."""
+    begin = time.perf_counter()
+    compute_for(iterations := 1_000_000)
+    iterations = round(iterations * TASK / (time.perf_counter() - begin))
+    halves: list[float] = []
+    shared: list[float] = []
+    with ProcessExecutor(2, least_work=0.0) as executor:
+        _share(executor, iterations)  # starts the other worker
+        for _ in range(REPEAT):
+            begin = time.perf_counter()
+            for _ in range(TASKS):
+                compute_for(iterations)
+            halves.append((time.perf_counter() - begin) / 2)
+            begin = time.perf_counter()
+            assert _share(executor, iterations) == 2
+            shared.append(time.perf_counter() - begin)
+    name = f"{TASKS} tasks of {TASK * 1e3:.0f} ms by 2 workers"
+    return Row(name, min(shared), min(halves), "half of 1 worker", to_reach=EFFICIENCY)
+
+
+def _share(executor: ProcessExecutor, iterations: int) -> int:
+    """Return how many processes took part in the tasks."""
+    for _ in range(TASKS):
+        executor.submit(compute_for, iterations)
+    return len({process for _, process in executor.completed()})
