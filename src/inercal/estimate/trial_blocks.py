@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from inercal.estimate import nullspace
-from inercal.estimate.least_squares import estimate_at_solution, search
+from inercal.estimate.least_squares import estimate_at_solution, least_squares, search
+from inercal.estimate.nullspace import Observability
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
 from inercal.estimate.whitened_problem import WhitenedProblem
@@ -39,45 +39,30 @@ def least_squares_of_trials(
     InputError, NotObserved
         As `least_squares`.
     """
-    alone = WhitenedProblem(problem_of(slice(0, 1)))
-    structure = nullspace.observability(alone, alone.first)
-    whole: Estimate | None = None
-    for part in _blocks(trials):
-        solved = _solve_block(problem_of(part), structure, max_iterations)
-        if whole is None:
-            whole = _with_room(_with_structure_at_solution(solved, alone, structure), trials)
-        for name in _RESULTS:
-            getattr(whole, name)[part] = getattr(solved, name)
-        del solved  # a block at a time is in memory
-    assert whole is not None
+    first, *others = _blocks(trials)
+    solved = least_squares(problem_of(first), max_iterations=max_iterations)
+    if not others:
+        return solved
+    structure = Observability(
+        solved.rank, solved.singular_values, solved.null_directions, solved.weakest
+    )
+    whole = _with_room(solved, trials)
+    _copy_results(solved, whole, first)
+    del solved  # a block at a time is in memory
+    for part in others:
+        _copy_results(_solve_block(problem_of(part), structure, max_iterations), whole, part)
     return whole
 
 
-def _solve_block(
-    problem: Problem, structure: nullspace.Observability, max_iterations: int
-) -> Estimate:
+def _solve_block(problem: Problem, structure: Observability, max_iterations: int) -> Estimate:
     system = WhitenedProblem(problem)
     point, converged, iterations = search(system, None, max_iterations)
     return estimate_at_solution(system, point, structure, converged, iterations)
 
 
-def _with_structure_at_solution(
-    solved: Estimate, alone: WhitenedProblem, structure: nullspace.Observability
-) -> Estimate:
-    """Return the estimate with the lower rank of start and solution of the first trial."""
-    if not solved.converged[0]:
-        return solved
-    at = solved.value[:1]
-    there = nullspace.observability(alone, alone.point(at, *alone.evaluate(at)))
-    if there.rank >= structure.rank:
-        return solved
-    return replace(
-        solved,
-        rank=there.rank,
-        singular_values=there.singular_values,
-        null_directions=there.null_directions,
-        weakest=there.weakest,
-    )
+def _copy_results(solved: Estimate, whole: Estimate, part: slice) -> None:
+    for name in _RESULTS:
+        getattr(whole, name)[part] = getattr(solved, name)
 
 
 def _with_room(solved: Estimate, trials: int) -> Estimate:

@@ -15,7 +15,7 @@ from inercal.arrays import Array
 from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
-from inercal.sensors import Sensor, inverse
+from inercal.sensors import Sensor, inverse, three_axes
 
 _AXIAL_TERMS = ("k0", "k1", "k2", "k3", "koq")  # terms along the axis, in the kernel's order
 
@@ -59,9 +59,15 @@ class NormResiduals(NamedTuple):
     jacobian: Array  # (..., r, p + 1), of ‖f̂‖ − g to the coefficients and g
     specific_force: Array  # (..., r, 3), f̂
     up: Array  # (..., r, 3), f̂ / ‖f̂‖
-    by_coefficient: Array  # (..., r, 3, p), ∂f̂/∂c
+    design: Array  # (..., r, m, p), ∂h/∂c at f̂
     by_reading: Array  # (..., r or 1, 3, m), ∂f̂/∂y
+    norm_by_reading: Array  # (..., r, m), ∂‖f̂‖/∂y
     by_rate: Array  # (..., r, 3), ∂‖f̂‖/∂ω; zero where no ω was given
+
+    @property
+    def by_coefficient(self) -> Array:
+        """∂f̂/∂c, (..., r, 3, p)."""
+        return -self.by_reading @ self.design
 
 
 def norm_residuals(
@@ -99,18 +105,23 @@ def norm_residuals(
         sensed = np.where(seen[..., None], sensed, 1.0)
     motion = Motion(sensed, dT=dT) if w is None else Motion(sensed, w, dT=dT)
     _, design, slope = sensor.linearise(motion, c)
-    back = np.asarray(np.linalg.pinv(slope[..., :3]), dtype=np.float64)
-    by_coefficient = -back @ design
+    by_force = slope[..., :3]
+    back = (
+        three_axes.invert(by_force)
+        if len(sensor.axes) == 3
+        else np.asarray(np.linalg.pinv(by_force), dtype=np.float64)
+    )
     length = np.linalg.norm(sensed, axis=-1)
     up = sensed / length[..., None]
+    along = up[..., None, :] @ back
     jacobian = np.empty((*length.shape, c.shape[-1] + 1))
-    jacobian[..., :-1] = (up[..., None, :] @ by_coefficient)[..., 0, :]
+    jacobian[..., :-1] = -(along @ design)[..., 0, :]
     jacobian[..., -1] = -1.0
     by_rate: Array = np.broadcast_to(0.0, sensed.shape)
     if w is not None:
-        by_rate = -(up[..., None, :] @ back @ slope[..., 3:])[..., 0, :]
+        by_rate = -(along @ slope[..., 3:])[..., 0, :]
     residual = np.where(seen, g - length, np.nan)
-    return NormResiduals(residual, jacobian, sensed, up, by_coefficient, back, by_rate)
+    return NormResiduals(residual, jacobian, sensed, up, design, back, along[..., 0, :], by_rate)
 
 
 class NoisyNormResiduals(NamedTuple):
@@ -164,8 +175,8 @@ def noisy_norm_residuals(
         )
         return NoisyNormResiduals(residual, jacobian, variance, np.broadcast_to(0.0, (*lead, r, 3)))
     seen = norm_residuals(sensor, y, c, made, w, dT)
-    to_reading = (seen.up[..., None, :] @ seen.by_reading)[..., 0, :]
-    variance = np.einsum("...i,...ij,...j->...", to_reading, covariance, to_reading)
+    along = seen.norm_by_reading
+    variance = np.einsum("...i,...ij,...j->...", along, covariance, along)
     return NoisyNormResiduals(seen.residual, seen.jacobian[..., :-1], variance, seen.by_rate)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError, NotInvertible
 from inercal.motion import Motion
+from inercal.sensors import three_axes
 from inercal.sensors.sensor import Sensor
 
 _CHUNK = 1 << 16  # samples at a time: the slopes of a chunk fit the cache's outer levels
@@ -116,6 +117,11 @@ def _solve(slope: Array, right: Array) -> Array:
     if slope.shape[-2] > slope.shape[-1]:
         transposed = np.swapaxes(slope, -1, -2)
         slope, right = transposed @ slope, (transposed @ right[..., None])[..., 0]
+    if slope.shape[-1] == 3:
+        x = three_axes.solve(slope, right)
+        if not np.isfinite(x).all() and (three_axes.determinant(slope) == 0).any():
+            raise NotInvertible(_SINGULAR_TEXT)
+        return x
     try:
         return np.linalg.solve(slope, right[..., None])[..., 0].astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
@@ -192,4 +198,5 @@ def _asymmetry_gap(sensor: Sensor, c: Array) -> Array | float:
 
 def _determinant(slope: Array) -> Array:
     square = slope.shape[-2] == slope.shape[-1]
-    return np.linalg.det(slope if square else np.swapaxes(slope, -1, -2) @ slope)
+    matrix = slope if square else np.swapaxes(slope, -1, -2) @ slope
+    return three_axes.determinant(matrix) if matrix.shape[-1] == 3 else np.linalg.det(matrix)

@@ -16,7 +16,11 @@ from inercal.errors import NotObserved
 from inercal.estimate import Gaussian, least_squares
 from inercal.estimate.scores import SCORE_TEST_SHARE, SIGNIFICANCE_LEVEL
 from inercal.methods.centrifuge_norm.problems import norm_problem
-from inercal.methods.centrifuge_norm.screening import Agreement, row_agreement
+from inercal.methods.centrifuge_norm.screening import (
+    START_ITERATIONS,
+    Agreement,
+    row_agreement,
+)
 from inercal.plan import Spin
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -121,7 +125,12 @@ def _ranked_groups(
     keep: list[int] = np.flatnonzero(size <= _INLIER_LIMIT * agreement.noise).tolist()
     some = observations.rows(keep)
     try:
-        fit = least_squares(norm_problem(some, sensor, bench, [steps[k] for k in keep], priors))
+        # The start is near the minimum: the rows that are kept decided the fit of all.
+        problem = replace(
+            norm_problem(some, sensor, bench, [steps[k] for k in keep], priors),
+            start=agreement.fit.value,
+        )
+        fit = least_squares(problem, max_iterations=START_ITERATIONS)
     except NotObserved:
         return []
     scores = [

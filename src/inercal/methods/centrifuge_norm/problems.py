@@ -249,7 +249,7 @@ def _compare_norms(
         if observations.drift is not None:
             w = None if turned is None else turned.w
             at = norm_residuals(sensor, observations.mean, x[..., :p], result.norm, w, warmth)
-            along = (at.up[..., None, :] @ at.by_reading)[..., 0, :]
+            along = at.norm_by_reading
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full
 

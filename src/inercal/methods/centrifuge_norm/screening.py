@@ -39,6 +39,9 @@ from inercal.sensors import Sensor
 
 _FINAL_THRESHOLD = 1.5  # threshold of the loss at the end, in deviations
 _FINAL_ITERATIONS, _INTERMEDIATE_ITERATIONS = 30, 5  # at the last threshold and at those on the way
+_THRESHOLD_TOLERANCE = 1e-8  # relative: moves the fit by far less than its uncertainty
+# Of the fit before any threshold: a table that is wrong as a whole converges in no number of steps.
+START_ITERATIONS = 50
 _REPAIR_LIMIT = 4.0  # deviations, and no more than half of those without the repair
 _MAX_LISTED_REPAIRS = 4  # of a row
 _INCONSISTENT_SCATTER = 1e3  # times the stated noise
@@ -206,10 +209,10 @@ class Agreement(NamedTuple):
 def row_agreement(problem: Problem) -> Agreement:
     """Return how well the rows of a problem of norms agree; a bad row does not affect others."""
     problem = replace(_with_independent_rows(problem), candidates=None)
-    fit = least_squares(problem)
+    fit = least_squares(problem, max_iterations=START_ITERATIONS)
     scale = float(np.abs(fit.whitened).max())
     noise = 1.0
-    while scale > _FINAL_THRESHOLD * noise:
+    while scale > (1 + _THRESHOLD_TOLERANCE) * _FINAL_THRESHOLD * noise:
         last = scale / 2 <= _FINAL_THRESHOLD * noise
         scale = max(scale / 2, _FINAL_THRESHOLD * noise)
         steps = _FINAL_ITERATIONS if last else _INTERMEDIATE_ITERATIONS
