@@ -58,8 +58,7 @@ def note_process_and_wait(folder: Path) -> None:
 def wait_in_two_processes(folder: Path) -> None:
     """Run tasks that do not end, in this process and in another."""
     with ProcessExecutor(2, least_work=0.0) as executor:
-        for _ in range(2):
-            executor.submit(process_and_square, 2)
+        executor.submit(process_and_square, 2)
         for _ in range(4):
             executor.submit(note_process_and_wait, folder)
         list(in_order(executor))

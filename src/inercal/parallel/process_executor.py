@@ -22,8 +22,8 @@ from inercal.parallel.worker_process import WorkerContext
 # A process imports for about 1 s until it computes. Two processes halve the time of the tasks: for
 # less than 2 s of work they would save no more than they cost.
 LEAST_WORK = 2.0  # s
-# The first task may load compiled kernels: if it is shorter than this, the second is the measure.
-_LOADING = 1.0  # s
+# The first task may load compiled kernels for half a second: by it alone work seems longer.
+_FIRST_SEEMS_LONGER = 3.0
 # A wait without end would not hear the keyboard on Windows.
 _WAIT = 0.2  # s
 
@@ -129,8 +129,7 @@ class ProcessExecutor(Executor):
             return _Outcome(task.index, None, error)
         seconds = perf_counter() - begin
         self._done_here += 1
-        if self._done_here > 1 or seconds > _LOADING:
-            self._task_seconds = seconds
+        self._task_seconds = seconds / (_FIRST_SEEMS_LONGER if self._done_here == 1 else 1.0)
         return outcome
 
     def _feed(self, pool: ProcessPoolExecutor) -> None:
