@@ -112,9 +112,9 @@ def largest_accepted(shown: DemonstrationResult, clean: Track) -> float:
     assert isinstance(bench, Turntable)
     made = FILTER_CONFIGS["full"].filter("w", outcome.calibration.sensor, bench, track)
     assert isinstance(made, GyroFilter)
-    passage = made.begin(track).follow(track)
-    course = passage.history
-    variance = np.concatenate([piece.steps.s for piece in passage.pieces()])
+    filtered = made.begin(track).follow(track)
+    course = filtered.history
+    variance = np.concatenate([piece.steps.s for piece in filtered.pieces()])
     at = np.searchsorted(track.time, course.time) - made.lag
     both = np.searchsorted(clean.time, track.time[at])
     assert (clean.time[both] == track.time[at]).all()

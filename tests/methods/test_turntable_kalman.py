@@ -33,8 +33,8 @@ from inercal.methods.turntable import model
 from inercal.methods.turntable_kalman import METHOD
 from inercal.methods.turntable_kalman._gyros import run_gyro_filter as compiled_gyros
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
+from inercal.methods.turntable_kalman.filtered_track import filter_track
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.methods.turntable_kalman.passage import pass_over
 from inercal.recording import Track
 from inercal.units import Measured
 
@@ -267,7 +267,7 @@ def test_the_smoother_from_checkpoints_is_that_of_the_whole(
     ours: Any = kind.from_track(sensor(flicker=True), bench(), one)
     names = ours.time_varying_states
     whole, parts = (
-        pass_over(ours, ours.start(one), one, piece).smoothed(names) for piece in (10**6, 1300)
+        filter_track(ours, ours.start(one), one, piece).smoothed(names) for piece in (10**6, 1300)
     )
     # Of a value near zero the rounding is that of the sums it is a difference of.
     assert np.max(np.abs(parts.value - whole.value) / whole.std) < 1e-10

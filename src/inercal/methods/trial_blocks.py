@@ -23,7 +23,7 @@ def solve(
     problem : callable
         From observations and priors of some trials to their problem.
     """
-    lead = np.broadcast_shapes(observations.lead, *(one.mean.shape[:-1] for one in priors))
+    lead = np.broadcast_shapes(observations.trial_shape, *(one.mean.shape[:-1] for one in priors))
     if len(lead) != 1:
         return least_squares(problem(observations, priors))
     return least_squares_of_trials(

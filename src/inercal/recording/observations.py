@@ -346,7 +346,7 @@ class Observations:
         return _temperature_varies(self.temperature)
 
     @property
-    def lead(self) -> tuple[int, ...]:
+    def trial_shape(self) -> tuple[int, ...]:
         """The leading axes of trials; () for one recording."""
         t = self.temperature
         return np.broadcast_shapes(

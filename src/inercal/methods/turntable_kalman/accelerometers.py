@@ -28,7 +28,7 @@ from inercal.methods.turntable_kalman._accelerometers import (
     VelocityState,
 )
 from inercal.methods.turntable_kalman.filter import TILT, Filter
-from inercal.methods.turntable_kalman.passage import FilterPiece
+from inercal.methods.turntable_kalman.filtered_track import FilterPiece
 from inercal.recording import AngleQuality, Track
 from inercal.sensors import Sensor
 

@@ -55,11 +55,11 @@ def run_filter(
     """
     result = config.filter(kind, sensor, bench, track, priors)
     run = result.begin(track)
-    passage = run.follow(track)
-    course, found, checked = passage.history, run.estimate, None
+    filtered = run.follow(track)
+    course, found, checked = filtered.history, run.estimate, None
     if smooth:
-        checked = filter_tests.innovation_test_data(result, passage, found)
-        course = replace(course, smoothed=passage.smoothed(result.time_varying_states))
+        checked = filter_tests.innovation_test_data(result, filtered, found)
+        course = replace(course, smoothed=filtered.smoothed(result.time_varying_states))
     return FilterResult(
         result.triad, course.names, found.value, found.covariance, course,
         run.state.nis, run.components, minimum_nis(track, config.epoch), result.unit,

@@ -26,7 +26,7 @@ from inercal.methods.turntable_kalman._filter_steps import (
     FilterSamples,
     KernelModel,
 )
-from inercal.methods.turntable_kalman.passage import FilterPiece, Passage, pass_over
+from inercal.methods.turntable_kalman.filtered_track import FilteredTrack, FilterPiece, filter_track
 from inercal.methods.turntable_kalman.states import S
 from inercal.parameters import Parameter
 from inercal.recording import Track
@@ -134,9 +134,9 @@ class Filter(ABC, Generic[S]):
         course = made.history
         return made.state, replace(course, smoothed=made.smoothed(smooth)) if smooth else course
 
-    def follow(self, state: S, track: Track) -> Passage[S]:
+    def follow(self, state: S, track: Track) -> FilteredTrack[S]:
         """Return the filter after the samples of a track, and what it did there."""
-        return pass_over(self, state, track)
+        return filter_track(self, state, track)
 
     @abstractmethod
     def advance(self, state: S, track: Track, wanted: Array | None = None) -> tuple[S, FilterPiece]:
@@ -280,7 +280,7 @@ class RunningFilter(Generic[S]):
         """Take in the samples that follow."""
         self.state = self.filter.advance(self.state, track)[0]
 
-    def follow(self, track: Track) -> Passage[S]:
+    def follow(self, track: Track) -> FilteredTrack[S]:
         """Take in the samples that follow, and return what the filter did."""
         made = self.filter.follow(self.state, track)
         self.state = made.state

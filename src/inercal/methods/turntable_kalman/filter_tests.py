@@ -24,8 +24,8 @@ from inercal.methods.turntable_kalman._accelerometers import VelocityState
 from inercal.methods.turntable_kalman._readback import AttitudeState
 from inercal.methods.turntable_kalman.accelerometers import AccelerometerFilter
 from inercal.methods.turntable_kalman.filter import TILT, FilterEstimate
+from inercal.methods.turntable_kalman.filtered_track import FilteredTrack
 from inercal.methods.turntable_kalman.gyros import GyroFilter
-from inercal.methods.turntable_kalman.passage import Passage
 from inercal.recording import Observations, Track
 
 _TIME_PARAMETERS = ("latency", "clock")
@@ -45,11 +45,11 @@ class InnovationTestData(NamedTuple):
 
 def innovation_test_data(
     made: GyroFilter | AccelerometerFilter,
-    passage: Passage[AttitudeState] | Passage[VelocityState],
+    filtered: FilteredTrack[AttitudeState] | FilteredTrack[VelocityState],
     found: FilterEstimate,
 ) -> InnovationTestData:
     """Return the data for the tests of a filter; `found` is its estimate at the end of the run."""
-    track, time = passage.track, passage.history.time
+    track, time = filtered.track, filtered.history.time
     theta = found.value[: len(made.initial_values)]
     # Driving constants act on gyros from the start of the run.
     whole = np.concatenate([track.time[:1], time]) if isinstance(made, GyroFilter) else time
@@ -60,7 +60,7 @@ def innovation_test_data(
     if time.size:
         gyros, first = isinstance(made, GyroFilter), _columns(made, at, 0, 1)
         names = first.columns
-        pieces = _pieces_with_columns(made, passage, at, standard)
+        pieces = _pieces_with_columns(made, filtered, at, standard)
         sums = omitted_constant_sums(
             pieces,
             _initial_sensitivity(made, first),
@@ -76,13 +76,13 @@ def innovation_test_data(
 
 def _pieces_with_columns(
     made: GyroFilter | AccelerometerFilter,
-    passage: Passage[AttitudeState] | Passage[VelocityState],
+    filtered: FilteredTrack[AttitudeState] | FilteredTrack[VelocityState],
     at: ColumnInputs,
     standard: Array,
 ) -> Iterator[tuple[FilterSteps, Array, Array]]:
     """Yield steps and columns of each piece, and write the standardised innovations."""
     first = 0
-    for piece in passage.pieces():
+    for piece in filtered.pieces():
         stop = first + piece.time.size
         if stop > first:
             steps = piece.steps

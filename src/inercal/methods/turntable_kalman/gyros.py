@@ -33,7 +33,7 @@ from inercal.methods.turntable_kalman._readback import (
     AttitudeState,
 )
 from inercal.methods.turntable_kalman.filter import TILT, Filter
-from inercal.methods.turntable_kalman.passage import FilterPiece
+from inercal.methods.turntable_kalman.filtered_track import FilterPiece
 from inercal.recording import Track
 from inercal.sensors import Sensor
 

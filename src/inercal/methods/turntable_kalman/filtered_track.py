@@ -39,7 +39,7 @@ class FilterPiece(NamedTuple):
 
 
 @dataclass(eq=False)
-class Passage(Generic[S]):
+class FilteredTrack(Generic[S]):
     """A filter after a track, and what it did there.
 
     Parameters
@@ -134,7 +134,9 @@ class Passage(Generic[S]):
         return value
 
 
-def pass_over(filter_: "Filter[S]", state: S, track: Track, piece: int | None = None) -> Passage[S]:
+def filter_track(
+    filter_: "Filter[S]", state: S, track: Track, piece: int | None = None
+) -> FilteredTrack[S]:
     """Return a filter after the samples of a track, and what it did.
 
     Parameters
@@ -159,7 +161,7 @@ def pass_over(filter_: "Filter[S]", state: S, track: Track, piece: int | None = 
         before.append(state)
         state, made = filter_.advance(copy_state(state), track.slice(start, stop))
         record.add(made)
-    return Passage(
+    return FilteredTrack(
         filter_, track, starts, before, state, record.history(filter_.name, filter_.states)
     )
 
