@@ -163,7 +163,16 @@ def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint)
 def search(
     system: WhitenedProblem, loss: Cauchy | None, max_iterations: int
 ) -> tuple[LinearisationPoint, Bools, NDArray[np.intp]]:
-    """Return the last point, which trials converged (trials,), and the steps tried (trials,)."""
+    """Return the last point, which trials converged (trials,), and the steps tried (trials,).
+
+    Parameters
+    ----------
+    system : WhitenedProblem
+    loss : Cauchy or None
+        As of `least_squares`.
+    max_iterations : int
+        Steps tried at most.
+    """
     trials = system.trials
     point, whitener = system.first, system.first_whitener
     cost, previous = _cost(point, loss), np.zeros(trials)

@@ -158,8 +158,19 @@ def gyro_columns(
 ) -> tuple[ConstantColumns, Array]:
     """Return the columns of gyros whose attitude a readback shows, and c before the first of them.
 
-    The first of e + 1 epochs is where the run begins; of the e that follow, the columns of those
-    from `first` to `stop` are computed, all unless stated.
+    Parameters
+    ----------
+    epochs : ColumnInputs
+        Of e + 1 epochs, the first of which is where the run begins.
+    first, stop : int, optional
+        Of the e epochs that follow, those whose columns are computed; by default all.
+
+    Returns
+    -------
+    ConstantColumns
+        Of stop − first epochs.
+    c : (3, B) array
+        Of the epoch before them.
     """
     part, bench, theta, whole, angles, warmth = epochs
     stop = len(whole) - 1 if stop is None else stop
@@ -205,7 +216,14 @@ def accelerometer_columns(
 ) -> ConstantColumns:
     """Return the columns of accelerometers that a table holds, as velocities.
 
-    The first epoch of a hold drives nothing. Those from `first` to `stop`, all unless stated.
+    The first epoch of a hold drives nothing.
+
+    Parameters
+    ----------
+    epochs : ColumnInputs
+        Of e epochs.
+    first, stop : int, optional
+        Those whose columns are computed; by default all.
     """
     part, bench, theta, whole, angles, warmth = epochs
     taken = slice(first, stop)

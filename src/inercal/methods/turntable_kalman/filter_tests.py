@@ -86,8 +86,7 @@ def _pieces_with_columns(
         stop = first + piece.time.size
         if stop > first:
             steps = piece.steps
-            some = _columns(made, at, first, stop)
-            _initial_sensitivity(made, some)
+            some = _without_effects_of_states(made, _columns(made, at, first, stop))
             innovations = standardised_innovations(steps.off, steps.s)
             standard[first:stop] = innovations[:, : made.tested_components]
             rows = steps.s.shape[1] - (
@@ -118,14 +117,26 @@ def _sums_for_mean_biases(
 
 def _initial_sensitivity(made: GyroFilter | AccelerometerFilter, some: ConstantColumns) -> Array:
     """Return U of the columns at the start, (n, c); columns that are states act by the state."""
-    known, c = [one.name for one in made.table], len(some.driving_columns)
+    known = [one.name for one in made.table]
     start = np.zeros((len(made.states), len(some.columns)))
     for k, one in enumerate(some.columns):
         if one.name in known:
             start[made.states.index(one.name), k] = 1.0
-            acting, at = (some.driving_effects, k) if k < c else (some.observed_effects, k - c)
-            acting[..., at] = 0.0
     return start
+
+
+def _without_effects_of_states(
+    made: GyroFilter | AccelerometerFilter, some: ConstantColumns
+) -> ConstantColumns:
+    """Return the columns with zero effects where a column is a state, which acts by itself."""
+    known = [one.name for one in made.table]
+    driving = np.array([one.name not in known for one in some.driving_columns])
+    observed = np.array([one.name not in known for one in some.observed_columns])
+    return replace(
+        some,
+        driving_effects=np.where(driving, some.driving_effects, 0.0),
+        observed_effects=np.where(observed, some.observed_effects, 0.0),
+    )
 
 
 def _sums_for_time_states(

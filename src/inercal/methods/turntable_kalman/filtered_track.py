@@ -1,4 +1,4 @@
-"""A filter's way over a whole track, in pieces of bounded memory, and back for the smoother.
+"""A filter over a track in pieces of bounded memory, and the smoother back over them.
 
 The state before each piece is kept. What a filter did in a piece, 5 to 8 kB an epoch, is computed
 again from there where it is wanted: forward for the tests, backward for the smoother. A filter over
