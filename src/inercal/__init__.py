@@ -1,5 +1,11 @@
 """Calibrates accelerometers and IMUs on the bench a laboratory has.
 
+- `calibrate`: an `Outcome` from a run file, or from data in memory with sensor, bench and method;
+- `write_report`, `plot_residuals`, `plot_coverage`: what the outcome shows;
+- `save`, `load`: its `Calibration` as a file, which also has `correct`, `to_dataframe`, `to_latex`;
+- `apply`: a recording corrected by a calibration;
+- `simulate`, `demo`: the same on simulated benches.
+
 >>> import inercal
 >>> inercal.calibrate  # doctest: +ELLIPSIS
 <function calibrate at ...>
@@ -17,7 +23,7 @@ if TYPE_CHECKING:
     from inercal.calibration.files import load, save
     from inercal.demonstration import demo
     from inercal.pipeline import Outcome, apply, calibrate, simulate
-    from inercal.report import write_report
+    from inercal.report import plot_coverage, plot_residuals, write_report
 
 _EXPORT_MODULES = {
     "Calibration": "inercal.calibration",
@@ -26,6 +32,8 @@ _EXPORT_MODULES = {
     "calibrate": "inercal.pipeline",
     "demo": "inercal.demonstration",
     "load": "inercal.calibration.files",
+    "plot_coverage": "inercal.report",
+    "plot_residuals": "inercal.report",
     "write_report": "inercal.report",
     "save": "inercal.calibration.files",
     "simulate": "inercal.pipeline",
@@ -36,11 +44,19 @@ _kernel_folder = prepare_kernel_cache()  # removed when the process ends
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("inercal")
     if name not in _EXPORT_MODULES:
         raise AttributeError(
             f"module 'inercal' has no attribute {name!r}; it has {', '.join(_EXPORT_MODULES)}"
         )
     return getattr(import_module(_EXPORT_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*_EXPORT_MODULES, "__doc__", "__version__"])
 
 
 __all__ = [
@@ -50,6 +66,8 @@ __all__ = [
     "calibrate",
     "demo",
     "load",
+    "plot_coverage",
+    "plot_residuals",
     "save",
     "simulate",
     "write_report",

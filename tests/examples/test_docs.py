@@ -18,7 +18,8 @@ import inercal
 from inercal.benches import Hand
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
-from inercal.cli import store_view
+from inercal.cli import calibration_view, store_view
+from inercal.comparison import compare
 from inercal.errors import InputError
 from inercal.io.write import write_recordings
 from inercal.methods import METHODS, Method
@@ -27,7 +28,6 @@ from inercal.runfile import read, schema
 from inercal.sensors import SI_UNITS
 from inercal.sensors.coefficient_tables import ACCELEROMETER, GYRO, ErrorTerm
 from inercal.store import FileEntry, Register, RunEntry
-from inercal.store.comparison import compare
 from inercal.units import Measured, format_value_and_uncertainty, parse_quantity
 
 ROOT = Path(__file__).parents[2]
@@ -285,7 +285,7 @@ def test_the_register_page_names_every_field_of_what_is_printed(tmp_path: Path):
         store_view.entry_object(sensor),
         store_view.calibration_object(entry, rows) | {"content": {}},
         store_view.history_object(history),
-        store_view.comparison_object(compare(first, second), ("1", "2")),
+        calibration_view.comparison_object(compare(first, second), ("1", "2")),
         dict.fromkeys(one.name for one in fields(RunEntry)),
         dict.fromkeys(FileEntry._fields),
     )

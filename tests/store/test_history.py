@@ -22,11 +22,11 @@ from tests.store.calibration_generator import (
 )
 
 from inercal.calibration.files import load
+from inercal.comparison import compare
+from inercal.comparison.changes import CHANCE_FRACTION
 from inercal.errors import InputError
 from inercal.sensors import SI_UNITS
 from inercal.store import Register
-from inercal.store.changes import CHANCE_FRACTION
-from inercal.store.comparison import compare
 from inercal.store.history import SensorHistory
 
 STEADY = Truth("steady", IMU, {"ay.k0": 1e-3 * G0}, {})

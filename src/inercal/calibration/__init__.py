@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from inercal.sensors import Form, Sensor, inverse
 from inercal.units import si_factor
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """The result of a calibration.
 
@@ -98,6 +99,41 @@ class Calibration:
                     f"{p} in a single entry",
                     names=(one.name,),
                 )
+
+    def __repr__(self) -> str:
+        from inercal.calibration.display import title
+
+        verdict = "" if self.verdict is None else f", {self.verdict.word}"
+        count = len(self.sensor.coefficients)
+        return f"<Calibration of {title(self)}, {count} coefficients{verdict}>"
+
+    def _repr_html_(self) -> str:
+        from inercal.calibration.display import to_html
+
+        return to_html(self)
+
+    def to_latex(self) -> str:
+        """Return the coefficients with U (k = 2) as a LaTeX tabular, for package booktabs."""
+        from inercal.calibration.display import to_latex
+
+        return to_latex(self)
+
+    def to_dataframe(self) -> Any:
+        """Return the coefficients as a pandas DataFrame, in the units of the sensor's table.
+
+        Returns
+        -------
+        pandas.DataFrame
+            By full name: meaning, value, u (k = 1), U (k = 2), unit.
+
+        Raises
+        ------
+        InputError
+            pandas is missing.
+        """
+        from inercal.calibration.display import to_dataframe
+
+        return to_dataframe(self)
 
     @property
     def std(self) -> Array:

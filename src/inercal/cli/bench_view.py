@@ -7,8 +7,8 @@ from contextlib import contextmanager, nullcontext
 from math import degrees
 from typing import TYPE_CHECKING
 
-from inercal.cli.console import number_column
 from inercal.cli.mounting_answers import answer_by_lines, operator_name
+from inercal.cli.tables import make_table, number_column
 from inercal.keys import CoefficientName
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def run_display(keys: str = KEY_HELP) -> Generator[Callable[["BenchRun"], None]]
             fresh = min(run.recorder.events - printed, len(recent))
             for level, words in recent[len(recent) - fresh :]:
                 line = f"{run.time:8.1f} s  {level:7}  {words}"
-                console.print(line, markup=False, soft_wrap=True)
+                console.print(line, soft_wrap=True)
             printed = run.recorder.events
 
         yield print_new_events
@@ -58,12 +58,11 @@ def run_panel(run: "BenchRun", keys: str = KEY_HELP) -> "RenderableType":
     """Return the panel of a run: progress, axes, IMU, estimate, messages and keys."""
     from rich.console import Group
     from rich.panel import Panel
-    from rich.table import Table
     from rich.text import Text
 
     head = Text(_progress_line(run), style="bold")
     heads = map(number_column, ("angle", "rate", "following error"))
-    axes = Table("axis", *heads, "", box=None, padding=(0, 2, 0, 0))
+    axes = make_table("axis", *heads, "", box=None, padding=(0, 2, 0, 0))
     if run.state is not None:
         for name, axis in zip(run.axes, run.state.axes, strict=True):
             axes.add_row(
@@ -123,7 +122,6 @@ def _imu_line(run: "BenchRun") -> str:
 
 def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
     """Return the attitude of the IMU, and the estimate so far."""
-    from rich.table import Table
     from rich.text import Text
 
     live = run.recorder.live_estimator
@@ -147,7 +145,7 @@ def _live_estimate(run: "BenchRun") -> "list[RenderableType]":
         if not part.coefficients:
             continue
         heads = (number_column(axis.name) for axis in part.axes)
-        table = Table("", *heads, "", box=None, padding=(0, 2, 0, 0))
+        table = make_table("", *heads, "", box=None, padding=(0, 2, 0, 0))
         for own in dict.fromkeys(CoefficientName(name).term for name in part.coefficients):
             cells = [_coefficient_cell(run, f"{axis.name}.{own}", values) for axis in part.axes]
             unit = part.coefficient(f"{part.axes[0].name}.{own}").unit

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import typer
 
 from inercal.cli.console import (
-    number_column,
     print_json,
     print_written_files,
     progress_status,
@@ -82,15 +81,15 @@ def run(
 
 
 def _print(result: "Budget") -> None:
-    from rich.table import Table
 
     from inercal.budget.contribution_table import contribution_rows, shift_cells
+    from inercal.cli.tables import make_table, number_column
     from inercal.cli.terminal import terminal
 
     sensor, console = result.experiment.sensor, terminal()
     numbers = map(number_column, ("first order", "Monte Carlo", "±"))
     title = f"error budget of {sensor.name}: standard deviations"
-    table = Table(
+    table = make_table(
         "coefficient", "imperfection", *numbers, "unit", number_column("share"), title=title
     )
     for k, name in enumerate(sensor.coefficients):
@@ -105,7 +104,7 @@ def _print(result: "Budget") -> None:
     if not result.shifts:
         return
     shifts = [number_column(f"{one.name}\n{one.value}") for one in result.shifts]
-    moved = Table("coefficient", *shifts, "unit", title="if left uncorrected")
+    moved = make_table("coefficient", *shifts, "unit", title="if left uncorrected")
     for k, name in enumerate(sensor.coefficients):
         moved.add_row(name, *shift_cells(result, k), sensor.coefficient(name).unit)
     console.print(moved)

@@ -7,12 +7,8 @@ from contextlib import contextmanager
 from math import isfinite
 from typing import TYPE_CHECKING, Any, cast
 
-from inercal.keys import CoefficientName
-
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from rich.table import Column
 
     from inercal.methods.ship_multi_angle.global_search import Generation
     from inercal.pipeline import Outcome
@@ -108,46 +104,32 @@ def _finite(content: Any) -> Any:
     return content
 
 
-def number_column(heading: str) -> "Column":
-    """Return a column of numbers, aligned to the right."""
-    from rich.table import Column
-
-    return Column(heading, justify="right")
-
-
 def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     """Print the coefficients with U (k = 2), and the error over u where the truth is known."""
-    from rich.table import Table
+    from rich.text import Text
 
-    from inercal.calibration.verdict import COVERAGE
+    from inercal.calibration.display import coefficient_lines, title
+    from inercal.cli.tables import begin_section, make_table, number_columns
     from inercal.cli.terminal import terminal
     from inercal.pipeline.truth import true_coefficients
-    from inercal.units import format_value_and_uncertainty
 
     calibration = outcome.calibration
-    heads = ["coefficient", "meaning", number_column("value"), number_column("U (k = 2)"), "unit"]
-    heads += [number_column("error / u")] if truth else []
-    title = f"{calibration.sensor.name}: {calibration.method}, {calibration.estimator}"
-    table = Table(*heads, title=title)
+    heads = ["coefficient", "meaning", *number_columns(("value", "U (k = 2)")), "unit"]
+    heads += number_columns(("error / u",)) if truth else []
+    table = make_table(*heads, title=title(calibration))
     previous, true = "", true_coefficients(calibration, truth)
-    for name, value, std in zip(
-        calibration.sensor.coefficients, calibration.values, calibration.std, strict=True
-    ):
-        line = calibration.sensor.coefficient(name)
-        axis = CoefficientName(name).axis
-        if previous and axis != previous:
-            table.add_section()
-        previous = axis
-        cells = format_value_and_uncertainty(value / line.si, COVERAGE * std / line.si)
-        error = [f"{(value - true[name]) / std:+.2f}"] if truth else []
-        table.add_row(name, line.meaning, *cells, line.unit, *error)
+    for line, std in zip(coefficient_lines(calibration), calibration.std, strict=True):
+        previous = begin_section(table, line.name, previous)
+        error = calibration.value(line.name) - true[line.name] if truth else 0.0
+        table.add_row(*line[:5], *([f"{error / std:+.2f}"] if truth else []))
     console = terminal()
     console.print(table)
     summary, *others = outcome.verdict.lines
-    console.print(f"[bold {_COLOURS[outcome.verdict.tone]}]{outcome.verdict.word.capitalize()}[/]")
-    console.print(f"[bold]{_escape_markup(summary)}[/bold]")
+    style = f"bold {_COLOURS[outcome.verdict.tone]}"
+    console.print(Text(outcome.verdict.word.capitalize(), style))
+    console.print(summary, style="bold")
     for text in others:
-        console.print(f"· {_escape_markup(text)}")
+        console.print(f"· {text}")
 
 
 def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:
@@ -161,8 +143,3 @@ def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:
     bad = {"unreliable", "reservations"} if strict else {"unreliable"}
     if outcome.verdict.grade in bad:
         raise typer.Exit(3)
-
-
-def _escape_markup(text: str) -> str:
-    """Return text with the markup characters of rich escaped."""
-    return text.replace("[", r"\[")

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from inercal.cli.console import (
-    number_column,
     print_json,
     print_written_files,
     progress_status,
@@ -86,14 +85,14 @@ def print_plan(
 
 
 def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
-    from rich.table import Table
 
+    from inercal.cli.tables import make_table
     from inercal.design import rehearse_plan
     from inercal.design.expected_uncertainty import coefficient_uncertainties
 
     result = rehearse_plan(run, executor=executor)
     title = f"{len(result.steps)} rests, {result.seconds:.0f} s in all"
-    table = Table("rest", "attitude", "hold for", title=title)
+    table = make_table("rest", "attitude", "hold for", title=title)
     for step in result.steps:
         table.add_row(step.label, step.describe(), f"{step.seconds:g} s")
     std = dict(zip(result.sensor.coefficients, result.std.tolist(), strict=True))
@@ -112,13 +111,13 @@ def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
 
 
 def _path_plan(run: "Run") -> _Plan:
-    from rich.table import Table
 
     from inercal.benches.turntable import require_turntable
+    from inercal.cli.tables import make_table, number_column
     from inercal.design.turntable_path import turntable_path_sheet
 
     sheet = turntable_path_sheet(run)
-    table = Table(
+    table = make_table(
         number_column("row"),
         "label",
         "motion of the table",
@@ -157,8 +156,7 @@ def _path_plan(run: "Run") -> _Plan:
 
 def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan, dict[str, Path]]:
     """Return the plan of a bench with a worksheet, and the files that were written."""
-    from rich.table import Table
-
+    from inercal.cli.tables import make_table, number_column
     from inercal.design.worksheet import build_worksheet, run_sheet, worksheet_csv
     from inercal.io.atomic_files import write_text
     from inercal.report import write_worksheet
@@ -172,9 +170,8 @@ def _worksheet_plan(run: "Run", out: Path | None, *, force: bool) -> tuple[_Plan
     if "page" in files:
         write_worksheet(worksheet, files["page"], files["sheet"].name)
     sheet = worksheet.sheet
-    table = Table(title=sheet.title)
-    for heading in sheet.headings:
-        table.add_column(heading.text, justify="right" if heading.align_right else "left")
+    heads = (number_column(h.text) if h.align_right else h.text for h in sheet.headings)
+    table = make_table(*heads, title=sheet.title)
     for k, row in enumerate(sheet.rows):
         last = k + 1 == len(sheet.rows) or sheet.rows[k + 1].group != row.group
         table.add_row(*row.cells, end_section=last)
@@ -208,16 +205,16 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 
 def _print(run: "Run", plan: _Plan) -> None:
-    from rich.table import Table
 
     from inercal.calibration.verdict import COVERAGE
+    from inercal.cli.tables import make_table, number_column
     from inercal.cli.terminal import terminal
     from inercal.units import format_value_and_uncertainty
 
     console = terminal()
     console.print(plan.table)
     title = f"to expect of {run.sensor.name}: {run.method.name}, {run.estimator}"
-    table = Table("coefficient", "meaning", number_column("U (k = 2)"), "unit", title=title)
+    table = make_table("coefficient", "meaning", number_column("U (k = 2)"), "unit", title=title)
     for part in plan.expected:
         for each in part:
             u = COVERAGE * each.std / each.size
@@ -226,4 +223,4 @@ def _print(run: "Run", plan: _Plan) -> None:
         table.add_section()
     console.print(table)
     for note in plan.notes:
-        console.print(f"· {note}", highlight=False, markup=False)
+        console.print(f"· {note}", highlight=False)

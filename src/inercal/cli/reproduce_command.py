@@ -61,6 +61,7 @@ def run(
 def _print(study: "Study") -> None:
     from rich import box
     from rich.table import Table
+    from rich.text import Text
 
     from inercal.cli.terminal import terminal
     from inercal.studies.claim import format_significant
@@ -75,7 +76,7 @@ def _print(study: "Study") -> None:
             claim = finding.claim
             u = format_significant(finding.uncertainty) if finding.uncertainty else "0"
             title = claim.title + (f", {claim.unit}" if claim.unit else "")
-            verdict = f"[{_COLOURS[finding.verdict]}]{finding.verdict}[/]"
+            verdict = Text(finding.verdict, _COLOURS[finding.verdict])
             if claim.printed is None:
                 title += f" (implied: {finding.expected_text})"
             table.add_row(title, finding.printed_text, finding.computed_text, u, verdict)

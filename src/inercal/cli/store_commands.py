@@ -146,16 +146,16 @@ def diff(
     json: _Json = False,
 ) -> None:
     """Compare two calibrations, coefficient by coefficient and all together."""
-    from inercal.cli import store_view
-    from inercal.store.comparison import compare
+    from inercal.cli.calibration_view import comparison_object, print_comparison
+    from inercal.comparison import compare
 
     both = [_load_calibration(one, register) for one in (first, second)]
     compared = compare(*both)
     names = first, second
     if json:
-        print_json(store_view.comparison_object(compared, names))
+        print_json(comparison_object(compared, names))
     else:
-        store_view.print_comparison(compared, names)
+        print_comparison(compared, names)
 
 
 @app.command("import")

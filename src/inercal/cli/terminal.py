@@ -1,5 +1,6 @@
 """The terminal: no text of a name, a note or a file is a command to it."""
 
+import os
 from collections.abc import Iterable
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook
@@ -7,10 +8,17 @@ from rich.segment import Segment
 
 from inercal.visible_text import visible_text
 
+_FILE_WIDTH = 1000  # characters of a line in a file or a pipe
+
 
 def terminal(*, stderr: bool = False, highlight: bool = True) -> Console:
-    """Return a console of standard output or error that escapes control characters in text."""
-    console = Console(stderr=stderr, highlight=highlight)
+    """Return a console of standard output or error that prints text as it is.
+
+    Control characters are escaped, and "[red]" is no markup. What no terminal shows is not wrapped.
+    """
+    console = Console(stderr=stderr, highlight=highlight, markup=False)
+    if not console.is_terminal and "COLUMNS" not in os.environ:
+        console.width = _FILE_WIDTH
     console.push_render_hook(_VisibleText())
     return console
 

@@ -6,6 +6,7 @@ run file ─> recording ─> audit ─> marks ─> observations ─> method's es
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.calibration import Calibration
+from inercal.calibration.display import to_html
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
 from inercal.data import EstimatorInput, recording_loader
@@ -31,6 +33,7 @@ from inercal.pipeline.calibration_record import (
     shared_errors,
     validity,
 )
+from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
 from inercal.pipeline.stated_values import (
     check_stated_noise,
@@ -51,7 +54,7 @@ if TYPE_CHECKING:
 _ALL = 3  # axes that measure every component
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Outcome:
     """All results of a calibration run, for reports and for inspection.
 
@@ -95,6 +98,12 @@ class Outcome:
     rests: RestDetection | None = None
     search: "SearchHistory | None" = None
 
+    def __repr__(self) -> str:
+        return f"<Outcome: {repr(self.calibration).strip('<>')}>"
+
+    def _repr_html_(self) -> str:
+        return to_html(self.calibration)
+
     def sensed_motion(self, w: Array | None = None) -> Motion:
         """Return the motion that the calibrated sensor measured, at the temperatures of the means.
 
@@ -110,22 +119,73 @@ class Outcome:
 
 
 def calibrate(
-    run: Run | str | Path, progress: "Callable[[Generation], None] | None" = None
+    data: object,
+    progress: "Callable[[Generation], None] | None" = None,
+    *,
+    method: str | Mapping[str, object] | None = None,
+    sensor: Mapping[str, object] | None = None,
+    bench: Mapping[str, object] | None = None,
+    **data_keys: Any,
 ) -> Outcome:
-    """Calibrate from a run file. Writes nothing.
+    """Calibrate from a run file, or from data and sections that are given here. Writes nothing.
 
     Parameters
     ----------
-    run : Run or path
+    data : Run or path, or with `method`: path, Recording, DataFrame, Arrow table, mapping or array
+        A run file; or the data themselves: a file, or a table whose columns have names. The columns
+        of an array are "1", "2", ….
     progress : callable, optional
         Called after each generation of a search: number, least sum of squares, worst error.
+    method : str or mapping
+        Name of the method, or the keys of [method].
+    sensor, bench : mapping
+        The keys of [sensor] and [bench] of a run file.
+    **data_keys
+        The keys of [data] of a run file, such as `rate`, `accelerometer`, `kind`.
 
     Raises
     ------
     InercalError
         The run file, the recording or the marks cannot be used, or coefficients are not observed.
+    TypeError
+        Data of another type, or sections without a method.
+
+    Examples
+    --------
+    >>> data = {
+    ...     "position": ["x_p", "x_a", "y_p", "y_a", "z_p", "z_a"],
+    ...     "acc_x": [1.002, -0.998, 0, 0, 0, 0],
+    ...     "acc_y": [0, 0, 1.001, -1, 0, 0],
+    ...     "acc_z": [0, 0, 0, 0, 1, -1.003],
+    ... }
+    >>> outcome = calibrate(
+    ...     data,
+    ...     method="six_position",
+    ...     sensor={"accelerometer": {"unit": "g"}},
+    ...     bench={"gravity": "9.81 m/s² ± 0.001 m/s²", "tilt": "0.1 °"},
+    ...     kind="means",
+    ...     label="position",
+    ...     sd={"accelerometer": "0.2 mg"},
+    ... )
+    >>> outcome
+    <Outcome: Calibration of sensor: six_position, ml, 12 coefficients, consistent>
     """
-    run = run if isinstance(run, Run) else read(run)
+    if method is not None and not isinstance(data, Run):
+        with stated_run(data, method, sensor or {}, bench, data_keys) as run:
+            return _calibrate(run, progress)
+    if method is not None or sensor is not None or bench is not None or data_keys:
+        raise TypeError(
+            "a run file states all sections: give method with data, or a run file alone"
+        )
+    if isinstance(data, str | PathLike):
+        return _calibrate(read(fspath(data)), progress)
+    if isinstance(data, Run):
+        return _calibrate(data, progress)
+    raise TypeError(f"data are a {type(data).__name__}: state method, sensor and bench too")
+
+
+def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Outcome:
+    """Calibrate from a run that was read and checked."""
     sensor, inputs = run.sensor, run.kind.observe(run)
     bench = inputs.bench or run.bench
     expected = bench.nuisances(inputs.steps, sensor)

@@ -17,6 +17,8 @@ from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.sensors import Sensor
 
 if TYPE_CHECKING:  # reports do without a register
+    from matplotlib.axes import Axes
+
     from inercal.store import SensorHistory
 
 
@@ -45,6 +47,44 @@ def write_report(
     with _extras():
         from inercal.report.calibration_page import page
     return write_text(path, page(outcome, truth, history))
+
+
+def plot_residuals(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
+    """Draw the residuals by row, in standard deviations, and return the axes.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    axes : matplotlib.axes.Axes, optional
+        New ones where there are none; `axes.figure.savefig` writes SVG or PDF.
+
+    Raises
+    ------
+    InputError
+        matplotlib is missing, or the method keeps only a whole recording's residuals.
+    """
+    with _extras():
+        from inercal.report.axes_plots import residual_axes
+    return residual_axes(outcome, axes)
+
+
+def plot_coverage(outcome: Outcome, axes: "Axes | None" = None) -> "Axes":
+    """Draw the attitudes that were measured, as directions in the case; return the axes.
+
+    Parameters
+    ----------
+    outcome : Outcome
+    axes : matplotlib.axes.Axes, optional
+        New ones where there are none.
+
+    Raises
+    ------
+    InputError
+        matplotlib is missing, or the method states no attitudes.
+    """
+    with _extras():
+        from inercal.report.axes_plots import coverage_axes
+    return coverage_axes(outcome, axes)
 
 
 def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: str | Path) -> Path:
@@ -144,6 +184,8 @@ def _extras() -> AbstractContextManager[None]:
 
 __all__ = [
     "history_page",
+    "plot_coverage",
+    "plot_residuals",
     "write_budget",
     "write_history",
     "write_refusal",

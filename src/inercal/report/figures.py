@@ -3,7 +3,7 @@
 # pyright: reportUnknownMemberType=false
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -88,6 +88,24 @@ def _residual_table(outcome: Outcome) -> _ResidualTable:
         alone = whitened.shape[1] == 1 < len(sensor.axes)
         parts = ["norm"] if alone else [axis.name for axis in sensor.axes]
     return _ResidualTable(rows, parts, [measures.get(part, "f") for part in parts], whitened, plain)
+
+
+def residual_tables(
+    outcome: Outcome,
+) -> Iterator[tuple[Sequence[str], Sequence[str], Array]]:
+    """Yield labels, parts and residuals in standard deviations, (rows, parts), of each kind."""
+    estimate = outcome.estimate
+    if estimate.groups:
+        for group in estimate.groups:
+            parts = _LEVEL_AXES if estimate.courses else _COMPONENTS[group.residual.shape[1]]
+            yield (
+                group.labels,
+                [f"{group.name}, {part}" for part in parts],
+                group.residual / group.sd,
+            )
+        return
+    seen = _residual_table(outcome)
+    yield seen.rows, seen.parts, seen.whitened
 
 
 def _group_residual_figure(outcome: Outcome) -> Markup:

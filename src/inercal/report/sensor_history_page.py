@@ -13,17 +13,17 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from inercal.arrays import Array
 from inercal.calibration.verdict import COVERAGE, p_value_text
+from inercal.comparison.changes import YEAR, TrendVerdict
+from inercal.comparison.comparison_text import format_en
 from inercal.keys import CoefficientName
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 from inercal.store import SensorHistory
-from inercal.store.changes import YEAR, TrendVerdict
 from inercal.store.history import CoefficientTrend
 from inercal.store.history_text import (
     drift_text,
-    format_en,
     format_point,
     format_slope,
     history_lines,

@@ -192,13 +192,28 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
     if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
     try:
-        return _read_content(path, content, sha256(raw).hexdigest())
+        return from_sections(path, content, sha256(raw).hexdigest())
     except InputError as error:
         raise error.located(path) from None
 
 
-def _read_content(path: Path, content: Mapping[str, Any], digest: str) -> Run:
-    """Return the run of a TOML content whose SHA-256 is `digest`."""
+def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
+    """Return the run of the sections of a run file.
+
+    Parameters
+    ----------
+    path : Path
+        Of the run file; files that the sections name are relative to its folder.
+    content : mapping
+        The sections, as TOML reads them.
+    digest : str
+        SHA-256 of the run file's text.
+
+    Raises
+    ------
+    InputError
+        As of `read`.
+    """
     completed, kind = dict(content), _DEFAULT_KIND
     if isinstance(content.get("bench"), dict):
         completed["bench"] = {"kind": kind} | content["bench"]
@@ -290,4 +305,4 @@ def _true_value(sensor: Sensor, name: str, text: str | float) -> float:
     return coefficient_value(extended, name, text, "[sensor.truth]").value
 
 
-__all__ = ["Run", "read"]
+__all__ = ["Run", "from_sections", "read"]

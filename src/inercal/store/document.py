@@ -10,9 +10,9 @@ import numpy as np
 
 from inercal.calibration import Calibration
 from inercal.calibration.files import as_object, canonical_text, parse, read_text
+from inercal.comparison import recording_sha256
 from inercal.errors import InputError
 from inercal.sensors import SI_UNITS
-from inercal.store.comparison import recording_sha256
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,15 +10,15 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
-from inercal.errors import InputError
-from inercal.sensors.coefficient_selection import select_coefficients
-from inercal.store import changes
-from inercal.store.comparison import (
+from inercal.comparison import (
     build_comparison,
+    changes,
     fixed_coefficients,
     match_frame_and_form,
     recording_sha256,
 )
+from inercal.errors import InputError
+from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.store.entries import CalibrationEntry, SensorEntry
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
+from inercal.comparison import changes
 from inercal.errors import InercalError, InputError
-from inercal.store import changes
 from inercal.units import ZERO_CELSIUS
 
 _FIXED_STD = 1e-12  # of a coefficient's natural size: fixed by a frame or a user, not measured

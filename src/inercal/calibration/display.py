@@ -1,0 +1,144 @@
+"""A calibration as a table for people: text, HTML for notebooks, LaTeX, and a DataFrame."""
+
+import re
+from html import escape
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from inercal.calibration.grade import COVERAGE
+from inercal.errors import require_extra
+from inercal.keys import CoefficientName
+from inercal.units import format_value_and_uncertainty
+
+if TYPE_CHECKING:
+    from inercal.calibration import Calibration
+
+_HEADINGS = ("coefficient", "meaning", "value", f"U (k = {COVERAGE:g})", "unit")
+_LATEX_CHARACTERS = {
+    **{c: rf"\{c}" for c in "&%$#_{}"},
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "−": "$-$",
+    "±": r"$\pm$",
+    "µ": r"$\mu$",
+    "°": r"$^\circ$",
+    "′": r"$'$",
+    "″": r"$''$",
+    "√": r"$\surd$",
+    "·": r"$\cdot$",
+    "χ": r"$\chi$",
+    "²": r"$^2$",
+    "³": r"$^3$",
+    "⁻¹": r"$^{-1}$",
+}
+_LATEX_PATTERN = re.compile("|".join(map(re.escape, _LATEX_CHARACTERS)))
+
+
+class CoefficientLine(NamedTuple):
+    """A coefficient as printed: value and U (k = 2) rounded to what U allows.
+
+    Parameters
+    ----------
+    name, meaning, value, expanded, unit : str
+    si : float
+        SI size of the unit.
+    """
+
+    name: str
+    meaning: str
+    value: str
+    expanded: str
+    unit: str
+    si: float
+
+    @property
+    def axis(self) -> str:
+        """The sensor's axis."""
+        return CoefficientName(self.name).axis
+
+
+def coefficient_lines(calibration: "Calibration") -> tuple[CoefficientLine, ...]:
+    """Return the coefficients in the units of the sensor's table."""
+    lines: list[CoefficientLine] = []
+    for name, value, std in zip(
+        calibration.sensor.coefficients, calibration.values, calibration.std, strict=True
+    ):
+        row = calibration.sensor.coefficient(name)
+        value, expanded = format_value_and_uncertainty(value / row.si, COVERAGE * std / row.si)
+        lines.append(CoefficientLine(name, row.meaning, value, expanded, row.unit, row.si))
+    return tuple(lines)
+
+
+def title(calibration: "Calibration") -> str:
+    """Return what was calibrated, and how, in a line."""
+    way = ", ".join(text for text in (calibration.method, calibration.estimator) if text)
+    return f"{calibration.sensor.name}: {way}" if way else calibration.sensor.name
+
+
+def to_html(calibration: "Calibration") -> str:
+    """Return the table and the notes as HTML without styles of its own."""
+    head = "".join(f"<th>{escape(text)}</th>" for text in _HEADINGS)
+    rows = "".join(
+        "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in line[:5]) + "</tr>"
+        for line in coefficient_lines(calibration)
+    )
+    notes = "".join(f"<li>{escape(note)}</li>" for note in calibration.notes)
+    judged = calibration.verdict
+    verdict = f"<p><strong>{escape(judged.word.capitalize())}</strong></p>" if judged else ""
+    return (
+        f"<p>{escape(title(calibration))}</p><table><thead><tr>{head}</tr></thead>"
+        f"<tbody>{rows}</tbody></table>{verdict}<ul>{notes}</ul>"
+    )
+
+
+def to_latex(calibration: "Calibration") -> str:
+    """Return the table as a LaTeX tabular with the rules of package booktabs."""
+
+    def row(cells: tuple[str, ...]) -> str:
+        return " & ".join(map(_latex, cells)) + r" \\"
+
+    lines = [row(line[:5]) for line in coefficient_lines(calibration)]
+    return "\n".join(
+        [
+            f"% {title(calibration)}",
+            r"\begin{tabular}{llrrl}",
+            r"\toprule",
+            row(_HEADINGS),
+            r"\midrule",
+            *lines,
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+        ]
+    )
+
+
+def _latex(text: str) -> str:
+    """Return text with LaTeX for what its fonts or its syntax have not."""
+    return _LATEX_PATTERN.sub(lambda found: _LATEX_CHARACTERS[found[0]], text)
+
+
+def to_dataframe(calibration: "Calibration") -> Any:
+    """Return value, u (k = 1) and U (k = 2) of each coefficient, as numbers in its unit.
+
+    Raises
+    ------
+    InputError
+        pandas is missing.
+    """
+    with require_extra("pandas", "a DataFrame needs pandas", ("pandas",)):
+        import pandas as pd
+    lines = coefficient_lines(calibration)
+    si = np.array([line.si for line in lines])
+    return pd.DataFrame(
+        {
+            "meaning": [line.meaning for line in lines],
+            "value": calibration.values / si,
+            "u": calibration.std / si,
+            "U": COVERAGE * calibration.std / si,
+            "unit": [line.unit for line in lines],
+        },
+        index=pd.Index([line.name for line in lines], name="coefficient"),
+    )

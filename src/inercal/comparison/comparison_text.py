@@ -1,0 +1,58 @@
+"""Comparisons of two calibrations in words and rounded figures."""
+
+from math import isnan
+
+from inercal.calibration.grade import GRADE_WORDS
+from inercal.calibration.verdict import p_value_text
+from inercal.comparison import Comparison
+from inercal.comparison.changes import JointTest
+
+INDEPENDENCE_NOTE = (
+    "errors that calibrations share, such as those of the bench, are treated as independent: E_n "
+    "and χ² are then too small, and only larger changes are detected"
+)
+
+
+def grade_text(grade: str) -> str:
+    """Return a verdict's grade in words; "unknown" for a file without a grade."""
+    return next((words for one, words in GRADE_WORDS.items() if one == grade), "unknown")
+
+
+def format_en(value: float) -> str:
+    """Return E_n, with a star where |E_n| exceeds 1; empty for the first calibration."""
+    return "" if isnan(value) else f"{value:+.2f}{' *' if abs(value) > 1 else ''}"
+
+
+def joint_test_text(test: JointTest) -> str:
+    """Return the test of all coefficients together."""
+    text = (
+        f"χ² = {test.chi2:.1f} with {test.rank} degrees of freedom, p {p_value_text(test.p_value)}"
+    )
+    if test.rank < test.size:
+        text += f" (rank {test.rank} of {test.size} coefficients)"
+    return text
+
+
+def comparison_lines(compared: Comparison) -> list[str]:
+    """Return the results of a comparison, line by line."""
+    first, second = compared.first.sensor.name, compared.second.sensor.name
+    lines = (
+        [f"the calibrations are of two sensors: {first} and {second}"] if first != second else []
+    )
+    if compared.same_recording:
+        lines.append(
+            "both are of the same recording and share its errors: E_n shows no change of the sensor"
+        )
+    lines.append(
+        exceedance_text(compared.exceedances, len(compared.names), compared.expected_exceedances)
+    )
+    if compared.joint_test is not None:
+        lines.append(f"all together: {joint_test_text(compared.joint_test)}")
+    return [*lines, INDEPENDENCE_NOTE, *(f"left out: {one}" for one in compared.exclusions)]
+
+
+def exceedance_text(beyond: int, of: int, by_chance: float) -> str:
+    """Return how many coefficients changed, and how many would by chance."""
+    return (
+        f"|E_n| > 1 (*) in {beyond} of {of}; without any change chance gives about {by_chance:.2g}"
+    )
