@@ -16,11 +16,14 @@ from inercal.cli import (
     bench_commands,
     budget_command,
     calibrate_command,
+    compare_command,
     compile_command,
     demo_command,
+    init_command,
     plan_command,
     report_command,
     reproduce_command,
+    show_command,
     simulate_command,
     store_commands,
 )
@@ -53,7 +56,10 @@ app = typer.Typer(
 )
 for verb in (
     demo_command,
+    init_command,
     calibrate_command,
+    show_command,
+    compare_command,
     plan_command,
     budget_command,
     simulate_command,

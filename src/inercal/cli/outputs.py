@@ -32,6 +32,7 @@ PAGE = OutputKind("page", b'<meta name="generator" content="inercal">')
 CALIBRATION = OutputKind("calibration file", b'"schema": "inercal/calibration/')
 BUDGET = OutputKind("budget file", b'"schema": "inercal budget ')
 RECORDING, WORKSHEET = OutputKind("recording"), OutputKind("worksheet")
+RUN_FILE = OutputKind("run file")
 
 
 def table_kind(name: str, columns: Iterable[str]) -> OutputKind:

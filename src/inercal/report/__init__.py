@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from inercal.budget import Budget
 from inercal.design.worksheet import Worksheet
+from inercal.drafts import Draft
 from inercal.errors import require_extra
 from inercal.io.atomic_files import write_text
 from inercal.pipeline import Outcome
@@ -137,6 +138,24 @@ def history_page(history: "SensorHistory") -> str:
     return page(history)
 
 
+def write_draft(draft: Draft, path: str | Path) -> Path:
+    """Write the page of a drafted run file, whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    draft : Draft
+    path : path
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.draft_page import page
+    return write_text(path, page(draft))
+
+
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
     """Write the page of an error budget; it appears whole or not at all. Return its path.
 
@@ -187,6 +206,7 @@ __all__ = [
     "plot_coverage",
     "plot_residuals",
     "write_budget",
+    "write_draft",
     "write_history",
     "write_refusal",
     "write_report",

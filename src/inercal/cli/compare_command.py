@@ -1,0 +1,27 @@
+"""`inercal compare`: two calibration files, without a register."""
+
+from pathlib import Path
+
+import typer
+
+from inercal.cli.console import print_json
+
+NAME = "compare"
+
+
+def run(
+    first: Path = typer.Argument(help="A calibration file."),
+    second: Path = typer.Argument(help="The later one, of the same sensor."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
+) -> None:
+    """Compare two calibrations, coefficient by coefficient and all together."""
+    from inercal.calibration.files import load
+    from inercal.cli.calibration_view import comparison_object, print_comparison
+    from inercal.comparison import compare
+
+    compared = compare(load(first), load(second))
+    names = str(first), str(second)
+    if json:
+        print_json(comparison_object(compared, names))
+    else:
+        print_comparison(compared, names)
