@@ -245,6 +245,15 @@ def test_the_snippet_of_the_budget_page_prints_contributions_largest_first(
     assert sizes == sorted(sizes, reverse=True)
 
 
+def test_the_snippet_of_data_in_memory_gives_the_calibration_of_the_example():
+    (text,) = snippets("how-to/first-calibration.md")
+    scope: dict[str, Any] = {}
+    exec(text, scope)
+    found = scope["outcome"].calibration
+    example = calibrate(ROOT / "examples/six_position/run.toml").calibration
+    np.testing.assert_array_equal(found.values, example.values)
+
+
 def test_numbers_in_the_ferraris_guide_are_those_of_the_recording(data_dir: Path, tmp_path: Path):
     text = page("how-to/ferraris.md")
     example = ROOT / "examples" / "ferraris_recordings" / "session_a.toml"

@@ -10,7 +10,7 @@ import typer
 from inercal.cli.console import print_json, print_written_files, progress_status
 
 if TYPE_CHECKING:
-    from inercal.drafts import Draft, Entry
+    from inercal.drafts import Draft, DraftKey
 
 NAME = "init"
 
@@ -62,7 +62,10 @@ def run(
         print(f"· {trial.text}")
     print_written_files(files)
     for question in draft.questions:
-        print(f"please tell {question.name} in {path}: {question.ask}")
+        print(f"please tell {question.name}: {question.ask}")
+        print(
+            f'  inercal init {" ".join(map(str, logs))} --set "{question.section}.{question.key}=…"'
+        )
     if not draft.questions:
         print(f"next: inercal calibrate {path}")
 
@@ -98,7 +101,7 @@ def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft"
     return draft
 
 
-def _unasked(draft: "Draft", known: dict[str, str]) -> "list[Entry]":
+def _unasked(draft: "Draft", known: dict[str, str]) -> "list[DraftKey]":
     """Return the questions that were not asked yet; an empty answer leaves a key open."""
     return [one for one in draft.questions if f"{one.section}.{one.key}" not in known]
 

@@ -12,17 +12,18 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.drafts.column_roles import ColumnRoles, recognise_columns
-from inercal.drafts.draft_entries import UNKNOWN, Entry, run_file_text
+from inercal.drafts.draft_entries import UNKNOWN, DraftKey, run_file_text
 from inercal.drafts.method_trials import Candidate, MethodTrial, candidate_methods, try_methods
 from inercal.drafts.readouts import (
     GuessedReadout,
-    Rests,
+    QuietMeans,
     find_quiet_sections,
     guess_accelerometer,
     guess_from_norms,
     guess_from_turned_axis,
     guess_gyro,
     rest_means,
+    white_noise,
 )
 from inercal.errors import InputError
 from inercal.io.column_table import Table
@@ -37,6 +38,7 @@ _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, of IMUs
 _RATE_UNITS = {"rpm": "rpm", "omega_over_pi": "0.5 rev/s"}
 _WORST = "unreliable"
+_MOST_TEXTS = 4  # columns
 _SCATTER_ROUNDS, _SCATTER_AGREES = 6, 0.2
 _ARM_DEVIATION = 1e-2
 _MEAN_DEVIATION = 1e-4  # of gravity: of means whose scatter nobody stated
@@ -50,14 +52,14 @@ class Draft:
     ----------
     path : Path
         Where it is to be written.
-    entries : tuple of Entry
+    entries : tuple of DraftKey
         Its keys, [method] included where a method fits.
     trials : tuple of MethodTrial
         The methods that may fit, and what became of them.
     facts : tuple of str
         What was seen, in a line each.
     roles : ColumnRoles
-    rests : Rests or None
+    rests : QuietMeans or None
         Of a recording.
     time : (n,) array or None
         s, of a recording.
@@ -66,18 +68,20 @@ class Draft:
     """
 
     path: Path
-    entries: tuple[Entry, ...]
+    entries: tuple[DraftKey, ...]
     trials: tuple[MethodTrial, ...]
     facts: tuple[str, ...]
     roles: ColumnRoles
-    rests: Rests | None
+    rests: QuietMeans | None
     time: Array | None
     readings: Mapping[str, Array]
 
     @property
-    def questions(self) -> tuple[Entry, ...]:
-        """The keys that only the user knows."""
-        return tuple(entry for entry in self.entries if entry.value == UNKNOWN)
+    def questions(self) -> tuple[DraftKey, ...]:
+        """The keys that only the user knows, without a unit that follows from another answer."""
+        found = [entry for entry in self.entries if entry.value == UNKNOWN]
+        rate = [entry for entry in found if entry.key == "rate"]
+        return tuple(rate or found)
 
     @property
     def method(self) -> MethodTrial | None:
@@ -121,7 +125,7 @@ def draft_run_file(
         A file cannot be read, has no columns of a sensor, or no method fits its columns.
     """
     told = dict(told or {})
-    table = read_table(logs[0])
+    table = _read(logs[0])
     roles = recognise_columns(table)
     gyro_table = _second_table(logs, table, roles)
     if gyro_table is not None:
@@ -167,10 +171,14 @@ def draft_run_file(
             told["bench.radius"], "m", "[bench] radius", last_digit=False
         ).value
     readouts, radius = _readouts(table, readings, roles, rests, turns, time, radius)
+    noise = _noise_entries(readings, readouts, rests, time) if bench == "turntable" else {}
     entries = (
-        Entry("sensor", "name", logs[0].stem, "change it to the sensor's serial number"),
-        *_readout_entries("accelerometer", readouts["accelerometer"]),
-        *(_readout_entries("gyro", readouts["gyro"]) if "gyro" in readouts else ()),
+        DraftKey("sensor", "name", logs[0].stem, "change it to the sensor's serial number"),
+        *(
+            entry
+            for kind, readout in readouts.items()
+            for entry in (*_readout_entries(kind, readout), *noise.get(kind, ()))
+        ),
         *_bench_entries(bench, radius),
         *_data_entries(logs, path, roles, bench),
         *_with_suggestion(clock, readouts.get("gyro")),
@@ -197,9 +205,22 @@ def draft_run_file(
         raise InputError(
             f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
         )
-    keys = [Entry("method", "name", found.method.name, "the first of the above that fits")]
-    keys += [Entry("method", key, value) for key, value in found.method.keys.items()]
+    keys = [DraftKey("method", "name", found.method.name, "the first of the above that fits")]
+    keys += [DraftKey("method", key, value) for key, value in found.method.keys.items()]
     return replace(found, entries=(*entries, *keys))
+
+
+def _read(log: Path) -> Table:
+    """Return a table, with the columns as text that begin with numbers or nothing and are text."""
+    text: list[str] = []
+    while True:
+        try:
+            return read_table(log, text=text)
+        except InputError as error:
+            column = error.names[0] if error.names else ""
+            if not column or column in text or error.line is None or len(text) == _MOST_TEXTS:
+                raise
+            text.append(column)
 
 
 def _second_table(logs: Sequence[Path], table: Table, roles: ColumnRoles) -> Table | None:
@@ -211,7 +232,7 @@ def _second_table(logs: Sequence[Path], table: Table, roles: ColumnRoles) -> Tab
             "the gyros",
             names=tuple(map(str, logs)),
         )
-    second = read_table(logs[1])
+    second = _read(logs[1])
     rows, others = (next(iter(one.columns.values())).size for one in (table, second))
     if "gyro" not in recognise_columns(second).triads or "gyro" in roles.triads or rows != others:
         raise InputError(
@@ -224,7 +245,7 @@ def _second_table(logs: Sequence[Path], table: Table, roles: ColumnRoles) -> Tab
 
 def _clock(
     table: Table, roles: ColumnRoles, told: Mapping[str, str]
-) -> tuple[Array | None, tuple[Entry, ...]]:
+) -> tuple[Array | None, tuple[DraftKey, ...]]:
     """Return the times, s, where they are known, and the keys of the clock."""
     if roles.means:
         return None, ()
@@ -234,10 +255,10 @@ def _clock(
     rate = told.get("data.rate")
     hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
     by_rate = None if hertz is None else np.arange(count) / hertz
-    stated = Entry("data", "rate", rate or UNKNOWN, "as told" if rate else "", ask)
+    stated = DraftKey("data", "rate", rate or UNKNOWN, "as told" if rate else "", ask)
     if name is None:
         return by_rate, (stated,)
-    entry = Entry("data", "time", _column(name), roles.reasons.get("time", ""))
+    entry = DraftKey("data", "time", _column(name), roles.reasons.get("time", ""))
     column = table.columns[name]
     if column.dtype.kind == "U":
         seconds = (column.astype("M8[ns]") - column[:1].astype("M8[ns]")) / np.timedelta64(1, "s")
@@ -245,18 +266,20 @@ def _clock(
     stamps = column.astype(np.float64)
     step = float(np.median(np.diff(stamps)))
     if step == 1.0 and np.all(stamps == np.rint(stamps)):
-        counter = Entry("data", "time_unit", "sample", "its steps are 1: it counts samples")
+        counter = DraftKey("data", "time_unit", "sample", "its steps are 1: it counts samples")
         return by_rate, (entry, counter, stated)
     unit = roles.units.get("time") or next(
         (one for one in _TIME_UNITS if _RATES[0] <= 1 / (step * si_factor(one)) <= _RATES[1]), "s"
     )
     seconds = stamps * si_factor(unit)
     reason = f"its steps are {step:.6g} {unit}, {1 / (step * si_factor(unit)):.5g} Hz"
-    units = () if unit == "s" else (Entry("data", "time_unit", unit, reason),)
+    units = () if unit == "s" else (DraftKey("data", "time_unit", unit, reason),)
     return seconds, (replace(entry, reason=reason) if not units else entry, *units)
 
 
-def _with_suggestion(clock: tuple[Entry, ...], gyro: GuessedReadout | None) -> tuple[Entry, ...]:
+def _with_suggestion(
+    clock: tuple[DraftKey, ...], gyro: GuessedReadout | None
+) -> tuple[DraftKey, ...]:
     """Return the keys of the clock, with the rate that turns suggest in the question for it."""
     if gyro is None or not gyro.rate_hz:
         return clock
@@ -266,7 +289,7 @@ def _with_suggestion(clock: tuple[Entry, ...], gyro: GuessedReadout | None) -> t
 
 def _rests(
     table: Table, roles: ColumnRoles, readings: Mapping[str, Array], time: Array | None
-) -> tuple[Rests, tuple[tuple[int, int], ...]]:
+) -> tuple[QuietMeans, tuple[tuple[int, int], ...]]:
     """Return the rests, and the marked sections that move, where a column marks sections."""
     data = np.hstack([readings[kind] for kind in readings])
     if "label" in roles.single and "time" in roles.single:
@@ -293,7 +316,7 @@ def _readouts(
     table: Table,
     readings: Mapping[str, Array],
     roles: ColumnRoles,
-    rests: Rests | None,
+    rests: QuietMeans | None,
     turns: Sequence[tuple[int, int]],
     time: Array | None,
     radius: float | None,
@@ -317,30 +340,50 @@ def _readouts(
     return found, radius
 
 
-def _readout_entries(kind: str, readout: GuessedReadout) -> tuple[Entry, ...]:
+def _readout_entries(kind: str, readout: GuessedReadout) -> tuple[DraftKey, ...]:
     section = f"sensor.{kind}"
-    unit = Entry(section, "unit", readout.unit, readout.reason)
+    unit = DraftKey(section, "unit", readout.unit, readout.reason)
     if not readout.certain and kind == "gyro":
         unit = replace(unit, value=UNKNOWN, ask=f"the unit of the {kind}s, such as rad/s")
     entries = [unit]
     if readout.scale:
-        entries.append(Entry(section, "scale", readout.scale, "nominal; see the data sheet"))
+        entries.append(DraftKey(section, "scale", readout.scale, "nominal; see the data sheet"))
     if readout.offset:
-        entries.append(Entry(section, "offset", readout.offset, "reading at zero"))
+        entries.append(DraftKey(section, "offset", readout.offset, "reading at zero"))
     return tuple(entries)
 
 
-def _bench_entries(bench: str, radius: float | None) -> tuple[Entry, ...]:
-    entries = [] if bench == "hand" else [Entry("bench", "kind", bench, "by the columns")]
+def _noise_entries(
+    readings: Mapping[str, Array],
+    readouts: Mapping[str, GuessedReadout],
+    rests: QuietMeans | None,
+    time: Array | None,
+) -> dict[str, tuple[DraftKey, ...]]:
+    """Return the noise densities, which filters need."""
+    if rests is None or time is None:
+        return {}
+    dt = float(np.median(np.diff(time)))
+    units = {"accelerometer": "µg/√Hz", "gyro": "°/√h"}
+    reason = "from the scatter within rests"
+    found: dict[str, tuple[DraftKey, ...]] = {}
+    for kind, readout in readouts.items():
+        density = white_noise(readings[kind], rests, readout.size, dt)
+        text = f"{density / si_factor(units[kind]):.3g} {units[kind]}"
+        found[kind] = (DraftKey(f"sensor.{kind}", "white", text, reason),)
+    return found
+
+
+def _bench_entries(bench: str, radius: float | None) -> tuple[DraftKey, ...]:
+    entries = [] if bench == "hand" else [DraftKey("bench", "kind", bench, "by the columns")]
     if bench == "turntable":
-        return (*entries, Entry("bench", "latitude", UNKNOWN, "", 'latitude, such as "48.1 °"'))
+        return (*entries, DraftKey("bench", "latitude", UNKNOWN, "", 'latitude, such as "48.1 °"'))
     reason = "anywhere near sea level: state latitude and height instead for less uncertainty"
-    entries.append(Entry("bench", "gravity", _ANYWHERE, reason))
+    entries.append(DraftKey("bench", "gravity", _ANYWHERE, reason))
     if bench in ("centrifuge", "rate_table"):
         text = UNKNOWN if radius is None else f"{radius:.4g} m ± {0.02 * radius:.1g} m"
         reason = "from the norms and the rates: state what was measured"
         ask = 'the radius of the arm with its uncertainty, such as "1 m ± 0.1 mm"'
-        entries.append(Entry("bench", "radius", text, reason, ask))
+        entries.append(DraftKey("bench", "radius", text, reason, ask))
     return tuple(entries)
 
 
@@ -361,21 +404,21 @@ def _column(name: str) -> str | int:
 
 def _data_entries(
     logs: Sequence[Path], path: Path, roles: ColumnRoles, bench: str
-) -> tuple[Entry, ...]:
+) -> tuple[DraftKey, ...]:
     def file(log: Path) -> str:
         return Path(os.path.relpath(log.resolve(), path.parent.resolve())).as_posix()
 
-    entries = [Entry("data", "file", file(logs[0]))]
+    entries = [DraftKey("data", "file", file(logs[0]))]
     if roles.means:
-        entries.append(Entry("data", "kind", "means", "few rows without a clock"))
+        entries.append(DraftKey("data", "kind", "means", "few rows without a clock"))
     if len(logs) > 1:
-        entries.append(Entry("data", "gyro_file", file(logs[1])))
+        entries.append(DraftKey("data", "gyro_file", file(logs[1])))
     for kind, columns in roles.triads.items():
-        entries.append(Entry("data", kind, [_column(c) for c in columns], roles.reasons[kind]))
+        entries.append(DraftKey("data", kind, [_column(c) for c in columns], roles.reasons[kind]))
     if roles.table:
-        entries.append(Entry("data", "table", list(roles.table), "by their names"))
+        entries.append(DraftKey("data", "table", list(roles.table), "by their names"))
     if roles.attitude and roles.means:
-        entries.append(Entry("data", "attitude", list(roles.attitude), "by their names"))
+        entries.append(DraftKey("data", "attitude", list(roles.attitude), "by their names"))
     wanted = {
         "centrifuge": ("arm_rate", "label", "temperature"),
         "rate_table": ("arm_rate", "mounting", "temperature"),
@@ -386,11 +429,11 @@ def _data_entries(
     for role in wanted:
         if role in roles.single:
             name = roles.single[role]
-            entries.append(Entry("data", role, _column(name), roles.reasons[role]))
+            entries.append(DraftKey("data", role, _column(name), roles.reasons[role]))
             if role == "arm_rate" and _rate_unit(name) != "rpm":
-                entries.append(Entry("data", "arm_rate_unit", _rate_unit(name), "by its name"))
+                entries.append(DraftKey("data", "arm_rate_unit", _rate_unit(name), "by its name"))
     if bench == "hand" and not roles.means and "label" in roles.single:
-        entries.append(Entry("data", "marks", "labels", "the column names the sections"))
+        entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)
 
 
@@ -399,17 +442,17 @@ def _mean_deviation(roles: ColumnRoles) -> float:
     return _ARM_DEVIATION if "arm_rate" in roles.single else _MEAN_DEVIATION
 
 
-def _deviation_entry(deviation: float, reason: str) -> Entry:
-    return Entry("data.sd", "accelerometer", f"{1e6 * deviation:.2g} µg", reason)
+def _deviation_entry(deviation: float, reason: str) -> DraftKey:
+    return DraftKey("data.sd", "accelerometer", f"{1e6 * deviation:.2g} µg", reason)
 
 
 def _with_scatter(
-    entries: tuple[Entry, ...],
+    entries: tuple[DraftKey, ...],
     trials: tuple[MethodTrial, ...],
     candidates: Sequence[Candidate],
     folder: Path,
     deviation: float,
-) -> tuple[tuple[Entry, ...], tuple[MethodTrial, ...]]:
+) -> tuple[tuple[DraftKey, ...], tuple[MethodTrial, ...]]:
     """Return entries and trials with the deviation of means by which χ² agrees with its dof."""
     reason = (
         "by which the fit has the χ² that it should have, so that the fit cannot be judged: state "
@@ -432,7 +475,7 @@ def _with_scatter(
     return given
 
 
-def _with_told(entries: tuple[Entry, ...], told: Mapping[str, str]) -> tuple[Entry, ...]:
+def _with_told(entries: tuple[DraftKey, ...], told: Mapping[str, str]) -> tuple[DraftKey, ...]:
     """Return the entries with the values that the user told, which may be new keys."""
     known = {f"{entry.section}.{entry.key}": entry for entry in entries}
     for key, value in told.items():
@@ -440,7 +483,7 @@ def _with_told(entries: tuple[Entry, ...], told: Mapping[str, str]) -> tuple[Ent
         if not section:
             raise InputError(f"{key} has no section: name it as data.rate", key=key)
         known[key] = replace(
-            known.get(key, Entry(section, name, value)), value=value, reason="as told"
+            known.get(key, DraftKey(section, name, value)), value=value, reason="as told"
         )
     if "bench.latitude" in told:
         known.pop("bench.gravity", None)
@@ -451,7 +494,7 @@ def _facts(
     logs: Sequence[Path],
     table: Table,
     roles: ColumnRoles,
-    rests: Rests | None,
+    rests: QuietMeans | None,
     time: Array | None,
     readings: Mapping[str, Array],
 ) -> tuple[str, ...]:
@@ -475,4 +518,4 @@ def _facts(
     return tuple(facts)
 
 
-__all__ = ["Draft", "Entry", "MethodTrial", "draft_run_file"]
+__all__ = ["Draft", "DraftKey", "MethodTrial", "draft_run_file"]

@@ -9,7 +9,7 @@ UNKNOWN = "?"
 
 
 @dataclass(frozen=True)
-class Entry:
+class DraftKey:
     """A key of a run file.
 
     Parameters
@@ -37,7 +37,7 @@ class Entry:
         return f"[{self.section}] {self.key}"
 
 
-def as_sections(entries: tuple[Entry, ...]) -> dict[str, Any]:
+def as_sections(entries: tuple[DraftKey, ...]) -> dict[str, Any]:
     """Return the sections of the run file, nested as TOML reads them."""
     content: dict[str, Any] = {}
     for entry in entries:
@@ -48,12 +48,12 @@ def as_sections(entries: tuple[Entry, ...]) -> dict[str, Any]:
     return content
 
 
-def run_file_text(entries: tuple[Entry, ...], head: tuple[str, ...]) -> str:
+def run_file_text(entries: tuple[DraftKey, ...], head: tuple[str, ...]) -> str:
     """Return the commented run file.
 
     Parameters
     ----------
-    entries : tuple of Entry
+    entries : tuple of DraftKey
     head : tuple of str
         Lines of the comment at the top.
     """
@@ -67,8 +67,8 @@ def run_file_text(entries: tuple[Entry, ...], head: tuple[str, ...]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _by_section(entries: tuple[Entry, ...]) -> Mapping[str, list[Entry]]:
-    found: dict[str, list[Entry]] = {}
+def _by_section(entries: tuple[DraftKey, ...]) -> Mapping[str, list[DraftKey]]:
+    found: dict[str, list[DraftKey]] = {}
     for entry in entries:
         found.setdefault(entry.section, []).append(entry)
     return found

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from inercal.drafts.column_roles import ColumnRoles
-from inercal.drafts.draft_entries import UNKNOWN, Entry, as_sections
+from inercal.drafts.draft_entries import UNKNOWN, DraftKey, as_sections
 from inercal.errors import InercalError
 from inercal.io.column_table import shorten
 
@@ -74,11 +74,11 @@ def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:
     ferraris = ferraris if gyros else []
     free: list[Candidate] = [("hand", "multi_position", {})]
     six: list[Candidate] = [("hand", "six_position", {})]
-    return tuple(ferraris + six if "label" in roles.single else free + ferraris + six)
+    return tuple(ferraris + six + free if "label" in roles.single else free + ferraris + six)
 
 
 def try_methods(
-    entries: tuple[Entry, ...],
+    entries: tuple[DraftKey, ...],
     candidates: Sequence[Candidate],
     folder: Path,
 ) -> tuple[MethodTrial, ...]:
@@ -86,7 +86,7 @@ def try_methods(
 
     Parameters
     ----------
-    entries : tuple of Entry
+    entries : tuple of DraftKey
         Of the run file but [method].
     candidates : sequence of Candidate
     folder : Path

@@ -55,7 +55,7 @@ class GuessedReadout(NamedTuple):
     rate_hz: float = 0.0
 
 
-class Rests(NamedTuple):
+class QuietMeans(NamedTuple):
     """Sections at rest: first sample and the one after the last, (k, 2), and means, (k, 3)."""
 
     spans: Indices
@@ -90,7 +90,7 @@ def find_quiet_sections(data: Array, window: int) -> Indices:
     return runs * block
 
 
-def rest_means(sections: Indices, force: Array, rate: Array | None) -> Rests:
+def rest_means(sections: Indices, force: Array, rate: Array | None) -> QuietMeans:
     """Return the means of sections, without a quarter at both ends."""
 
     def mean(data: Array) -> Array:
@@ -98,7 +98,7 @@ def rest_means(sections: Indices, force: Array, rate: Array | None) -> Rests:
             [data[a + (b - a) // 4 : b - (b - a) // 4].mean(axis=0) for a, b in sections]
         )
 
-    return Rests(sections, mean(force), None if rate is None else mean(rate))
+    return QuietMeans(sections, mean(force), None if rate is None else mean(rate))
 
 
 def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
@@ -203,7 +203,7 @@ def _nominal(counts: float, known: Sequence[float]) -> tuple[float, str]:
 
 
 def guess_gyro(
-    rests: Rests,
+    rests: QuietMeans,
     gyro: Array,
     accelerometer: GuessedReadout,
     dt: float | None,
@@ -214,7 +214,7 @@ def guess_gyro(
 
     Parameters
     ----------
-    rests : Rests
+    rests : QuietMeans
     gyro : (n, 3) array
         Readings.
     accelerometer : GuessedReadout
@@ -258,14 +258,14 @@ def _norm_of_sum(rate: Array) -> float:
     return float(np.linalg.norm(rate.sum(axis=0)))
 
 
-def _gyro_offset(rests: Rests) -> float:
+def _gyro_offset(rests: QuietMeans) -> float:
     assert rests.rate is not None
     centre = float(np.median(rests.rate))
     near = min(_MID_SCALES, key=lambda one: abs(np.log(max(centre, 1.0) / one)))
     return near if centre > 100 and abs(centre / near - 1) < 0.05 else 0.0
 
 
-def gyro_scale(rests: Rests, gyro: Array, offset: float) -> tuple[float | None, int, float]:
+def gyro_scale(rests: QuietMeans, gyro: Array, offset: float) -> tuple[float | None, int, float]:
     """Return the angle of one count for one sample, rad, number of turns, and misfit, rad.
 
     The angle by which gravity turns in the case between two rests must follow from the gyros:
@@ -326,3 +326,23 @@ def _misfit(first: Array, second: Array, angles: Array) -> float:
     predicted = np.einsum("kji,kj->ki", turned[:, 0], first)
     cosine = np.clip((predicted * second).sum(axis=-1), -1, 1)
     return float(np.median(np.arccos(cosine)))
+
+
+def white_noise(data: Array, rests: QuietMeans, size: float, dt: float) -> float:
+    """Return the density of white noise within rests, largest of the axes, SI·√s.
+
+    By differences of neighbours, which slow changes do not enter; rounding does.
+
+    Parameters
+    ----------
+    data : (n, 3) array
+        Readings.
+    rests : QuietMeans
+    size : float
+        SI size of an output unit.
+    dt : float
+        s, between samples.
+    """
+    inner = [data[a + (b - a) // 4 : b - (b - a) // 4] for a, b in rests.spans.tolist()]
+    scatter = [np.diff(part, axis=0).std(axis=0) for part in inner if len(part) > 2]
+    return float(np.median(scatter, axis=0).max()) / np.sqrt(2) * size * np.sqrt(dt)

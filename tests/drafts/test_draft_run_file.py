@@ -1,0 +1,243 @@
+"""Drafts of run files: of every shared recording and of each example's data, and of odd files."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import inercal
+from inercal.drafts import Draft, draft_run_file
+from inercal.errors import InputError
+from inercal.io.write import write_recording
+from inercal.pipeline import apply_data_columns, simulate
+from inercal.runfile import read
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+AXES = ("x", "y", "z")
+
+
+def chosen(draft: Draft) -> dict[str, Any]:
+    """Return the keys of a draft by section and name."""
+    return {f"{one.section}.{one.key}": one.value for one in draft.entries}
+
+
+def calibrated(draft: Draft) -> inercal.Calibration:
+    """Write the run file, and calibrate from it."""
+    draft.path.write_text(draft.text, encoding="utf-8")
+    return inercal.calibrate(draft.path).calibration
+
+
+def columns(*names: str) -> list[Any]:
+    return [int(name) if name.isdecimal() else name for name in names]
+
+
+SHARED = {
+    "mpu9150": (
+        ["mpu9150_multiposition/imu0.log"],
+        {"data.rate": "100 Hz"},
+        "data.rate",
+        {
+            "data.accelerometer": columns("1", "2", "3"),
+            "data.gyro": columns("4", "5", "6"),
+            "sensor.accelerometer.unit": "m/s²",
+            "sensor.gyro.unit": "rad/s",
+            "method.name": "multi_position",
+        },
+    ),
+    "xsens": (
+        ["xsens_mti_multiposition/xsens_acc.mat", "xsens_mti_multiposition/xsens_gyro.mat"],
+        {},
+        None,
+        {
+            "data.time": 1,
+            "data.accelerometer": columns("2", "3", "4"),
+            "data.gyro": columns("2", "3", "4"),
+            "sensor.accelerometer.offset": 32768.0,
+            "sensor.gyro.offset": 32768.0,
+            "method.name": "multi_position",
+        },
+    ),
+    "xsens accelerometers": (
+        ["xsens_mti_multiposition/xsens_acc.mat"],
+        {},
+        None,
+        {"data.time": 1, "data.accelerometer": columns("2", "3", "4")},
+    ),
+    "ferraris, physical units": (
+        ["ferraris_imucal/example_ferraris_session.csv"],
+        {"data.rate": "102.4 Hz"},
+        "data.rate",
+        {
+            "data.time": "n_samples",
+            "data.time_unit": "sample",
+            "sensor.accelerometer.unit": "m/s²",
+            "sensor.gyro.unit": "°/s",
+            "method.name": "ferraris",
+            "method.turn": "-360 °",
+        },
+    ),
+    "ferraris, counts": (
+        ["ferraris_imucal/annotated_session.csv"],
+        {"data.rate": "204.8 Hz"},
+        "data.rate",
+        {
+            "data.label": "part",
+            "sensor.accelerometer.scale": "2048 LSB/g",
+            "sensor.gyro.scale": "16.4 LSB/(°/s)",
+            "method.name": "ferraris",
+            "method.turn": "360 °",
+        },
+    ),
+    "centrifuge table": (
+        ["centrifuge_table1/table1_corrected.csv"],
+        {"bench.radius": "1 m ± 1 µm"},
+        "bench.radius",
+        {
+            "data.kind": "means",
+            "data.label": "position",
+            "data.arm_rate": "omega_over_pi",
+            "data.arm_rate_unit": "0.5 rev/s",
+            "method.name": "centrifuge_norm",
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SHARED)
+def test_shared_recordings_need_one_answer_at_most(case: str, data_dir: Path, tmp_path: Path):
+    files, told, question, expected = SHARED[case]
+    logs = [data_dir / file for file in files]
+    first = draft_run_file(logs, tmp_path / "run.toml")
+    assert [f"{one.section}.{one.key}" for one in first.questions] == [question][: bool(question)]
+    draft = draft_run_file(logs, tmp_path / "run.toml", told) if told else first
+    assert not draft.questions
+    assert expected.items() <= chosen(draft).items()
+    assert calibrated(draft).method == expected.get("method.name", "multi_position")
+
+
+def test_scales_of_counts_are_found_by_gravity_and_turns(data_dir: Path, tmp_path: Path):
+    folder = data_dir / "xsens_mti_multiposition"
+    logs = [folder / "xsens_acc.mat", folder / "xsens_gyro.mat"]
+    found = chosen(draft_run_file(logs, tmp_path / "run.toml"))
+    gravity = float(found["sensor.accelerometer.scale"].split()[0])
+    turn = float(found["sensor.gyro.scale"].split()[0])
+    assert gravity == pytest.approx(415 * 9.80665, rel=0.02)  # factory calibration
+    assert turn == pytest.approx(4770 * np.pi / 180, rel=0.02)
+
+
+def test_gyros_alone_are_refused(data_dir: Path, tmp_path: Path):
+    log = data_dir / "xsens_mti_multiposition" / "xsens_gyro.mat"
+    with pytest.raises(InputError) as caught:
+        draft_run_file([log], tmp_path / "run.toml")
+    assert caught.value.file == log
+
+
+@pytest.mark.parametrize(
+    ("table", "run_file"),
+    [
+        ("six_position/positions.csv", "six_position/run.toml"),
+        ("six_position/soaks.csv", "six_position/soaks.toml"),
+        ("centrifuge/lab.csv", "centrifuge/lab.toml"),
+        ("dividing_head/lab.csv", "dividing_head/lab.toml"),
+        ("dividing_head/tumble.csv", "dividing_head/tumble.toml"),
+        ("rate_table/ship.csv", "rate_table/ship.toml"),
+    ],
+)
+def test_tables_of_the_examples_are_recognised(table: str, run_file: str, tmp_path: Path):
+    content = tomllib.loads((EXAMPLES / run_file).read_text(encoding="utf-8"))
+    told = {"bench.radius": content["bench"]["radius"]} if "centrifuge" in table else {}
+    draft = draft_run_file([EXAMPLES / table], tmp_path / "run.toml", told)
+    found = chosen(draft)
+    for key in ("kind", "accelerometer", "label", "angle", "arm_rate", "mounting", "attitude"):
+        if key in content["data"]:
+            assert found[f"data.{key}"] == content["data"][key]
+    scale = content["sensor"]["accelerometer"].get("scale")
+    if scale is not None:
+        drafted = float(found["sensor.accelerometer.scale"].split()[0])
+        assert drafted == pytest.approx(float(scale.split()[0]), rel=0.05)
+    assert found["method.name"] == content["method"]["name"]
+    assert calibrated(draft).method == content["method"]["name"]
+
+
+SIMULATED = {
+    "centrifuge/arm_run.toml": {"bench.radius": "1 m ± 10 µm"},
+    "rate_table/ship_recording.toml": {},
+    "turntable/mimu.toml": {"bench.latitude": "38 °"},
+    "hand_held/simulated.toml": {},
+    "ferraris_simulated/run.toml": {},
+}
+
+
+@pytest.mark.parametrize("example", SIMULATED)
+def test_simulated_recordings_are_recognised(example: str, tmp_path: Path):
+    run = read(EXAMPLES / example)
+    log = tmp_path / "log.csv"
+    write_recording(apply_data_columns(run, simulate(run, seed=3)), log)
+    draft = draft_run_file([log], tmp_path / "run.toml", SIMULATED[example])
+    found = chosen(draft)
+    assert not draft.questions
+    assert found["data.accelerometer"] == list(run.data.accelerometer)
+    assert found["method.name"] == run.method.name
+    units = {axis.measures: axis.readout.unit for axis in run.sensor.axes}
+    if units["f"] not in ("V", "LSB"):
+        assert found["sensor.accelerometer.unit"] == units["f"]
+    if "sensor.gyro.unit" in found:
+        assert found["sensor.gyro.unit"] == units["w"]
+
+
+def still_log(path: Path, head: str, scale: float, **more: float) -> Path:
+    """Write a log of an IMU in eight attitudes, moved by hand between them."""
+    rng = np.random.default_rng(5)
+    faces = [*np.eye(3), *-np.eye(3), np.ones(3) / 3**0.5, -np.ones(3) / 3**0.5]
+    rows = [scale * up + rng.normal(0, 2e-3 * scale, (300, 3)) for up in faces]
+    rows = [np.concatenate([row, row[-60:] + rng.normal(0, 0.5 * scale, (60, 3))]) for row in rows]
+    data = np.concatenate(rows)
+    time = np.arange(len(data)) * more.get("step", 0.01)
+    np.savetxt(path, np.column_stack([time, data]), delimiter=",", header=head, comments="")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("head", "unit", "scale"),
+    [
+        ("Time (s),Acc X (g),Acc Y (g),Acc Z (g)", "g", 1.0),
+        ("timestamp,accX,accY,accZ", "m/s²", 9.79),
+        ("t,a_x [mg],a_y [mg],a_z [mg]", "mg", 1000.0),
+        ("t,ax,ay,az", "LSB", 16384.0),
+        ("t,linear_acceleration.x,linear_acceleration.y,linear_acceleration.z", "m/s²", 9.81),
+    ],
+)
+def test_units_follow_from_gravity_or_from_names(
+    head: str, unit: str, scale: float, tmp_path: Path
+):
+    draft = draft_run_file([still_log(tmp_path / "log.csv", head, scale)], tmp_path / "run.toml")
+    found = chosen(draft)
+    assert found["sensor.accelerometer.unit"] == unit
+    assert found["data.accelerometer"] == head.split(",")[1:]
+    if unit == "LSB":
+        assert found["sensor.accelerometer.scale"] == "16384 LSB/g"
+
+
+@pytest.mark.parametrize(("step", "unit"), [(10.0, "ms"), (10_000.0, "µs"), (1e7, "ns")])
+def test_the_unit_of_time_follows_from_likely_rates(step: float, unit: str, tmp_path: Path):
+    log = still_log(tmp_path / "log.csv", "time,ax,ay,az", 9.81, step=step)
+    draft = draft_run_file([log], tmp_path / "run.toml")
+    assert chosen(draft)["data.time_unit"] == unit
+
+
+def test_what_is_told_replaces_a_guess(tmp_path: Path):
+    log = still_log(tmp_path / "log.csv", "time,ax,ay,az", 9.81)
+    told = {"bench.latitude": "48.1 °", "sensor.name": 'SN "7"', "bench.height": "520 m"}
+    found = chosen(draft_run_file([log], tmp_path / "run.toml", told))
+    assert told.items() <= found.items()
+    assert "bench.gravity" not in found
+
+
+def test_a_file_without_sensors_is_refused(tmp_path: Path):
+    log = tmp_path / "log.csv"
+    log.write_text("price,volume\n1,2\n3,4\n", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        draft_run_file([log], tmp_path / "run.toml")
+    assert caught.value.file == log
