@@ -247,7 +247,7 @@ def test_the_recordings_are_good_before_they_are_broken(
         for labelled in ((), (LABELLED if text is SIX_POSITIONS else FERRARIS_LABELLED,)):
             path = run_file(tmp_path, text, *labelled)
             (tmp_path / "log.csv").write_bytes(content)
-            out = ("--out", str(tmp_path), "--no-report")
+            out = ("--out", str(tmp_path), "--no-report", "--force")
             monkeypatch.setattr("sys.argv", ["inercal", "calibrate", str(path), *out])
             with pytest.raises(SystemExit) as stop:
                 main()
@@ -270,10 +270,10 @@ def test_every_verb_refuses_a_broken_run_file_in_one_line(
 @pytest.mark.parametrize(
     ("verb", "out", "words"),
     [
-        ("calibrate", "none", "no such folder"),
-        ("simulate", "none/log.csv", "no such folder"),
+        ("calibrate", "log.csv", "Not a directory"),
+        ("simulate", "log.csv/log.csv", "Not a directory"),
         ("simulate", "log.xlsx", ".parquet"),
-        ("report", "none/page.html", "no such folder"),
+        ("report", "log.csv/page.html", "Not a directory"),
     ],
 )
 def test_a_place_that_cannot_be_written_is_refused(

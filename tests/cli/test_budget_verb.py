@@ -67,7 +67,7 @@ def test_tables_a_page_and_an_object(tmp_path: Path, program: Program):
         ((), ("--trials", "1"), "--trials 1"),
         ((), ("--seed", "-1"), "--seed -1"),
         ((), ("--workers", "0"), "--workers 0"),
-        ((), ("--out", "nowhere"), "--out nowhere"),
+        ((), ("--out", "/dev/null"), "/dev/null"),
         ((HAND_HELD, ('tilt = "0.3 °"\n', "")), (), "multi_position"),
         ((('white = "100 µg/√Hz"\n', ""),), (), "[sensor.accelerometer] white"),
         ((('name = "six_position"', 'name = "seven"'),), (), "'seven'"),

@@ -79,7 +79,7 @@ def refused(folder: Path, *arguments: str | Path) -> None:
     assert content(folder) == before, arguments
 
 
-NO_NAMES = ("a" * 300, "a\nb.csv", "a\udcff.csv", "a\x1b[2J.csv", "none/a.csv", "run.toml/a.csv")
+NO_NAMES = ("a" * 300, "a\nb.csv", "a\udcff.csv", "a\x1b[2J.csv", "run.toml/a.csv")
 
 
 @pytest.mark.parametrize("verb", FILE_VERBS)
@@ -161,4 +161,37 @@ def test_a_table_of_the_same_columns_is_written_again_and_no_other(tmp_path: Pat
         assert run_program(*arguments).status == 0
     table = tmp_path / "ship_recording.states.csv"
     table.write_text("mine,turns,seconds\n")
+    refused(tmp_path, *arguments)
+
+
+@pytest.mark.parametrize("verb", ["report", "apply", "simulate", "plan"])
+def test_a_missing_folder_is_made_for_a_file(folder: Path, verb: str, tmp_path: Path):
+    arguments, _ = FILE_VERBS[verb]
+    with chdir(folder):
+        place = tmp_path / "a" / "b" / "result.csv"
+        assert run_program(*arguments, "--out", place).status in (0, 3)
+        assert place.exists()
+
+
+def test_a_folder_that_was_made_goes_with_what_was_not_written(folder: Path, tmp_path: Path):
+    with chdir(folder):
+        wrong = tmp_path / "wrong.toml"
+        wrong.write_text(Path("run.toml").read_text().replace("log.csv", "none.csv"))
+        refused(tmp_path, "calibrate", wrong, "--out", tmp_path / "a" / "b")
+
+
+def test_a_calibration_of_this_run_file_is_replaced_and_its_predecessor_kept(tmp_path: Path):
+    folder = shutil.copytree(EXAMPLES / "six_position", tmp_path / "run")
+    arguments = ("calibrate", folder / "run.toml", "--out", tmp_path / "out", "--no-report")
+    result = tmp_path / "out" / "run.calibration.json"
+    assert run_program(*arguments).status == 0
+    first = result.read_bytes()
+    assert run_program(*arguments).status == 0
+    assert (tmp_path / "out" / "run.calibration.json.previous").read_bytes() == first
+    # The same name of a run file, and another sensor.
+    text = (folder / "run.toml").read_text(encoding="utf-8")
+    (folder / "run.toml").write_text(text.replace("SN 0417", "SN 0418"), encoding="utf-8")
+    refused(tmp_path, *arguments)
+    assert run_program(*arguments, "--force").status == 0
+    result.write_text('{"schema": "inercal/calibration/2"}', encoding="utf-8")
     refused(tmp_path, *arguments)

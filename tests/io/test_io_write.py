@@ -54,7 +54,6 @@ def test_a_recording_without_extras_comes_back(tmp_path: Path):
     ("changes", "name", "data"),
     [
         ({}, "run.mat", {"file": "run.mat"}),
-        ({}, "none/run.csv", {"file": "run.csv"}),
         ({"data": np.zeros((3, 25_000, 2))}, "run.csv", {"file": None, "names": ()}),
         ({"readback": {"x": np.zeros(25_000)}}, "run.csv", {"names": ["x"]}),
     ],

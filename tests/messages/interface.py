@@ -7,7 +7,7 @@ from tests.runfile.run_file_texts import FERRARIS, changed
 
 from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.cli.bench_options import run_options
-from inercal.cli.outputs import PAGE, WORKSHEET, check_outputs
+from inercal.cli.outputs import PAGE, WORKSHEET, check_outputs, require_same_run
 from inercal.design import rehearse_plan
 from inercal.pipeline import simulate
 from inercal.runfile import read
@@ -56,7 +56,7 @@ CASES: dict[str, Callable[[Path], object]] = {
         read(write_run_file(folder, ('white = "100 µg/√Hz"\n', "")))
     ),
     "file that exists": lambda folder: check_outputs({occupied(folder): WORKSHEET}, force=False),
-    "no output folder": lambda folder: check_outputs({folder / "none" / "a.html": PAGE}),
+    "damaged result": lambda folder: require_same_run(occupied(folder), Path("run.toml"), "imu"),
     "file of another kind": lambda folder: check_outputs({occupied(folder): PAGE}),
     "output that is an input": lambda folder: check_outputs(
         {folder / "sheet.csv": PAGE}, [occupied(folder)]

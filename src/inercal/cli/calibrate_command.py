@@ -20,7 +20,12 @@ NAME = "calibrate"
 
 def run(
     run_file: Path = typer.Argument(help="The run file (TOML): sensor, bench, data, method."),
-    out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
+    out: Path = typer.Option(
+        Path(), "--out", "-o", help="Folder to write to; it is made where there is none."
+    ),
+    force: bool = typer.Option(
+        False, "--force", help="Replace the calibration of another run file too."
+    ),
     with_report: bool = typer.Option(True, "--report/--no-report", help="Write the HTML report."),
     register: str | None = typer.Option(
         None, help="Register to enter the calibration in: an address, or default."
@@ -37,13 +42,19 @@ def run(
     """
     from contextlib import nullcontext
 
-    from inercal.cli.outputs import CALIBRATION, PAGE, check_outputs, table_kind
+    from inercal.cli.outputs import (
+        CALIBRATION,
+        PAGE,
+        check_outputs,
+        require_same_run,
+        table_kind,
+    )
     from inercal.runfile import read
 
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
     from inercal.calibration.files import as_object, save
-    from inercal.io.atomic_files import atomic_write_all
+    from inercal.io.atomic_files import atomic_write_all, keep_previous
     from inercal.io.mean_tables import write_means
     from inercal.pipeline import calibrate
 
@@ -55,6 +66,8 @@ def run(
         kinds |= {files["report"]: PAGE, refused: PAGE}
     inputs = plan.input_files()
     check_outputs(kinds, inputs)
+    if not force:
+        require_same_run(files["calibration_file"], run_file, plan.sensor.name)
     doing = f"calibrating {plan.sensor.name} from {plan.data.file}"
     with open_register(register) or nullcontext() as opened, progress_status(doing) as update:
         with draw_refusal(plan, refused):
@@ -66,6 +79,7 @@ def run(
         own = {files[what]: table_kind(what, columns) for what, columns in tables.items()}
         check_outputs(own, inputs)
         results = [kind for kind in files if kind != "report"]
+        keep_previous(files["calibration_file"])
         with atomic_write_all([files[kind] for kind in results]) as parts:
             part = dict(zip(results, parts, strict=True))
             save(outcome.calibration, part["calibration_file"])

@@ -78,16 +78,57 @@ def check_outputs(
             raise InputError(f"{path} and {other} are one file: name another", file=path)
 
 
-def _check_folder(path: Path, folder: Path) -> None:
+def require_same_run(path: Path, run_file: Path, sensor: str) -> None:
+    """Refuse to replace the calibration of another run file or of another sensor.
+
+    Parameters
+    ----------
+    path : Path
+        The calibration file to write.
+    run_file : Path
+    sensor : str
+        Its name.
+
+    Raises
+    ------
+    InputError
+        The file exists and is of another run, or says not of which.
+    """
+    if not path.exists():
+        return
+    from inercal.calibration.files import load
+
     try:
-        is_folder = folder.is_dir()
+        found = load(path)
+    except InputError:
+        raise InputError(
+            f"{path} exists and is damaged: move it, or replace it by --force",
+            file=path,
+            key="--out",
+        ) from None
+    of = found.provenance.get("run file", "")
+    if (of, found.sensor.name) != (run_file.name, sensor):
+        raise InputError(
+            f"{path} is the calibration of {found.sensor.name} from {of or 'an unknown run file'}: "
+            "name another folder by --out, or replace it by --force",
+            file=path,
+            key="--out",
+            names=(found.sensor.name,),
+        )
+
+
+def _check_folder(path: Path, folder: Path) -> None:
+    """Refuse a folder that is none, or that cannot be written or made."""
+    try:
+        base = next((one for one in (folder, *folder.parents) if one.exists()), folder)
+        is_folder = base.is_dir()
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}", file=path) from None
     if not is_folder:
-        raise InputError(f"--out {path}: no such folder {folder}; create it", file=path)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InputError(f"--out {path}: no right to write in the folder {folder}", file=path)
-    if folder.stat().st_nlink == 0:
+        raise InputError(f"--out {path}: {base} is no folder; name another", file=path)
+    if not os.access(base, os.W_OK | os.X_OK):
+        raise InputError(f"--out {path}: no right to write in the folder {base}", file=path)
+    if base.stat().st_nlink == 0:
         raise InputError(f"--out {path}: the working directory was deleted", file=path)
 
 

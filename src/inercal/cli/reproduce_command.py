@@ -34,7 +34,6 @@ def run(
     """Recompute a source paper, and judge whether each of its claims holds."""
     from inercal.cli.outputs import PAGE, check_outputs
     from inercal.cli.terminal import terminal
-    from inercal.io.atomic_files import make_folder
     from inercal.parallel import open_executor
     from inercal.studies import reproduce, results_as_list, write_study
 
@@ -42,7 +41,6 @@ def run(
     written: Path | None = None
     folder = Path() if out is None and not json else out
     if folder is not None:
-        make_folder(folder)
         check_outputs({folder / f"{name}.study.html": PAGE})
     with terminal(stderr=True).status(f"reproducing {name}") as status, executor:
         study = reproduce(name, trials, seed, status.update, executor)

@@ -4,7 +4,7 @@ import os
 import shutil
 import stat
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
 from uuid import uuid4
@@ -32,12 +32,12 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     """Yield a temporary path in the folder of `path`; rename it to `path` when the block succeeds.
 
     A reader sees the old file or the new file. A block that fails leaves the old file unchanged.
-    A symbolic link stays; the file that it names is written.
+    A symbolic link stays; the file that it names is written. A missing folder is made.
 
     Raises
     ------
     InputError
-        The folder is missing or cannot be written, the disk is full, or `path` is a folder, a
+        The folder cannot be made or written, the disk is full, or `path` is a folder, a
         device, a FIFO, a socket or a loop of symbolic links.
 
     Examples
@@ -52,15 +52,16 @@ def atomic_write(path: str | os.PathLike[str]) -> Generator[Path]:
     target = writable_target(path)
     # Opened by the caller under the user's umask, which tempfile would override with 0600.
     temporary = target.with_name(f".{uuid4().hex}{_PART}")
-    try:
-        yield temporary
-        _replace(temporary, target, Path(path))
-    except OSError as error:
-        if error.filename in (None, str(temporary), str(target), temporary, target):
-            raise _write_error(target, error) from error
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
+    with _parent_folder(target):
+        try:
+            yield temporary
+            _replace(temporary, target, Path(path))
+        except OSError as error:
+            if error.filename in (None, str(temporary), str(target), temporary, target):
+                raise _write_error(target, error) from error
+            raise
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
@@ -81,7 +82,7 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
     """Yield temporary paths for files of one folder; rename all when the block succeeds.
 
     A block that fails leaves all files unchanged. A file that the block does not write keeps its
-    old content.
+    old content. A missing folder is made.
 
     Raises
     ------
@@ -90,18 +91,50 @@ def atomic_write_all(targets: Sequence[Path]) -> Generator[list[Path]]:
     """
     named, targets = targets, [writable_target(target) for target in targets]
     folder = targets[0].parent / f".{uuid4().hex}{_PART}"
+    with _parent_folder(targets[0]):
+        try:
+            folder.mkdir()
+        except OSError as error:
+            raise _write_error(targets[0], error) from error
+        try:
+            parts = [folder / target.name for target in targets]
+            yield parts
+            for part, target, name in zip(parts, targets, named, strict=True):
+                if part.exists():
+                    _replace(part, target, name)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _parent_folder(target: Path) -> Generator[None]:
+    """Make the folder of a file, and remove it again where the block fails."""
+    missing = [folder for folder in target.parents if not folder.exists()]
     try:
-        folder.mkdir()
+        target.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _write_error(targets[0], error) from error
+        raise _write_error(target, error) from None
     try:
-        parts = [folder / target.name for target in targets]
-        yield parts
-        for part, target, name in zip(parts, targets, named, strict=True):
-            if part.exists():
-                _replace(part, target, name)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for folder in missing:  # the innermost first
+                folder.rmdir()
+        raise
+
+
+def keep_previous(path: Path) -> None:
+    """Keep a copy of a file that is to be replaced, as `NAME.previous`; none where there is none.
+
+    Raises
+    ------
+    InputError
+        The copy cannot be written.
+    """
+    if not path.exists():
+        return
+    with atomic_write(path.with_name(f"{path.name}.previous")) as part:
+        shutil.copy2(path, part)
 
 
 def _replace(part: Path, target: Path, name: Path) -> None:
