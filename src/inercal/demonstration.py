@@ -27,6 +27,7 @@ from inercal.host.sim.mimu import mean_drift, packet_rate
 from inercal.host.sim.simulated_errors import draw_errors
 from inercal.pipeline import Outcome
 from inercal.pipeline.truth import true_coefficients
+from inercal.report import require_report_packages
 from inercal.runfile import Run, read
 
 _PACKETS = "fixed"
@@ -86,6 +87,7 @@ def demo(
     InercalError
         The run was interrupted.
     """
+    require_report_packages()
     prepare_folder(folder)
     with TemporaryDirectory() as plans:
         run = _write_run_file(Path(plans), quick=quick)

@@ -8,6 +8,7 @@ A program reads the same from the attributes of the error.
 import copy
 from collections.abc import Generator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Self
 
@@ -90,6 +91,10 @@ class InputError(InercalError):
     """A file, a unit, a run file or an argument cannot be used as it is."""
 
 
+class MissingExtra(InputError):
+    """An optional part of the package is not installed; `names` is the extra."""
+
+
 class NotObserved(InercalError):
     """The data do not determine the wanted parameters.
 
@@ -119,6 +124,18 @@ class NotInvertible(InercalError):
     """The error model has no motion, or no unique motion, for a reading."""
 
 
+def require_installed(extra: str, what: str, packages: tuple[str, ...]) -> None:
+    """Raise the error of `require_extra` before any work, without importing the packages.
+
+    Raises
+    ------
+    MissingExtra
+        One of the packages is not installed.
+    """
+    if not all(find_spec(package) for package in packages):
+        raise MissingExtra(f"{what}: pip install 'inercal[{extra}]'", names=(extra,))
+
+
 @contextmanager
 def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator[None]:
     """Raise an error that names the extra to install where one of its packages is missing.
@@ -134,7 +151,7 @@ def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator
 
     Raises
     ------
-    InputError
+    MissingExtra
         One of the packages cannot be imported. Import errors of other modules are not changed.
     """
     try:
@@ -142,4 +159,4 @@ def require_extra(extra: str, what: str, packages: tuple[str, ...]) -> Generator
     except ImportError as error:
         if (error.name or "").partition(".")[0] not in packages:
             raise
-        raise InputError(f"{what}: pip install 'inercal[{extra}]'") from error
+        raise MissingExtra(f"{what}: pip install 'inercal[{extra}]'", names=(extra,)) from error

@@ -1,5 +1,6 @@
 """`inercal calibrate`: from a run file to a calibration file and a report."""
 
+import sys
 from pathlib import Path
 
 import typer
@@ -54,6 +55,7 @@ def run(
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
     from inercal.calibration.files import as_object, save
+    from inercal.errors import MissingExtra
     from inercal.io.atomic_files import atomic_write_all, keep_previous
     from inercal.io.mean_tables import write_means
     from inercal.pipeline import calibrate
@@ -90,10 +92,15 @@ def run(
             opened.enter_calibration(outcome.calibration)
             history = opened.history(plan.sensor.name)
         # The calibration file is written first: an error of the page does not lose it.
+        missing = None
         if with_report:
             from inercal.report import write_report
 
-            write_report(outcome, files["report"], plan.truth or None, history)
+            try:
+                write_report(outcome, files["report"], plan.truth or None, history)
+            except MissingExtra as error:
+                missing = error
+                del files["report"]
     if json:
         print_json(
             as_object(outcome.calibration) | {kind: str(path) for kind, path in files.items()}
@@ -101,4 +108,6 @@ def run(
     else:
         print_coefficients(outcome, plan.truth)
         print_written_files(files)
+    if missing is not None:
+        print(f"inercal: no report: {missing}", file=sys.stderr)
     exit_with_verdict(outcome, strict=strict)

@@ -23,7 +23,7 @@ from inercal.benches.turntable.reading.host_readback import (
     UNUSABLE_ANGLES,
 )
 from inercal.data.recording_loader import readback_columns
-from inercal.errors import InputError, require_extra
+from inercal.errors import InputError, require_extra, require_installed
 from inercal.host.assembly import SampleAssembler, SampleBlock
 from inercal.host.assembly.table_polls import POLL_INTERVAL
 from inercal.host.packets import PacketLayout
@@ -36,6 +36,7 @@ from inercal.section_settings import key_error
 from inercal.units import to_si
 
 _FRAMES_PER_PIECE = 4096  # worked through at once
+_NEEDS_H5PY = "a recording is written by h5py"
 _SUFFIXES = (".h5", ".hdf5")
 _SINGLE_KEYS = ("time", "label", "mounting", "hold", "arm_rate", "temperature")
 _AXIS_KEYS = ("accelerometer", "gyro", "table")  # each names a column per axis
@@ -55,6 +56,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
     InputError
         Naming the key and what is possible.
     """
+    require_installed("io", _NEEDS_H5PY, ("h5py",))
     control, data = require_motion_control(run), run.data
 
     def refusal(key: str, text: str, *names: str) -> InputError:
@@ -132,7 +134,7 @@ def write_recording(
         path that cannot be written, or no h5py.
     """
     require_recordable(run, layout)
-    with require_extra("io", "a recording is written by h5py", ("h5py",)):
+    with require_extra("io", _NEEDS_H5PY, ("h5py",)):
         h5py: Any = import_module("h5py")
     assembly = SampleAssembler(run, layout, poll)
     blocks: list[SampleBlock] = []

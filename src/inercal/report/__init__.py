@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from inercal.budget import Budget
 from inercal.design.worksheet import Worksheet
 from inercal.drafts import Draft
-from inercal.errors import require_extra
+from inercal.errors import require_extra, require_installed
 from inercal.io.atomic_files import write_text
 from inercal.pipeline import Outcome
 from inercal.pipeline.refused_recording import InspectedRecording
@@ -196,15 +196,29 @@ def write_worksheet(sheet: Worksheet, path: str | Path, table: str) -> Path:
     return write_text(path, page(sheet, table))
 
 
+_EXTRA = ("report", "reports need matplotlib and jinja2", ("matplotlib", "jinja2", "markupsafe"))
+
+
 def _extras() -> AbstractContextManager[None]:
-    packages = ("matplotlib", "jinja2", "markupsafe")
-    return require_extra("report", "reports need matplotlib and jinja2", packages)
+    return require_extra(*_EXTRA)
+
+
+def require_report_packages() -> None:
+    """Refuse work whose report could not be written at its end.
+
+    Raises
+    ------
+    MissingExtra
+        matplotlib or jinja2 is missing.
+    """
+    require_installed(*_EXTRA)
 
 
 __all__ = [
     "history_page",
     "plot_coverage",
     "plot_residuals",
+    "require_report_packages",
     "write_budget",
     "write_draft",
     "write_history",

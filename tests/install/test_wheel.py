@@ -1,0 +1,71 @@
+"""The wheel in an environment of its own, without the optional parts, then with the report's."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "six_position" / "run.toml"
+UV = Path(sys.executable).with_name("uv")
+
+
+def run(*command: str | Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    clean = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "VIRTUAL_ENV"))}
+    return subprocess.run(
+        list(map(str, command)),
+        cwd=folder,
+        env={**clean, "UV_PYTHON_DOWNLOADS": "never"},
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("wheel")
+    made = run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, folder=ROOT)
+    assert made.returncode == 0, made.stderr
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+def environment(folder: Path, wheel: str) -> Path:
+    """Return the scripts of a new environment with the wheel, from packages that uv has stored."""
+    made = run(UV, "venv", "--quiet", "--python", sys.executable, "new", folder=folder)
+    assert made.returncode == 0, made.stderr
+    scripts = folder / "new" / "bin"
+    options = ("--quiet", "--offline", "--python", scripts / "python")
+    done = run(UV, "pip", "install", *options, wheel, folder=folder)
+    if done.returncode:
+        pytest.skip(f"uv has not stored the packages: {done.stderr.strip().splitlines()[-1]}")
+    return scripts
+
+
+@pytest.mark.slow
+def test_the_wheel_without_extras_calibrates_and_names_the_missing_report(
+    wheel: Path, tmp_path: Path
+):
+    scripts = environment(tmp_path, str(wheel))
+    done = run(scripts / "inercal", "calibrate", EXAMPLE, "--out", "out", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "ax.k0" in done.stdout
+    assert "inercal[report]" in done.stderr
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["run.calibration.json"]
+    for verb in ("show", "compare"):
+        files = [tmp_path / "out" / "run.calibration.json"] * (1 + (verb == "compare"))
+        assert run(scripts / "inercal", verb, *files, folder=tmp_path).returncode == 0
+
+
+@pytest.mark.slow
+def test_the_wheel_with_extras_runs_the_demonstration(wheel: Path, tmp_path: Path):
+    scripts = environment(tmp_path, f"{wheel}[report,host,io]")
+    done = run(scripts / "inercal", "demo", "--quick", "--out", "demo", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    done = run(scripts / "inercal", "calibrate", EXAMPLE, "--out", "out", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "run.report.html").exists()
