@@ -16,8 +16,8 @@ def test_square_brackets_in_a_name_are_no_markup(tmp_path: Path):
     path.write_text(text, encoding="utf-8")
     done = run_program("calibrate", path, "--out", tmp_path, "--no-report")
     assert done.status == 0
-    assert "[/x] IMU [red]7" in done.out
-    assert "[/x] IMU [red]7" in run_program("show", tmp_path / "run.calibration.json").out
+    assert "[/x] IMU [red]7" in done.output
+    assert "[/x] IMU [red]7" in run_program("show", tmp_path / "run.calibration.json").output
 
 
 def test_a_table_keeps_names_and_units_in_a_narrow_terminal(
@@ -27,6 +27,6 @@ def test_a_table_keeps_names_and_units_in_a_narrow_terminal(
     done = run_program(
         "calibrate", EXAMPLES / "six_position" / "run.toml", "--out", tmp_path, "--no-report"
     )
-    assert "…" not in done.out
+    assert "…" not in done.output
     file = tmp_path / "run.calibration.json"
-    assert "…" not in run_program("compare", file, file).out
+    assert "…" not in run_program("compare", file, file).output

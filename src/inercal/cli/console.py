@@ -22,10 +22,13 @@ _COLOURS = {"good": "green", "care": "yellow", "bad": "red"}
 @contextmanager
 def progress_status(what: str) -> Generator[Callable[[str], None]]:
     """Show a line of progress on standard error; yield the function that changes it."""
+    from rich.text import Text
+
     from inercal.cli.terminal import terminal
 
-    with terminal(stderr=True).status(what) as status:
-        yield status.update
+    # Texts: rich reads markup in plain ones, and names come from files.
+    with terminal(stderr=True).status(Text(what)) as status:
+        yield lambda text: status.update(Text(text))
 
 
 @contextmanager
