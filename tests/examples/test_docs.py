@@ -43,6 +43,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[bench], on a turntable": KINDS["turntable"].section,
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
+    "[job]": schema.JobSection,
     "[method.search]": schema.SearchSection,
     "[method.filter]": schema.FilterSection,
     "[method.filter.initial]": schema.FilterInitialSection,

@@ -55,7 +55,7 @@ class Calibration:
     validity : Validity or None
         The ranges of the data; None where a file does not state them.
     job : mapping of str to str
-        Order of the calibration, in words: reserved, no run file states it yet.
+        Order of the calibration and its laboratory, in words ([job] of the run file).
 
     Raises
     ------

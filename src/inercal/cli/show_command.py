@@ -37,7 +37,8 @@ def _show_calibration(file: Path, json: bool) -> None:
         return
     print_line(title(calibration))
     verdict = "" if calibration.verdict is None else calibration.verdict.word
-    facts = {"verdict": verdict, "frame": calibration.frame, **calibration.conditions}
+    facts = {"verdict": verdict, **calibration.job, "frame": calibration.frame}
+    facts |= calibration.conditions
     for name, text in {**facts, **calibration.provenance}.items():
         if text:
             print_line(f"{name}: {text}")

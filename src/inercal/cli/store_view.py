@@ -91,6 +91,7 @@ def print_calibration(entry: CalibrationEntry, run: RunEntry | None) -> None:
         "bench": _bench_text(entry.kind, entry.bench),
         "verdict": grade_text(entry.grade),
         "frame": calibration.frame,
+        **calibration.job,
         **{name: text for name, text in calibration.conditions.items() if name != "bench"},
         **calibration.provenance,
         "calibration sha256": entry.sha256,

@@ -279,6 +279,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         verdict=judged,
         shared=shared_errors(run, estimate, expected, p),
         validity=validity(sensor, inputs),
+        job=run.job,
     )
     return Outcome(
         calibration,

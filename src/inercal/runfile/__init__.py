@@ -24,6 +24,7 @@ from inercal.methods._base import Estimator
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
 from inercal.runfile.filter_keys import with_filter_keys
+from inercal.runfile.job import job_texts
 from inercal.runfile.method_section import (
     nominal_plan,
     require_frame,
@@ -86,6 +87,8 @@ class Run:
         Results of the comparison of stated values with one another.
     reader_options : mapping of str to object
         Keys of [data] that belong to the reader of a format (`inercal.io.readers`).
+    job : mapping of str to str
+        Texts of [job] and of the laboratory's file, by name.
     """
 
     path: Path
@@ -107,6 +110,7 @@ class Run:
     bench_name: str = ""
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
+    job: Mapping[str, str] = field(default_factory=dict[str, str])
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -272,6 +276,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
     if rate is not None and rate <= 0:
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive", key="[data] rate")
+    job, overdue = job_texts(schema.job, path.parent)
     chosen, config = with_filter_keys(schema, chosen, estimator, sensor, rate)
     return Run(
         path=path,
@@ -291,7 +296,8 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         search=search_options(schema.method, chosen, estimator),
         filter=config,
         bench_name=schema.bench.name,
-        findings=check_stated_gravity(schema.bench),
+        findings=check_stated_gravity(schema.bench) + overdue,
+        job=job,
     )
 
 

@@ -13,6 +13,7 @@ from inercal.benches.kinds import KINDS
 from inercal.data.data_section import DataSection
 from inercal.errors import InputError
 from inercal.io.readers import known_options, readers_with_option
+from inercal.runfile.job import JobSection
 from inercal.section_settings import DESCRIPTION, BenchSection, BenchUsage, Section
 
 
@@ -170,6 +171,7 @@ class RunSchema(Section):
     bench: BenchSection
     data: DataSection
     method: MethodSection
+    job: JobSection | None = Field(None, json_schema_extra=DESCRIPTION)
 
 
 @cache
