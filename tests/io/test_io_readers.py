@@ -109,10 +109,12 @@ def test_a_suffix_decides_where_content_does_not(
 
 
 def test_readers_have_the_names_they_are_registered_by():
-    own = ("hdf5", "mat", "npz", "parquet", "text")
-    assert tuple(READERS) == own
-    packed = dict.fromkeys(own[:-1], ("most_values",))
-    assert {READERS[name].name: READERS[name].keys for name in own} == packed | {"text": ()}
+    logs = ("ulog", "dataflash")
+    packed = ("hdf5", "mat", "npz", "parquet")
+    assert tuple(READERS) == (*logs, *packed, "text")
+    keys = dict.fromkeys(logs, ("corrections", "most_values"))
+    keys |= dict.fromkeys(packed, ("most_values",))
+    assert {one.name: one.keys for one in READERS.values()} == keys | {"text": ()}
 
 
 def test_no_reader_is_imported_before_a_file_is_read():

@@ -70,6 +70,9 @@ class Table:
         Whether the file names its columns.
     block : (n, k) array or None
         The block columns and the spare columns of the request; `columns` are views of it.
+    kept_corrections : str
+        Corrections by another program that the block columns hold, in words; empty where none are
+        known.
     """
 
     names: tuple[str, ...]
@@ -79,6 +82,7 @@ class Table:
     first_line: int
     header: bool
     block: Array | None = None
+    kept_corrections: str = ""
 
     def numbers(self, name: str) -> Array:
         """Return a column of numbers, (n,).

@@ -282,11 +282,12 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
     time, origin = _time(table, columns, len(data))
     columns = replace(columns, origin=origin)
     channels = columns.channels + columns.second
-    source, first_row = table.source, table.first_line
+    source, first_row, kept = table.source, table.first_line, table.kept_corrections
     if second is not None:
         other = _read_second_file(second, columns, data[:, len(together) :], (source, time))
         source = f"{source} and {other.source}"
         first_row = first_row if other.first_line == first_row else 0
+        kept = "; ".join(filter(None, (kept, other.kept_corrections)))
     return Recording(
         time=time,
         data=data,
@@ -302,6 +303,7 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
         sha256=table.sha256,
         first_row=first_row,
         origin=origin,
+        kept_corrections=kept,
     )
 
 

@@ -31,6 +31,7 @@ from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
 _GRAVITY = "g"  # the parameter of each bench
+KEPT_CORRECTIONS = "corrections that the readings hold"
 
 
 def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
@@ -40,6 +41,8 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     t = inputs.observations.temperature if recording is None else recording.temperature
     if t is not None:
         conditions["temperature"] = f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"
+    if recording is not None and recording.kept_corrections:
+        conditions[KEPT_CORRECTIONS] = recording.kept_corrections
     if (search := run.search) is not None:
         bounds = search.bounds
         conditions["search"] = (

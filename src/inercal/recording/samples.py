@@ -58,6 +58,9 @@ class Recording:
         Column to which times are written.
     origin : int or None
         Time 0, ns since 1970, where the file states dates.
+    kept_corrections : str
+        Corrections by another program that the readings hold, with its parameters; empty where
+        none are known.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class Recording:
     label_name: str = "label"
     time_name: str = "time"
     origin: int | None = None
+    kept_corrections: str = ""
 
     def __post_init__(self) -> None:
         n, m = self.time.size, len(self.channels)

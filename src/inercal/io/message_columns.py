@@ -1,0 +1,214 @@
+"""Messages of a log as the columns of a table: topics with times of their own, joined by time.
+
+A column is "topic.field"; "time" is the time of the samples, s from the first one. The samples are
+those of the topic, among the topics of the wanted channels, that has the fewest messages; each of
+the others gives the message nearest in time. No reading is interpolated: that would filter its
+noise.
+"""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.errors import InputError
+from inercal.io.column_table import (
+    Column,
+    ReadRequest,
+    Table,
+    file_sha256,
+    select_columns,
+    shorten,
+)
+from inercal.io.size_limits import refuse_too_many_values
+
+TIME = "time"  # the column of times
+_APART = 0.75  # of the longer median step: how far a message may be from the sample it is joined to
+_NS = 1e-9
+_MOST_LISTED = 12  # topics in a message
+
+Times = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Messages:
+    """All messages of one topic.
+
+    Parameters
+    ----------
+    topic : str
+    time : (n,) array of int
+        ns, of a clock that all topics share.
+    fields : mapping of str to (n,) array
+        Numbers.
+    """
+
+    topic: str
+    time: Times
+    fields: Mapping[str, NDArray[Any]]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        return tuple(f"{self.topic}.{field}" for field in self.fields)
+
+
+def wanted_topics(
+    wanted: ReadRequest, topics: Collection[str], defaults: Iterable[str], source: str
+) -> list[str]:
+    """Return the topics of the wanted columns; where all are wanted, those of `defaults`.
+
+    Raises
+    ------
+    InputError
+        A column of no topic of the log; the message lists its topics.
+    """
+    if wanted.names is None:
+        return [topic for topic in defaults if topic in topics]
+    used: list[str] = []
+    for name in wanted.names:
+        if name == TIME:
+            continue
+        of = [topic for topic in topics if name.startswith(f"{topic}.")]
+        if not of:
+            raise InputError(
+                f"{source} has no column {name!r}: columns are 'topic.field' and "
+                f"{TIME!r}; {_suggest(name, topics)}",
+                names=(name,),
+            )
+        used.append(max(of, key=len))
+    return list(dict.fromkeys(used))
+
+
+def channel_columns(wanted: ReadRequest, messages: Messages) -> set[str]:
+    """Return the wanted columns of readings of a topic; all wanted ones where none are marked."""
+    channels = wanted.block_columns or wanted.names
+    return set(messages.columns) & set(messages.columns if channels is None else channels)
+
+
+def _suggest(name: str, topics: Collection[str]) -> str:
+    """Return a text that lists the topics, those with a similar name first."""
+    near = get_close_matches(name.rpartition(".")[0], topics, n=3)
+    listed = [*near, *(topic for topic in topics if topic not in near)]
+    more = f", … ({len(listed)} in all)" if listed[_MOST_LISTED:] else ""
+    return "its topics are " + ", ".join(map(shorten, listed[:_MOST_LISTED])) + more
+
+
+def table_from_messages(
+    path: Path,
+    messages: Sequence[Messages],
+    wanted: ReadRequest,
+    most_values: int,
+    kept_corrections: str = "",
+) -> Table:
+    """Return messages as a table whose rows are joined by time.
+
+    Parameters
+    ----------
+    path : Path
+    messages : sequence of Messages
+        Of the wanted topics.
+    wanted : ReadRequest
+    most_values : int
+        See `inercal.io.size_limits`.
+    kept_corrections : str
+        See `inercal.io.column_table.Table`.
+
+    Raises
+    ------
+    InputError
+        No message, a wanted column that the messages lack, topics that do not overlap in time, or
+        too many values.
+    """
+    source = path.name
+    names = (TIME, *(column for topic in messages for column in topic.columns))
+    chosen = select_columns(names, wanted.names, source)
+    for topic in messages:
+        if not topic.time.size:
+            raise InputError(
+                f"{source} has no message of topic {topic.topic!r}: record it, or name another "
+                "topic",
+                names=(topic.topic,),
+            )
+    if not messages:
+        raise InputError(f"{source} has no column of a topic: name the columns of the readings")
+    sampled = [topic for topic in messages if channel_columns(wanted, topic)] or messages
+    base = min(sampled, key=lambda topic: topic.time.size)
+    at, keep = _joined(base, messages, sampled, source)
+    rows = int(keep.sum())
+    refuse_too_many_values(8.0 * rows * len(chosen), most_values, source)
+    columns: dict[str, Column] = {}
+    blank, block = wanted.empty_columns(rows, chosen)
+    of = {column: topic for topic in messages for column in topic.columns}
+    for name, place in blank.items():
+        if name == TIME:
+            place[:] = (base.time[keep] - base.time[keep][0]) * _NS
+        else:
+            topic = of[name]
+            values = topic.fields[name.removeprefix(f"{topic.topic}.")]
+            place[:] = values[at[topic.topic][keep]]
+        columns[name] = _labels(place) if name in wanted.text else place
+    return Table(
+        names,
+        columns,
+        source,
+        file_sha256(path),
+        0,
+        header=True,
+        block=block,
+        kept_corrections=kept_corrections,
+    )
+
+
+def _joined(
+    base: Messages, messages: Sequence[Messages], sampled: Sequence[Messages], source: str
+) -> tuple[dict[str, Times], NDArray[np.bool_]]:
+    """Return of each topic the message of each sample, and the samples that all channels have.
+
+    What changes slowly, such as a temperature, comes from the nearest message however far.
+    """
+    at: dict[str, Times] = {}
+    keep = np.ones(base.time.size, np.bool_)
+    for topic in messages:
+        if topic is base:
+            at[topic.topic] = np.arange(base.time.size)
+            continue
+        near = _nearest(topic.time, base.time)
+        at[topic.topic] = near
+        if topic in sampled:
+            reach = _APART * max(_median_step(topic.time), _median_step(base.time))
+            keep &= np.abs(topic.time[near] - base.time) <= reach
+    if not keep.any():
+        others = " and ".join(topic.topic for topic in sampled)
+        raise InputError(
+            f"{source}: the times of {others} do not overlap: name columns of topics that were "
+            "recorded together, with one clock",
+            names=tuple(topic.topic for topic in sampled),
+        )
+    return at, keep
+
+
+def _nearest(times: Times, wanted: Times) -> Times:
+    """Return the index of the time nearest to each wanted time."""
+    order = np.argsort(times, kind="stable")
+    ordered = times[order]
+    after = np.clip(np.searchsorted(ordered, wanted), 1, max(times.size - 1, 1))
+    after = np.minimum(after, times.size - 1)
+    before = np.maximum(after - 1, 0)
+    closer = wanted - ordered[before] <= ordered[after] - wanted
+    return order[np.where(closer, before, after)]
+
+
+def _median_step(times: Times) -> float:
+    steps = np.abs(np.diff(times))
+    return float(np.median(steps)) if steps.size else 0.0
+
+
+def _labels(values: NDArray[np.float64]) -> Column:
+    """Return whole numbers as labels, such as the number of a mode."""
+    whole = np.isfinite(values).all() and (values == np.round(values)).all()
+    return values.astype(np.int64).astype(np.str_) if whole else values.astype(np.str_)
