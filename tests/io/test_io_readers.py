@@ -111,9 +111,10 @@ def test_a_suffix_decides_where_content_does_not(
 def test_readers_have_the_names_they_are_registered_by():
     logs = ("ulog", "dataflash", "rosbag")
     packed = ("hdf5", "mat", "npz", "parquet")
-    assert tuple(READERS) == (*logs, *packed, "text")
+    assert tuple(READERS) == (*logs, "xlsx", *packed, "text")
     keys = dict.fromkeys(logs, ("corrections", "most_values"))
     keys |= dict.fromkeys(packed, ("most_values",)) | {"rosbag": ("stamp", "most_values")}
+    keys["xlsx"] = ("sheet", "most_values")
     assert {one.name: one.keys for one in READERS.values()} == keys | {"text": ()}
 
 

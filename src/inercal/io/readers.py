@@ -119,7 +119,7 @@ class Reader:
         return {option.name: given.get(option.name, option.default) for option in self.options}
 
 
-_OWN = ("ulog", "dataflash", "rosbag", "hdf5", "mat", "npz", "parquet", "text")
+_OWN = ("ulog", "dataflash", "rosbag", "xlsx", "hdf5", "mat", "npz", "parquet", "text")
 READERS: Registry[Reader] = Registry(
     "inercal.readers",
     "reader",
