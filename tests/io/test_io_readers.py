@@ -31,7 +31,7 @@ POSITIONS = ROOT / "examples/six_position/positions.csv"
 def page() -> str:
     """Return the reader that the guide shows."""
     text = (ROOT / "docs/how-to/recordings.md").read_text(encoding="utf-8")
-    (snippet,) = re.findall(r"```python\n(.*?)```", text, flags=re.S)
+    (snippet,) = (s for s in re.findall(r"```python\n(.*?)```", text, flags=re.S) if "READER" in s)
     return snippet
 
 
