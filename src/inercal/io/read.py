@@ -184,6 +184,7 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
         recording,
         source=f"{recording.source} and {other.source}",
         first_row=recording.first_row if other.first_line == recording.first_row else 0,
+        line_breaks=recording.line_breaks if other.line_breaks == recording.line_breaks else (),
         kept_corrections="; ".join(kept),
     )
 
@@ -220,11 +221,10 @@ def _refuse_unequal_times(table: Table, time: Array, name: str, expected: Array)
     if not apart.any():
         return
     k = int(np.argmax(apart))
-    line = table.first_line + k if table.first_line else None
     raise InputError(
-        f"{table.source} {f'sample {k}' if line is None else f'line {line}'} is at {time[k]:.6g} s "
+        f"{table.source} {table.place(k)} is at {time[k]:.6g} s "
         f"where {name} is at {expected[k]:.6g} s: two files of one recording must have the same "
         "times",
         file=table.source,
-        line=line,
+        line=table.line(k),
     )

@@ -158,6 +158,7 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
         source=table.source,
         sha256=table.sha256,
         first_row=table.first_line,
+        line_breaks=table.line_breaks,
         origin=origin,
         kept_corrections=table.kept_corrections,
     )
@@ -184,7 +185,7 @@ def sample_times(table: Table, columns: Columns, n: int) -> tuple[Array, int | N
                 names=(name,),
             )
         cells: list[str] = table.columns[name].tolist()
-        return times_from_iso(cells, name, table.source, table.first_line, columns.origin)
+        return times_from_iso(cells, name, table, columns.origin)
     counter = np.arange(n, dtype=np.float64) if name is None else table.numbers(name)
     if columns.rate_hz is not None and columns.modulus is not None:
         try:
