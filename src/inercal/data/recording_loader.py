@@ -79,8 +79,12 @@ def apply_axis_signs(run: Source[DataSection], recording: Recording) -> Recordin
 
 
 def gyro_file(run: Source[DataSection]) -> Path | None:
-    """Return the separate file of the gyros; None where the method does not use gyros."""
-    name = run.data.gyro_file
+    """Return the file of the gyros that is read by itself; None where there is none.
+
+    With a column of times of their own this may be the file of the accelerometers.
+    """
+    data = run.data
+    name = data.gyro_file or (None if data.gyro_time is None else data.file)
     return None if name is None or not run.sensor.select_axes("w").axes else run.file(name)
 
 
@@ -118,6 +122,7 @@ def reader_columns(run: Source[DataSection]) -> Columns:
         readback=() if READBACK in data.further_files() else readback_fields(run),
         nonfinite=data.nonfinite,
         modulus=data.counter_modulus,
+        second_time=None if data.gyro_time is None or not apart else str(data.gyro_time),
         options=_data_file_options(run),
     )
 

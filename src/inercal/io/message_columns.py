@@ -24,10 +24,10 @@ from inercal.io.column_table import (
     select_columns,
     shorten,
 )
+from inercal.io.nearest_times import nearest_samples
 from inercal.io.size_limits import refuse_too_many_values
 
 TIME = "time"  # the column of times
-_APART = 0.75  # of the longer median step: how far a message may be from the sample it is joined to
 _NS = 1e-9
 _MOST_LISTED = 12  # topics in a message
 
@@ -177,11 +177,9 @@ def _joined(
         if topic is base:
             at[topic.topic] = np.arange(base.time.size)
             continue
-        near = _nearest(topic.time, base.time)
-        at[topic.topic] = near
+        at[topic.topic], near = nearest_samples(topic.time, base.time)
         if topic in sampled:
-            reach = _APART * max(_median_step(topic.time), _median_step(base.time))
-            keep &= np.abs(topic.time[near] - base.time) <= reach
+            keep &= near
     if not keep.any():
         others = " and ".join(topic.topic for topic in sampled)
         raise InputError(
@@ -190,22 +188,6 @@ def _joined(
             names=tuple(topic.topic for topic in sampled),
         )
     return at, keep
-
-
-def _nearest(times: Times, wanted: Times) -> Times:
-    """Return the index of the time nearest to each wanted time."""
-    order = np.argsort(times, kind="stable")
-    ordered = times[order]
-    after = np.clip(np.searchsorted(ordered, wanted), 1, max(times.size - 1, 1))
-    after = np.minimum(after, times.size - 1)
-    before = np.maximum(after - 1, 0)
-    closer = wanted - ordered[before] <= ordered[after] - wanted
-    return order[np.where(closer, before, after)]
-
-
-def _median_step(times: Times) -> float:
-    steps = np.abs(np.diff(times))
-    return float(np.median(steps)) if steps.size else 0.0
 
 
 def _labels(values: NDArray[np.float64]) -> Column:

@@ -11,6 +11,7 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.audit import audit, audit_rows, require_accepted
 from inercal.io.column_table import ReadRequest, Table, open_error
+from inercal.io.nearest_times import nearest_samples
 from inercal.io.readers import HEAD_BYTES, Reader, refuse_unknown_options, select_reader
 from inercal.io.table_recording import (
     Columns,
@@ -173,6 +174,8 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
             f"{path}: state a second file and its columns, or neither of the two", file=path
         )
     _refuse_unknown_options(columns.options, path, *([] if second is None else [second]))
+    if second is not None and columns.second_time is not None:
+        return _join_by_time(path, second, columns)
     table = _read(path, read_request(columns), columns.options)
     recording = recording_from_table(table, columns)
     if second is None:
@@ -187,6 +190,57 @@ def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
         line_breaks=recording.line_breaks if other.line_breaks == recording.line_breaks else (),
         kept_corrections="; ".join(kept),
     )
+
+
+def _join_by_time(path: Path, second: Path, columns: Columns) -> Recording:
+    """Return the recording of two files whose samples come at times of their own.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, its time decreases, or the files do not overlap in time.
+    """
+    parts = {"channels": columns.second, "time": columns.second_time, "label": None}
+    one = replace(columns, second=(), second_time=None)
+    first = recording_from_table(_read(path, read_request(one), one.options), one)
+    other = replace(one, **parts, temperature=None, readback=(), origin=first.origin)
+    further = recording_from_table(_read(second, read_request(other), other.options), other)
+    for recording in (first, further):
+        _require_increasing_time(recording)
+    fewer = first if first.time.size <= further.time.size else further
+    more = further if fewer is first else first
+    near, found = nearest_samples(more.time, fewer.time)
+    if not found.any():
+        raise InputError(
+            f"{first.source} is of {first.time[0]:.6g} to {first.time[-1]:.6g} s and "
+            f"{further.source} of {further.time[0]:.6g} to {further.time[-1]:.6g} s: times of one "
+            "clock are needed",
+            file=path,
+        )
+    kept, joined = fewer.take(found), more.take(near[found])
+    first_part, second_part = (kept, joined) if fewer is first else (joined, kept)
+    texts = filter(None, (first.kept_corrections, further.kept_corrections))
+    return replace(
+        first_part,
+        time=kept.time,
+        data=np.hstack([first_part.data, second_part.data]),
+        channels=first.channels + further.channels,
+        units=first.units + further.units,
+        source=first.source if path == second else f"{first.source} and {further.source}",
+        kept_corrections="; ".join(texts),
+    )
+
+
+def _require_increasing_time(recording: Recording) -> None:
+    """Refuse times that decrease or are missing: there is no nearest sample then."""
+    bad = np.flatnonzero(~(np.diff(recording.time) >= 0))
+    if bad.size:
+        raise InputError(
+            f"{recording.source}: time does not increase at {recording.where(int(bad[0]) + 1)}: "
+            "the clock was reset, or a time is missing; split or repair the file there",
+            file=recording.source,
+            line=recording.line(int(bad[0]) + 1),
+        )
 
 
 def _read_second_file(path: Path, columns: Columns, first: Recording) -> Table:

@@ -52,6 +52,9 @@ class Columns:
     second : tuple of (axis, column, unit)
         Further channels, in a second file whose rows are the same samples; where there is a time
         column, both files have it.
+    second_time : str or None
+        Column of times in the second file, where its samples come at times of their own: to each
+        sample of the file with fewer of them comes the other's nearest in time.
     options : mapping of str to object
         Options of the readers of these files (`inercal.io.readers`).
 
@@ -75,6 +78,7 @@ class Columns:
     modulus: int | None = None
     time_keys: tuple[str, str | None] = ("time_unit", "rate")
     origin: int | None = None
+    second_time: str | None = None
     options: Mapping[str, object] = field(default_factory=dict[str, object])
 
     def __post_init__(self) -> None:
@@ -94,6 +98,12 @@ class Columns:
             raise InputError(
                 f"modulus {self.modulus} is for a time column that counts samples; remove modulus",
                 key="modulus",
+            )
+        if self.second_time is not None and (counted or not self.second):
+            raise InputError(
+                "second_time is for a second file, and needs a column of times in the first; "
+                "remove second_time",
+                key="second_time",
             )
         if self.rate_hz is not None and not 0 < self.rate_hz < np.inf:
             raise InputError(f"rate_hz is {self.rate_hz:g}; it must be positive", key="rate_hz")

@@ -58,7 +58,7 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
 def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     """Return names and SHA-256 of the files of a run, the time and the version of inercal."""
     further: dict[str, str] = {}
-    if (gyros := gyro_file(run)) is not None:
+    if run.data.gyro_file is not None and (gyros := gyro_file(run)) is not None:
         further["gyro recording"] = str(run.data.gyro_file)
         further["gyro recording sha256"] = file_sha256(gyros)
     for what, name in run.data.further_files().items():
