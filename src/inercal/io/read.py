@@ -149,7 +149,7 @@ def read_recording(
     InputError
         A file cannot be read, two were not sampled together, or the audit refuses the recording.
     """
-    recording = _recording(Path(path), columns, None if second is None else Path(second))
+    recording = read_unaudited(Path(path), columns, None if second is None else Path(second))
     return require_accepted(audit(recording, columns.nonfinite, limits, in_place=True))
 
 
@@ -163,12 +163,18 @@ def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
     InputError
         The file cannot be read, or the audit refuses it.
     """
-    recording = _recording(Path(path), columns, None)
+    recording = read_unaudited(Path(path), columns)
     return require_accepted(audit_rows(recording, columns.nonfinite, in_place=True))
 
 
-def _recording(path: Path, columns: Columns, second: Path | None) -> Recording:
-    """Return the recording of the files, not audited."""
+def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> Recording:
+    """Return the recording of the files, not audited.
+
+    Raises
+    ------
+    InputError
+        A file cannot be read, or two do not go together.
+    """
     if (second is None) != (not columns.second):
         raise InputError(
             f"{path}: state a second file and its columns, or neither of the two", file=path
