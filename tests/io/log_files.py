@@ -161,6 +161,8 @@ ARDUPILOT: dict[str, float] = {
     "INS_GYROFFS_Y": 0.01,
     "INS_GYROFFS_Z": 0.02,
     "AHRS_ORIENTATION": 8.0,
+    "INS_ACC_ID": 1246730.0,
+    "INS_GYR_ID": 2164234.0,
 }
 SIZES = {"Q": 8, "B": 1, "f": 4, "N": 16, "Z": 64, "n": 4, "c": 2, "I": 4, "H": 2}
 TYPES = {

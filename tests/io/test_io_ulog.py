@@ -56,6 +56,7 @@ def test_raw_topics_are_read_bit_for_bit_and_joined_by_time(tmp_path: Path):
     assert found.temperature is not None
     np.testing.assert_allclose(found.temperature - 273.15, SAMPLES.temperature, atol=1e-4)
     assert found.kept_corrections == ""
+    assert found.devices == f"sensor_accel {DEVICE}, sensor_gyro {DEVICE}"
 
 
 def test_what_px4_corrected_is_what_the_sensors_read_once_undone(tmp_path: Path):
@@ -64,6 +65,7 @@ def test_what_px4_corrected_is_what_the_sensors_read_once_undone(tmp_path: Path)
     np.testing.assert_allclose(undone.data[:, :3], SAMPLES.acc, atol=FLOAT32)
     np.testing.assert_allclose(undone.data[:, 3:], SAMPLES.gyr, atol=FLOAT32)
     assert undone.kept_corrections == ""
+    assert undone.devices == f"accel_device_id {DEVICE}, gyro_device_id {DEVICE}"
     kept = read_recording(path, wanted((*ACC, *GYR), corrections="keep"))
     acc, gyr = px4_corrected(SAMPLES)
     np.testing.assert_allclose(kept.data, np.hstack([acc, gyr]), atol=FLOAT32)
@@ -141,6 +143,24 @@ def lengthened(raw: bytes) -> bytes:
         out += struct.pack("<HB", grown, kind) + raw[at + 3 : at + 3 + grown]
         at += 3 + grown
     return bytes(out)
+
+
+def test_readings_of_two_sensors_in_one_topic_are_refused(tmp_path: Path):
+    path = tmp_path / "log.ulg"
+    raw = ulog_bytes(SAMPLES, topics=("sensor_accel",))
+    at = raw.rindex(struct.pack("<I", DEVICE))
+    path.write_bytes(raw[:at] + struct.pack("<I", 77) + raw[at + 4 :])
+    with refused(names=("sensor_accel",)):
+        read_table(path, ["sensor_accel.x"])
+
+
+def test_raw_topics_of_px4_before_1_11_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    old = FORMATS["sensor_accel"].replace("float y;", "float x_raw;")
+    monkeypatch.setitem(FORMATS, "sensor_accel", old)
+    path = tmp_path / "log.ulg"
+    path.write_bytes(ulog_bytes(SAMPLES))
+    with refused(names=("sensor_accel",)):
+        read_table(path, ["sensor_accel.x"])
 
 
 @pytest.mark.parametrize(

@@ -80,6 +80,9 @@ class Table:
     kept_corrections : str
         Corrections by another program that the block columns hold, in words; empty where none are
         known.
+    devices : str
+        Which sensors the block columns are of, with the numbers that their controller gave them;
+        empty where it is not known.
     """
 
     names: tuple[str, ...]
@@ -91,6 +94,7 @@ class Table:
     block: Array | None = None
     kept_corrections: str = ""
     line_breaks: LineBreaks = ()
+    devices: str = ""
 
     def line(self, row: int) -> int | None:
         """Return the line of a row, counted from 0; None where it is not known."""

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io.column_table import ReadRequest, Table
+from inercal.io.damaged_files import refuse_damage
 from inercal.io.dataflash_messages import HEAD, LoggedType, read_messages
 from inercal.io.logged_corrections import (
+    COPY_AGAIN,
     CORRECTIONS_OPTION,
     Correction,
     keeps_corrections,
@@ -27,6 +29,7 @@ from inercal.io.logged_corrections import (
 from inercal.io.message_columns import (
     Messages,
     channel_columns,
+    require_messages,
     table_from_messages,
     wanted_topics,
 )
@@ -70,24 +73,26 @@ def read_dataflash(
             bool(_INERTIAL.fullmatch(name)) if asked is None else name in asked
         )
 
-    types = read_messages(path, of_interest, most_values)
-    topics = {one.topic: one for made in types.values() for one in _by_instance(path.name, made)}
-    known = dict.fromkeys([*topics, *(name for name in types if not types[name].raw)])
-    used = wanted_topics(wanted, list(known), topics, path.name)
-    missing = [topic for topic in used if topic not in topics]
-    if missing:
-        raise InputError(
-            f"{path.name} has no message of topic {missing[0]!r}: log it, or name another topic",
-            names=tuple(missing),
-        )
-    changes = _parameters(types.get("PARM"))
-    stated: list[str] = []
-    messages: list[Messages] = []
-    for topic in used:
-        changed, words = _uncorrected(path.name, topics[topic], changes, wanted, keep)
-        stated += words
-        messages.append(Messages(topic, topics[topic].time, dict(topics[topic].fields) | changed))
-    return table_from_messages(path, messages, wanted, most_values, "; ".join(stated))
+    with refuse_damage(path, "a DataFlash log", COPY_AGAIN):
+        types = read_messages(path, of_interest, most_values)
+        topics = {
+            one.topic: one for made in types.values() for one in _by_instance(path.name, made)
+        }
+        known = dict.fromkeys([*topics, *(name for name in types if not types[name].raw)])
+        used = wanted_topics(wanted, list(known), topics, path.name)
+        require_messages(used, topics, path.name)
+        changes = _parameters(types.get("PARM"))
+        stated: list[str] = []
+        devices: dict[str, int] = {}
+        messages: list[Messages] = []
+        for topic in used:
+            changed, words = _uncorrected(path.name, topics[topic], changes, wanted, keep)
+            stated += words
+            devices |= _devices(topics[topic], changes, wanted)
+            messages.append(
+                Messages(topic, topics[topic].time, dict(topics[topic].fields) | changed)
+            )
+        return table_from_messages(path, messages, wanted, most_values, stated, devices)
 
 
 def _type_name(column: str) -> str:
@@ -129,22 +134,33 @@ def _parameters(made: LoggedType | None) -> Changes:
     return changes
 
 
+def _sensors(messages: Messages, wanted: ReadRequest) -> Iterator[tuple[str, int, tuple[str, ...]]]:
+    """Yield the sensors of a topic that are wanted: their word, instance and fields."""
+    match = _INERTIAL.fullmatch(messages.topic)
+    if match is None:
+        return
+    _, number, bracket = match.groups()
+    # IMU and ACC1 are instance 0, IMU2 and ACC2 instance 1.
+    instance = int(bracket) if bracket else int(number or 1) - 1
+    channels = channel_columns(wanted, messages)
+    for sensor, fields in (("ACC", ("AccX", "AccY", "AccZ")), ("GYR", ("GyrX", "GyrY", "GyrZ"))):
+        if channels & {f"{messages.topic}.{field}" for field in fields}:
+            yield sensor, instance, fields
+
+
+def _devices(messages: Messages, changes: Changes, wanted: ReadRequest) -> dict[str, int]:
+    """Return the devices of a topic by the parameter that states them."""
+    names = [f"{_prefix(sensor, k)}_ID" for sensor, k, _ in _sensors(messages, wanted)]
+    return {name: int(changes[name][-1][1]) for name in names if name in changes}
+
+
 def _uncorrected(
     source: str, messages: Messages, changes: Changes, wanted: ReadRequest, keep: bool
 ) -> tuple[dict[str, Array], list[str]]:
     """Return the fields of a topic before their corrections, and what corrections are kept."""
-    match = _INERTIAL.fullmatch(messages.topic)
-    channels = channel_columns(wanted, messages)
-    if match is None or not channels:
-        return {}, []
-    _, number, bracket = match.groups()
-    # IMU and ACC1 are instance 0, IMU2 and ACC2 instance 1.
-    instance = int(bracket) if bracket else int(number or 1) - 1
     changed: dict[str, Array] = {}
     words: list[str] = []
-    for sensor, fields in (("ACC", ("AccX", "AccY", "AccZ")), ("GYR", ("GyrX", "GyrY", "GyrZ"))):
-        if not channels & {f"{messages.topic}.{field}" for field in fields}:
-            continue
+    for sensor, instance, fields in _sensors(messages, wanted):
         if keep:
             words.append(f"{messages.topic}: {_stated(changes, sensor, instance)}")
             continue

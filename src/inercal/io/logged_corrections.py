@@ -27,6 +27,8 @@ CORRECTIONS_OPTION = Option(
     '"undo" gives the readings before the corrections of the flight controller, "keep" those after',
 )
 
+COPY_AGAIN = "copy it from the flight controller again"
+
 # roll, pitch, yaw, °, by the number of the parameter.
 ROTATIONS: tuple[tuple[int, int, int], ...] = (
     *((0, 0, yaw) for yaw in range(0, 360, 45)),

@@ -84,6 +84,22 @@ def wanted_topics(
     return list(dict.fromkeys(used))
 
 
+def require_messages(used: Collection[str], present: Collection[str], source: str) -> None:
+    """Refuse topics of which the log has no message.
+
+    Raises
+    ------
+    InputError
+        The message names the first of them.
+    """
+    missing = [topic for topic in used if topic not in present]
+    if missing:
+        raise InputError(
+            f"{source} has no message of topic {missing[0]!r}: log it, or name another topic",
+            names=tuple(missing),
+        )
+
+
 def channel_columns(wanted: ReadRequest, messages: Messages) -> set[str]:
     """Return the wanted columns of readings of a topic; all wanted ones where none are marked."""
     channels = wanted.block_columns or wanted.names
@@ -103,7 +119,8 @@ def table_from_messages(
     messages: Sequence[Messages],
     wanted: ReadRequest,
     most_values: int,
-    kept_corrections: str = "",
+    kept_corrections: Sequence[str] = (),
+    devices: Mapping[str, int] | None = None,
 ) -> Table:
     """Return messages as a table whose rows are joined by time.
 
@@ -115,8 +132,10 @@ def table_from_messages(
     wanted : ReadRequest
     most_values : int
         See `inercal.io.size_limits`.
-    kept_corrections : str
+    kept_corrections : sequence of str
         See `inercal.io.column_table.Table`.
+    devices : mapping of str to int
+        Numbers of the sensors, by what names them in the log.
 
     Raises
     ------
@@ -160,7 +179,8 @@ def table_from_messages(
         0,
         header=True,
         block=block,
-        kept_corrections=kept_corrections,
+        kept_corrections="; ".join(kept_corrections),
+        devices=", ".join(f"{name} {number}" for name, number in (devices or {}).items()),
     )
 
 

@@ -17,7 +17,8 @@ from urllib.parse import quote
 import numpy as np
 
 from inercal.errors import InputError, require_extra
-from inercal.io.column_table import ReadRequest, Table, shorten
+from inercal.io.column_table import ReadRequest, Table
+from inercal.io.damaged_files import refuse_damage
 from inercal.io.message_columns import Messages, table_from_messages, wanted_topics
 from inercal.io.readers import Option, Reader
 from inercal.io.ros_chunks import (
@@ -65,17 +66,10 @@ def read_rosbag(
         )
     with require_extra("ros", "ROS bags and MCAP files need rosbags", ("rosbags",)):
         import_module("rosbags.typesys")
-    try:
+    with refuse_damage(path, "a ROS bag", "repair or record it again"):
         with closing(_open(path, most_values)) as reader:
             messages = list(_topics(path, reader, wanted, stamp, most_values))
-    except Exception as error:  # rosbags raises of many kinds on damaged files
-        if isinstance(error, InputError) or (isinstance(error, OSError) and error.errno):
-            raise
-        raise InputError(
-            f"{path.name} is not a ROS bag or is damaged: "
-            f"{shorten(str(error) or type(error).__name__, 120)}; repair or record it again"
-        ) from error
-    return table_from_messages(path, messages, wanted, most_values)
+        return table_from_messages(path, messages, wanted, most_values)
 
 
 def _open(path: Path, most_values: int) -> Any:

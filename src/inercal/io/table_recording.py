@@ -171,6 +171,7 @@ def recording_from_table(table: Table, columns: Columns) -> Recording:
         line_breaks=table.line_breaks,
         origin=origin,
         kept_corrections=table.kept_corrections,
+        devices=table.devices,
     )
 
 

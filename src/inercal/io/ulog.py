@@ -6,7 +6,6 @@ offsets, scale factors and rotation are undone by the log's own parameters. The 
 corrected are filtered too, which cannot be undone.
 """
 
-import struct
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import replace
@@ -19,8 +18,10 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError, require_extra
-from inercal.io.column_table import ReadRequest, Table, shorten
+from inercal.io.column_table import ReadRequest, Table
+from inercal.io.damaged_files import refuse_damage
 from inercal.io.logged_corrections import (
+    COPY_AGAIN,
     CORRECTIONS_OPTION,
     Correction,
     euler_matrix,
@@ -31,6 +32,7 @@ from inercal.io.logged_corrections import (
 from inercal.io.message_columns import (
     Messages,
     channel_columns,
+    require_messages,
     table_from_messages,
     wanted_topics,
 )
@@ -49,7 +51,6 @@ _CORRECTED: dict[str, tuple[tuple[str, str, str], ...]] = {
 }
 _FILTERED = ("vehicle_acceleration", "vehicle_angular_velocity", "vehicle_imu")
 _SENSORS = 4  # sets of parameters
-_DAMAGED = (TypeError, ValueError, LookupError, NotImplementedError, struct.error, OverflowError)
 _THERMAL = {"ACC": "TC_A_ENABLE", "GYRO": "TC_G_ENABLE"}
 
 
@@ -78,46 +79,35 @@ def read_ulog(
     with require_extra("px4", "ULog files need pyulog", ("pyulog",)):
         core: Any = import_module("pyulog.core")
     keep = keeps_corrections(corrections, path.name)
-    topics = scan_topics(path)
-    used = wanted_topics(wanted, topics, _DEFAULT_TOPICS, path.name)
-    refuse_too_many_values(path.stat().st_size, most_values, path.name)
-    names = {topic.partition("[")[0] for topic in used}
-    log = _load(core, path, [*names, *([_SELECTION] if names & set(_CORRECTED) else [])])
-    data = {topic_name(one.name, one.multi_id): one.data for one in log.data_list}
-    missing = [topic for topic in used if topic not in data]
-    if missing:
-        raise InputError(
-            f"{path.name} has no message of topic {missing[0]!r}: log it, or name another topic",
-            names=tuple(missing),
-        )
-    stated: list[str] = []
-    messages: list[Messages] = []
-    for topic in used:
-        fields: dict[str, Any] = data[topic]
-        time = fields.get("timestamp_sample", fields["timestamp"])
-        logged = Messages(topic, np.asarray(time, np.int64) * 1000, fields)
-        changed, words = _uncorrected(path.name, log, logged, data, wanted, keep)
-        stated += words
-        messages.append(replace(logged, fields=fields | changed))
-    return table_from_messages(path, messages, wanted, most_values, "; ".join(stated))
+    with refuse_damage(path, "a ULog file", COPY_AGAIN):
+        topics = scan_topics(path)
+        used = wanted_topics(wanted, topics, _DEFAULT_TOPICS, path.name)
+        refuse_too_many_values(path.stat().st_size, most_values, path.name)
+        names = {topic.partition("[")[0] for topic in used}
+        log = _load(core, path, [*names, *([_SELECTION] if names & set(_CORRECTED) else [])])
+        data = {topic_name(one.name, one.multi_id): one.data for one in log.data_list}
+        require_messages(used, data, path.name)
+        stated: list[str] = []
+        devices: dict[str, int] = {}
+        messages: list[Messages] = []
+        for topic in used:
+            fields: dict[str, Any] = data[topic]
+            time = fields["timestamp_sample" if "timestamp_sample" in fields else "timestamp"]
+            logged = Messages(topic, np.asarray(time, np.int64) * 1000, fields)
+            changed, words = _uncorrected(path.name, log, logged, data, wanted, keep)
+            stated += words
+            devices |= _devices(path.name, logged, data, wanted)
+            messages.append(replace(logged, fields=fields | changed))
+        return table_from_messages(path, messages, wanted, most_values, stated, devices)
 
 
 def _load(core: Any, path: Path, names: list[str]) -> Any:
     """Return the log with the messages of some topics; pyulog prints what it finds wrong."""
     printed = StringIO()
-    try:
-        with redirect_stdout(printed), path.open("rb") as file:
-            log = core.ULog(file, names)
-    except _DAMAGED as error:
-        raise InputError(
-            f"{path.name} is not a ULog file or is damaged: {shorten(str(error), 80)}; copy it "
-            "from the flight controller again"
-        ) from error
+    with redirect_stdout(printed), path.open("rb") as file:
+        log = core.ULog(file, names)
     if log.file_corruption:
-        raise InputError(
-            f"{path.name} is damaged: {shorten(printed.getvalue() or 'messages are broken', 80)}; "
-            "copy it from the flight controller again"
-        )
+        raise ValueError(printed.getvalue() or "messages are broken")
     return log
 
 
@@ -160,6 +150,33 @@ def _uncorrected(
         readings = np.stack([data[topic][field] for field in fields], -1).astype(float)
         changed |= zip(fields, correction.undo(readings).T, strict=True)
     return changed, words
+
+
+def _devices(
+    source: str, logged: Messages, data: Mapping[str, Any], wanted: ReadRequest
+) -> dict[str, int]:
+    """Return the devices whose readings a topic holds, by topic or by field of sensor_selection.
+
+    Raises
+    ------
+    InputError
+        Two sensors in one topic.
+    """
+    if not channel_columns(wanted, logged):
+        return {}
+    if logged.topic in _CORRECTED:
+        fields = {field for _, _, field in _CORRECTED[logged.topic]}
+        known = data.get(_SELECTION, {})
+        return {field: int(known[field][-1]) for field in sorted(fields) if field in known}
+    numbers = {int(one) for one in logged.fields.get("device_id", ()) if one}
+    if len(numbers) > 1:
+        listed = ", ".join(map(str, sorted(numbers)))
+        raise InputError(
+            f"{source}: topic {logged.topic!r} holds readings of {len(numbers)} sensors (device_id "
+            f"{listed}): log again, with one",
+            names=(logged.topic,),
+        )
+    return dict.fromkeys((logged.topic,) if numbers else (), max(numbers, default=0))
 
 
 def _device(source: str, log: Any, data: Mapping[str, Any], sensor: str, field: str) -> int:

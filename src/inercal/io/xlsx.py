@@ -28,6 +28,7 @@ from inercal.io.column_table import (
     select_columns,
     shorten,
 )
+from inercal.io.damaged_files import refuse_damage
 from inercal.io.readers import Option, Reader
 from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_many_values
 
@@ -70,20 +71,13 @@ def read_xlsx(
     _refuse_other_sheets(path)
     with require_extra("excel", "Excel workbooks need openpyxl", ("openpyxl",)):
         openpyxl: Any = import_module("openpyxl")
-    try:
+    with refuse_damage(path, "an Excel workbook", "save it again"):
         _refuse_too_large(path, most_values)
         with path.open("rb") as file, warnings.catch_warnings():  # on styles and the like
             warnings.simplefilter("ignore")
             book = openpyxl.load_workbook(file, read_only=True, data_only=True, keep_links=False)
             with closing(book):
                 return _table(path, _rows(_sheet(path.name, book, sheet)), wanted, most_values)
-    except Exception as error:  # openpyxl raises of any kind on damaged XML
-        if isinstance(error, InputError) or (isinstance(error, OSError) and error.errno):
-            raise
-        raise InputError(
-            f"{path.name} is not an Excel workbook or is damaged: {shorten(str(error), 120)}; save "
-            "it again"
-        ) from error
 
 
 def _refuse_other_sheets(path: Path) -> None:

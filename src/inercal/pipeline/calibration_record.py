@@ -43,6 +43,8 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
         conditions["temperature"] = f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"
     if recording is not None and recording.kept_corrections:
         conditions[KEPT_CORRECTIONS] = recording.kept_corrections
+    if recording is not None and recording.devices:
+        conditions["devices"] = recording.devices
     if (search := run.search) is not None:
         bounds = search.bounds
         conditions["search"] = (

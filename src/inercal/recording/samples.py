@@ -81,6 +81,9 @@ class Recording:
     kept_corrections : str
         Corrections by another program that the readings hold, with its parameters; empty where
         none are known.
+    devices : str
+        Which sensors the readings are of, with the numbers that their controller gave them; empty
+        where it is not known.
 
     Raises
     ------
@@ -105,6 +108,7 @@ class Recording:
     time_name: str = "time"
     origin: int | None = None
     kept_corrections: str = ""
+    devices: str = ""
 
     def __post_init__(self) -> None:
         n, m = self.time.size, len(self.channels)
