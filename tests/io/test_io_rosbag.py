@@ -264,7 +264,6 @@ def test_a_bomb_is_refused_within_200_mb_and_2_s(tmp_path: Path, name: str):
     memory, seconds = done.stdout.split()[:2]
     assert int(memory) < 200_000  # kB
     assert float(seconds) < 2
-    assert ("[data] most_values" in done.stdout) == name.startswith("stated")
     assert done.stdout.count("\n") == 1
 
 

@@ -1,8 +1,9 @@
 """A first pass over a ROS bag or an MCAP file: what its chunks declare, before any is decoded.
 
 Chunks are compressed, and an index says where they are: small files could declare more than any
-memory holds, or index one chunk many times. What this pass accepts has records one after the other,
-and each chunk has the size that it states and is indexed once.
+memory holds, or index one chunk many times. What this pass accepts has records one after the other;
+each chunk has the size that it states, which is bounded, and is indexed once. Chunks are decoded one
+by one, so that bags with pictures may be of any size.
 
 Sources: http://wiki.ros.org/Bags/Format/2.0 and https://mcap.dev/spec.
 """
@@ -19,10 +20,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 from urllib.parse import quote
 
-from inercal.io.size_limits import refuse_too_many_values
-
 BAG, MCAP, SQLITE = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"
 ZSTD = b"\x28\xb5\x2f\xfd"
+_LARGEST_CHUNK = 1 << 28  # bytes; recorders close a chunk after some MB
 _LARGEST_MESSAGE = 1 << 20  # bytes of one that holds no picture
 _STEP = 1 << 24  # bytes decoded at a time
 _MSG_DATA, _BAG_HEADER, _CHUNK, _CHUNK_INFO = 2, 3, 5, 6
@@ -35,19 +35,17 @@ class DamagedBagError(ValueError):
     """The records of a file are not those of a whole bag."""
 
 
-def check_bag(path: Path, most_values: int) -> None:
+def check_bag(path: Path) -> None:
     """Refuse a ROS 1 bag whose chunks declare too much, or that is damaged.
 
     Raises
     ------
     DamagedBagError
         With what is wrong.
-    InputError
-        Too many values.
     """
     chunks: dict[int, bool] = {}  # place, and whether it is indexed
     places: set[int] = set()
-    total, index = 0, 0
+    index = 0
     with path.open("rb") as file:
         file.seek(len(BAG))
         for at, fields, size in _bag_records(file):
@@ -57,9 +55,8 @@ def check_bag(path: Path, most_values: int) -> None:
                 (index,) = struct.unpack("<Q", fields["index_pos"])
             elif kind == _CHUNK:
                 (stated,) = struct.unpack("<I", fields["size"])
-                total += stated
-                refuse_too_many_values(total, most_values, path.name)
-                _check_decoded(file.read(size), fields["compression"].decode(), stated)
+                _refuse_large_chunk(size, stated)
+                _check_decoded(_whole(file, size), fields["compression"].decode(), stated)
                 chunks[at] = False
             elif kind == _CHUNK_INFO:
                 (place,) = struct.unpack("<Q", fields["chunk_pos"])
@@ -90,20 +87,18 @@ def _bag_records(file: BinaryIO) -> Iterator[tuple[int, dict[str, bytes], int]]:
         _skip_to(file, after)
 
 
-def check_mcap(path: Path, most_values: int) -> None:
+def check_mcap(path: Path) -> None:
     """Refuse an MCAP file whose chunks declare too much, or that is damaged.
 
     Raises
     ------
     DamagedBagError
         With what is wrong.
-    InputError
-        Too many values.
     """
     chunks: dict[int, bool] = {}
     kinds: set[int] = set()
     places: set[int] = {0}
-    total, summary = 0, 0
+    summary = 0
     with path.open("rb") as file:
         file.seek(len(MCAP))
         for at, kind, size in _mcap_records(file):
@@ -111,12 +106,11 @@ def check_mcap(path: Path, most_values: int) -> None:
             kinds.add(kind)
             if kind == _MCAP_CHUNK:
                 *_, stated, _ = struct.unpack("<QQQI", _whole(file, 28))
-                total += stated
-                refuse_too_many_values(total, most_values, path.name)
                 compression = _whole(file, struct.unpack("<I", _whole(file, 4))[0]).decode()
                 (packed,) = struct.unpack("<Q", _whole(file, 8))
                 if packed > size:
                     raise DamagedBagError("a chunk larger than its record")
+                _refuse_large_chunk(packed, stated)
                 _check_decoded(_whole(file, packed), compression, stated)
                 chunks[at] = False
             elif kind == _MCAP_CHUNK_INDEX:
@@ -185,6 +179,15 @@ def _skip_to(file: BinaryIO, place: int) -> None:
     if place:
         file.seek(place - 1)
         _whole(file, 1)
+
+
+def _refuse_large_chunk(packed: int, stated: int) -> None:
+    """Refuse a chunk that is too large, before it is read."""
+    if max(packed, stated) > _LARGEST_CHUNK:
+        raise DamagedBagError(
+            f"a chunk of {max(packed, stated) / 1e6:.0f} MB, and at most "
+            f"{_LARGEST_CHUNK / 1e6:.0f} MB are read"
+        )
 
 
 def _check_decoded(packed: bytes, compression: str, stated: int) -> None:

@@ -67,23 +67,23 @@ def read_rosbag(
     with require_extra("ros", "ROS bags and MCAP files need rosbags", ("rosbags",)):
         import_module("rosbags.typesys")
     with refuse_damage(path, "a ROS bag", "repair or record it again"):
-        with closing(_open(path, most_values)) as reader:
+        with closing(_open(path)) as reader:
             messages = list(_topics(path, reader, wanted, stamp, most_values))
         return table_from_messages(path, messages, wanted, most_values)
 
 
-def _open(path: Path, most_values: int) -> Any:
+def _open(path: Path) -> Any:
     """Return the opened reader of a file whose chunks are in bounds."""
     with path.open("rb") as file:
         head = file.read(len(SQLITE))
     reader: Any
     if head.startswith(BAG):
-        check_bag(path, most_values)
+        check_bag(path)
         reader = import_module("rosbags.rosbag1").Reader(path)
     else:
         plugins = import_module("rosbags.rosbag2").Reader.STORAGE_PLUGINS
         if head.startswith(MCAP):
-            check_mcap(path, most_values)
+            check_mcap(path)
             reader = plugins[".mcap"](path)
         else:
             check_sqlite(path)

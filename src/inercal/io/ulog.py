@@ -82,7 +82,8 @@ def read_ulog(
     with refuse_damage(path, "a ULog file", COPY_AGAIN):
         topics = scan_topics(path)
         used = wanted_topics(wanted, topics, _DEFAULT_TOPICS, path.name)
-        refuse_too_many_values(path.stat().st_size, most_values, path.name)
+        size = sum(topics[topic] for topic in used)
+        refuse_too_many_values(size, most_values, path.name)
         names = {topic.partition("[")[0] for topic in used}
         log = _load(core, path, [*names, *([_SELECTION] if names & set(_CORRECTED) else [])])
         data = {topic_name(one.name, one.multi_id): one.data for one in log.data_list}

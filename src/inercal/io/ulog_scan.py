@@ -26,8 +26,8 @@ _MOST_SUBSCRIPTIONS = 1000
 Fields = list[tuple[str, int]]
 
 
-def scan_topics(path: Path) -> list[str]:
-    """Return the topics that a ULog file subscribes to: "sensor_accel", "sensor_accel[1]".
+def scan_topics(path: Path) -> dict[str, int]:
+    """Return the bytes of readings of each topic of a ULog file: "sensor_accel", "sensor_accel[1]".
 
     Raises
     ------
@@ -38,8 +38,9 @@ def scan_topics(path: Path) -> list[str]:
     """
     formats: dict[str, Fields] = {}
     sizes: dict[str, int] = {}
-    topics: list[str] = []
-    for at, kind, body in _messages(path):
+    topics: dict[bytes, str] = {}  # by the number that readings begin with
+    read: dict[str, int] = {}
+    for at, kind, body, size in _messages(path):
         try:
             if kind == b"F":
                 name, _, fields = body.decode("ascii").partition(":")
@@ -47,12 +48,15 @@ def scan_topics(path: Path) -> list[str]:
             elif kind == b"A":
                 topic = topic_name(body[3:].decode("ascii"), body[0])
                 _refuse_large(body[3:].decode("ascii"), formats, sizes)
-                topics.append(topic)
+                topics[body[1:3]] = topic
+                read.setdefault(topic, 0)
+            elif kind == b"D" and body in topics:
+                read[topics[body]] += size
         except (ValueError, LookupError, RecursionError) as error:
             raise _damaged(path, at, shorten(str(error), 80)) from error
         if len(topics) > _MOST_SUBSCRIPTIONS:
             raise _damaged(path, at, f"more than {_MOST_SUBSCRIPTIONS} topics")
-    return list(dict.fromkeys(topics))
+    return read
 
 
 def topic_name(name: str, instance: int) -> str:
@@ -67,8 +71,8 @@ def _damaged(path: Path, at: int, why: str) -> InputError:
     )
 
 
-def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes]]:
-    """Yield place, type and body of each message; bodies of readings are left out.
+def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes, int]]:
+    """Yield place, type, body and size of each message; of readings the number of their topic.
 
     The last message may be cut off: so ends a log when power is lost.
     """
@@ -85,8 +89,7 @@ def _messages(path: Path) -> Iterator[tuple[int, bytes, bytes]]:
                 body = file.read(size)
                 if len(body) < size or (end is not None and file.tell() > end):
                     break
-                if kind != ord("D"):
-                    yield at, bytes([kind]), body
+                yield at, bytes([kind]), body[:2] if kind == ord("D") else body, size
             if end is not None:
                 file.seek(end)
 
