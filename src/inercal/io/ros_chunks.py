@@ -1,9 +1,9 @@
 """A first pass over a ROS bag or an MCAP file: what its chunks declare, before any is decoded.
 
 Chunks are compressed, and an index says where they are: small files could declare more than any
-memory holds, or index one chunk many times. What this pass accepts has records one after the other;
-each chunk has the size that it states, which is bounded, and is indexed once. Chunks are decoded one
-by one, so that bags with pictures may be of any size.
+memory holds, or index a chunk many times. This pass accepts records that come one after the other,
+and chunks that have the size that they state, which is bounded, and that are indexed once. Chunks
+are decoded one by one, so that bags with pictures may be of any size.
 
 Sources: http://wiki.ros.org/Bags/Format/2.0 and https://mcap.dev/spec.
 """
