@@ -5,6 +5,7 @@ not read, and TOML nested deeper than `DEEPEST` is refused, since code that walk
 exceed Python's limit of recursion.
 """
 
+import codecs
 import os
 import re
 import stat
@@ -84,8 +85,8 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
         It is not TOML, not UTF-8, or nested deeper than `DEEPEST`; the caller adds the file's name.
     """
     try:
-        content = tomllib.loads(raw if isinstance(raw, str) else raw.decode("utf-8"))
-    except ValueError as error:  # of the encoding, the grammar, or an integer of 5000 digits
+        content = tomllib.loads(raw if isinstance(raw, str) else _decoded(raw, what))
+    except ValueError as error:  # of the grammar, or an integer of 5000 digits
         place = re.search(r"at line (\d+)", str(error))
         line = int(place[1]) if place else None
         raise InputError(f"not a TOML {what}: {error}", line=line) from None
@@ -99,6 +100,27 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
         if not level:
             return content
     raise InputError(_too_deep(what))
+
+
+def _decoded(raw: bytes, what: str) -> str:
+    """Return text, without the mark that Windows writes before it.
+
+    Raises
+    ------
+    InputError
+        Another encoding than UTF-8, with the line where that shows.
+    """
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise InputError(f"not a TOML {what}: UTF-16 text; save it as UTF-8")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"not a TOML {what}: line {line}: byte {raw[error.start]:#04x} is not UTF-8 text; save "
+            "the file as UTF-8",
+            line=line,
+        ) from None
 
 
 def _members(outer: dict[str, Any] | list[Any]) -> Iterable[Any]:

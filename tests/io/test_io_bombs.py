@@ -213,13 +213,13 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
     path = tmp_path / "a.csv"
     path.write_text("t,ax\n" + "".join(f"{k},1.5\n" for k in range(1000)))
 
-    def sniffed(read: Path) -> object:
+    def sniffed(read: Path, skip: int) -> object:
         if change == "grows":
             with path.open("a") as file:
                 file.writelines(f"{k},2.5\n" for k in range(1000, 3000))
         else:
             path.write_text("t,ax\n0,1.5\n")
-        return sniff(read)
+        return sniff(read, skip)
 
     from inercal.io.text import sniff
 

@@ -31,7 +31,7 @@ POSITIONS = ROOT / "examples/six_position/positions.csv"
 def page() -> str:
     """Return the reader that the guide shows."""
     text = (ROOT / "docs/how-to/recordings.md").read_text(encoding="utf-8")
-    (snippet,) = re.findall(r"```python\n(.*?)```", text, flags=re.S)
+    (snippet,) = (s for s in re.findall(r"```python\n(.*?)```", text, flags=re.S) if "READER" in s)
     return snippet
 
 
@@ -109,10 +109,13 @@ def test_a_suffix_decides_where_content_does_not(
 
 
 def test_readers_have_the_names_they_are_registered_by():
-    own = ("hdf5", "mat", "npz", "parquet", "text")
-    assert tuple(READERS) == own
-    packed = dict.fromkeys(own[:-1], ("most_values",))
-    assert {READERS[name].name: READERS[name].keys for name in own} == packed | {"text": ()}
+    logs = ("ulog", "dataflash", "rosbag")
+    packed = ("hdf5", "mat", "npz", "parquet")
+    assert tuple(READERS) == (*logs, "xlsx", *packed, "text")
+    keys = dict.fromkeys(logs, ("corrections", "most_values"))
+    keys |= dict.fromkeys(packed, ("most_values",)) | {"rosbag": ("stamp", "most_values")}
+    keys["xlsx"] = ("sheet", "most_values")
+    assert {one.name: one.keys for one in READERS.values()} == keys | {"text": ("skip",)}
 
 
 def test_no_reader_is_imported_before_a_file_is_read():

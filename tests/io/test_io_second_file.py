@@ -155,13 +155,26 @@ def test_a_run_file_with_two_files_gives_what_one_file_gives(tmp_path: Path):
     assert "gyro recording" not in one.calibration.provenance
 
 
+def test_a_run_file_with_gyro_times_joins_what_one_file_gives(tmp_path: Path):
+    _simulated(tmp_path)
+    run = read(run_file(tmp_path, FERRARIS))
+    made = _some(apply_data_columns(run, simulate(run, 1)), slice(3, 6))
+    late = replace(made, time=made.time + 0.001, time_name="gyro_time")
+    write_recording(late, tmp_path / "gyr.npz")
+    one = calibrate(run_file(tmp_path, FERRARIS))
+    (name, two) = TWO_FILES
+    found = calibrate(run_file(tmp_path, FERRARIS, (name, f'{two}\ngyro_time = "gyro_time"')))
+    np.testing.assert_array_equal(found.calibration.values, one.calibration.values)
+    with refused():
+        read(run_file(tmp_path, FERRARIS, (name, f'{name}\nkind = "means"\ngyro_time = "t"')))
+
+
 def test_a_method_without_gyros_leaves_their_file_alone(tmp_path: Path):
-    gyro = ("[sensor.truth]", '[sensor.gyro]\nunit = "°/s"\n\n[sensor.truth]')
-    run = read(run_file(tmp_path, SIX_POSITIONS, gyro))
+    run = read(run_file(tmp_path, SIX_POSITIONS))
     write_recording(apply_data_columns(run, simulate(run, 1)), run.file(run.data.file))
     name = f'file = "{run.data.file}"'
     missing = (name, f'{name}\ngyro_file = "none.csv"')
-    outcome = calibrate(run_file(tmp_path, SIX_POSITIONS, gyro, missing))
+    outcome = calibrate(run_file(tmp_path, SIX_POSITIONS, missing))
     assert "gyro recording" not in outcome.calibration.provenance
 
 
@@ -171,3 +184,63 @@ def test_a_table_of_means_and_a_simulation_are_one_file(tmp_path: Path):
     run = read(run_file(tmp_path, FERRARIS, TWO_FILES))
     with refused():
         apply_data_columns(run, simulate(run, 1))
+
+
+OWN_TIMES = Columns(
+    ACC, time="t", second=(("gx", "x", "°/s"), ("gy", "y", "°/s")), second_time="gyro_time"
+)
+
+
+def gyro_lines(t: np.ndarray) -> list[str]:
+    """Return rows of gyros at other times, whose x is their number."""
+    return ["gyro_time,x,y", *(f"{a:.6f},{k},{k % 5}" for k, a in enumerate(t))]
+
+
+@pytest.mark.parametrize(("rate", "count"), [(100, 220), (250, 600), (40, 75)])
+def test_gyros_of_other_times_are_joined_by_the_nearest(tmp_path: Path, rate: int, count: int):
+    t = 0.0013 + np.arange(count) / rate
+    first, second = saved(tmp_path, lines(1), gyro_lines(t))
+    found = read_recording(first, OWN_TIMES, second=second)
+    times = np.arange(N) / 100
+    base = times if rate >= 100 else t[t < times[-1] + 0.0075]
+    np.testing.assert_allclose(found.time, base, atol=1e-9)
+    assert found.data[:, 2].tolist() == [np.abs(t - a).argmin() for a in base]
+    assert found.data[:, 0].tolist() == [np.abs(times - a).argmin() % 7 for a in base]
+    assert (found.channels, found.source) == (("ax", "ay", "gx", "gy"), "acc.csv and gyr.csv")
+
+
+def test_samples_without_a_partner_are_a_gap(tmp_path: Path):
+    t = np.delete(np.arange(N) / 100, slice(60, 80))
+    first, second = saved(tmp_path, lines(1), gyro_lines(t))
+    found = read_recording(first, OWN_TIMES, second=second)
+    assert found.time.size == N - 20
+    assert [f.what for f in found.findings if f.what == "gap"] == ["gap"]
+
+
+def test_a_second_pair_of_columns_may_be_in_the_same_file(tmp_path: Path):
+    path = tmp_path / "both.csv"
+    t = np.arange(N) / 100
+    rows = [f"{a:.4f},{k % 7},{k % 5},{a + 0.004:.4f},{k}" for k, a in enumerate(t)]
+    path.write_text("\n".join(["t,x,y,gyro_time,w", *rows]) + "\n", encoding="utf-8")
+    columns = Columns(ACC, time="t", second=(("gx", "w", "°/s"),), second_time="gyro_time")
+    found = read_recording(path, columns, second=path)
+    assert found.data[:, 2].tolist() == list(range(N))
+    assert found.source == "both.csv"
+
+
+@pytest.mark.parametrize("times", ["later", "back", "missing"])
+def test_times_that_cannot_be_joined_are_refused(tmp_path: Path, times: str):
+    t = np.arange(N) / 100
+    t = {"later": t + 100, "back": np.roll(t, 50), "missing": np.where(t == 0.5, np.nan, t)}[times]
+    first, second = saved(tmp_path, lines(1), gyro_lines(t))
+    line = {"later": None, "back": 52, "missing": 52}[times]
+    with refused(line=line):
+        read_recording(first, OWN_TIMES, second=second)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"second": ()}, {"time": None, "rate_hz": 100.0}, {"time_unit": "sample"}]
+)
+def test_a_second_time_needs_a_second_file_and_a_first_time(changes: dict[str, object]):
+    with refused():
+        replace(OWN_TIMES, **changes)  # type: ignore[arg-type]

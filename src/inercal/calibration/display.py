@@ -129,7 +129,7 @@ def to_dataframe(calibration: "Calibration") -> Any:
         pandas is missing.
     """
     with require_extra("pandas", "a DataFrame needs pandas", ("pandas",)):
-        import pandas as pd
+        import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
     lines = coefficient_lines(calibration)
     si = np.array([line.si for line in lines])
     return pd.DataFrame(

@@ -32,6 +32,11 @@ class DataSection(Section):
         description="the gyros' file, with the same rows, where it differs from [data] file",
         examples=["gyro.mat"],
     )
+    gyro_time: str | int | None = Field(
+        None,
+        description="the gyros' column of times, where they were sampled at times of their own",
+        examples=["gyro_time"],
+    )
     time: str | int | None = None
     time_unit: str = "s"
     rate: str | None = Field(None, examples=["100 Hz"])
@@ -57,6 +62,16 @@ class DataSection(Section):
             raise ValueError(
                 "counter_modulus needs a counter: state its column as time, and "
                 'time_unit = "sample"'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _gyro_times_join_times(self) -> "DataSection":
+        timed = self.kind == "recording" and self.time is not None and self.time_unit != "sample"
+        if self.gyro_time is not None and not timed:
+            raise ValueError(
+                "gyro_time is for recordings with a column of times: state time, or remove "
+                "gyro_time"
             )
         return self
 

@@ -1,55 +1,44 @@
 """Data in memory as a table of columns: arrays, DataFrames, Arrow tables, recordings."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from inercal.io.column_table import ReadRequest
+from inercal.io.frames import table_from_frame
 from inercal.recording import Recording
 
 ACCEPTED = (
     "the path of a run file or of a recording, a Recording, a DataFrame (pandas, polars), an Arrow "
     "table, a mapping of names to arrays, or an array (samples, columns)"
 )
+_TABLE_ATTRIBUTES = ("columns", "column_names", "schema", "dtype")
 _TIME, _LABEL, _TEMPERATURE = "time", "label", "temperature"
 
 
 def columns_in_memory(data: object) -> dict[str, NDArray[Any]]:
     """Return the columns by name; those of an array without names are "1", "2", ….
 
-    Dates become seconds after the first one.
-
     Raises
     ------
     TypeError
         Not a table; the message says what is accepted.
+    InputError
+        A column that holds neither numbers, dates nor text.
     """
     if isinstance(data, Recording):
         return _recording_columns(data)
-    if isinstance(data, np.ndarray):
-        array = cast(NDArray[Any], data)
+    source = cast(Any, data)
+    array = cast(NDArray[Any], data) if isinstance(data, np.ndarray) else None
+    if array is not None and array.dtype.names is None:
         if array.ndim == 2:
             return {str(k + 1): array[:, k] for k in range(array.shape[1])}
         raise TypeError(f"data are an array of shape {array.shape}; calibrate takes {ACCEPTED}")
-    source: Any = data
-    if isinstance(data, Mapping):
-        names: Iterable[Any] = cast(Mapping[Any, Any], data)
-    elif hasattr(data, "column_names"):  # an Arrow table, whose `columns` are without names
-        names = source.column_names
-    elif hasattr(data, "columns") and hasattr(data, "__getitem__"):
-        names = source.columns
-    else:
-        raise TypeError(f"data are a {type(data).__name__}; calibrate takes {ACCEPTED}")
-    return {str(name): _column(np.asarray(source[name])) for name in names}
-
-
-def _column(values: NDArray[Any]) -> NDArray[Any]:
-    if values.dtype.kind == "M" and values.size:
-        return (values - values[0]) / np.timedelta64(1, "s")
-    if values.dtype.kind == "O":
-        return values.astype(np.str_)  # what is no text is refused by the reader, with its column
-    return values
+    if not (isinstance(data, Mapping) or any(hasattr(source, name) for name in _TABLE_ATTRIBUTES)):
+        raise TypeError(f"data are a {type(source).__name__}; calibrate takes {ACCEPTED}")
+    return dict(table_from_frame(source, ReadRequest(), "data").columns)
 
 
 def _recording_columns(recording: Recording) -> dict[str, NDArray[Any]]:

@@ -8,7 +8,9 @@ from pathlib import Path
 from inercal.data.data_section import DataSection, ReadbackColumn
 from inercal.data.source import Source
 from inercal.errors import InputError
+from inercal.io.file_patterns import is_pattern
 from inercal.io.read import Columns, detect_reader, read_recording
+from inercal.io.section_files import read_sections
 from inercal.recording import Finding, Recording
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
@@ -26,10 +28,23 @@ def load_recording(run: Source[DataSection]) -> Recording:
     InputError
         It cannot be read, or the audit refuses it.
     """
-    recording = read_recording(
-        run.file(run.data.file), reader_columns(run), range_limits(run.sensor), gyro_file(run)
-    )
+    path, columns, limits = run.file(run.data.file), reader_columns(run), range_limits(run.sensor)
+    if is_pattern(path):
+        _require_labels_of_files(run)
+        recording = read_sections(path, columns, limits)
+    else:
+        recording = read_recording(path, columns, limits, gyro_file(run))
     return apply_axis_signs(run, recording)
+
+
+def _require_labels_of_files(run: Source[DataSection]) -> None:
+    """Refuse a file of marks where each section has a file."""
+    if run.data.marks not in ("labels", "found"):
+        raise InputError(
+            f'{run.path}: [data] marks: each section has a file of its own: state marks = "labels"',
+            file=run.path,
+            key="[data] marks",
+        )
 
 
 def require_not_refused(source: str, finding: Finding | None) -> tuple[Finding, ...]:
@@ -79,8 +94,12 @@ def apply_axis_signs(run: Source[DataSection], recording: Recording) -> Recordin
 
 
 def gyro_file(run: Source[DataSection]) -> Path | None:
-    """Return the separate file of the gyros; None where the method does not use gyros."""
-    name = run.data.gyro_file
+    """Return the file of the gyros that is read by itself; None where there is none.
+
+    With a column of times of their own this may be the file of the accelerometers.
+    """
+    data = run.data
+    name = data.gyro_file or (None if data.gyro_time is None else data.file)
     return None if name is None or not run.sensor.select_axes("w").axes else run.file(name)
 
 
@@ -118,6 +137,7 @@ def reader_columns(run: Source[DataSection]) -> Columns:
         readback=() if READBACK in data.further_files() else readback_fields(run),
         nonfinite=data.nonfinite,
         modulus=data.counter_modulus,
+        second_time=None if data.gyro_time is None or not apart else str(data.gyro_time),
         options=_data_file_options(run),
     )
 

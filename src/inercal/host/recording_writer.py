@@ -73,7 +73,7 @@ def require_recordable(run: Run, layout: PacketLayout | None = None) -> None:
         raise refusal(
             "time_unit", f'a run on the bench is written in "s"; replace {data.time_unit!r}'
         )
-    for key in ("gyro_file", "table_file"):
+    for key in ("gyro_file", "gyro_time", "table_file"):
         if getattr(data, key, None) is not None:
             raise refusal(key, "a run on the bench is written to one file; remove this key")
     columns = [(key, name) for key in _AXIS_KEYS for name in getattr(data, key, None) or ()]

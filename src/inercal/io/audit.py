@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.io import repeated_values
-from inercal.io.column_table import row_blocks
+from inercal.io.column_table import TOO_LARGE, row_blocks
 from inercal.recording import Finding, Indices, Recording
 
 NonfinitePolicy = Literal["refuse", "drop"]
@@ -158,11 +158,10 @@ def require_accepted(recording: Recording) -> Recording:
     if refused:
         first = refused[0]
         more = f" (and {len(refused) - 1} more findings)" if refused[1:] else ""
-        known = recording.first_row and first.start is not None
         raise InputError(
             f"{recording.source or 'recording'}: {first.message}{more}",
             file=recording.source or None,
-            line=recording.first_row + (first.start or 0) if known else None,
+            line=None if first.start is None else recording.line(first.start),
             names=() if first.channel is None else (first.channel,),
         )
     return recording
@@ -177,13 +176,20 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> _
         columns["temperature"] = recording.temperature
     rows = np.zeros(recording.time.size, np.bool_)
     for values in columns.values():
-        rows |= ~np.isfinite(values)
+        rows |= ~_is_usable(values)
     count = int(rows.sum())
     if count == 0:
         return _CheckResult([])
     first = int(np.argmax(rows))
-    name = next(name for name, values in columns.items() if not np.isfinite(values[first]))
-    text = f"{_row_count_text(count)} without a finite number, the first {name} at {where(first)}"
+    name = next(
+        name for name, values in columns.items() if not _is_usable(values[first : first + 1]).all()
+    )
+    kind = (
+        "a finite number"
+        if not np.isfinite(columns[name][first])
+        else f"a number below {TOO_LARGE:g}"
+    )
+    text = f"{_row_count_text(count)} without {kind}, the first {name} at {where(first)}"
     if drop and count < rows.size:
         return _CheckResult(
             [Finding("warning", "nonfinite", f"{text}: dropped")], np.flatnonzero(~rows)
@@ -192,6 +198,11 @@ def check_finite(recording: Recording, where: SampleLocator, *, drop: bool) -> _
     return _CheckResult(
         [Finding("refused", "nonfinite", f"{text}: {advice}", name, first, first + 1)]
     )
+
+
+def _is_usable(values: Array) -> NDArray[np.bool_]:
+    """Return which values are finite and small enough to be squared and summed."""
+    return (values > -TOO_LARGE) & (values < TOO_LARGE)
 
 
 def check_time_order(recording: Recording, where: SampleLocator) -> _CheckResult:

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,11 +14,14 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.recording import LineBreaks, line_of_row
 
 Column = Array | NDArray[np.str_]
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _MAX_LISTED_NAMES = 12  # names in a message before it ends in "…"
 MOST_COLUMNS = 1000  # more is a transposed table, or junk that happens to parse
 LONGEST_LABEL = 200  # characters; a text column holds one word per sample, not prose
+TOO_LARGE = 1e100  # no reading in any unit: squares and sums of them overflow
 BLOCK_ROWS = 1 << 16  # rows handled at a time: a few MB
 
 
@@ -66,10 +70,19 @@ class Table:
         The file and the hash of its bytes.
     first_line : int
         Line of row 0; 0 where a row may take several lines, or none.
+    line_breaks : tuple of (row, line)
+        Where first_line is 0: rows that do not follow the line of the row before, row 0 included;
+        empty where lines are not known.
     header : bool
         Whether the file names its columns.
     block : (n, k) array or None
         The block columns and the spare columns of the request; `columns` are views of it.
+    kept_corrections : str
+        Corrections by another program that the block columns hold, in words; empty where none are
+        known.
+    devices : str
+        Which sensors the block columns are of, with the numbers that their controller gave them;
+        empty where it is not known.
     """
 
     names: tuple[str, ...]
@@ -79,6 +92,18 @@ class Table:
     first_line: int
     header: bool
     block: Array | None = None
+    kept_corrections: str = ""
+    line_breaks: LineBreaks = ()
+    devices: str = ""
+
+    def line(self, row: int) -> int | None:
+        """Return the line of a row, counted from 0; None where it is not known."""
+        return line_of_row(row, self.first_line, self.line_breaks)
+
+    def place(self, row: int) -> str:
+        """Return the place of a row in words: its line if known, else its number from 1."""
+        line = self.line(row)
+        return f"row {row + 1}" if line is None else f"line {line}"
 
     def numbers(self, name: str) -> Array:
         """Return a column of numbers, (n,).
@@ -90,9 +115,11 @@ class Table:
         """
         column = self.columns[name]
         if column.dtype.kind == "U":
+            comma = _DECIMAL_COMMA.fullmatch(str(column[0])) is not None
+            advice = "write decimal points" if comma else "name another column, or correct the file"
             raise InputError(
                 f"{self.source}: column {name!r} holds text ({shorten(str(column[0]))}) "
-                "where numbers are needed; name another column, or correct the file",
+                f"where numbers are needed; {advice}",
                 file=self.source,
                 names=(name,),
             )

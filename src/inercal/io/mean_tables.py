@@ -14,7 +14,7 @@ import numpy as np
 
 from inercal.errors import InputError
 from inercal.io.atomic_files import atomic_write
-from inercal.io.column_table import Array, Table, shorten
+from inercal.io.column_table import TOO_LARGE, Array, Table, shorten
 from inercal.io.read import Columns, read_table
 from inercal.recording import Observations
 from inercal.sensors import Axis, Sensor
@@ -140,10 +140,9 @@ def observations_from_table(
     if not (np.isfinite(durations) & (durations > 0)).all():
         row = int(np.flatnonzero(~(np.isfinite(durations) & (durations > 0)))[0])
         raise InputError(
-            f"{path} line {table.first_line + row}: the duration is {durations[row]:g} s; it must "
-            "be above 0",
+            f"{path} {table.place(row)}: the duration is {durations[row]:g} s; it must be above 0",
             file=path,
-            line=table.first_line + row,
+            line=table.line(row),
         )
     deviation = _standard_deviations(path, table, by_axis, sensor, sd)
     temperature = None
@@ -186,12 +185,12 @@ def _require_within_range(path: Path, table: Table, name: str, axis: Axis, mean:
     reach = axis.readout.full_scale
     beyond = np.flatnonzero(np.abs(mean - axis.readout.offset) >= (reach or np.inf))
     if beyond.size:
-        line = table.first_line + int(beyond[0])
+        row = int(beyond[0])
         raise InputError(
-            f"{path} line {line}: column {name!r} is {mean[beyond[0]]:g}, at or beyond the "
+            f"{path} {table.place(row)}: column {name!r} is {mean[beyond[0]]:g}, at or beyond the "
             "full_scale that [sensor] states; remove the row or correct full_scale",
             file=path,
-            line=line,
+            line=table.line(row),
             names=(name,),
         )
 
@@ -215,17 +214,18 @@ def number_column(path: Path, table: Table, name: str, remedy: str) -> Array:
     """
     for k, cell in enumerate(table.columns[name].tolist()):
         try:
-            if np.isfinite(float(cell)):
+            if abs(float(cell)) < TOO_LARGE:
                 continue
             word = False
         except ValueError:
             word = bool(cell.strip())
-        what = f": {shorten(cell)!r} is not a number" if word else " is empty or not finite"
-        line = table.first_line + k
+        what = (
+            f": {shorten(cell)!r} is not a number" if word else " is empty, not finite or too large"
+        )
         raise InputError(
-            f"{path} line {line}: column {name!r}{what}; {remedy} or remove the row",
+            f"{path} {table.place(k)}: column {name!r}{what}; {remedy} or remove the row",
             file=path,
-            line=line,
+            line=table.line(k),
             names=(name,),
         )
     return table.numbers(name)
@@ -256,12 +256,12 @@ def _standard_deviations(
             )
         column = number_column(path, table, name, "write the standard deviation of the mean")
         if (bad := np.flatnonzero(column <= 0)).size:
-            line = table.first_line + int(bad[0])
+            row = int(bad[0])
             raise InputError(
-                f"{path} line {line}: column {name!r} is {column[bad[0]]:g}; a standard deviation "
-                "must be positive",
+                f"{path} {table.place(row)}: column {name!r} is {column[row]:g}; a standard "
+                "deviation must be positive",
                 file=path,
-                line=line,
+                line=table.line(row),
                 names=(name,),
             )
         deviations.append(column / abs(axis.readout.scale))

@@ -81,7 +81,8 @@ def _load(
         for batch in batches:
             rows = int(batch.num_rows)
             for name, place in places.items():
-                place[n : n + rows] = batch.column(name).to_numpy()
+                # `to_numpy` would import pandas where it is installed.
+                place[n : n + rows] = np.from_dlpack(batch.column(name))
                 if words and not np.isfinite(place[n : n + rows]).all():
                     raise _NotPlainError
             for k, part in parts.items():

@@ -119,10 +119,11 @@ class Reader:
         return {option.name: given.get(option.name, option.default) for option in self.options}
 
 
+_OWN = ("ulog", "dataflash", "rosbag", "xlsx", "hdf5", "mat", "npz", "parquet", "text")
 READERS: Registry[Reader] = Registry(
     "inercal.readers",
     "reader",
-    {name: f"inercal.io.{name}:READER" for name in ("hdf5", "mat", "npz", "parquet", "text")},
+    {name: f"inercal.io.{name}:READER" for name in _OWN},
 )
 
 

@@ -26,12 +26,15 @@ from inercal.io.column_table import (
     shorten,
 )
 from inercal.io.plain_numbers import load_plain
-from inercal.io.readers import Reader
-from inercal.io.text_layout import TextLayout, column_count_text, sniff
+from inercal.io.readers import Option, Reader
+from inercal.io.text_layout import TextLayout, column_count_text, refuse_sheet_error, sniff
 from inercal.io.text_scan import scan
+from inercal.recording import LineBreaks
+
+_MOST_BREAKS = 10_000  # of the lines, as by blank lines and comments between rows
 
 
-def read_text(path: Path, wanted: ReadRequest) -> Table:
+def read_text(path: Path, wanted: ReadRequest, skip: int = 0) -> Table:
     """Read a table of text.
 
     Parameters
@@ -39,6 +42,8 @@ def read_text(path: Path, wanted: ReadRequest) -> Table:
     path : Path
         UTF-8 text, any line ends, comments after # or %, with or without a header.
     wanted : ReadRequest
+    skip : int
+        Lines at the begin that are left out.
 
     Raises
     ------
@@ -48,7 +53,9 @@ def read_text(path: Path, wanted: ReadRequest) -> Table:
         The file cannot be read.
     """
     found = scan(path)
-    layout = sniff(path)
+    if skip < 0:
+        raise InputError(f"[data] skip is {skip}; it counts lines, 0 or more", key="[data] skip")
+    layout = sniff(path, skip)
     names = select_columns(layout.names, wanted.names, path.name)
     words = {k for k, name in enumerate(layout.names) if name in names} & (
         layout.text_columns | {k for k, name in enumerate(layout.names) if name in wanted.text}
@@ -79,11 +86,17 @@ def read_text(path: Path, wanted: ReadRequest) -> Table:
         read[name] = labels[k] if k in words else blank[name][:n]
     # With comments and blank lines between the data, row k is not line first_line + k.
     rows_are_lines = layout.first_line + n - 1 == found.lines
-    if not rows_are_lines:
-        _refuse_joined_lines(path, layout, n)
+    breaks = () if rows_are_lines else _line_breaks(path, layout, n)
     first_line = layout.first_line if rows_are_lines else 0
     return Table(
-        layout.names, read, path.name, found.sha256, first_line, layout.header, block=block[:n]
+        layout.names,
+        read,
+        path.name,
+        found.sha256,
+        first_line,
+        layout.header,
+        block=block[:n],
+        line_breaks=breaks,
     )
 
 
@@ -192,6 +205,8 @@ def _check_cells(
         for number, line in numbered:
             if not layout.content(line):
                 continue
+            if "#" in line:
+                refuse_sheet_error(line, layout.delimiter, number, path.name)
             cells = layout.cells(line)
             if len(cells) != expected:
                 truncated = number == last_line and len(cells) < expected
@@ -219,15 +234,33 @@ def _check_cells(
     return empty
 
 
-def _refuse_joined_lines(path: Path, layout: TextLayout, rows: int) -> None:
-    """Refuse an open quotation mark, which joins several lines to one row."""
+def _line_breaks(path: Path, layout: TextLayout, rows: int) -> LineBreaks:
+    """Return the rows that do not follow the line before, with their lines; none for very many.
+
+    Raises
+    ------
+    InputError
+        An open quotation mark, which joins several lines to one row.
+    """
+    breaks: list[tuple[int, int]] = []
+    row, before = 0, -1
     with path.open(encoding="utf-8-sig") as file:
-        lines = sum(bool(layout.content(k)) for k in islice(file, layout.first_line - 1, None))
-    if lines != rows:
+        for number, line in islice(enumerate(file, 1), layout.first_line - 1, None):
+            if not layout.content(line):
+                continue
+            if number != before + 1 and len(breaks) <= _MOST_BREAKS:
+                breaks.append((row, number))
+            row, before = row + 1, number
+    if row != rows:
         raise InputError(
-            f"{path.name}: {lines} lines of data give {rows} rows: a quotation mark is not closed; "
+            f"{path.name}: {row} lines of data give {rows} rows: a quotation mark is not closed; "
             "close or remove it"
         )
+    return tuple(breaks) if len(breaks) <= _MOST_BREAKS else ()
 
 
-READER = Reader("text", read_text)
+READER = Reader(
+    "text",
+    read_text,
+    options=(Option("skip", int, 0, "lines at the begin of a text file that are left out"),),
+)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from inercal.errors import InputError
-from inercal.io.column_table import Array, shorten
+from inercal.io.column_table import Array, Table, shorten
 from inercal.units import si_factor
 
 SLOWEST_HZ, FASTEST_HZ = 1.0, 50e3  # of recordings; beyond them the unit is wrong
@@ -141,7 +141,7 @@ def is_iso_time(cell: str) -> bool:
 
 
 def times_from_iso(
-    cells: Sequence[str], column: str, source: str, first_line: int, origin: int | None = None
+    cells: Sequence[str], column: str, table: Table, origin: int | None = None
 ) -> tuple[Array, int]:
     """Return the times of ISO 8601 stamps, such as 2026-11-23T03:10:09.123Z.
 
@@ -150,10 +150,10 @@ def times_from_iso(
     cells : sequence of n str
         Date and time, fraction of a second, and zone: Z or an offset from UTC, which may change
         from row to row. All rows state a zone, or none does.
-    column, source : str
+    column : str
         For messages.
-    first_line : int
-        Line of the first cell in the file; 0 where lines are not known.
+    table : Table
+        Which has these cells, for messages.
     origin : int, optional
         Time 0, ns since 1970; by default the first stamp.
 
@@ -172,12 +172,10 @@ def times_from_iso(
     known: dict[tuple[str, str], int] = {}  # to the minute: most rows share a minute
 
     def refusal(k: int, problem: str) -> InputError:
-        line = first_line + k if first_line else None
         return InputError(
-            f"{source} {f'row {k}' if line is None else f'line {line}'}, column {column!r}: "
-            f"{shorten(cells[k])!r} {problem}",
-            file=source,
-            line=line,
+            f"{table.source} {table.place(k)}, column {column!r}: {shorten(cells[k])!r} {problem}",
+            file=table.source,
+            line=table.line(k),
             names=(column,),
         )
 

@@ -28,6 +28,7 @@ from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.pipeline.calibration_record import (
+    KEPT_CORRECTIONS,
     provenance,
     run_conditions,
     shared_errors,
@@ -339,6 +340,21 @@ def load_recording(run: Run) -> Recording:
     return run.kind.audit(recording_loader.load_recording(run), run.sensor, run.bench)
 
 
+def _require_same_corrections(calibration: Calibration, recording: Recording, run: Run) -> None:
+    """Refuse readings that hold other corrections than those the calibration was made from."""
+    made_from = calibration.conditions.get(KEPT_CORRECTIONS, "")
+    if recording.kept_corrections == made_from:
+        return
+    raise InputError(
+        f"{run.path}: the readings of {recording.source} hold the corrections "
+        f"({recording.kept_corrections or 'none'}), and the calibration is for readings with "
+        f"({made_from or 'none'}): one of them would be made twice or not at all; state "
+        "[data] corrections as in the run of the calibration",
+        file=run.path,
+        key="[data] corrections",
+    )
+
+
 def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     """Correct the recording that a run file names.
 
@@ -376,6 +392,7 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
                 names=(axis.name,),
             )
     recording = load_recording(run)
+    _require_same_corrections(calibration, recording, run)
     axes = calibration.sensor.axes
     count = {kind: sum(axis.measures == kind for axis in axes) for kind in ("f", "w")}
     # Motion across one sensor axis, or across two, is unknown and taken as zero.

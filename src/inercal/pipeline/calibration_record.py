@@ -31,6 +31,7 @@ from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
 _GRAVITY = "g"  # the parameter of each bench
+KEPT_CORRECTIONS = "corrections that the readings hold"
 
 
 def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
@@ -40,6 +41,10 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     t = inputs.observations.temperature if recording is None else recording.temperature
     if t is not None:
         conditions["temperature"] = f"{t.mean() - ZERO_CELSIUS:.2f} °C ({np.ptp(t):.2f} K range)"
+    if recording is not None and recording.kept_corrections:
+        conditions[KEPT_CORRECTIONS] = recording.kept_corrections
+    if recording is not None and recording.devices:
+        conditions["devices"] = recording.devices
     if (search := run.search) is not None:
         bounds = search.bounds
         conditions["search"] = (
@@ -55,7 +60,7 @@ def run_conditions(run: Run, inputs: EstimatorInput) -> dict[str, str]:
 def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     """Return names and SHA-256 of the files of a run, the time and the version of inercal."""
     further: dict[str, str] = {}
-    if (gyros := gyro_file(run)) is not None:
+    if run.data.gyro_file is not None and (gyros := gyro_file(run)) is not None:
         further["gyro recording"] = str(run.data.gyro_file)
         further["gyro recording sha256"] = file_sha256(gyros)
     for what, name in run.data.further_files().items():

@@ -14,6 +14,7 @@ from inercal.data.recording_loader import (
     reader_columns,
 )
 from inercal.errors import InputError
+from inercal.io.file_patterns import is_pattern
 from inercal.motion import Motion
 from inercal.recording import Recording
 from inercal.runfile import Run, read
@@ -129,12 +130,19 @@ def _simulate_run(
 
 def apply_data_columns(run: Run, recording: Recording) -> Recording:
     """Return the recording with columns and times as in the run file's data, to be written."""
-    if run.data.gyro_file is not None:
+    if is_pattern(run.file(run.data.file)):
         raise InputError(
-            f"{run.path}: [data] gyro_file: a simulation is one file; remove gyro_file",
+            f"{run.path}: [data] file: a simulation is one file; write its name without a star",
             file=run.path,
-            key="[data] gyro_file",
+            key="[data] file",
         )
+    for key in ("gyro_file", "gyro_time"):
+        if getattr(run.data, key) is not None:
+            raise InputError(
+                f"{run.path}: [data] {key}: a simulation is one file; remove {key}",
+                file=run.path,
+                key=f"[data] {key}",
+            )
     named = {axis: column for axis, column, _ in reader_columns(run).channels}
     recording = apply_axis_signs(run, recording)
     readback = {

@@ -14,7 +14,14 @@ from inercal.recording.observations import (
     Transitions,
     join_observations,
 )
-from inercal.recording.samples import GAP_FACTOR, Indices, Mark, Recording
+from inercal.recording.samples import (
+    GAP_FACTOR,
+    Indices,
+    LineBreaks,
+    Mark,
+    Recording,
+    line_of_row,
+)
 
 __all__ = [
     "GAP_FACTOR",
@@ -23,6 +30,7 @@ __all__ = [
     "Finding",
     "HalfSectionChanges",
     "Indices",
+    "LineBreaks",
     "Mark",
     "Observations",
     "Recording",
@@ -30,4 +38,5 @@ __all__ = [
     "Track",
     "Transitions",
     "join_observations",
+    "line_of_row",
 ]

@@ -1,5 +1,6 @@
 """Samples of a run as recorded, and marks of its sections."""
 
+from bisect import bisect_right
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,7 +15,23 @@ from inercal.recording.findings import Finding
 
 Indices = NDArray[np.int64]
 
+LineBreaks = tuple[tuple[int, int], ...]
+
 GAP_FACTOR = 1.5  # a step of time longer than this many median steps has lost samples
+
+
+def line_of_row(row: int, first_line: int, breaks: LineBreaks) -> int | None:
+    """Return the line of a row, given that of row 0, or the rows that follow a gap in the lines.
+
+    >>> [line_of_row(k, 0, ((0, 2), (3, 9))) for k in range(5)]
+    [2, 3, 4, 9, 10]
+    """
+    if first_line:
+        return first_line + row
+    if not breaks:
+        return None
+    start, line = breaks[bisect_right(breaks, row, key=lambda one: one[0]) - 1]
+    return line + row - start
 
 
 @dataclass(frozen=True)
@@ -50,6 +67,9 @@ class Recording:
         The file and its hash; empty without a file.
     first_row : int
         Line of sample 0 in the file; 0 where sample k is not in line first_row + k.
+    line_breaks : tuple of (sample, line)
+        Where first_row is 0: samples that do not follow the line of the sample before, as after a
+        blank line, sample 0 included; empty where lines are not known.
     original : (n,) array of int or None
         Number of each sample in the file, where the audit dropped or sorted samples.
     label_name : str
@@ -58,6 +78,12 @@ class Recording:
         Column to which times are written.
     origin : int or None
         Time 0, ns since 1970, where the file states dates.
+    kept_corrections : str
+        Corrections by another program that the readings hold, with its parameters; empty where
+        none are known.
+    devices : str
+        Which sensors the readings are of, with the numbers that their controller gave them; empty
+        where it is not known.
 
     Raises
     ------
@@ -76,10 +102,13 @@ class Recording:
     source: str = ""
     sha256: str = ""
     first_row: int = 0
+    line_breaks: LineBreaks = ()
     original: Indices | None = None
     label_name: str = "label"
     time_name: str = "time"
     origin: int | None = None
+    kept_corrections: str = ""
+    devices: str = ""
 
     def __post_init__(self) -> None:
         n, m = self.time.size, len(self.channels)
@@ -150,7 +179,12 @@ class Recording:
 
     def where(self, sample: int) -> str:
         """Return the place of a sample in words: its line if known, else its number."""
-        return f"line {self.first_row + sample}" if self.first_row else f"sample {sample}"
+        line = self.line(sample)
+        return f"sample {sample}" if line is None else f"line {line}"
+
+    def line(self, sample: int) -> int | None:
+        """Return the line of a sample in the file; None where it is not known."""
+        return line_of_row(sample, self.first_row, self.line_breaks)
 
     def take(self, samples: "Indices | NDArray[np.bool_] | slice") -> "Recording":
         """Return chosen samples, without findings and lines, which count samples."""
@@ -163,7 +197,7 @@ class Recording:
             changes["labels"] = self.labels[samples]
         if self.temperature is not None:
             changes["temperature"] = self.temperature[..., samples]
-        return replace(self, findings=(), first_row=0, **changes)
+        return replace(self, findings=(), first_row=0, line_breaks=(), **changes)
 
     def slice(self, start: int, stop: int) -> "Recording":
         """Return samples start to stop (half open), with their findings."""

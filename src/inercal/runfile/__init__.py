@@ -18,6 +18,7 @@ from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS, kind_name_for_class
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
+from inercal.io.file_patterns import is_pattern, matching_files
 from inercal.keys import CoefficientName
 from inercal.methods import Method, method
 from inercal.methods._base import Estimator
@@ -155,7 +156,10 @@ class Run:
 
     def input_files(self) -> list[Path]:
         """Return the run file and the existing files that its keys and values name."""
-        named = map(self.file, _texts(read_toml(self.path, "run file")))
+        named = [self.file(text) for text in _texts(read_toml(self.path, "run file"))]
+        sections = self.file(self.data.file)
+        if is_pattern(sections):
+            named += matching_files(sections).values()
         return [self.path, *(path for path in named if is_file(path))]
 
 

@@ -55,7 +55,7 @@ def marks_from_labels(recording: Recording, *, again: bool = False) -> tuple[Mar
                 f"{recording.source}: label {mark.label!r} returns at "
                 f"{recording.where(mark.start)}, but a label marks one unbroken section: write "
                 "another label there, or none",
-                line=recording.first_row + mark.start if recording.first_row else None,
+                line=recording.line(mark.start),
                 names=(mark.label,),
             )
         seen.add(mark.label)

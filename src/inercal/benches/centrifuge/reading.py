@@ -108,13 +108,13 @@ def _table(run: Source[CentrifugeData], bench: Centrifuge) -> EstimatorInput:
     for name, values in readback.items():
         bad = np.flatnonzero(~np.isfinite(values) | ((values == 0) & (name == "arm_rate")))
         if bad.size:
-            line = table.first_line + int(bad[0])
+            row = int(bad[0])
             raise InputError(
-                f"{path} line {line}: column {named[name]!r} is "
+                f"{path} {table.place(row)}: column {named[name]!r} is "
                 f"{table.numbers(named[name])[bad[0]]:g}; give the arm's rate or angle, or remove "
                 "the row",
                 file=path,
-                line=line,
+                line=table.line(row),
                 names=(named[name],),
             )
     rates = readback["arm_rate"]

@@ -89,11 +89,11 @@ def _table(run: Source[DividingHeadData], bench: DividingHead) -> EstimatorInput
             # A reading that is not used may be missing.
             bad &= _collimated_positions(bench, readback["angle"])
         if bad.any():
-            line = table.first_line + int(np.argmax(bad))
+            row = int(np.argmax(bad))
             raise InputError(
-                f"{path} line {line}: column {named[name]!r} has no number; {_WANTED[name]}",
+                f"{path} {table.place(row)}: column {named[name]!r} has no number; {_WANTED[name]}",
                 file=path,
-                line=line,
+                line=table.line(row),
                 names=(named[name],),
             )
     _require_unit(run, readback["angle"] / units["angle"])

@@ -118,8 +118,8 @@ def _read_polygon(path: Path, unit: str) -> tuple[float, ...]:
     face, deviation = table.numbers("face"), table.numbers("deviation")
     bad = np.flatnonzero((face != np.arange(1, len(face) + 1)) | ~np.isfinite(deviation))
     if bad.size or len(face) < _FEWEST_FACES:
-        line = table.first_line + int(bad[0]) if bad.size else None
-        where = f"{len(face)} faces" if line is None else f"line {line}"
+        line = table.line(int(bad[0])) if bad.size else None
+        where = table.place(int(bad[0])) if bad.size else f"{len(face)} faces"
         raise InputError(
             f"{key}: {path.name}, {where}: the faces are not numbered 1, 2, 3, …, or a deviation "
             f"is missing; give each of {_FEWEST_FACES} or more faces one line, in the order of "

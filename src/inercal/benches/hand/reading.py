@@ -177,7 +177,7 @@ def _planned_sections(
     observations = averaged(recording, run.sensor, marks, steps, found=True, drifting=True)
     if run.data.marks == "found":
         observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
-    stated = run.data.model_fields_set & {"gyro", "gyro_file"}
+    stated = run.data.model_fields_set & {"gyro", "gyro_file", "gyro_time"}
     if stated and not run.sensor.select_axes("w").axes:
         note = f"method {run.method.name} does not use the gyros"
         observations = replace(observations, notes=(*observations.notes, note))

@@ -71,8 +71,8 @@ def _table(run: Source[RateTableData]) -> EstimatorInput:
     table = read_columns(path, wanted, [where, rate])
     rates = number_column(path, table, rate, "give the rate, 0 at rest,") * unit
     poses = [
-        _parse_mounting(position_name(text), where, f"{path} line {line}", path, line)
-        for line, text in enumerate(table.columns[where].tolist(), start=table.first_line)
+        _parse_mounting(position_name(text), where, f"{path} {table.place(k)}", path, table.line(k))
+        for k, text in enumerate(table.columns[where].tolist())
     ]
     rpm = (rates * 30 / pi).tolist()
     names = [f"{pose.name} at {turning:.6g} rpm" for pose, turning in zip(poses, rpm, strict=True)]
@@ -97,8 +97,8 @@ def _duplicate_row_findings(path: Path, table: Table, used: Sequence[str]) -> tu
     found: list[Finding] = []
     for k, row in enumerate(zip(*(table.columns[name].tolist() for name in used), strict=True)):
         if (same := first.setdefault(row, k)) != k:
-            lines = f"lines {table.first_line + same} and {table.first_line + k}"
-            text = f"{lines} of {path.name} are identical; remove one if it is a copy"
+            rows = f"{table.place(same)} and {table.place(k)}"
+            text = f"{rows} of {path.name} are identical; remove one if it is a copy"
             found.append(Finding("warning", "repeated", text))
     return tuple(found)
 

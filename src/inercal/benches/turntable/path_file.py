@@ -68,9 +68,8 @@ def read_path(path: str | Path, axes: Sequence[str]) -> tuple[TableStep, ...]:
             if label in words["label"][:row]:
                 raise _cell_error("label", f"label {label!r} is in an earlier row too; change it")
         except InputError as error:
-            line = table.first_line + row if table.first_line else None
-            where = f"row {row + 1}" if line is None else f"line {line}"
-            raise error.located(f"{path.name} {where}", file=path, line=line) from None
+            where = f"{path.name} {table.place(row)}"
+            raise error.located(where, file=path, line=table.line(row)) from None
     return tuple(steps)
 
 
