@@ -25,6 +25,7 @@ from inercal.benches.centrifuge.arm_motion import (
 )
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimate import Candidate, Gaussian, Problem
+from inercal.estimate.problem import NormalEquations
 from inercal.methods import candidates, mean_problem, temperature
 from inercal.methods.centrifuge_norm.rotation_gauge import (
     gauges,
@@ -33,7 +34,14 @@ from inercal.methods.centrifuge_norm.rotation_gauge import (
 )
 from inercal.methods.mean_problem import Unknowns
 from inercal.methods.row_comparison import RowComparison
-from inercal.observe import NoisyNormResiduals, noisy_norm_residuals, norm_residuals
+from inercal.observe import (
+    NoisyNormResiduals,
+    StatedNorms,
+    noisy_norm_residuals,
+    norm_normal_equations,
+    norm_residuals,
+)
+from inercal.observe.term_table import term_table
 from inercal.parameters import Parameter
 from inercal.plan import Spin
 from inercal.recording import Observations
@@ -253,12 +261,36 @@ def _compare_norms(
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full
 
-    def relative_size(x: Array) -> float:
-        # A norm of tens of g is rounded at a millionth of its uncertainty.
-        result, _, seen = compared(x)
-        return float(np.max(result.norm / np.sqrt(seen.variance)))
+    y, covariance, table = observations.mean, observations.covariance, term_table(sensor)
 
-    return RowComparison(linearise, noise, correlated, observations.labels, relative_size)
+    def normal_equations(x: Array, which: NDArray[np.intp]) -> NormalEquations:
+        assert table is not None
+        result = specific_force_norm(bench, steps, unknowns.bench_values(x))
+        norm = result.norm
+        derivatives = np.zeros((len(loose), *norm.shape))
+        for k, name in enumerate(loose):
+            derivatives[k] = result.derivatives.get(name, 0.0)
+        stated = StatedNorms(norm, derivatives, np.broadcast_to(result.dwell**2, norm.shape))
+        return norm_normal_equations(table, y, covariance, warmth, stated, x, which)
+
+    def relative_size(x: Array) -> float:
+        # A norm of tens of g is rounded at a millionth of its uncertainty. Coefficients are zero at
+        # the start.
+        result = specific_force_norm(bench, steps, unknowns.bench_values(x))
+        back = np.linalg.pinv(np.array([axis.i for axis in sensor.axes]))
+        sensed = y @ back.T
+        along = sensed @ back
+        variance = ((along[..., None, :] @ covariance)[..., 0, :] * along).sum(axis=-1)
+        return float(np.max(result.norm * np.linalg.norm(sensed, axis=-1) / np.sqrt(variance)))
+
+    return RowComparison(
+        linearise,
+        noise,
+        correlated,
+        observations.labels,
+        relative_size,
+        None if correlated or table is None else normal_equations,
+    )
 
 
 def _same_dwell_rows(
