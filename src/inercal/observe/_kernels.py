@@ -5,49 +5,78 @@ components along P and O, and of ΔT. With S = ∂y/∂f, û = f̂/‖f̂‖ and
 
     ∂‖f̂‖/∂y = b,   ∂‖f̂‖/∂c = −Σ bᵢ ∂yᵢ/∂c,   var ‖f̂‖ = b C bᵀ
 
-f̂ is computed as by `inercal.sensors.inverse`, by Newton's method from the affine part; slopes of
-reversed sign are beyond the fold. Where all products are of a alone, each axis is inverted by
+f̂ is the root that `inercal.sensors.inverse` finds, by Newton's method from the linear part; slopes
+of reversed sign are beyond the fold. Where all products are of a alone, each axis is inverted by
 itself and f̂ = D⁻¹ a with D the directions d; otherwise the three are solved together.
 
-The rows of a trial lie side by side in the innermost axis, and a loop over rows writes one array
-from at most seven: the compiler can prove of so few that they do not overlap, and vectorises the
-loop. Spare rows repeat the last one, with weight zero, up to a multiple of `_WIDTH`.
+The rows of a trial lie side by side in the innermost axis. A loop over rows writes one or two
+arrays from few: the compiler then proves that they do not overlap, and vectorises the loop. Spare
+rows, up to a multiple of `_WIDTH`, repeat the last one with weight zero.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.observe.term_table import OTHER, TermTable
+from inercal.observe.term_table import ALONG, OTHER, TermTable
 
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 
 _WIDTH = 16
 _MAX_STEPS, _TINY = 40, 2.0**-1022
-# Relative to the force: Newton's next step would be the square of it.
+# Of the last step, relative to the force: the error left is of the order of its square.
 _SETTLED = 1e-9
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _directions(c: Array, table: TermTable, d: Array, turned: Array) -> None:
-    """Write the input axes d (3, 3) and their derivatives by δ_O and δ_P at f, (3, 2, 3).
+class _Model(NamedTuple):
+    """The model of a trial: y = a + Σ k φ(a) + e·f + other products, with a = d·f."""
 
-    h = (1, tan δ_O, −tan δ_P)/norm along I, P, O; ∂(h·f)/∂δ is a direction, too.
-    """
-    for i in range(3):
-        o, p = table.tilts[i]
-        tan_o = np.tan(c[o]) if o >= 0 else 0.0
-        tan_p = np.tan(c[p]) if p >= 0 else 0.0
-        norm = np.sqrt(1.0 + tan_o * tan_o + tan_p * tan_p)
-        for k in range(3):
-            along, pendulous, output = table.frames[i, :, k]
-            d[i, k] = (along + tan_o * pendulous - tan_p * output) / norm
-            turned[i, 0, k] = (1.0 + tan_o * tan_o) / norm * (pendulous - d[i, k] * tan_o / norm)
-            turned[i, 1, k] = (1.0 + tan_p * tan_p) / norm * (-output - d[i, k] * tan_p / norm)
+    along: Array  # k (3, 6), of the products along each axis
+    directions: Array  # d (3, 3)
+    turned: Array  # (3, 2, 3), derivatives of d by δ_O and δ_P, which are directions, too
+    across: Array  # e (3, 3)
+    slope: Array  # (3, 3), ∂y/∂f at zero force
+    back: Array  # (3, 3), its inverse
+
+
+class _Rows(NamedTuple):
+    """The rows of a trial, in the last axis of all arrays."""
+
+    y: Array  # (3, r)
+    noise: Array  # (6, r), variances of y and twice the covariances xy, yz, zx
+    warm: Array  # (r,), ΔT
+    f: Array  # (3, r)
+    a: Array  # (3, r)
+    outer: Array  # (3, r), ∂y/∂a
+    slope: Array  # S (3, 3, r)
+    cofactors: Array  # (3, 3, r), of S
+    det: Array  # (r,), of S
+    off: Array  # (3, r), y less the readings at f
+    step: Array  # (3, r), the last one
+    size: Array  # (r,), of the force
+    good: Bools  # (r,), whether f exists
+    length: Array  # (r,), ‖f̂‖
+    by: Array  # b (3, r)
+    seen: Array  # (5, r), components of an axis: a, along P and O, sign of a, ΔT
+    across: Array  # (2, r), ∂y/∂ the components along P and O
+    part: Array  # (r,)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _new_rows(r: int) -> _Rows:
+    three, one = np.zeros((7, 3, r)), np.zeros((5, r))
+    nine = np.zeros((2, 3, 3, r))
+    return _Rows(
+        three[0], np.zeros((6, r)), one[0], three[1], three[2], three[3], nine[0], nine[1], one[1],
+        three[4], three[5], one[2], np.zeros(r, np.bool_), one[3], three[6],
+        np.zeros((5, r)), np.zeros((2, r)), one[4],
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -65,67 +94,143 @@ def _invert(m: Array, result: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _set_model(c: Array, table: TermTable, model: _Model) -> float:
+    """Write the model of coefficients c and return the determinant of ∂y/∂f at zero force.
+
+    h = (1, tan δ_O, −tan δ_P) · norm along I, P, O.
+    """
+    d, turned, k, e = model.directions, model.turned, model.along, model.across
+    frames, tilts, axis, places = table.frames, table.tilts, table.axis, table.place
+    coefficient, factor = table.coefficient, table.factor
+    for i in range(3):
+        o, p = tilts[i, 0], tilts[i, 1]
+        tan_o = np.tan(c[o]) if o >= 0 else 0.0
+        tan_p = np.tan(c[p]) if p >= 0 else 0.0
+        norm = 1.0 / np.sqrt(1.0 + tan_o * tan_o + tan_p * tan_p)
+        by_o, by_p = (1.0 + tan_o * tan_o) * norm, (1.0 + tan_p * tan_p) * norm
+        for m in range(3):
+            along, pendulous, output = frames[i, 0, m], frames[i, 1, m], frames[i, 2, m]
+            one = (along + tan_o * pendulous - tan_p * output) * norm
+            d[i, m] = one
+            turned[i, 0, m] = by_o * (pendulous - one * tan_o * norm)
+            turned[i, 1, m] = by_p * (-output - one * tan_p * norm)
+    k[:], e[:] = 0.0, 0.0
+    for j in range(axis.size):
+        i, place, own = axis[j], places[j], c[coefficient[j]] * factor[j]
+        if place < ALONG:
+            k[i, place] += own
+        elif place < OTHER:
+            for m in range(3):
+                e[i, m] += own * frames[i, 1 + place - ALONG, m]
+    slope = model.slope
+    for i in range(3):
+        for m in range(3):
+            slope[i, m] = (1.0 + k[i, 1]) * d[i, m] + e[i, m]
+    return _invert(slope, model.back)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _combine(x: Array, factor: Array, out: Array) -> None:
-    """Write the rows' combination out (r,) of x (3, r)."""
-    a, b, c = factor
+    """Write the combination of rows x (3, r), out (r,)."""
+    a, b, c = factor[0], factor[1], factor[2]
     x0, x1, x2 = x[0], x[1], x[2]
     for n in range(out.size):
         out[n] = a * x0[n] + b * x1[n] + c * x2[n]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _slope(k: Array, a: Array, slope: Array) -> None:
-    """Write ∂y/∂a by the products along an axis, with coefficients k (6,)."""
-    k1, k2, k3, odd1, odd2 = 1.0 + k[1], 2.0 * k[2], 3.0 * k[3], k[4], 2.0 * k[5]
-    if odd1 == 0.0 and odd2 == 0.0:
-        for n in range(a.size):
-            slope[n] = k1 + (k2 + k3 * a[n]) * a[n]
-    else:
-        for n in range(a.size):
-            x = a[n]
-            slope[n] = k1 + (k2 + k3 * x) * x + odd2 * abs(x) + odd1 * np.sign(x)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _reading(k: Array, a: Array, value: Array) -> None:
-    """Write the reading by the products along an axis."""
+def _off(k: Array, y: Array, a: Array, off: Array, outer: Array) -> None:
+    """Write y less a and the products along an axis, of coefficients k (6,), and ∂y/∂a."""
     k0, k1, k2, k3, odd1, odd2 = k[0], 1.0 + k[1], k[2], k[3], k[4], k[5]
     if odd1 == 0.0 and odd2 == 0.0:
         for n in range(a.size):
             x = a[n]
-            value[n] = k0 + (k1 + (k2 + k3 * x) * x) * x
+            off[n] = y[n] - k0 - (k1 + (k2 + k3 * x) * x) * x
+            outer[n] = k1 + (2.0 * k2 + 3.0 * k3 * x) * x
     else:
         for n in range(a.size):
             x = a[n]
-            value[n] = k0 + (k1 + (k2 + k3 * x) * x) * x + (odd1 + odd2 * x) * abs(x)
+            sign = (1.0 if x > 0.0 else 0.0) - (1.0 if x < 0.0 else 0.0)
+            off[n] = y[n] - k0 - (k1 + (k2 + k3 * x) * x) * x - (odd1 + odd2 * x) * abs(x)
+            outer[n] = k1 + (2.0 * k2 + 3.0 * k3 * x) * x + 2.0 * odd2 * abs(x) + odd1 * sign
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _invert_axes(y: Array, k: Array, a: Array, step: Array, slope: Array, size: Array) -> None:
-    """Write the forces along the axes, a (3, r), the last steps and the slopes of each axis."""
-    rows = size.size
+def _unsettled(step: Array, size: Array) -> int:
+    """Return in how many rows another step is worth it."""
+    count = 0
+    for n in range(step.size):
+        count += 0 if abs(step[n]) <= _SETTLED * size[n] else 1
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _mark(step: Array, size: Array, slope: Array, at_zero: float, good: Bools) -> int:
+    """Mark rows that are not settled or beyond the fold, and return their number.
+
+    The marks are written only where there is one: a loop over bools is slow.
+    """
+    count = 0
+    for n in range(step.size):
+        count += 0 if abs(step[n]) <= _SETTLED * size[n] and slope[n] * at_zero > 0.0 else 1
+    if count > 0:
+        for n in range(step.size):
+            good[n] &= abs(step[n]) <= _SETTLED * size[n] and slope[n] * at_zero > 0.0
+    return count
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _add(step: Array, factor: float, total: Array) -> None:
+    for n in range(step.size):
+        total[n] += factor * step[n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _divide(slope: Array, step: Array) -> None:
+    for n in range(step.size):
+        step[n] /= slope[n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _start(y: Array, k0: float, factor: float, a: Array, size: Array) -> None:
+    """Write the linear part of the force along an axis, and raise the sizes to it."""
+    for n in range(a.size):
+        a[n] = (y[n] - k0) * factor
+    _raise_size(a, size)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _raise_size(a: Array, size: Array) -> None:
+    for n in range(a.size):
+        size[n] = max(size[n], abs(a[n]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _invert_axes(model: _Model, rows: _Rows) -> int:
+    """Write f, a and ∂y/∂a where all products are along the axes; return how many do not exist.
+
+    The first step is by the slope at zero, without a division.
+    """
+    size, good, ys, forces, steps, outers = (
+        rows.size, rows.good, rows.y, rows.a, rows.step, rows.outer
+    )
+    ks = model.along
     size[:] = _TINY
     for i in range(3):
-        k0, k1 = k[i, 0], 1.0 + k[i, 1]
-        for n in range(rows):
-            a[i, n] = (y[i, n] - k0) / k1
-        for n in range(rows):
-            size[n] = max(size[n], abs(a[i, n]))
+        _start(ys[i], ks[i, 0], 1.0 / (1.0 + ks[i, 1]), forces[i], size)
+    bad = 0
     for i in range(3):
-        force, last, by, read = a[i], step[i], slope[i], y[i]
+        k, y, a, step, outer = ks[i], ys[i], forces[i], steps[i], outers[i]
+        _off(k, y, a, step, outer)
+        _add(step, 1.0 / (1.0 + k[1]), a)
         for _ in range(_MAX_STEPS):
-            _slope(k[i], force, by)
-            _reading(k[i], force, last)
-            for n in range(rows):
-                last[n] = (read[n] - last[n]) / by[n]
-            unsettled = 0
-            for n in range(rows):
-                unsettled += not abs(last[n]) <= _SETTLED * size[n]
-            for n in range(rows):
-                force[n] += last[n]
-            if unsettled == 0:
+            _off(k, y, a, step, outer)
+            _divide(outer, step)
+            _add(step, 1.0, a)
+            if _unsettled(step, size) == 0:
                 break
-        _slope(k[i], force, by)
+        bad += _mark(step, size, outer, 1.0 + k[1], good)
+    return bad
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -141,142 +246,261 @@ def _product(seen: Array, powers: Indices, factor: float, by: int, out: Array) -
     out[:] = factor
     for place in range(powers.size):
         one = seen[place]
-        for _ in range(powers[place] - (place == by)):
+        for _ in range(powers[place] - (1 if place == by else 0)):
             for n in range(out.size):
                 out[n] *= one[n]
     return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _components(i: int, f: Array, a: Array, warm: Array, table: TermTable, seen: Array) -> None:
-    """Write the components seen from axis i: a, along P and O, the sign of a, and ΔT."""
-    seen[0] = a
-    _combine(f, table.frames[i, 1], seen[1])
-    _combine(f, table.frames[i, 2], seen[2])
+def _components(i: int, table: TermTable, rows: _Rows) -> None:
+    """Write the components that axis i sees."""
+    seen, a, f, frames = rows.seen, rows.a[i], rows.f, table.frames
+    seen[0], seen[4] = a, rows.warm
+    _combine(f, frames[i, 1], seen[1])
+    _combine(f, frames[i, 2], seen[2])
+    sign = seen[3]
     for n in range(a.size):
-        seen[3, n] = np.sign(a[n])
-    seen[4] = warm
+        sign[n] = (1.0 if a[n] > 0.0 else 0.0) - (1.0 if a[n] < 0.0 else 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _respond(
-    c: Array, k: Array, d: Array, f: Array, warm: Array, table: TermTable, others: Indices,
-    seen: Array, part: Array, a: Array, value: Array, outer: Array, slope: Array,
-) -> None:
-    """Write readings (3, r) at f (3, r), ∂y/∂a (3, r) and S (3, 3, r) with all products."""
-    rows = part.size
-    across = np.empty((2, rows))
-    for i in range(3):
-        _combine(f, d[i], a[i])
-        _reading(k[i], a[i], value[i])
-        _slope(k[i], a[i], outer[i])
-        if others[i]:
-            _components(i, f, a[i], warm, table, seen)
+def _other_products(
+    i: int, c: Array, table: TermTable, rows: _Rows, off: Array, outer: Array
+) -> bool:
+    """Add the products of axis i that are neither along nor across; return whether it has any."""
+    seen, part, across = rows.seen, rows.part, rows.across
+    axis, places, powers = table.axis, table.place, table.powers
+    coefficient, factor = table.coefficient, table.factor
+    found = False
+    for j in range(axis.size):
+        if axis[j] != i or places[j] != OTHER:
+            continue
+        if not found:
+            _components(i, table, rows)
             across[:] = 0.0
-            for j in range(table.axis.size):
-                if table.axis[j] != i or table.place[j] != OTHER:
-                    continue
-                own = c[table.coefficient[j]] * table.factor[j]
-                for by in range(-1, 3):
-                    if _product(seen, table.powers[j], own, by, part):
-                        total = value[i] if by < 0 else outer[i] if by == 0 else across[by - 1]
-                        for n in range(rows):
-                            total[n] += part[n]
-        for m in range(3):
-            along, pendulous, output = d[i, m], table.frames[i, 1, m], table.frames[i, 2, m]
-            if others[i]:
-                for n in range(rows):
-                    slope[i, m, n] = (
-                        along * outer[i, n] + pendulous * across[0, n] + output * across[1, n]
-                    )
-            else:
-                for n in range(rows):
-                    slope[i, m, n] = along * outer[i, n]
+            found = True
+        own = c[coefficient[j]] * factor[j]
+        if _product(seen, powers[j], own, -1, part):
+            _add(part, -1.0, off)
+        if _product(seen, powers[j], own, 0, part):
+            _add(part, 1.0, outer)
+        for m in range(2):
+            if _product(seen, powers[j], own, 1 + m, part):
+                _add(part, 1.0, across[m])
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _cofactors(s: Array, cofactors: Array, det: Array) -> None:
+def _set_slope(along: float, outer: Array, bent: float, slope: Array) -> None:
+    for n in range(slope.size):
+        slope[n] = along * outer[n] + bent
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _respond(c: Array, table: TermTable, model: _Model, rows: _Rows) -> None:
+    """Write at f: a, y less the readings, ∂y/∂a, and S with its cofactors."""
+    f, part, across, slope, frames = rows.f, rows.part, rows.across, rows.slope, table.frames
+    ds, es, ks = model.directions, model.across, model.along
+    ys, forces, offs, outers = rows.y, rows.a, rows.off, rows.outer
+    for i in range(3):
+        off, outer = offs[i], outers[i]
+        _combine(f, ds[i], forces[i])
+        _off(ks[i], ys[i], forces[i], off, outer)
+        if es[i, 0] != 0.0 or es[i, 1] != 0.0 or es[i, 2] != 0.0:
+            _combine(f, es[i], part)
+            _add(part, -1.0, off)
+        others = _other_products(i, c, table, rows, off, outer)
+        for m in range(3):
+            _set_slope(ds[i, m], outer, es[i, m], slope[i, m])
+            if others:
+                _add(across[0], frames[i, 1, m], slope[i, m])
+                _add(across[1], frames[i, 2, m], slope[i, m])
+    _set_cofactors(slope, rows.cofactors, rows.det)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _minor(a: Array, b: Array, c: Array, d: Array, result: Array) -> None:
+    for n in range(result.size):
+        result[n] = a[n] * b[n] - c[n] * d[n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _set_cofactors(s: Array, cofactors: Array, det: Array) -> None:
     """Write cofactors of S (3, 3, r), so that S⁻¹ = cofactorsᵀ/det, and det (r,)."""
     for i in range(3):
         for j in range(3):
             a, b, c, e = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-            for n in range(det.size):
-                cofactors[i, j, n] = s[a, c, n] * s[b, e, n] - s[a, e, n] * s[b, c, n]
-    for n in range(det.size):
-        det[n] = (
-            s[0, 0, n] * cofactors[0, 0, n]
-            + s[0, 1, n] * cofactors[0, 1, n]
-            + s[0, 2, n] * cofactors[0, 2, n]
-        )
+            _minor(s[a, c], s[b, e], s[a, e], s[b, c], cofactors[i, j])
+    _multiply(s[0], cofactors[0], det)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _multiply(x: Array, y: Array, total: Array) -> None:
+    """Write Σ x y over three rows."""
+    x0, x1, x2, y0, y1, y2 = x[0], x[1], x[2], y[0], y[1], y[2]
+    for n in range(total.size):
+        total[n] = x0[n] * y0[n] + x1[n] * y1[n] + x2[n] * y2[n]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _invert_together(
-    c: Array, k: Array, d: Array, y: Array, warm: Array, table: TermTable, others: Indices,
-    f: Array, a: Array, outer: Array, cofactors: Array, det: Array, good: Bools,
-) -> None:
-    """Write the force f (3, r), a and ∂y/∂a, cofactors and determinant of S, and what exists."""
-    rows = det.size
-    seen, part, value = np.empty((5, rows)), np.empty(rows), np.empty((3, rows))
-    slope, size, first = np.empty((3, 3, rows)), np.full(rows, _TINY), np.empty(rows)
-    step = np.empty((3, rows))
-    f[:] = 0.0
-    for count in range(_MAX_STEPS + 1):
-        _respond(c, k, d, f, warm, table, others, seen, part, a, value, outer, slope)
-        _cofactors(slope, cofactors, det)
-        for i in range(3):
-            for n in range(rows):
-                value[i, n] = (y[i, n] - value[i, n]) / det[n]
-        for m in range(3):
-            for n in range(rows):
-                step[m, n] = (
-                    value[0, n] * cofactors[0, m, n]
-                    + value[1, n] * cofactors[1, m, n]
-                    + value[2, n] * cofactors[2, m, n]
-                )
-            for n in range(rows):
-                f[m, n] += step[m, n]
-        if count == 0:
-            first[:] = det
-            for m in range(3):
-                for n in range(rows):
-                    size[n] = max(size[n], abs(f[m, n]))
-            continue
+    c: Array, at_zero: float, table: TermTable, model: _Model, rows: _Rows
+) -> int:
+    """Write f, a, ∂y/∂a and S for any products; return how many do not exist.
+
+    `at_zero` is the determinant of S at zero force.
+    """
+    f, off, steps, size, part, det = rows.f, rows.off, rows.step, rows.size, rows.part, rows.det
+    good, cofactors, ys, forces = rows.good, rows.cofactors, rows.y, rows.a
+    ks, back, ds = model.along, model.back, model.directions
+    size[:] = _TINY
+    for i in range(3):
+        _start(ys[i], ks[i, 0], 1.0, off[i], part)
+    for m in range(3):
+        _combine(off, back[m], f[m])
+        _raise_size(f[m], size)
+    for _ in range(_MAX_STEPS):
+        _respond(c, table, model, rows)
         unsettled = 0
         for m in range(3):
-            for n in range(rows):
-                unsettled += not abs(step[m, n]) <= _SETTLED * size[n]
+            step = steps[m]
+            _multiply(off, cofactors[:, m], step)
+            _divide(det, step)
+            _add(step, 1.0, f[m])
+            unsettled += _unsettled(step, size)
         if unsettled == 0:
             break
-    _respond(c, k, d, f, warm, table, others, seen, part, a, value, outer, slope)
-    _cofactors(slope, cofactors, det)
-    for n in range(rows):
-        good[n] = det[n] * first[n] > 0.0
-        for m in range(3):
-            good[n] &= abs(step[m, n]) <= _SETTLED * size[n]
+    bad = 0
+    for i in range(3):
+        _combine(f, ds[i], forces[i])
+        bad += _mark(steps[i], size, det, at_zero, good)
+    return bad
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _add_column(place: int, factor: float, a: Array, g: Array, column: Array) -> None:
-    """Add factor · g · φ(a) of the product along an axis at a place."""
+def _replace_bad(rows: _Rows) -> None:
+    """Write finite numbers where no force exists."""
+    for n in range(rows.part.size):
+        if not rows.good[n]:
+            rows.det[n] = 1.0
+            for i in range(3):
+                rows.f[i, n], rows.a[i, n], rows.outer[i, n] = 1.0, 1.0, 1.0
+                for j in range(3):
+                    rows.cofactors[i, j, n] = 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _find_force(c: Array, table: TermTable, model: _Model, separable: bool, rows: _Rows) -> None:
+    """Write f̂, its norm, and b = ûᵀ S⁻¹; finite where the force does not exist, too."""
+    f, a, bys, length, part = rows.f, rows.a, rows.by, rows.length, rows.part
+    outers, det, cofactors, back = rows.outer, rows.det, rows.cofactors, model.back
+    at_zero = _set_model(c, table, model)
+    rows.good[:] = True
+    if separable:
+        bad = _invert_axes(model, rows)
+        _invert(model.directions, back)
+        for m in range(3):
+            _combine(a, back[m], f[m])
+    else:
+        bad = _invert_together(c, at_zero, table, model, rows)
+    if bad > 0:
+        _replace_bad(rows)
+    _multiply(f, f, length)
+    for n in range(length.size):
+        length[n] = np.sqrt(length[n])
+    for i in range(3):
+        by = bys[i]
+        if separable:
+            _combine(f, back[:, i], by)
+            _divide(outers[i], by)
+        else:
+            _multiply(f, cofactors[i], by)
+            _divide(det, by)
+        _divide(length, by)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _set_variance(by: Array, noise: Array, variance: Array) -> None:
+    """Write b C bᵀ (r,)."""
+    for n in range(variance.size):
+        variance[n] = (
+            by[0, n] * by[0, n] * noise[0, n]
+            + by[1, n] * by[1, n] * noise[1, n]
+            + by[2, n] * by[2, n] * noise[2, n]
+        )
+    for n in range(variance.size):
+        variance[n] += (
+            by[0, n] * by[1, n] * noise[3, n]
+            + by[1, n] * by[2, n] * noise[4, n]
+            + by[2, n] * by[0, n] * noise[5, n]
+        )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _add_product(a: Array, b: Array, total: Array) -> None:
+    for n in range(total.size):
+        total[n] += a[n] * b[n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _scale(factor: Array, row: Array) -> None:
+    for n in range(row.size):
+        row[n] *= factor[n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _add_column(place: int, factor: float, a: Array, by: Array, column: Array) -> None:
+    """Add factor · b · φ(a) of the product along an axis at a place."""
     if place == 0:
         for n in range(a.size):
-            column[n] += factor * g[n]
+            column[n] += factor * by[n]
     elif place == 1:
         for n in range(a.size):
-            column[n] += factor * g[n] * a[n]
+            column[n] += factor * by[n] * a[n]
     elif place == 2:
         for n in range(a.size):
-            column[n] += factor * g[n] * a[n] * a[n]
+            column[n] += factor * by[n] * a[n] * a[n]
     elif place == 3:
         for n in range(a.size):
-            column[n] += factor * g[n] * a[n] * a[n] * a[n]
+            column[n] += factor * by[n] * a[n] * a[n] * a[n]
     elif place == 4:
         for n in range(a.size):
-            column[n] += factor * g[n] * abs(a[n])
+            column[n] += factor * by[n] * abs(a[n])
     else:
         for n in range(a.size):
-            column[n] += factor * g[n] * a[n] * abs(a[n])
+            column[n] += factor * by[n] * a[n] * abs(a[n])
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _set_columns(table: TermTable, model: _Model, rows: _Rows, columns: Array) -> None:
+    """Write Σ b ∂y/∂c of each coefficient, (p, r); b may be weighted."""
+    part, a, b, f, seen, frames = rows.part, rows.a, rows.by, rows.f, rows.seen, table.frames
+    powers = table.powers
+    axis, places, factors, coefficient = table.axis, table.place, table.factor, table.coefficient
+    columns[:] = 0.0
+    for j in range(axis.size):
+        i, place, factor = axis[j], places[j], factors[j]
+        column, by = columns[coefficient[j]], b[i]
+        if place < ALONG:
+            _add_column(place, factor, a[i], by, column)
+            continue
+        if place < OTHER:
+            _combine(f, frames[i, 1 + place - ALONG], part)
+            for n in range(part.size):
+                part[n] *= factor
+        else:
+            _components(i, table, rows)
+            _product(seen, powers[j], factor, -1, part)
+        _add_product(by, part, column)
+    tilts, turned, outer = table.tilts, model.turned, rows.outer
+    for i in range(3):
+        for kind in range(2):
+            j = tilts[i, kind]
+            if j >= 0:
+                _combine(f, turned[i, kind], part)
+                _scale(outer[i], part)
+                _add_product(b[i], part, columns[j])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
@@ -285,6 +509,27 @@ def _dot(a: Array, b: Array) -> float:
     for n in range(a.size):
         total += a[n] * b[n]
     return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _load(y: Array, result: Array) -> None:
+    """Copy the readings of a trial, (r, 3); spare rows repeat the last one."""
+    for i in range(3):
+        row = result[i]
+        for n in range(y.shape[0]):
+            row[n] = y[n, i]
+        row[y.shape[0] :] = y[y.shape[0] - 1, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _load_noise(covariance: Array, noise: Array) -> None:
+    last = covariance.shape[0] - 1
+    for n in range(noise.shape[1]):
+        at = min(n, last)
+        for i in range(3):
+            j = (i + 1) % 3
+            noise[i, n] = covariance[at, i, i]
+            noise[3 + i, n] = covariance[at, i, j] + covariance[at, j, i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -332,134 +577,60 @@ def norm_kernel(
     weight : (s, r) array
         1/sd of it.
     normal, gradient : (s, k (k + 1)/2) and (s, k) arrays
-        AᵀA, row after row, and Aᵀu, k = p + q; without trials if the Jacobian is wanted.
+        Lower triangle of AᵀA, row after row, and Aᵀu, k = p + q; without trials if the Jacobian is
+        wanted.
     """
     (count, k), r, q = x.shape, y.shape[1], made_by.shape[0]
-    p = k - q
-    rows = -(-r // _WIDTH) * _WIDTH
-    dense = jacobian.shape[0] > 0
+    p, dense = k - q, jacobian.shape[0] > 0
     packed = 0 if dense else count
     residual, weight = np.empty((count, r)), np.empty((count, r))
     normal, gradient = np.empty((packed, k * (k + 1) // 2)), np.empty((packed, k))
-    others = np.zeros(3, np.int64)
-    for j in range(table.axis.size):
-        others[table.axis[j]] += table.place[j] == OTHER
-    together = others.sum() > 0
-    poly, d, turned, back = np.empty((3, 6)), np.empty((3, 3)), np.empty((3, 2, 3)), np.empty((3, 3))
-    read, noise, warm = np.empty((3, rows)), np.empty((6, rows)), np.empty(rows)
-    f, a = np.empty((3, rows)), np.empty((3, rows))
-    outer, step = np.empty((3, rows)), np.empty((3, rows))
-    g, up, seen, part = np.empty((3, rows)), np.empty((3, rows)), np.empty((5, rows)), np.empty(rows)
-    cofactors, det, size = np.empty((3, 3, rows)), np.empty(rows), np.empty(rows)
-    good, length, variance = np.empty(rows, np.bool_), np.empty(rows), np.empty(rows)
-    w, u, columns = np.zeros(rows), np.zeros(rows), np.empty((k, rows))
+    separable = True
+    for place in table.place:
+        separable &= place < ALONG
+    rows = _new_rows(-(-r // _WIDTH) * _WIDTH)
+    model = _Model(
+        np.empty((3, 6)),
+        np.empty((3, 3)),
+        np.empty((3, 2, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+    )
+    size, by, noise, length, good = rows.part.size, rows.by, rows.noise, rows.length, rows.good
+    w, u, negative, variance = np.zeros(size), np.zeros(size), np.zeros(size), np.empty(size)
+    columns = np.zeros((k, size))
     for s in range(count):
         t = which[s]
-        c = x[s]
         if s == 0 or y.shape[0] > 1:
-            one = y[min(t, y.shape[0] - 1)]
-            for n in range(rows):
-                for i in range(3):
-                    read[i, n] = one[min(n, r - 1), i]
+            _load(y[min(t, y.shape[0] - 1)], rows.y)
         if s == 0 or covariance.shape[0] > 1:
-            own = covariance[min(t, covariance.shape[0] - 1)]
-            for n in range(rows):
-                at = own[min(n, r - 1)]
-                for i in range(3):
-                    noise[i, n] = at[i, i]
-                    noise[3 + i, n] = at[i, (i + 1) % 3] + at[(i + 1) % 3, i]
+            _load_noise(covariance[min(t, covariance.shape[0] - 1)], noise)
         if s == 0 or warmth.shape[0] > 1:
-            for n in range(rows):
-                warm[n] = warmth[min(t, warmth.shape[0] - 1), min(n, r - 1)]
-        poly[:] = 0.0
-        for j in range(table.axis.size):
-            if table.place[j] != OTHER:
-                poly[table.axis[j], table.place[j]] += c[table.coefficient[j]] * table.factor[j]
-        _directions(c, table, d, turned)
-        if together:
-            _invert_together(
-                c, poly, d, read, warm, table, others, f, a, outer, cofactors, det, good
-            )
-        else:
-            at_zero = (1.0 + poly[0, 1]) * (1.0 + poly[1, 1]) * (1.0 + poly[2, 1])
-            _invert(d, back)
-            _invert_axes(read, poly, a, step, outer, size)
-            for m in range(3):
-                _combine(a, back[m], f[m])
-            for n in range(rows):
-                good[n] = outer[0, n] * outer[1, n] * outer[2, n] * at_zero > 0.0
-                for i in range(3):
-                    good[n] &= abs(step[i, n]) <= _SETTLED * size[n]
-        for n in range(rows):
-            if not good[n]:
-                f[:, n], a[:, n], outer[:, n], det[n] = 1.0, 1.0, 1.0, 1.0
-                cofactors[:, :, n] = 1.0
-        for n in range(rows):
-            length[n] = np.sqrt(f[0, n] * f[0, n] + f[1, n] * f[1, n] + f[2, n] * f[2, n])
-        for m in range(3):
-            for n in range(rows):
-                up[m, n] = f[m, n] / length[n]
-        for i in range(3):
-            if together:
-                for n in range(rows):
-                    g[i, n] = (
-                        up[0, n] * cofactors[i, 0, n]
-                        + up[1, n] * cofactors[i, 1, n]
-                        + up[2, n] * cofactors[i, 2, n]
-                    ) / det[n]
-            else:
-                _combine(up, back[:, i], part)
-                for n in range(rows):
-                    g[i, n] = part[n] / outer[i, n]
-        for n in range(rows):
-            variance[n] = (
-                g[0, n] * g[0, n] * noise[0, n]
-                + g[1, n] * g[1, n] * noise[1, n]
-                + g[2, n] * g[2, n] * noise[2, n]
-            )
-        for n in range(rows):
-            variance[n] += (
-                g[0, n] * g[1, n] * noise[3, n]
-                + g[1, n] * g[2, n] * noise[4, n]
-                + g[2, n] * g[0, n] * noise[5, n]
-            )
-        its = min(s, made.shape[0] - 1)
-        its_variance = min(s, made_variance.shape[0] - 1)
+            rows.warm[:r] = warmth[min(t, warmth.shape[0] - 1)]
+        _find_force(x[s], table, model, separable, rows)
+        _set_variance(by, noise, variance)
+        norm, own = made[min(s, made.shape[0] - 1)], made_variance[min(s, made_variance.shape[0] - 1)]
         for n in range(r):
-            w[n] = 1.0 / np.sqrt(variance[n] + made_variance[its_variance, n])
+            w[n] = 1.0 / np.sqrt(variance[n] + own[n])
         for n in range(r):
-            weight[s, n] = w[n]
+            u[n] = norm[n] - length[n]
         for n in range(r):
-            residual[s, n] = made[its, n] - length[n] if good[n] else np.nan
+            u[n] = u[n] if good[n] else np.nan
+        weight[s], residual[s] = w[:r], u[:r]
         for n in range(r):
-            u[n] = w[n] * residual[s, n]
+            u[n] *= w[n]
         if dense:
             w[:r] = 1.0
+        for n in range(r):
+            negative[n] = -w[n]
         for i in range(3):
-            for n in range(rows):
-                g[i, n] *= -w[n]
-        columns[:] = 0.0
-        for j in range(table.axis.size):
-            i = table.axis[j]
-            column = columns[table.coefficient[j]]
-            if table.place[j] != OTHER:
-                _add_column(table.place[j], table.factor[j], a[i], g[i], column)
-            else:
-                _components(i, f, a[i], warm, table, seen)
-                _product(seen, table.powers[j], table.factor[j], -1, part)
-                for n in range(rows):
-                    column[n] += g[i, n] * part[n]
-        for i in range(3):
-            for kind in range(2):
-                j = table.tilts[i, kind]
-                if j >= 0:
-                    _combine(f, turned[i, kind], part)
-                    for n in range(rows):
-                        columns[j, n] = g[i, n] * outer[i, n] * part[n]
+            _scale(negative, by[i])
+        _set_columns(table, model, rows, columns[:p])
         for j in range(q):
-            by = made_by[j, min(s, made_by.shape[1] - 1)]
+            column, own = columns[p + j], made_by[j, min(s, made_by.shape[1] - 1)]
             for n in range(r):
-                columns[p + j, n] = -w[n] * by[n]
+                column[n] = negative[n] * own[n]
         if dense:
             for n in range(r):
                 for j in range(k):

@@ -18,9 +18,12 @@ Indices = NDArray[np.int64]
 
 # Powers of the components in a product, and of sign and temperature.
 _POWERS = ("fi", "fp", "fo", "si", "dT")
-# Products of the component along the axis alone, in the order of `place`: 1, a, a², a³, |a|, a|a|.
+# Places of products: of the component along the axis alone, 1, a, a², a³, |a| and a|a|; the
+# component along P, or O; any other product.
 _ALONG = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1))
-OTHER = len(_ALONG)
+ALONG = len(_ALONG)
+ACROSS = ALONG, ALONG + 1
+OTHER = ALONG + 2
 
 
 class TermTable(NamedTuple):
@@ -31,7 +34,7 @@ class TermTable(NamedTuple):
     coefficient: Indices  # (t,), place of the coefficient of each product
     axis: Indices  # (t,)
     factor: Array  # (t,)
-    place: Indices  # (t,), of the product among those along the axis, `OTHER` for others
+    place: Indices  # (t,), of the product: below `ALONG`, one of `ACROSS`, or `OTHER`
     powers: Indices  # (t, 5), of fi, fp, fo, the sign of fi, and ΔT
 
     @property
@@ -74,5 +77,8 @@ def term_table(sensor: Sensor) -> TermTable | None:
 
 
 def _place(i: int, p: int, o: int, sign: int, warm: int) -> int:
-    along = p == o == warm == 0 and (i, sign) in _ALONG
-    return _ALONG.index((i, sign)) if along else OTHER
+    if p == o == warm == 0 and (i, sign) in _ALONG:
+        return _ALONG.index((i, sign))
+    if i == sign == warm == 0 and p + o == 1:
+        return ACROSS[o]
+    return OTHER
