@@ -79,7 +79,7 @@ def _new_rows(r: int) -> _Rows:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _invert(m: Array, result: Array) -> float:
     """Write the inverse of a matrix (3, 3) and return its determinant."""
     for i in range(3):
@@ -93,7 +93,7 @@ def _invert(m: Array, result: Array) -> float:
     return size
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _set_model(c: Array, table: TermTable, model: _Model) -> float:
     """Write the model of coefficients c and return the determinant of ∂y/∂f at zero force.
 
@@ -114,7 +114,9 @@ def _set_model(c: Array, table: TermTable, model: _Model) -> float:
             d[i, m] = one
             turned[i, 0, m] = by_o * (pendulous - one * tan_o * norm)
             turned[i, 1, m] = by_p * (-output - one * tan_p * norm)
-    k[:], e[:] = 0.0, 0.0
+    for i in range(3):
+        _fill(0.0, k[i])
+        _fill(0.0, e[i])
     for j in range(axis.size):
         i, place, own = axis[j], places[j], c[coefficient[j]] * factor[j]
         if place < ALONG:
@@ -129,7 +131,7 @@ def _set_model(c: Array, table: TermTable, model: _Model) -> float:
     return _invert(slope, model.back)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _combine(x: Array, factor: Array, out: Array) -> None:
     """Write the combination of rows x (3, r), out (r,)."""
     a, b, c = factor[0], factor[1], factor[2]
@@ -138,7 +140,7 @@ def _combine(x: Array, factor: Array, out: Array) -> None:
         out[n] = a * x0[n] + b * x1[n] + c * x2[n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _off(k: Array, y: Array, a: Array, off: Array, outer: Array) -> None:
     """Write y less a and the products along an axis, of coefficients k (6,), and ∂y/∂a."""
     k0, k1, k2, k3, odd1, odd2 = k[0], 1.0 + k[1], k[2], k[3], k[4], k[5]
@@ -155,7 +157,7 @@ def _off(k: Array, y: Array, a: Array, off: Array, outer: Array) -> None:
             outer[n] = k1 + (2.0 * k2 + 3.0 * k3 * x) * x + 2.0 * odd2 * abs(x) + odd1 * sign
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _unsettled(step: Array, size: Array) -> int:
     """Return in how many rows another step is worth it."""
     count = 0
@@ -164,7 +166,7 @@ def _unsettled(step: Array, size: Array) -> int:
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _mark(step: Array, size: Array, slope: Array, at_zero: float, good: Bools) -> int:
     """Mark rows that are not settled or beyond the fold, and return their number.
 
@@ -179,19 +181,31 @@ def _mark(step: Array, size: Array, slope: Array, at_zero: float, good: Bools) -
     return count
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _add(step: Array, factor: float, total: Array) -> None:
     for n in range(step.size):
         total[n] += factor * step[n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
+def _fill(value: float, row: Array) -> None:
+    for n in range(row.size):
+        row[n] = value
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
+def _copy(row: Array, result: Array) -> None:
+    for n in range(row.size):
+        result[n] = row[n]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _divide(slope: Array, step: Array) -> None:
     for n in range(step.size):
         step[n] /= slope[n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _start(y: Array, k0: float, factor: float, a: Array, size: Array) -> None:
     """Write the linear part of the force along an axis, and raise the sizes to it."""
     for n in range(a.size):
@@ -199,13 +213,13 @@ def _start(y: Array, k0: float, factor: float, a: Array, size: Array) -> None:
     _raise_size(a, size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _raise_size(a: Array, size: Array) -> None:
     for n in range(a.size):
         size[n] = max(size[n], abs(a[n]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _invert_axes(model: _Model, rows: _Rows) -> int:
     """Write f, a and ∂y/∂a where all products are along the axes; return how many do not exist.
 
@@ -215,7 +229,7 @@ def _invert_axes(model: _Model, rows: _Rows) -> int:
         rows.size, rows.good, rows.y, rows.a, rows.step, rows.outer
     )
     ks = model.along
-    size[:] = _TINY
+    _fill(_TINY, size)
     for i in range(3):
         _start(ys[i], ks[i, 0], 1.0 / (1.0 + ks[i, 1]), forces[i], size)
     bad = 0
@@ -233,7 +247,7 @@ def _invert_axes(model: _Model, rows: _Rows) -> int:
     return bad
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _product(seen: Array, powers: Indices, factor: float, by: int, out: Array) -> bool:
     """Write a product of components seen (5, r), or with by ≥ 0 its derivative by that one.
 
@@ -243,7 +257,7 @@ def _product(seen: Array, powers: Indices, factor: float, by: int, out: Array) -
         if powers[by] == 0:
             return False
         factor *= powers[by]
-    out[:] = factor
+    _fill(factor, out)
     for place in range(powers.size):
         one = seen[place]
         for _ in range(powers[place] - (1 if place == by else 0)):
@@ -252,11 +266,12 @@ def _product(seen: Array, powers: Indices, factor: float, by: int, out: Array) -
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _components(i: int, table: TermTable, rows: _Rows) -> None:
     """Write the components that axis i sees."""
     seen, a, f, frames = rows.seen, rows.a[i], rows.f, table.frames
-    seen[0], seen[4] = a, rows.warm
+    _copy(a, seen[0])
+    _copy(rows.warm, seen[4])
     _combine(f, frames[i, 1], seen[1])
     _combine(f, frames[i, 2], seen[2])
     sign = seen[3]
@@ -264,7 +279,7 @@ def _components(i: int, table: TermTable, rows: _Rows) -> None:
         sign[n] = (1.0 if a[n] > 0.0 else 0.0) - (1.0 if a[n] < 0.0 else 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _other_products(
     i: int, c: Array, table: TermTable, rows: _Rows, off: Array, outer: Array
 ) -> bool:
@@ -278,7 +293,8 @@ def _other_products(
             continue
         if not found:
             _components(i, table, rows)
-            across[:] = 0.0
+            _fill(0.0, across[0])
+            _fill(0.0, across[1])
             found = True
         own = c[coefficient[j]] * factor[j]
         if _product(seen, powers[j], own, -1, part):
@@ -291,13 +307,13 @@ def _other_products(
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _set_slope(along: float, outer: Array, bent: float, slope: Array) -> None:
     for n in range(slope.size):
         slope[n] = along * outer[n] + bent
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _respond(c: Array, table: TermTable, model: _Model, rows: _Rows) -> None:
     """Write at f: a, y less the readings, ∂y/∂a, and S with its cofactors."""
     f, part, across, slope, frames = rows.f, rows.part, rows.across, rows.slope, table.frames
@@ -319,13 +335,13 @@ def _respond(c: Array, table: TermTable, model: _Model, rows: _Rows) -> None:
     _set_cofactors(slope, rows.cofactors, rows.det)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _minor(a: Array, b: Array, c: Array, d: Array, result: Array) -> None:
     for n in range(result.size):
         result[n] = a[n] * b[n] - c[n] * d[n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _set_cofactors(s: Array, cofactors: Array, det: Array) -> None:
     """Write cofactors of S (3, 3, r), so that S⁻¹ = cofactorsᵀ/det, and det (r,)."""
     for i in range(3):
@@ -335,7 +351,7 @@ def _set_cofactors(s: Array, cofactors: Array, det: Array) -> None:
     _multiply(s[0], cofactors[0], det)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _multiply(x: Array, y: Array, total: Array) -> None:
     """Write Σ x y over three rows."""
     x0, x1, x2, y0, y1, y2 = x[0], x[1], x[2], y[0], y[1], y[2]
@@ -343,7 +359,7 @@ def _multiply(x: Array, y: Array, total: Array) -> None:
         total[n] = x0[n] * y0[n] + x1[n] * y1[n] + x2[n] * y2[n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _invert_together(
     c: Array, at_zero: float, table: TermTable, model: _Model, rows: _Rows
 ) -> int:
@@ -354,7 +370,7 @@ def _invert_together(
     f, off, steps, size, part, det = rows.f, rows.off, rows.step, rows.size, rows.part, rows.det
     good, cofactors, ys, forces = rows.good, rows.cofactors, rows.y, rows.a
     ks, back, ds = model.along, model.back, model.directions
-    size[:] = _TINY
+    _fill(_TINY, size)
     for i in range(3):
         _start(ys[i], ks[i, 0], 1.0, off[i], part)
     for m in range(3):
@@ -378,7 +394,7 @@ def _invert_together(
     return bad
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _replace_bad(rows: _Rows) -> None:
     """Write finite numbers where no force exists."""
     for n in range(rows.part.size):
@@ -390,13 +406,14 @@ def _replace_bad(rows: _Rows) -> None:
                     rows.cofactors[i, j, n] = 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _find_force(c: Array, table: TermTable, model: _Model, separable: bool, rows: _Rows) -> None:
     """Write f̂, its norm, and b = ûᵀ S⁻¹; finite where the force does not exist, too."""
-    f, a, bys, length, part = rows.f, rows.a, rows.by, rows.length, rows.part
+    f, a, bys, length, good = rows.f, rows.a, rows.by, rows.length, rows.good
     outers, det, cofactors, back = rows.outer, rows.det, rows.cofactors, model.back
     at_zero = _set_model(c, table, model)
-    rows.good[:] = True
+    for n in range(length.size):
+        good[n] = True
     if separable:
         bad = _invert_axes(model, rows)
         _invert(model.directions, back)
@@ -420,7 +437,7 @@ def _find_force(c: Array, table: TermTable, model: _Model, separable: bool, rows
         _divide(length, by)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _set_variance(by: Array, noise: Array, variance: Array) -> None:
     """Write b C bᵀ (r,)."""
     for n in range(variance.size):
@@ -437,19 +454,19 @@ def _set_variance(by: Array, noise: Array, variance: Array) -> None:
         )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _add_product(a: Array, b: Array, total: Array) -> None:
     for n in range(total.size):
         total[n] += a[n] * b[n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _scale(factor: Array, row: Array) -> None:
     for n in range(row.size):
         row[n] *= factor[n]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _add_column(place: int, factor: float, a: Array, by: Array, column: Array) -> None:
     """Add factor · b · φ(a) of the product along an axis at a place."""
     if place == 0:
@@ -472,13 +489,14 @@ def _add_column(place: int, factor: float, a: Array, by: Array, column: Array) -
             column[n] += factor * by[n] * a[n] * abs(a[n])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _set_columns(table: TermTable, model: _Model, rows: _Rows, columns: Array) -> None:
     """Write Σ b ∂y/∂c of each coefficient, (p, r); b may be weighted."""
     part, a, b, f, seen, frames = rows.part, rows.a, rows.by, rows.f, rows.seen, table.frames
     powers = table.powers
     axis, places, factors, coefficient = table.axis, table.place, table.factor, table.coefficient
-    columns[:] = 0.0
+    for j in range(columns.shape[0]):
+        _fill(0.0, columns[j])
     for j in range(axis.size):
         i, place, factor = axis[j], places[j], factors[j]
         column, by = columns[coefficient[j]], b[i]
@@ -503,7 +521,7 @@ def _set_columns(table: TermTable, model: _Model, rows: _Rows, columns: Array) -
                 _add_product(b[i], part, columns[j])
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, _nrt=False)
 def _dot(a: Array, b: Array) -> float:
     total = 0.0
     for n in range(a.size):
@@ -511,7 +529,38 @@ def _dot(a: Array, b: Array) -> float:
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"}, _nrt=False)
+def _dots(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float, float, float]:
+    """Return a·c, a·d, b·c and b·d."""
+    ac, ad, bc, bd = 0.0, 0.0, 0.0, 0.0
+    for n in range(a.size):
+        ac += a[n] * c[n]
+        ad += a[n] * d[n]
+        bc += b[n] * c[n]
+        bd += b[n] * d[n]
+    return ac, ad, bc, bd
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
+def _set_normal(columns: Array, u: Array, normal: Array, gradient: Array) -> None:
+    """Write the lower triangle of AᵀA, and Aᵀu, of columns Aᵀ (k, r): four products at a time."""
+    k = columns.shape[0]
+    for i in range(0, k, 2):
+        a, b = columns[i], columns[min(i + 1, k - 1)]
+        row, next_row = i * (i + 1) // 2, (i + 1) * (i + 2) // 2
+        for j in range(0, i + 1, 2):
+            ac, ad, bc, bd = _dots(a, b, columns[j], columns[min(j + 1, k - 1)])
+            normal[row + j] = ac
+            if j < i:
+                normal[row + j + 1] = ad
+            if i + 1 < k:
+                normal[next_row + j], normal[next_row + j + 1] = bc, bd
+        gradient[i] = _dot(a, u)
+        if i + 1 < k:
+            gradient[i + 1] = _dot(b, u)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _load(y: Array, result: Array) -> None:
     """Copy the readings of a trial, (r, 3); spare rows repeat the last one."""
     for i in range(3):
@@ -521,7 +570,7 @@ def _load(y: Array, result: Array) -> None:
         row[y.shape[0] :] = y[y.shape[0] - 1, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _load_noise(covariance: Array, noise: Array) -> None:
     last = covariance.shape[0] - 1
     for n in range(noise.shape[1]):
@@ -607,7 +656,7 @@ def norm_kernel(
         if s == 0 or covariance.shape[0] > 1:
             _load_noise(covariance[min(t, covariance.shape[0] - 1)], noise)
         if s == 0 or warmth.shape[0] > 1:
-            rows.warm[:r] = warmth[min(t, warmth.shape[0] - 1)]
+            _copy(warmth[min(t, warmth.shape[0] - 1)], rows.warm)
         _find_force(x[s], table, model, separable, rows)
         _set_variance(by, noise, variance)
         norm, own = made[min(s, made.shape[0] - 1)], made_variance[min(s, made_variance.shape[0] - 1)]
@@ -617,7 +666,8 @@ def norm_kernel(
             u[n] = norm[n] - length[n]
         for n in range(r):
             u[n] = u[n] if good[n] else np.nan
-        weight[s], residual[s] = w[:r], u[:r]
+        for n in range(r):
+            weight[s, n], residual[s, n] = w[n], u[n]
         for n in range(r):
             u[n] *= w[n]
         if dense:
@@ -636,10 +686,5 @@ def norm_kernel(
                 for j in range(k):
                     jacobian[s, n, j] = columns[j, n]
             continue
-        place = 0
-        for i in range(k):
-            gradient[s, i] = _dot(columns[i], u)
-            for j in range(i + 1):
-                normal[s, place] = _dot(columns[i], columns[j])
-                place += 1
+        _set_normal(columns, u, normal[s], gradient[s])
     return residual, weight, normal, gradient

@@ -25,6 +25,7 @@ from inercal.benches.centrifuge.arm_motion import (
 )
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimate import Candidate, Gaussian, Problem
+from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.estimate.problem import NormalEquations
 from inercal.methods import candidates, mean_problem, temperature
 from inercal.methods.centrifuge_norm.rotation_gauge import (
@@ -216,11 +217,12 @@ def _compare_norms(
     shared = _same_dwell_rows(observations, bench, steps)
     warmth = temperature.row_offsets(observations, sensor)
     correlated = shared is not None or observations.drift is not None
+    exact = None if loose else specific_force_norm(bench, steps, unknowns.exact)
 
     @_cache_last_result
     def compared(x: Array) -> tuple[SpecificForceNorm, MeanMotion | None, NoisyNormResiduals]:
         q = unknowns.bench_values(x)
-        result = specific_force_norm(bench, steps, q)
+        result = exact or specific_force_norm(bench, steps, q)
         turned = sensed_motion(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
         w = None if turned is None else turned.w
@@ -263,9 +265,10 @@ def _compare_norms(
 
     y, covariance, table = observations.mean, observations.covariance, term_table(sensor)
 
-    def normal_equations(x: Array, which: NDArray[np.intp]) -> NormalEquations:
+    @_cache_last_result
+    def norm_equations(x: Array, which: NDArray[np.intp]) -> NormalEquations:
         assert table is not None
-        result = specific_force_norm(bench, steps, unknowns.bench_values(x))
+        result = exact or specific_force_norm(bench, steps, unknowns.bench_values(x))
         norm = result.norm
         derivatives = np.zeros((len(loose), *norm.shape))
         for k, name in enumerate(loose):
@@ -273,15 +276,19 @@ def _compare_norms(
         stated = StatedNorms(norm, derivatives, np.broadcast_to(result.dwell**2, norm.shape))
         return norm_normal_equations(table, y, covariance, warmth, stated, x, which)
 
+    normal_equations = None if correlated or table is None else norm_equations
+
     def relative_size(x: Array) -> float:
-        # A norm of tens of g is rounded at a millionth of its uncertainty. Coefficients are zero at
-        # the start.
-        result = specific_force_norm(bench, steps, unknowns.bench_values(x))
-        back = np.linalg.pinv(np.array([axis.i for axis in sensor.axes]))
-        sensed = y @ back.T
-        along = sensed @ back
-        variance = ((along[..., None, :] @ covariance)[..., 0, :] * along).sum(axis=-1)
-        return float(np.max(result.norm * np.linalg.norm(sensed, axis=-1) / np.sqrt(variance)))
+        # A norm of tens of g is rounded at a millionth of its uncertainty.
+        lead = observations.trial_shape
+        if normal_equations is not None and lead > (QR_MAX_TRIALS,):
+            # The search starts there, too.
+            at = np.broadcast_to(x, (*lead, x.shape[-1]))
+            weight = normal_equations(at, np.arange(lead[0])).weight
+            made = exact or specific_force_norm(bench, steps, unknowns.bench_values(x))
+            return float(np.max(made.norm * weight))
+        result, _, seen = compared(x)
+        return float(np.max(result.norm / np.sqrt(seen.variance)))
 
     return RowComparison(
         linearise,
@@ -289,7 +296,7 @@ def _compare_norms(
         correlated,
         observations.labels,
         relative_size,
-        None if correlated or table is None else normal_equations,
+        normal_equations,
     )
 
 
@@ -346,13 +353,13 @@ def vector_problem(
     )
 
 
-def _cache_last_result(work: Callable[[Array], _Result]) -> Callable[[Array], _Result]:
+def _cache_last_result(work: Callable[..., _Result]) -> Callable[..., _Result]:
     """Return the function with a cache of its last result, for residual and noise at one x."""
-    last: list[tuple[Array, _Result]] = []
+    last: list[tuple[tuple[Array, ...], _Result]] = []
 
-    def result(x: Array) -> _Result:
-        if not (last and np.array_equal(last[0][0], x)):
-            last[:] = [(x.copy(), work(x))]
+    def result(*x: Array) -> _Result:
+        if not (last and all(map(np.array_equal, last[0][0], x))):
+            last[:] = [(tuple(a.copy() for a in x), work(*x))]
         return last[0][1]
 
     return result
