@@ -52,7 +52,9 @@ class PackedTrials:
         self._prior_rows = self._prior_full if self.basis is None else self._prior_full @ self.basis
         targets = [np.broadcast_to(target, (trials, target.shape[-1])) for _, target in rows]
         self._target = np.concatenate([np.zeros((trials, 0)), *targets], axis=-1)
-        self.first = self._point(np.broadcast_to(start, (trials, start.shape[-1])), np.arange(trials))
+        self.first = self._point(
+            np.broadcast_to(start, (trials, start.shape[-1])), np.arange(trials)
+        )
         self.m = self.first.residual.shape[-1]
         self._check_start()
 
@@ -90,12 +92,13 @@ class PackedTrials:
         """Return the cost as of `inercal.estimate.search.Trials`."""
         return _squares(point.weight * point.residual) + _squares(point.prior)
 
-    def step(
-        self, point: PackedPoint, damping: Array, active: Bools
-    ) -> tuple[Array, Array, Bools]:
+    def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
         some = slice(None) if active.all() else np.flatnonzero(active)
         step = gauss_newton_steps.solve_packed(
-            point.normal[some], point.gradient[some], self._prior_rows, point.prior[some],
+            point.normal[some],
+            point.gradient[some],
+            self._prior_rows,
+            point.prior[some],
             damping[some],
         )
         return gauss_newton_steps.moves(step, self.basis, point.x, some)

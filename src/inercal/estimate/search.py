@@ -36,8 +36,7 @@ class Point(Protocol):
         """Parameters (trials, p)."""
         ...
 
-    def __iter__(self) -> Iterable[Array]:
-        ...
+    def __iter__(self) -> Iterable[Array]: ...
 
 
 P = TypeVar("P", bound=Point)
@@ -64,9 +63,7 @@ class Trials(Protocol[P]):
         """Return Σ ρ(u) + Σ v² at a point, (trials,)."""
         ...
 
-    def step(
-        self, point: P, damping: Array, active: Bools
-    ) -> tuple[Array, Array, Bools]:
+    def step(self, point: P, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
         """Return moves of x (trials, p), predicted falls (trials,), which exist; of active ones."""
         ...
 

@@ -218,18 +218,31 @@ def _norm_kernel(
     jacobian: Array,
 ) -> NormalEquations:
     from inercal.observe import _kernels
+    from inercal.observe._force_inversion import Model, Rows
 
-    r = y.shape[-2]
+    (count, k), r = x.shape, y.shape[-2]
     warmth = np.broadcast_to(dT, (*np.shape(dT)[:-1], r))
-    return NormalEquations(
-        *_kernels.norm_kernel(
-            table,
-            *(np.ascontiguousarray(a) for a in (y.reshape(-1, r, 3), covariance.reshape(-1, r, 3, 3))),
-            *(np.ascontiguousarray(np.atleast_2d(a)) for a in (warmth, stated.norm)),
-            np.ascontiguousarray(stated.derivatives.reshape(len(stated.derivatives), stated.norm.size // r, r)),
-            np.ascontiguousarray(np.atleast_2d(stated.variance)),
-            np.ascontiguousarray(x),
-            which,
-            jacobian,
-        )
+    data = (y.reshape(-1, r, 3), covariance.reshape(-1, r, 3, 3), np.atleast_2d(warmth))
+    bench = (
+        np.atleast_2d(stated.norm),
+        stated.derivatives.reshape(len(stated.derivatives), stated.norm.size // r, r),
+        np.atleast_2d(stated.variance),
     )
+    found = NormalEquations(
+        np.empty((count, r)),
+        np.empty((count, r)),
+        np.empty((count, k * (k + 1) // 2)),
+        np.empty((count, k)),
+    )
+    _kernels.norm_kernel(
+        table,
+        tuple(np.ascontiguousarray(a) for a in data),
+        tuple(np.ascontiguousarray(a) for a in bench),
+        np.ascontiguousarray(x),
+        which,
+        Model.empty(),
+        Rows.empty(r, k),
+        tuple(found),
+        jacobian,
+    )
+    return found
