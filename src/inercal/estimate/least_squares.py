@@ -158,6 +158,7 @@ class LinearisedRows:
         self._linearised = system.first.residual, system.first.rows  # until a point is tried
 
     def cost(self, point: LinearisationPoint) -> Array:
+        """Return the cost as of `inercal.estimate.search.Trials`."""
         with np.errstate(over="ignore", invalid="ignore"):
             u = point.whitened
             u = u**2 if self._loss is None else self._loss.cost(u)
@@ -166,6 +167,7 @@ class LinearisedRows:
     def step(
         self, point: LinearisationPoint, damping: Array, active: Bools
     ) -> tuple[Array, Array, Bools]:
+        """Return moves as of `inercal.estimate.search.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         rows, weight = (a if len(a) == 1 else a[some] for a in (point.rows, point.weight))
         u = point.whitened[some]
@@ -180,6 +182,7 @@ class LinearisedRows:
     def tried(
         self, x: Array, point: LinearisationPoint, active: Bools
     ) -> tuple[LinearisationPoint, Array]:
+        """Return a point and its cost as of `inercal.estimate.search.Trials`."""
         self._linearised = self._system.evaluate(x)
         tried = self._system.point(x, *self._linearised, self._whitener)
         return tried, self.cost(tried)
@@ -187,6 +190,7 @@ class LinearisedRows:
     def accepted(
         self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
     ) -> LinearisationPoint:
+        """Return the merged point as of `inercal.estimate.search.Trials`."""
         system, x = self._system, tried.x
         x = x if chosen.all() else np.where(chosen[:, None], x, point.x)
         # Where every trial stays at its point, so do its weights: a model beyond its fold is slow.

@@ -93,6 +93,7 @@ class PackedTrials:
         return _squares(point.weight * point.residual) + _squares(point.prior)
 
     def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
+        """Return moves as of `inercal.estimate.search.Trials`."""
         some = slice(None) if active.all() else np.flatnonzero(active)
         step = gauss_newton_steps.solve_packed(
             point.normal[some],
@@ -104,6 +105,7 @@ class PackedTrials:
         return gauss_newton_steps.moves(step, self.basis, point.x, some)
 
     def tried(self, x: Array, point: PackedPoint, active: Bools) -> tuple[PackedPoint, Array]:
+        """Return a point and its cost as of `inercal.estimate.search.Trials`."""
         which = np.flatnonzero(active)
         tried = self._point(x[which], which)
         if len(which) < len(active):
@@ -114,6 +116,7 @@ class PackedTrials:
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
 
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
+        """Return the merged point as of `inercal.estimate.search.Trials`."""
         return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))
 
     def estimate(

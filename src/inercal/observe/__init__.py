@@ -162,7 +162,8 @@ def noisy_norm_residuals(
         # NumPy allocates large pages, which the solver reads faster than memory of compiled code.
         jacobian = np.empty((*lead, y.shape[-2], c.shape[-1]))
         bench = StatedNorms(made, np.zeros((0, *made.shape)), np.zeros_like(made))
-        x, which = np.broadcast_to(c, (*lead, c.shape[-1])), np.arange(lead[0])
+        x = np.broadcast_to(c, (*lead, c.shape[-1]))
+        which = np.arange(lead[0], dtype=np.int64)
         found = _norm_kernel(table, y, covariance, dT, bench, x, which, jacobian)
         none: Array = np.broadcast_to(0.0, (*lead, y.shape[-2], 3))
         return NoisyNormResiduals(found.residual, jacobian, found.weight**-2.0, none)
@@ -222,27 +223,27 @@ def _norm_kernel(
 
     (count, k), r = x.shape, y.shape[-2]
     warmth = np.broadcast_to(dT, (*np.shape(dT)[:-1], r))
-    data = (y.reshape(-1, r, 3), covariance.reshape(-1, r, 3, 3), np.atleast_2d(warmth))
-    bench = (
-        np.atleast_2d(stated.norm),
-        stated.derivatives.reshape(len(stated.derivatives), stated.norm.size // r, r),
-        np.atleast_2d(stated.variance),
-    )
+    derivatives = stated.derivatives.reshape(len(stated.derivatives), stated.norm.size // r, r)
     found = NormalEquations(
         np.empty((count, r)),
         np.empty((count, r)),
         np.empty((count, k * (k + 1) // 2)),
         np.empty((count, k)),
     )
+    tidy = np.ascontiguousarray
     _kernels.norm_kernel(
         table,
-        tuple(np.ascontiguousarray(a) for a in data),
-        tuple(np.ascontiguousarray(a) for a in bench),
-        np.ascontiguousarray(x),
+        (
+            tidy(y.reshape(-1, r, 3)),
+            tidy(covariance.reshape(-1, r, 3, 3)),
+            tidy(np.atleast_2d(warmth)),
+        ),
+        (tidy(np.atleast_2d(stated.norm)), tidy(derivatives), tidy(np.atleast_2d(stated.variance))),
+        tidy(x),
         which,
         Model.empty(),
         Rows.empty(r, k),
-        tuple(found),
+        found,
         jacobian,
     )
     return found

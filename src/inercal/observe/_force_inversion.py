@@ -1,9 +1,9 @@
 """Compiled: the force that a triad's readings show, by the products in a table.
 
-Reading i is y = a + Σ k φ(a) + e·f + other products, with a = d·f along the (tilted) axis. The force
-is the root that `inercal.sensors.inverse` finds, by Newton's method from the linear part; slopes of
-reversed sign are beyond the fold. Where all products are of a alone, each axis is inverted by
-itself and f = D⁻¹ a with D the directions d; otherwise the three are solved together.
+Reading i is y = a + Σ k φ(a) + e·f + other products, with a = d·f along the (tilted) axis. The
+force is the root that `inercal.sensors.inverse` finds, by Newton's method from the linear part;
+slopes of reversed sign are beyond the fold. Where all products are of a alone, each axis is
+inverted by itself and f = D⁻¹ a with D the directions d; otherwise the three are solved together.
 """
 # Numba's decorator has no types.
 # pyright: reportUntypedFunctionDecorator=false

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from inercal.arrays import Array
+from inercal.estimate.problem import NormalEquations
 from inercal.observe._force_inversion import (
     Indices,
     Model,
@@ -24,6 +25,7 @@ from inercal.observe._force_inversion import (
 )
 from inercal.observe._row_operations import (
     INNER,
+    KERNEL,
     add_product,
     combine,
     copy,
@@ -79,7 +81,7 @@ def _add_column(place: int, factor: float, a: Array, by: Array, column: Array) -
 def _set_columns(table: TermTable, model: Model, rows: Rows, columns: Array) -> None:
     """Write Σ b ∂y/∂c of each coefficient, (p, r); b may be weighted."""
     part, a, b, f, seen, frames = rows.part, rows.a, rows.by, rows.f, rows.seen, table.frames
-    powers, none = table.powers, np.int64(-1)
+    powers = table.powers
     axis, places, factors, coefficient = table.axis, table.place, table.factor, table.coefficient
     for j in range(columns.shape[0]):
         fill(0.0, columns[j])
@@ -95,7 +97,7 @@ def _set_columns(table: TermTable, model: Model, rows: Rows, columns: Array) -> 
                 part[n] *= factor
         else:
             set_components(i, table, rows)
-            set_product(seen, powers[j], factor, none, part)
+            set_product(seen, powers[j], factor, -1, part)
         add_product(by, part, column)
     tilts, turned, outer = table.tilts, model.turned, rows.outer
     for i in range(3):
@@ -170,7 +172,7 @@ def _set_residuals(norm: Array, own: Array, rows: Rows, residual: Array, weight:
     scale(w, u)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
+@njit(**KERNEL)
 def norm_kernel(
     table: TermTable,
     data: tuple[Array, Array, Array],
@@ -179,7 +181,7 @@ def norm_kernel(
     which: Indices,
     model: Model,
     rows: Rows,
-    found: tuple[Array, Array, Array, Array],
+    found: NormalEquations,
     jacobian: Array,
 ) -> None:
     """Write residuals of norms, their weights, and normal equations or the Jacobian.
@@ -201,7 +203,7 @@ def norm_kernel(
     model : Model
     rows : Rows
         For r rows and k = p + q parameters; overwritten.
-    found : tuple of arrays
+    found : NormalEquations
         Output. Stated norms less ‖f̂‖ (s, r), NaN where a reading is beyond the fold of the model;
         weights 1/sd (s, r); lower triangle of AᵀA, row after row (s, k (k + 1)/2); Aᵀu (s, k). The
         last two are not written if the Jacobian is wanted.

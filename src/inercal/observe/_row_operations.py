@@ -22,42 +22,50 @@ INNER: dict[str, Any] = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
+# What other code calls.
+KERNEL: dict[str, Any] = {**INNER, "no_cpython_wrapper": False, "no_cfunc_wrapper": False}
 # A sum may be taken in any order.
-SUM = INNER | {"fastmath": {"contract", "reassoc", "nsz"}}
+SUM: dict[str, Any] = {**INNER, "fastmath": {"contract", "reassoc", "nsz"}}
 
 
 @njit(**INNER)
 def fill(value: float, row: Array) -> None:
+    """Fill a row."""
     for n in range(row.size):
         row[n] = value
 
 
 @njit(**INNER)
 def copy(row: Array, result: Array) -> None:
+    """Copy a row."""
     for n in range(row.size):
         result[n] = row[n]
 
 
 @njit(**INNER)
 def add(step: Array, factor: float, total: Array) -> None:
+    """Add factor · step to a row."""
     for n in range(step.size):
         total[n] += factor * step[n]
 
 
 @njit(**INNER)
 def scale(factor: Array, row: Array) -> None:
+    """Multiply a row by factors."""
     for n in range(row.size):
         row[n] *= factor[n]
 
 
 @njit(**INNER)
 def add_product(a: Array, b: Array, total: Array) -> None:
+    """Add a · b to a row."""
     for n in range(total.size):
         total[n] += a[n] * b[n]
 
 
 @njit(**INNER)
 def divide(slope: Array, step: Array) -> None:
+    """Divide a row by slopes."""
     for n in range(step.size):
         step[n] /= slope[n]
 
@@ -98,24 +106,28 @@ def multiply_column(x: Array, y: Array, m: int, total: Array) -> None:
 
 @njit(**INNER)
 def minor(a: Array, b: Array, c: Array, d: Array, result: Array) -> None:
+    """Write a b − c d."""
     for n in range(result.size):
         result[n] = a[n] * b[n] - c[n] * d[n]
 
 
 @njit(**INNER)
 def set_slope(along: float, outer: Array, bent: float, slope: Array) -> None:
+    """Write along · outer + bent."""
     for n in range(slope.size):
         slope[n] = along * outer[n] + bent
 
 
 @njit(**INNER)
 def raise_size(a: Array, size: Array) -> None:
+    """Raise sizes to those of a row."""
     for n in range(a.size):
         size[n] = max(size[n], abs(a[n]))
 
 
 @njit(**SUM)
 def dot(a: Array, b: Array) -> float:
+    """Return a·b."""
     total = 0.0
     for n in range(a.size):
         total += a[n] * b[n]
