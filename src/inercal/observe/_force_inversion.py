@@ -27,6 +27,7 @@ from inercal.observe._row_operations import (
     multiply,
     multiply_column,
     raise_size,
+    scale,
     set_slope,
 )
 from inercal.observe.term_table import ALONG, OTHER, TermTable
@@ -38,6 +39,7 @@ _WIDTH = 16  # of a loop: spare rows up to a multiple of it repeat the last one
 _MAX_STEPS, _TINY = 40, 2.0**-1022
 # Of the last step, relative to the force: the error left is of the order of its square.
 _SETTLED = 1e-9
+_EXACT = 1e-14  # of the last step before which slopes are those after it
 
 
 class Model(NamedTuple):
@@ -161,11 +163,11 @@ def _off(k: Array, y: Array, a: Array, off: Array, outer: Array) -> None:
 
 
 @njit(**INNER)
-def _unsettled(step: Array, size: Array) -> int:
+def _unsettled(step: Array, limit: float, size: Array) -> int:
     """Return in how many rows another step is worth it."""
     count = 0
     for n in range(step.size):
-        count += 0 if abs(step[n]) <= _SETTLED * size[n] else 1
+        count += 0 if abs(step[n]) <= limit * size[n] else 1
     return count
 
 
@@ -194,34 +196,28 @@ def _start(y: Array, k0: float, factor: float, a: Array, size: Array) -> None:
 
 @njit(inline="always")
 def _invert_axes(model: Model, rows: Rows) -> int:
-    """Write f, a and ∂y/∂a where all products are along the axes; return how many do not exist.
-
-    The first step is by the slope at zero, without a division.
-    """
-    size, good, ys, forces, steps, outers = (
-        rows.size,
-        rows.good,
-        rows.y,
-        rows.a,
-        rows.step,
-        rows.outer,
-    )
-    ks = model.along
+    """Write a and ∂y/∂a where all products are along the axes; return how many do not exist."""
+    ys, forces, steps, outers, ks = rows.y, rows.a, rows.step, rows.outer, model.along
+    size, det, part, good = rows.size, rows.det, rows.part, rows.good
     fill(_TINY, size)
     for i in range(3):
         _start(ys[i], ks[i, 0], 1.0 / (1.0 + ks[i, 1]), forces[i], size)
-    bad = 0
+    fill(1.0, det)
+    at_zero = 1.0
     for i in range(3):
         k, y, a, step, outer = ks[i], ys[i], forces[i], steps[i], outers[i]
-        _off(k, y, a, step, outer)
-        add(step, 1.0 / (1.0 + k[1]), a)
         for _ in range(_MAX_STEPS):
             _off(k, y, a, step, outer)
             divide(outer, step)
             add(step, 1.0, a)
-            if _unsettled(step, size) == 0:
+            if _unsettled(step, _SETTLED, size) == 0:
                 break
-        bad += _mark(step, size, outer, 1.0 + k[1], good)
+        _off(k, y, a, part, outer)
+        scale(outer, det)
+        at_zero *= 1.0 + k[1]
+    bad = 0
+    for i in range(3):
+        bad += _mark(steps[i], size, det, at_zero, good)
     return bad
 
 
@@ -329,17 +325,21 @@ def _invert_together(c: Array, at_zero: float, table: TermTable, model: Model, r
     for m in range(3):
         combine(off, back[m], f[m])
         raise_size(f[m], size)
+    inexact = 1
     for _ in range(_MAX_STEPS):
         _respond(c, table, model, rows)
-        unsettled = 0
+        unsettled, inexact = 0, 0
         for m in range(3):
             step = steps[m]
             multiply_column(off, cofactors, m, step)
             divide(det, step)
             add(step, 1.0, f[m])
-            unsettled += _unsettled(step, size)
+            unsettled += _unsettled(step, _SETTLED, size)
+            inexact += _unsettled(step, _EXACT, size)
         if unsettled == 0:
             break
+    if inexact > 0:
+        _respond(c, table, model, rows)
     bad = 0
     for i in range(3):
         combine(f, ds[i], forces[i])
