@@ -98,7 +98,9 @@ def test_normal_equations_are_those_of_the_jacobian(name: str):
             atol=1e-9,
         )
         u = weight * residual
-        assert_allclose(found.gradient[k] / size, a.T @ u / size, atol=1e-9 * np.linalg.norm(u))
+        assert_allclose(
+            found.gradient[k] / size, a.T @ u / size, atol=1e-9 * float(np.linalg.norm(u))
+        )
 
 
 @pytest.mark.parametrize("name", CASES)
