@@ -115,7 +115,7 @@ def _calibrate_by_hand(folder: Path) -> None:
 
 
 def _fit_batches(folder: Path) -> None:
-    """Fit by the norms of an arm, and by its vectors, whose Jacobians are computed for all trials."""
+    """Fit by norms of an arm, and by vectors, whose Jacobians are computed for all trials."""
     path = folder / "arm.toml"
     for indexing in ("", 'indexing = "5 ″"\n'):
         path.write_text(_ARM.replace("[data]", f"{indexing}[data]"), encoding="utf-8")
