@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.estimate.problem import NormalEquations
 from inercal.motion import Motion
 from inercal.observe.term_table import TermTable, term_table
@@ -157,7 +156,7 @@ def noisy_norm_residuals(
         As of `norm_residuals`.
     """
     lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
-    table = term_table(sensor) if len(lead) == 1 and lead[0] > QR_MAX_TRIALS else None
+    table = term_table(sensor) if len(lead) == 1 else None
     if table is not None:
         # NumPy allocates large pages, which the solver reads faster than memory of compiled code.
         jacobian = np.empty((*lead, y.shape[-2], c.shape[-1]))

@@ -87,26 +87,22 @@ def norm_problem(
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     declared = bench.acting_parameters(steps, vectors=turning)
     built = _ungauged_norm_problem(observations, sensor, bench, steps, declared, priors)
-    larger = _extended_sensor(
-        sensor, bench, steps, temperature_varies=observations.temperature_varies
-    )
-
-    def extended() -> Problem:
-        return _ungauged_norm_problem(
-            observations, larger, bench, steps, candidates.parameters_with_deviations(declared)
-        )
-
-    listed = candidates.candidate_function(
-        extended,
-        built.names,
-        larger,
-        declared,
-        observations.time,
-        families=_nonorthogonality_family(sensor),
-        prior_names=[name for prior in priors for name in prior.names],
-    )
 
     def all_candidates(x: Array) -> list[Candidate]:
+        larger = _extended_sensor(
+            sensor, bench, steps, temperature_varies=observations.temperature_varies
+        )
+        listed = candidates.candidate_function(
+            lambda: _ungauged_norm_problem(
+                observations, larger, bench, steps, candidates.parameters_with_deviations(declared)
+            ),
+            built.names,
+            larger,
+            declared,
+            observations.time,
+            families=_nonorthogonality_family(sensor),
+            prior_names=[name for prior in priors for name in prior.names],
+        )
         arms = (
             () if larger.uses("wi", "wp", "wo") else _lever_arm_candidates(built, sensor, steps, x)
         )
