@@ -38,7 +38,7 @@ Indices = NDArray[np.int64]
 _WIDTH = 16  # of a loop: spare rows up to a multiple of it repeat the last one
 _MAX_STEPS, _TINY = 40, 2.0**-1022
 # Of the last step, relative to the force: the error left is of the order of its square.
-_SETTLED = 1e-9
+_SETTLED = 2.0**-26
 _EXACT = 1e-14  # of the last step before which slopes are those after it
 
 
