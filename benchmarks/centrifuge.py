@@ -47,7 +47,7 @@ SENSOR_15 = replace(
 BENCH = Centrifuge(Measured(PAPER_G, 0.0), Measured(1.0, 0.0), Measured(0.0, 0.0))
 
 
-def draw(trials: int, attitudes: Array) -> tuple[Array, Array]:
+def draw(trials: int, attitudes: list[tuple[float, float]]) -> tuple[Array, Array]:
     """Return readings (trials, 60, 3), m/s², and the rates of the rows, rad/s."""
     f, rates = sensed_motion(attitudes, RATES)
     reading = Triad().output(f) / NOMINAL * PAPER_G
