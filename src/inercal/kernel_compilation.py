@@ -27,7 +27,8 @@ from inercal.segments import scatter
 _OTHER_METHODS = ("turntable_trajectory", "turntable_discrete")
 _BATCH = 16  # trials, more than are solved one by one
 
-_ARM = """\
+_RATES = '["60 rpm", "120 rpm", "180 rpm"]'
+_ARM = f"""\
 [sensor]
 name = "triad"
 [sensor.accelerometer]
@@ -49,7 +50,7 @@ arm_rate = "rpm"
 [method]
 name = "centrifuge_norm"
 attitudes = "full-circle"
-rates = ["60 rpm", "120 rpm", "180 rpm"]
+rates = {_RATES}
 turns = 10
 """
 
@@ -117,8 +118,9 @@ def _calibrate_by_hand(folder: Path) -> None:
 def _fit_batches(folder: Path) -> None:
     """Fit by norms of an arm, and by vectors, whose Jacobians are computed for all trials."""
     path = folder / "arm.toml"
-    for indexing in ("", 'indexing = "5 ″"\n'):
-        path.write_text(_ARM.replace("[data]", f"{indexing}[data]"), encoding="utf-8")
+    by_vectors = _ARM.replace("[data]", 'indexing = "5 ″"\n[data]').replace(_RATES, '["120 rpm"]')
+    for text in (_ARM, by_vectors):
+        path.write_text(text, encoding="utf-8")
         budget(experiment_from_run(read(path)), _BATCH, 0)
 
 
