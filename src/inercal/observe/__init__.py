@@ -3,8 +3,7 @@
 Vector observation: the mean reading of each row minus the model's reading of its motion,
 y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to the parameters
 of the motion. Norm observation: the attitude is unknown, and only the norm of the sensed motion is
-compared. A compiled kernel computes many trials of an orthogonal triad whose errors act along each
-axis only.
+compared. A compiled kernel computes trials of three accelerometers from their declared terms.
 """
 
 from typing import NamedTuple
@@ -229,16 +228,20 @@ def _norm_kernel(
         np.empty((count, k * (k + 1) // 2)),
         np.empty((count, k)),
     )
-    tidy = np.ascontiguousarray
+    # Copies of what is small: numba compiles once more for an array that is read-only.
     _kernels.norm_kernel(
         table,
         (
-            tidy(y.reshape(-1, r, 3)),
-            tidy(covariance.reshape(-1, r, 3, 3)),
-            tidy(np.atleast_2d(warmth)),
+            np.ascontiguousarray(y.reshape(-1, r, 3)),
+            np.ascontiguousarray(covariance.reshape(-1, r, 3, 3)),
+            np.array(np.atleast_2d(warmth), order="C"),
         ),
-        (tidy(np.atleast_2d(stated.norm)), tidy(derivatives), tidy(np.atleast_2d(stated.variance))),
-        tidy(x),
+        (
+            np.array(np.atleast_2d(stated.norm), order="C"),
+            derivatives.copy(),
+            np.array(np.atleast_2d(stated.variance), order="C"),
+        ),
+        np.array(x, order="C"),
         which,
         Model.empty(),
         Rows.empty(r, k),
