@@ -21,7 +21,8 @@ def test_solve_agrees_with_dense_algebra(trials: int, damped: bool):
     rows, weight, u, prior_rows, v = case(trials, 12, 7)
     damping = np.full(trials, 0.1 if damped else 0.0)
     prior, pull = prior_rows.T @ prior_rows, v @ prior_rows
-    step, predicted, ok = _kernels.solve(rows, weight, u, prior, pull, damping, 32)
+    triangle, slope = _kernels.normal_equations(rows, weight, u, 32)
+    step, predicted, ok = _kernels.solve(triangle, prior, slope + pull, damping, 32)
     assert ok.all()
     a = rows * weight[..., None]
     for t in range(trials):
@@ -38,7 +39,8 @@ def test_solve_agrees_with_dense_algebra(trials: int, damped: bool):
 @pytest.mark.parametrize("trials", [1, 32, 70])
 def test_inverse_agrees_with_dense_algebra(trials: int):
     rows, weight, _, prior_rows, _ = case(trials, 12, 7)
-    inverse, ok = _kernels.inverse(rows, weight, prior_rows.T @ prior_rows, 32)
+    triangle, _ = _kernels.normal_equations(rows, weight, np.zeros((1, 12)), 32)
+    inverse, ok = _kernels.inverse(triangle, prior_rows.T @ prior_rows, 32)
     assert ok.all()
     a = rows * weight[..., None]
     identity = (np.swapaxes(a, -1, -2) @ a + prior_rows.T @ prior_rows) @ inverse
@@ -48,14 +50,27 @@ def test_inverse_agrees_with_dense_algebra(trials: int):
     assert_allclose(scaled, np.broadcast_to(np.eye(7), scaled.shape), atol=1e-9)
 
 
+@pytest.mark.parametrize("shared", ["rows", "weight", "both"])
+def test_rows_and_weights_may_be_shared_by_all_trials(shared: str):
+    rows, weight, u, prior_rows, v = case(20, 12, 7)
+    rows = rows[:1] if shared != "weight" else rows
+    weight = weight[:1] if shared != "rows" else weight
+    step = gauss_newton_steps.solve(rows, weight, u, prior_rows, v, np.zeros(20))
+    whole = np.broadcast_to(rows, (20, 12, 7)), np.broadcast_to(weight, (20, 12))
+    expected = gauss_newton_steps.solve(*whole, u, prior_rows, v, np.zeros(20))
+    assert_allclose(step.step, expected.step, rtol=1e-9)
+    assert_allclose(step.predicted, expected.predicted, rtol=1e-9)
+
+
 def test_a_singular_trial_is_marked_and_spoils_no_other():
     rows, weight, u, _, _ = case(40, 12, 7)
     rows[17, :, 3] = rows[17, :, 2]
     rows[30, :, 5] = 0.0
     none = np.zeros((7, 7))
-    _, _, ok = _kernels.solve(rows, weight, u, none, np.zeros((40, 7)), np.zeros(40), 32)
+    triangle, slope = _kernels.normal_equations(rows, weight, u, 32)
+    _, _, ok = _kernels.solve(triangle, none, slope, np.zeros(40), 32)
     assert set(np.flatnonzero(~ok)) == {17, 30}
-    inverse, ok = _kernels.inverse(rows, weight, none, 32)
+    inverse, ok = _kernels.inverse(triangle, none, 32)
     assert set(np.flatnonzero(~ok)) == {17, 30}
     assert np.all(np.isfinite(inverse[ok]))
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from inercal.observe import _kernels, noisy_norm_residuals
+from inercal.observe import noisy_norm_residuals
 from inercal.sensors import G0, Sensor, cluster, triad
 
 Array = NDArray[np.float64]
@@ -19,7 +19,20 @@ ORTHOGONAL = [
     cluster("turned", TURNED.tolist()).with_coefficients("k0", "k1", "k2", "k3", "koq"),
     triad(),
 ]
+TILTED = [
+    replace(one, form="tilted")
+    for one in (
+        triad().with_coefficients("k0", "k1", "k2", "k3", "nonorthogonality"),
+        triad().with_coefficients("misalignment", "kip", "koq", "k1_prime"),
+        cluster("skew", [[1, 0, 0], [0, 1, 0], [0.1, 0, 1]]).with_coefficients(
+            "misalignment", "k2"
+        ),
+    )
+]
 OTHERS = [
+    triad().with_coefficients("k0", "k1", "k2", "k3", "nonorthogonality"),
+    triad().with_coefficients("bias", "nonlinearity", "cross", "koq", "k1_prime"),
+    triad().with_coefficients("k0", "k0_prime"),
     replace(triad().with_coefficients("k1", "k2", "misalignment"), form="tilted"),
     triad().with_coefficients("k1", "kip"),
     cluster("skew", [[1, 0, 0], [0, 1, 0], [0.1, 0, 1]]).with_coefficients("k0", "k2"),
@@ -43,13 +56,11 @@ def test_norms_jacobian_and_noise_agree_with_dense_algebra():
     slope = 1 + k1 + 2 * k2 * f + 3 * k3 * f**2 + 2 * koq * abs(f)
     covariance = covariances(rng, TRIALS, ROWS, 3)
     made = rng.uniform(1, 30, size=(1, ROWS))
-    axis, term = (np.ravel(a) for a in np.indices((3, 5)))
     mixed = rng.permutation(15)
     c = np.concatenate([k0, k1, k2, k3, koq], axis=1).swapaxes(1, 2).reshape(TRIALS, 15)
-    jacobian = np.empty((TRIALS, ROWS, 15))
-    residual, variance = _kernels.noisy_norm_kernel(
-        y, covariance, c[:, mixed], axis[mixed], term[mixed], made, jacobian
-    )
+    names = [f"{axis}.{term}" for axis in "xyz" for term in ("k0", "k1", "k2", "k3", "koq")]
+    sensor = replace(triad(), coefficients=tuple(names[k] for k in mixed))
+    residual, jacobian, variance, _ = noisy_norm_residuals(sensor, y, covariance, c[:, mixed], made)
 
     length = np.linalg.norm(f, axis=-1)
     assert_allclose(residual, made - length, rtol=1e-12, atol=1e-12)
@@ -70,7 +81,7 @@ def case(sensor: Sensor, seed: int) -> tuple[Array, Array, Array, Array]:
     return y, covariances(rng, TRIALS, ROWS, len(sensor.axes)), c, rng.uniform(1, 9, (TRIALS, ROWS))
 
 
-@pytest.mark.parametrize("sensor", [*ORTHOGONAL, *OTHERS])
+@pytest.mark.parametrize("sensor", [*ORTHOGONAL, *TILTED, *OTHERS])
 @pytest.mark.parametrize("shared", [None, 0, 1, 2, 3])
 def test_batched_trials_equal_single_trials(sensor: Sensor, shared: int | None):
     given = list(case(sensor, 3))

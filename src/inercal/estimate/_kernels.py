@@ -2,7 +2,8 @@
 
 The trials lie side by side in the innermost axis ("lanes"), so that every operation of a textbook
 Cholesky factorisation becomes one vector operation over trials. `gauss_newton_steps` holds the
-dense oracle.
+dense oracle. Between kernels a symmetric matrix (k, k) is its lower triangle, row after row,
+(k (k + 1)/2,).
 
 The number of lanes is an argument: were it a constant, the compiler would unroll the inner loops
 instead of vectorising them.
@@ -21,57 +22,78 @@ LANES = 32
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _cholesky_block(
-    rows: Array,
-    weight: Array,
-    u: Array,
-    prior: Array,
-    damping: Array,
-    first: int,
-    a: Array,
-    b: Array,
-    d: Array,
-    good: Bools,
-) -> None:
-    """Assemble one block of H = AᵀA + P, A = diag(weight) · rows, and overwrite it with its factor.
+def normal_equations(rows: Array, weight: Array, u: Array, lanes: int) -> tuple[Array, Array]:
+    """Return AᵀA, (trials, k (k + 1)/2), and Aᵀu, (trials, k), of each trial.
 
-    Lanes from trial `first` on. Afterwards a (k, k, lanes) holds L of D(H + λ diag H)D = L Lᵀ, with
-    the inverse of its diagonal, where d (k, lanes) is D = diag(H)^-½; b (k, lanes) holds Aᵀu, and
-    `good` (lanes,) says which matrices were positive definite.
+    Parameters
+    ----------
+    rows, weight : (trials, m, k) and (trials, m) arrays
+        A is diag(weight) · rows; either may have one trial, shared by all.
+    u : (trials, m) array
+        Whitened residual; it may have one trial.
+    lanes : int
+        Trials worked on at once.
     """
-    k, lanes = d.shape
+    trials, k = max(rows.shape[0], weight.shape[0]), rows.shape[2]
+    normal, gradient = np.empty((trials, k * (k + 1) // 2)), np.empty((trials, k))
+    a, b = np.empty((k, k, lanes)), np.empty((k, lanes))
     row, s = np.empty((k, lanes)), np.empty(lanes)
     size, busy = np.empty(k), np.empty(k, np.int64)
-    last = u.shape[0] - 1  # the spare lanes of the last block repeat the last trial
-    for i in range(k):
-        for j in range(i + 1):
-            a[i, j] = prior[i, j]
-        b[i] = 0.0
-    for n in range(rows.shape[1]):
-        size[:] = 0.0
-        for lane in range(lanes):
-            t = min(first + lane, last)
-            one, w = rows[min(t, rows.shape[0] - 1), n], weight[min(t, weight.shape[0] - 1), n]
-            s[lane] = u[t, n]
-            for i in range(k):
-                z = w * one[i]
-                row[i, lane] = z
-                size[i] += abs(z)
-        # Most columns of a row are zero in all trials: an observation sees few parameters.
-        count = 0
-        for i in range(k):
-            if size[i] > 0.0:
-                busy[count] = i
-                count += 1
-        for m in range(count):
-            left, total = row[busy[m]], b[busy[m]]
+    for first in range(0, trials, lanes):
+        a[:], b[:] = 0.0, 0.0
+        for n in range(rows.shape[1]):
+            size[:] = 0.0
             for lane in range(lanes):
-                total[lane] += left[lane] * s[lane]
-            for n_right in range(m + 1):
-                right, total = row[busy[n_right]], a[busy[m], busy[n_right]]
+                t = min(first + lane, trials - 1)  # spare lanes repeat the last trial
+                one, w = rows[min(t, rows.shape[0] - 1), n], weight[min(t, weight.shape[0] - 1), n]
+                s[lane] = u[min(t, u.shape[0] - 1), n]
+                for i in range(k):
+                    z = w * one[i]
+                    row[i, lane] = z
+                    size[i] += abs(z)
+            # Most columns of a row are zero in all trials: an observation sees few parameters.
+            count = 0
+            for i in range(k):
+                if size[i] > 0.0:
+                    busy[count] = i
+                    count += 1
+            for m in range(count):
+                left, total = row[busy[m]], b[busy[m]]
                 for lane in range(lanes):
-                    total[lane] += left[lane] * right[lane]
+                    total[lane] += left[lane] * s[lane]
+                for n_right in range(m + 1):
+                    right, total = row[busy[n_right]], a[busy[m], busy[n_right]]
+                    for lane in range(lanes):
+                        total[lane] += left[lane] * right[lane]
+        for lane in range(min(lanes, trials - first)):
+            t, place = first + lane, 0
+            for i in range(k):
+                gradient[t, i] = b[i, lane]
+                for j in range(i + 1):
+                    normal[t, place] = a[i, j, lane]
+                    place += 1
+    return normal, gradient
 
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _factorise_block(
+    normal: Array, prior: Array, damping: Array, first: int, a: Array, d: Array, good: Bools
+) -> None:
+    """Factorise one block of H = N + P, lanes from trial `first` on.
+
+    Afterwards a (k, k, lanes) holds L of D(H + λ diag H)D = L Lᵀ, with the inverse of its diagonal,
+    where d (k, lanes) is D = diag(H)^-½; `good` (lanes,) says which matrices were positive
+    definite.
+    """
+    k, lanes = d.shape
+    s = np.empty(lanes)
+    for lane in range(lanes):
+        # The spare lanes of the last block repeat the last trial.
+        one, place = normal[min(first + lane, normal.shape[0] - 1)], 0
+        for i in range(k):
+            for j in range(i + 1):
+                a[i, j, lane] = one[place] + prior[i, j]
+                place += 1
     good[:] = True
     for i in range(k):
         for lane in range(lanes):
@@ -85,7 +107,7 @@ def _cholesky_block(
                 s[lane] = left[j, lane] * d[i, lane] * d[j, lane]
             if i == j:
                 for lane in range(lanes):
-                    s[lane] += damping[min(first + lane, last)]
+                    s[lane] += damping[min(first + lane, damping.size - 1)]
             for n in range(j):
                 for lane in range(lanes):
                     s[lane] -= left[n, lane] * right[n, lane]
@@ -102,20 +124,18 @@ def _cholesky_block(
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def solve(
-    rows: Array, weight: Array, u: Array, prior: Array, pull: Array, damping: Array, lanes: int
+    normal: Array, prior: Array, gradient: Array, damping: Array, lanes: int
 ) -> tuple[Array, Array, Bools]:
-    """Solve (H + λ diag H) δ = g, H = AᵀA + P, g = Aᵀu + q, for each trial.
+    """Solve (H + λ diag H) δ = g, H = N + P, for each trial.
 
     Parameters
     ----------
-    rows, weight : (trials, m, k) and (trials, m) arrays
-        A is diag(weight) · rows; either may have one trial, shared by all.
-    u : (trials, m) array
-        Whitened residual.
+    normal : (trials, k (k + 1)/2) array
+        N = AᵀA of the observations; it may have one trial, shared by all.
     prior : (k, k) array
         P, symmetric.
-    pull : (trials, k) array
-        q, the gradient of the priors.
+    gradient : (trials, k) array
+        g, of observations and priors.
     damping : (trials,) array
         λ.
     lanes : int
@@ -130,17 +150,17 @@ def solve(
     ok : (trials,) bool array
         False where the matrix is not positive definite.
     """
-    trials, k = pull.shape
+    trials, k = gradient.shape
     step, predicted = np.zeros((trials, k)), np.zeros(trials)
     ok, good = np.zeros(trials, np.bool_), np.empty(lanes, np.bool_)
     a, d = np.empty((k, k, lanes)), np.empty((k, lanes))
-    b, g = np.empty((k, lanes)), np.empty((k, lanes))
+    b, g = np.zeros((k, lanes)), np.zeros((k, lanes))
     for first in range(0, trials, lanes):
-        _cholesky_block(rows, weight, u, prior, damping, first, a, b, d, good)
+        _factorise_block(normal, prior, damping, first, a, d, good)
         used = min(lanes, trials - first)
         for lane in range(used):
             for i in range(k):
-                b[i, lane] = (b[i, lane] + pull[first + lane, i]) * d[i, lane]
+                b[i, lane] = gradient[first + lane, i] * d[i, lane]
                 g[i, lane] = b[i, lane]
         for i in range(k):
             row, s = a[i], b[i]
@@ -167,16 +187,15 @@ def solve(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def inverse(rows: Array, weight: Array, prior: Array, lanes: int) -> tuple[Array, Bools]:
-    """Return (AᵀA + P)⁻¹ (trials, k, k), and where it exists (trials,); arguments as in `solve`."""
-    trials, k = max(rows.shape[0], weight.shape[0]), rows.shape[2]
+def inverse(normal: Array, prior: Array, lanes: int) -> tuple[Array, Bools]:
+    """Return (N + P)⁻¹ (trials, k, k), and where it exists (trials,); arguments as in `solve`."""
+    trials, k = normal.shape[0], prior.shape[0]
     result = np.empty((trials, k, k))
     ok, good = np.zeros(trials, np.bool_), np.empty(lanes, np.bool_)
-    damping = np.zeros(trials)
+    damping, s = np.zeros(1), np.empty(lanes)
     a, v, d = np.empty((k, k, lanes)), np.zeros((k, k, lanes)), np.empty((k, lanes))
-    u, b, s = np.zeros((trials, rows.shape[1])), np.empty((k, lanes)), np.empty(lanes)
     for first in range(0, trials, lanes):
-        _cholesky_block(rows, weight, u, prior, damping, first, a, b, d, good)
+        _factorise_block(normal, prior, damping, first, a, d, good)
         # v[j, i] = (L⁻¹)ᵢⱼ: transposed, so that both sums below run along rows.
         for j in range(k):
             column = v[j]

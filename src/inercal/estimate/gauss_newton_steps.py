@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 
 Bools = NDArray[np.bool_]
+Places = slice | NDArray[np.intp]
 
 # Below this many trials the compiled kernel is not worth loading.
 QR_MAX_TRIALS = 8
@@ -47,11 +48,39 @@ def solve(
     """
     if len(u) <= QR_MAX_TRIALS:
         return _solve_by_qr(rows * weight[..., None], u, prior_rows, v, damping)
+    normal, gradient = _normal_equations(rows, weight, u)
+    return solve_packed(normal, gradient, prior_rows, v, damping)
+
+
+def solve_packed(
+    normal: Array, gradient: Array, prior_rows: Array, v: Array, damping: Array
+) -> GaussNewtonSteps:
+    """Return one step for each trial from its normal equations.
+
+    Parameters
+    ----------
+    normal : (trials, k (k + 1)/2) array
+        Lower triangle of AᵀA, row after row; it may have one trial, shared by all.
+    gradient : (trials, k) array
+        Aᵀu.
+    prior_rows, v, damping
+        As of `solve`.
+    """
+    from inercal.estimate import _kernels
+
+    prior, whole = prior_rows.T @ prior_rows, gradient + v @ prior_rows
+    return GaussNewtonSteps(*_kernels.solve(normal, prior, whole, damping, _kernels.LANES))
+
+
+def _normal_equations(rows: Array, weight: Array, u: Array) -> tuple[Array, Array]:
+    """Return AᵀA, (1 or trials, k (k + 1)/2), and Aᵀu, (trials, k)."""
+    if len(rows) == len(weight) == 1:
+        a = rows[0] * weight[0][:, None]
+        return (a.T @ a)[np.tril_indices(a.shape[1])][None], u @ a
     from inercal.estimate import _kernels
 
     rows, weight, u = (np.ascontiguousarray(a) for a in (rows, weight, u))
-    prior, pull = prior_rows.T @ prior_rows, v @ prior_rows
-    return GaussNewtonSteps(*_kernels.solve(rows, weight, u, prior, pull, damping, _kernels.LANES))
+    return _kernels.normal_equations(rows, weight, u, _kernels.LANES)
 
 
 def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bools]:
@@ -71,10 +100,38 @@ def covariance(rows: Array, weight: Array, prior_rows: Array) -> tuple[Array, Bo
                 inverse = np.linalg.inv(triangle) / size[:, None]
                 result[t] = inverse @ inverse.T
         return result, np.isfinite(result[:, 0, 0])
+    normal, _ = _normal_equations(rows, weight, np.zeros((1, rows.shape[1])))
+    return covariance_packed(normal, prior_rows)
+
+
+def covariance_packed(normal: Array, prior_rows: Array) -> tuple[Array, Bools]:
+    """Return the same from normal equations, as of `solve_packed`."""
     from inercal.estimate import _kernels
 
-    rows, weight = np.ascontiguousarray(rows), np.ascontiguousarray(weight)
-    return _kernels.inverse(rows, weight, prior_rows.T @ prior_rows, _kernels.LANES)
+    return _kernels.inverse(normal, prior_rows.T @ prior_rows, _kernels.LANES)
+
+
+def moves(
+    step: GaussNewtonSteps, basis: Array | None, x: Array, some: Places
+) -> tuple[Array, Array, Bools]:
+    """Return moves of x (trials, p), predicted falls (trials,) and which exist, zero elsewhere.
+
+    Parameters
+    ----------
+    step : GaussNewtonSteps
+        Of some trials, in free coordinates.
+    basis : (p, k) array, optional
+        From free coordinates to parameters; None is the identity.
+    x : (trials, p) array
+    some : slice or array of int
+        Places of these trials.
+    """
+    move, predicted = np.zeros_like(x), np.zeros(len(x))
+    ok = np.zeros(len(x), dtype=bool)
+    free = np.where(step.ok[:, None], step.step, 0.0)
+    move[some] = free if basis is None else free @ basis.T
+    predicted[some], ok[some] = step.predicted, step.ok
+    return move, predicted, ok
 
 
 def _column_lengths(stacked: Array) -> Array:

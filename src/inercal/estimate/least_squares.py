@@ -1,17 +1,7 @@
-"""Batched nonlinear least squares: Levenberg–Marquardt, for many trials at once.
+"""Least squares: the estimate of a problem, by the Jacobian of its rows.
 
-Minimises  Σ ρ(uᵢ(x)) + Σ |L⁻¹(μ − x)|²  over x that satisfy the gauges, where u is the whitened
-residual and ρ = u² or a robust loss, of influence ψ = ρ′/2. Each step solves the equations of
-`gauss_newton_steps` (Marquardt 1963, SIAM J. 11, 431–441); a robust loss enters by iterated weights
-w = ψ/u. Each trial has its own damping, acceptance and convergence; the damping follows the gain
-of the last step (Nielsen 1999, IMM-REP-1999-05). The search starts undamped, since calibrations
-are nearly linear.
-
-A trial has converged when the error that the next step would leave is negligible against the cost:
-with δ₀, δ the last two steps in standard deviations, δ²·min(1, δ²/δ₀²) < 10⁻¹⁵ cost + ε, ε the
-cost of rounding (δ² alone where weights are iterated); or when the step is below 10⁻¹² of every
-parameter or of its typical size. The last step is still taken. It is rejected only if it raises the
-cost and predicts a fall below rounding: where χ² is far below one, rounding is a large part of it.
+`inercal.estimate.search` finds the minimum; a robust loss, of influence ψ = ρ′/2, enters its steps
+by iterated weights w = ψ/u.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,12 +16,8 @@ from inercal.estimate.lazy_value import LazyValue
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
 from inercal.estimate.scores import NO_SCORE_TESTS, Candidate, ScoreTestSet, score_tests
+from inercal.estimate.search import Bools, merge, search
 from inercal.estimate.whitened_problem import LinearisationPoint, WhitenedProblem
-
-Bools = NDArray[np.bool_]
-
-# λ after the first rejected step, the least nonzero λ, and λ at which a search ends.
-_FIRST, _LEAST, _MOST = 1e-2, 1e-12, 1e14
 
 
 @dataclass(frozen=True)
@@ -89,7 +75,7 @@ def least_squares(
     """
     system = WhitenedProblem(problem)
     structure = nullspace.observability(system, system.first)
-    point, converged, iterations = search(system, loss, max_iterations)
+    point, converged, iterations = search(LinearisedRows(system, loss), max_iterations)
     if converged[0]:
         # An accident at the solution, such as a parameter of zero, may hide what the start shows.
         at_solution = nullspace.observability(system, point)
@@ -160,126 +146,58 @@ def _score_tests_at_solution(system: WhitenedProblem, point: LinearisationPoint)
     return score_tests(residual, jacobian, found, system.basis)
 
 
-def search(
-    system: WhitenedProblem, loss: Cauchy | None, max_iterations: int
-) -> tuple[LinearisationPoint, Bools, NDArray[np.intp]]:
-    """Return the last point, which trials converged (trials,), and the steps tried (trials,).
+class LinearisedRows:
+    """The trials of a problem by their Jacobians, as `inercal.estimate.search` takes them."""
 
-    Parameters
-    ----------
-    system : WhitenedProblem
-    loss : Cauchy or None
-        As of `least_squares`.
-    max_iterations : int
-        Steps tried at most.
-    """
-    trials = system.trials
-    point, whitener = system.first, system.first_whitener
-    cost, previous = _cost(point, loss), np.zeros(trials)
-    damping, growth = np.zeros(trials), np.full(trials, 2.0)
-    converged, active = np.zeros(trials, dtype=bool), np.ones(trials, dtype=bool)
-    iterations = np.zeros(trials, dtype=np.intp)
-    # Weights that change slow the last steps down, so that the ratio of two promises too much.
-    reweighted = loss is not None or not system.constant_noise
-    for _ in range(max_iterations):
-        move, predicted, ok = _step(system, point, loss, damping, active)
-        settled = (
-            ok
-            & (damping <= 1e-3)
-            & _has_converged(system, point.x, move, predicted, previous, cost)
+    def __init__(self, system: WhitenedProblem, loss: Cauchy | None = None):
+        self._system, self._loss = system, loss
+        self.problem, self.trials, self.m = system.problem, system.trials, system.m
+        self.first = system.first
+        self.reweighted = loss is not None or not system.constant_noise
+        self._whitener = system.first_whitener
+        self._linearised = system.first.residual, system.first.rows  # until a point is tried
+
+    def cost(self, point: LinearisationPoint) -> Array:
+        """Return the cost as of `inercal.estimate.search.Trials`."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            u = point.whitened
+            u = u**2 if self._loss is None else self._loss.cost(u)
+            return np.sum(u, axis=-1) + np.sum(point.prior**2, axis=-1)
+
+    def step(
+        self, point: LinearisationPoint, damping: Array, active: Bools
+    ) -> tuple[Array, Array, Bools]:
+        """Return moves as of `inercal.estimate.search.Trials`."""
+        some = slice(None) if active.all() else np.flatnonzero(active)
+        rows, weight = (a if len(a) == 1 else a[some] for a in (point.rows, point.weight))
+        u = point.whitened[some]
+        if self._loss is not None:
+            root = np.sqrt(self._loss.weight(u))
+            weight, u = root * weight, root * u
+        step = gauss_newton_steps.solve(
+            rows, weight, u, self._system.prior_rows, point.prior[some], damping[some]
         )
-        iterations += active
+        return gauss_newton_steps.moves(step, self._system.basis, point.x, some)
 
-        x = point.x + move
-        residual, jacobian = system.evaluate(x)
-        # By the weights of the old point: costs compare only under the same weights.
-        tried = system.point(x, residual, jacobian, whitener)
-        fall = cost - _cost(tried, loss)
-        # Where the promise is no more than the rounding of the cost, so is the fall: no failure.
-        slack = system.problem.rounding * cost + _rounding_cost(system)
-        gain = np.where(predicted > 1e3 * slack, fall / np.maximum(predicted, slack), 1.0)
-        # A point that is not finite falls by NaN, and so is refused.
-        accepted = ~active | (ok & (fall >= -slack) & (gain > 1e-3))
+    def tried(
+        self, x: Array, point: LinearisationPoint, active: Bools
+    ) -> tuple[LinearisationPoint, Array]:
+        """Return a point and its cost as of `inercal.estimate.search.Trials`."""
+        self._linearised = self._system.evaluate(x)
+        tried = self._system.point(x, *self._linearised, self._whitener)
+        return tried, self.cost(tried)
 
-        x = x if accepted.all() else np.where(accepted[:, None], x, point.x)
+    def accepted(
+        self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
+    ) -> LinearisationPoint:
+        """Return the merged point as of `inercal.estimate.search.Trials`."""
+        system, x = self._system, tried.x
+        x = x if chosen.all() else np.where(chosen[:, None], x, point.x)
         # Where every trial stays at its point, so do its weights: a model beyond its fold is slow.
-        if not system.constant_noise and accepted.any():
-            whitener = system.whitener(x)
-            tried = system.point(x, residual, jacobian, whitener)
-        point = tried if accepted.all() else _merge(accepted, tried, point)
-        cost = _cost(point, loss)
-        if not reweighted:
-            previous = np.where(accepted & active, predicted, previous)
-        # A last step that promises less than rounding makes: the cost need not fall by it.
-        converged |= active & settled & (accepted | (predicted <= slack))
-        # Accepted: λ falls to a tenth at a full gain, and doubles at none. Refused: ever faster up.
-        less = damping * np.maximum(0.1, 1 - (2 * np.clip(gain, 0, 2) - 1) ** 3)
-        less[less < _LEAST] = 0.0
-        damping = np.where(accepted, less, np.maximum(damping * growth, _FIRST * (damping == 0)))
-        growth = np.where(accepted, 2.0, 2 * growth)
-        active = ~converged & (damping < _MOST)
-        if not active.any():
-            break
-    return point, converged, iterations
-
-
-def _step(
-    system: WhitenedProblem,
-    point: LinearisationPoint,
-    loss: Cauchy | None,
-    damping: Array,
-    active: Bools,
-) -> tuple[Array, Array, Bools]:
-    """Return moves of x (trials, p), predicted falls (trials,), which exist; of active ones."""
-    some = slice(None) if active.all() else np.flatnonzero(active)
-    rows, weight = (a if len(a) == 1 else a[some] for a in (point.rows, point.weight))
-    u = point.whitened[some]
-    if loss is not None:
-        root = np.sqrt(loss.weight(u))
-        weight, u = root * weight, root * u
-    step = gauss_newton_steps.solve(
-        rows, weight, u, system.prior_rows, point.prior[some], damping[some]
-    )
-    move = np.zeros_like(point.x)
-    predicted, ok = np.zeros(len(move)), np.zeros(len(move), dtype=bool)
-    free = np.where(step.ok[:, None], step.step, 0.0)
-    move[some] = free if system.basis is None else free @ system.basis.T
-    predicted[some], ok[some] = step.predicted, step.ok
-    return move, predicted, ok
-
-
-def _has_converged(
-    system: WhitenedProblem, x: Array, move: Array, predicted: Array, previous: Array, cost: Array
-) -> Bools:
-    """Return whether no error worth another step will be left after this one (trials,)."""
-    rate = predicted / np.maximum(previous, predicted + np.finfo(float).tiny)
-    size = 1e-12 * np.maximum(np.abs(x), system.problem.scale)
-    tiny = np.all(np.abs(move) <= size, axis=-1)
-    return tiny | (
-        predicted * np.where(previous > 0, rate, 1.0) <= 1e-15 * cost + _rounding_cost(system)
-    )
-
-
-def _rounding_cost(system: WhitenedProblem) -> float:
-    """Return the cost that rounding alone makes where the observations agree with the model."""
-    return 1e-20 + system.m * system.problem.rounding**2
-
-
-def _cost(point: LinearisationPoint, loss: Cauchy | None) -> Array:
-    """Return Σ ρ(u) + Σ v² (trials,)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        u = point.whitened**2 if loss is None else loss.cost(point.whitened)
-        return np.sum(u, axis=-1) + np.sum(point.prior**2, axis=-1)
-
-
-def _merge(chosen: Bools, new: LinearisationPoint, old: LinearisationPoint) -> LinearisationPoint:
-    """Return the new point in the chosen trials, the old one in the others."""
-    return LinearisationPoint(
-        *(
-            np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)
-            for a, b in zip(new, old, strict=True)
-        )
-    )
+        if not system.constant_noise and chosen.any():
+            self._whitener = system.whitener(x)
+            tried = system.point(x, *self._linearised, self._whitener)
+        return tried if chosen.all() else LinearisationPoint(*merge(chosen, tried, point))
 
 
 def _robust_covariance(

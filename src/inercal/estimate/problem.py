@@ -7,8 +7,10 @@ which are separate problems of one structure.
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
@@ -17,6 +19,18 @@ from inercal.estimate.scores import Candidate
 
 Linearise = Callable[[Array], tuple[Array, Array]]
 Candidates = Callable[[Array], Iterable[Candidate]]
+
+
+class NormalEquations(NamedTuple):
+    """What a step needs of the observations of trials, linearised and whitened at one x each."""
+
+    residual: Array  # y − h(x), (trials, m)
+    weight: Array  # 1/sd of the observations, (trials, m)
+    normal: Array  # lower triangle of AᵀA, row after row, (trials, p (p + 1)/2)
+    gradient: Array  # Aᵀu, (trials, p)
+
+
+NormalEquationsOf = Callable[[Array, NDArray[np.intp]], NormalEquations]
 KnownNull = tuple[str, Array | Callable[[Array], Array]]
 
 
@@ -61,6 +75,11 @@ class Problem:
         problem without trials.
     correlated : bool
         Whether `noise` is a covariance: of as many trials as observations its shape cannot tell.
+    normal_equations : callable, optional
+        The same model for many trials, in one pass and without an array of all derivatives: from x
+        (k, p) and the places of these k trials (k,) to their normal equations, with A the Jacobian
+        times the weights and u the residual times the weights. `least_squares_of_trials` takes it
+        in place of `linearise` and `noise`.
 
     Raises
     ------
@@ -81,6 +100,7 @@ class Problem:
     rounding: float = 1e-12
     candidates: Candidates | None = None
     correlated: bool = False
+    normal_equations: NormalEquationsOf | None = None
 
     def __post_init__(self) -> None:
         p = len(self.names)

@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from inercal.estimate.least_squares import estimate_at_solution, least_squares, search
-from inercal.estimate.nullspace import Observability
+from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
+from inercal.estimate.least_squares import LinearisedRows, estimate_at_solution
+from inercal.estimate.nullspace import Observability, observability
+from inercal.estimate.packed_trials import PackedTrials
 from inercal.estimate.problem import Problem
 from inercal.estimate.result import Estimate
+from inercal.estimate.search import search
 from inercal.estimate.whitened_problem import WhitenedProblem
 
 # No power of two: arrays of equal places modulo the size of a cache way would displace one another.
@@ -40,24 +43,36 @@ def least_squares_of_trials(
         As `least_squares`.
     """
     first, *others = _blocks(trials)
-    solved = least_squares(problem_of(first), max_iterations=max_iterations)
+    one = WhitenedProblem(problem_of(slice(0, 1)))
+    structure = observability(one, one.first)
+    solved = _solve_block(problem_of(first), first, structure, max_iterations)
+    if solved.converged[0]:
+        # An accident at the solution, such as a parameter of zero, may hide what the start shows.
+        x = solved.value[:1]
+        at_solution = observability(one, one.point(x, *one.evaluate(x)))
+        structure = min(structure, at_solution, key=lambda s: s.rank)
+    solved = replace(solved, **structure._asdict())
     if not others:
         return solved
-    structure = Observability(
-        solved.rank, solved.singular_values, solved.null_directions, solved.weakest
-    )
     whole = _with_room(solved, trials)
     _copy_results(solved, whole, first)
     del solved  # a block at a time is in memory
     for part in others:
-        _copy_results(_solve_block(problem_of(part), structure, max_iterations), whole, part)
+        _copy_results(_solve_block(problem_of(part), part, structure, max_iterations), whole, part)
     return whole
 
 
-def _solve_block(problem: Problem, structure: Observability, max_iterations: int) -> Estimate:
+def _solve_block(
+    problem: Problem, part: slice, structure: Observability, max_iterations: int
+) -> Estimate:
+    trials = part.stop - part.start
+    if problem.normal_equations is not None and trials > QR_MAX_TRIALS:
+        packed = PackedTrials(problem, trials)
+        point, converged, iterations = search(packed, max_iterations)
+        return packed.estimate(point, structure, converged, iterations)
     system = WhitenedProblem(problem)
-    point, converged, iterations = search(system, None, max_iterations)
-    return estimate_at_solution(system, point, structure, converged, iterations)
+    at, converged, iterations = search(LinearisedRows(system), max_iterations)
+    return estimate_at_solution(system, at, structure, converged, iterations)
 
 
 def _copy_results(solved: Estimate, whole: Estimate, part: slice) -> None:

@@ -53,7 +53,7 @@ class WhitenedProblem:
     def __init__(self, problem: Problem):
         self.problem = problem
         p = len(problem.names)
-        self.basis, start = _gauge_basis(problem)
+        self.basis, start = gauge_basis(problem)
         rows = [prior.rows(problem.names) for prior in problem.priors]
         self.prior_full = np.concatenate([np.zeros((0, p)), *(b for b, _ in rows)])
         self.prior_rows = self.prior_full if self.basis is None else self.prior_full @ self.basis
@@ -180,7 +180,7 @@ class WhitenedProblem:
         )
 
 
-def _gauge_basis(problem: Problem) -> tuple[Array | None, Array]:
+def gauge_basis(problem: Problem) -> tuple[Array | None, Array]:
     """Return the basis B (p, k) of the moves that gauges leave, and the start moved onto them."""
     if not problem.gauges:
         return None, problem.start

@@ -248,6 +248,7 @@ def build_problem(
         wanted=sensor.coefficients,
         observations=comparison.rows,
         rounding=comparison.relative_size(first) * ROUNDING,
+        normal_equations=comparison.normal_equations,
     )
 
 

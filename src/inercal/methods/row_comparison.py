@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from inercal.arrays import Array
+from inercal.estimate.problem import NormalEquationsOf
 
 
 class ReadingNoise(NamedTuple):
@@ -27,6 +28,8 @@ class RowComparison(NamedTuple):
         Names of the observations.
     relative_size : callable
         From parameters to the largest ratio of an observation to its standard deviation.
+    normal_equations : callable, optional
+        As of `Problem`.
     """
 
     linearise: Callable[[Array], tuple[Array, Array]]
@@ -34,3 +37,4 @@ class RowComparison(NamedTuple):
     correlated: bool
     rows: tuple[str, ...]
     relative_size: Callable[[Array], float]
+    normal_equations: NormalEquationsOf | None = None

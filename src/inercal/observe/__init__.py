@@ -3,21 +3,19 @@
 Vector observation: the mean reading of each row minus the model's reading of its motion,
 y − h(f, ω; c), with exact derivatives to the coefficients and, by the chain rule, to the parameters
 of the motion. Norm observation: the attitude is unknown, and only the norm of the sensed motion is
-compared. A compiled kernel computes many trials of an orthogonal triad whose errors act along each
-axis only.
+compared. A compiled kernel computes trials of three accelerometers from their declared terms.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
-from inercal.keys import CoefficientName
+from inercal.estimate.problem import NormalEquations
 from inercal.motion import Motion
+from inercal.observe.term_table import TermTable, term_table
 from inercal.sensors import Sensor, inverse, three_axes
-
-_AXIAL_TERMS = ("k0", "k1", "k2", "k3", "koq")  # terms along the axis, in the kernel's order
 
 
 def vector_residuals(
@@ -156,34 +154,98 @@ def noisy_norm_residuals(
     dT : (..., r) array or float
         As of `norm_residuals`.
     """
-    r, p = y.shape[-2], c.shape[-1]
     lead = np.broadcast_shapes(y.shape[:-2], covariance.shape[:-3], c.shape[:-1], made.shape[:-1])
-    if len(lead) == 1 and lead[0] > QR_MAX_TRIALS and _is_separable_triad(sensor):
-        from inercal.observe import _kernels
-
-        names = [CoefficientName(name).parts for name in sensor.coefficients]
+    table = term_table(sensor) if len(lead) == 1 else None
+    if table is not None:
         # NumPy allocates large pages, which the solver reads faster than memory of compiled code.
-        jacobian = np.empty((*lead, r, p))
-        residual, variance = _kernels.noisy_norm_kernel(
-            np.ascontiguousarray(y).reshape(-1, r, 3),
-            np.ascontiguousarray(covariance).reshape(-1, r, 3, 3),
-            np.ascontiguousarray(np.atleast_2d(c)),
-            np.array([sensor.channels.index(axis) for axis, _ in names], dtype=np.int64),
-            np.array([_AXIAL_TERMS.index(term) for _, term in names], dtype=np.int64),
-            np.ascontiguousarray(np.atleast_2d(made)),
-            jacobian,
-        )
-        return NoisyNormResiduals(residual, jacobian, variance, np.broadcast_to(0.0, (*lead, r, 3)))
+        jacobian = np.empty((*lead, y.shape[-2], c.shape[-1]))
+        bench = StatedNorms(made, np.zeros((0, *made.shape)), np.zeros_like(made))
+        x = np.broadcast_to(c, (*lead, c.shape[-1]))
+        which = np.arange(lead[0], dtype=np.int64)
+        found = _norm_kernel(table, y, covariance, dT, bench, x, which, jacobian)
+        none: Array = np.broadcast_to(0.0, (*lead, y.shape[-2], 3))
+        return NoisyNormResiduals(found.residual, jacobian, found.weight**-2.0, none)
     seen = norm_residuals(sensor, y, c, made, w, dT)
     along = seen.norm_by_reading
     variance = np.einsum("...i,...ij,...j->...", along, covariance, along)
     return NoisyNormResiduals(seen.residual, seen.jacobian[..., :-1], variance, seen.by_rate)
 
 
-def _is_separable_triad(sensor: Sensor) -> bool:
-    """Return whether the axes are an orthogonal triad with terms along each axis only."""
-    i = np.array([axis.i for axis in sensor.axes])
-    orthogonal = len(i) == 3 and bool(np.all(np.abs(i @ i.T - np.eye(3)) < 2.0**-50))
-    return orthogonal and all(
-        CoefficientName(name).term in _AXIAL_TERMS for name in sensor.coefficients
+class StatedNorms(NamedTuple):
+    """Norms of specific force in r rows as a bench states them, for s trials or one for all."""
+
+    norm: Array  # (..., r), m/s²
+    derivatives: Array  # (q, ..., r), by the bench's parameters
+    variance: Array  # (..., r), by the errors of each row, (m/s²)²
+
+
+def norm_normal_equations(
+    table: TermTable,
+    y: Array,
+    covariance: Array,
+    dT: Array | float,
+    stated: StatedNorms,
+    x: Array,
+    which: NDArray[np.intp],
+) -> NormalEquations:
+    """Return the normal equations of trials by the residuals of `noisy_norm_residuals`.
+
+    Parameters
+    ----------
+    table : TermTable
+        Of the sensor.
+    y, covariance, dT
+        Of all trials, or shared by them, as of `noisy_norm_residuals`.
+    stated : StatedNorms
+        Of these trials, or shared by them.
+    x : (s, p + q) array
+        Coefficients and the bench's parameters of these trials, SI.
+    which : (s,) array of int
+        Places of these trials.
+    """
+    return _norm_kernel(table, y, covariance, dT, stated, x, which, np.empty((0, 0, 0)))
+
+
+def _norm_kernel(
+    table: TermTable,
+    y: Array,
+    covariance: Array,
+    dT: Array | float,
+    stated: StatedNorms,
+    x: Array,
+    which: NDArray[np.intp],
+    jacobian: Array,
+) -> NormalEquations:
+    from inercal.observe import _kernels
+    from inercal.observe._force_inversion import Model, Rows
+
+    (count, k), r = x.shape, y.shape[-2]
+    warmth = np.broadcast_to(dT, (*np.shape(dT)[:-1], r))
+    derivatives = stated.derivatives.reshape(len(stated.derivatives), stated.norm.size // r, r)
+    found = NormalEquations(
+        np.empty((count, r)),
+        np.empty((count, r)),
+        np.empty((count, k * (k + 1) // 2)),
+        np.empty((count, k)),
     )
+    # Copies of what is small: numba compiles once more for an array that is read-only.
+    _kernels.norm_kernel(
+        table,
+        (
+            np.ascontiguousarray(y.reshape(-1, r, 3)),
+            np.ascontiguousarray(covariance.reshape(-1, r, 3, 3)),
+            np.array(np.atleast_2d(warmth), order="C"),
+        ),
+        (
+            np.array(np.atleast_2d(stated.norm), order="C"),
+            derivatives.copy(),
+            np.array(np.atleast_2d(stated.variance), order="C"),
+        ),
+        np.array(x, order="C"),
+        which,
+        Model.empty(),
+        Rows.empty(r, k),
+        found,
+        jacobian,
+    )
+    return found

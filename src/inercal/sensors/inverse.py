@@ -14,6 +14,7 @@ from inercal.sensors.sensor import Sensor
 
 _CHUNK = 1 << 16  # samples at a time: the slopes of a chunk fit the cache's outer levels
 _MAX_STEPS = 40
+_SETTLED = 1e-9  # of a step, relative to the motion: the error left is of the order of its square
 _SINGULAR_TEXT = (
     "with these coefficients the readings do not depend on the motion in some direction"
 )
@@ -159,14 +160,14 @@ def _newton(
         motion = _motion(across + x @ basis.T, rates, dT)
         reading, slope = sensor.reading_and_slope(motion, c)
         new = _solve(slope @ basis, y - reading)
-        settled = np.abs(new) <= 4 * np.finfo(float).eps * size
+        settled = np.abs(new) <= _SETTLED * size
         x, step = x + new, new
         if settled.all():
             break
     # A bias asymmetry leaves a gap at zero: no motion gives a reading inside it, and the steps
     # alternate between both sides. Zero, between them, is the nearest motion.
     alternating = (
-        (np.abs(step) > 1e-12 * size)
+        (np.abs(step) > _SETTLED * size)
         & (np.abs(step) <= _asymmetry_gap(sensor, c))
         & (x * (x - step) < 0)
     )
@@ -174,7 +175,7 @@ def _newton(
     step = np.where(alternating.any(-1, keepdims=True), 0.0, step)
     motion = _motion(across + x @ basis.T, rates, dT)
     slope = sensor.slope(motion, c) @ basis
-    unsettled = (np.abs(step) > 1e-12 * size).any(axis=-1)
+    unsettled = (np.abs(step) > _SETTLED * size).any(axis=-1)
     folded = _determinant(slope) * _determinant(at_origin) <= 0
     bad = unsettled | folded
     if not refuse:

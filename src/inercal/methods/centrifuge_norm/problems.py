@@ -25,6 +25,8 @@ from inercal.benches.centrifuge.arm_motion import (
 )
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.estimate import Candidate, Gaussian, Problem
+from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
+from inercal.estimate.problem import NormalEquations
 from inercal.methods import candidates, mean_problem, temperature
 from inercal.methods.centrifuge_norm.rotation_gauge import (
     gauges,
@@ -33,7 +35,14 @@ from inercal.methods.centrifuge_norm.rotation_gauge import (
 )
 from inercal.methods.mean_problem import Unknowns
 from inercal.methods.row_comparison import RowComparison
-from inercal.observe import NoisyNormResiduals, noisy_norm_residuals, norm_residuals
+from inercal.observe import (
+    NoisyNormResiduals,
+    StatedNorms,
+    noisy_norm_residuals,
+    norm_normal_equations,
+    norm_residuals,
+)
+from inercal.observe.term_table import term_table
 from inercal.parameters import Parameter
 from inercal.plan import Spin
 from inercal.recording import Observations
@@ -78,26 +87,22 @@ def norm_problem(
     turning = sensor.uses("wi", "wp", "wo") and bench.platform == "locked"
     declared = bench.acting_parameters(steps, vectors=turning)
     built = _ungauged_norm_problem(observations, sensor, bench, steps, declared, priors)
-    larger = _extended_sensor(
-        sensor, bench, steps, temperature_varies=observations.temperature_varies
-    )
-
-    def extended() -> Problem:
-        return _ungauged_norm_problem(
-            observations, larger, bench, steps, candidates.parameters_with_deviations(declared)
-        )
-
-    listed = candidates.candidate_function(
-        extended,
-        built.names,
-        larger,
-        declared,
-        observations.time,
-        families=_nonorthogonality_family(sensor),
-        prior_names=[name for prior in priors for name in prior.names],
-    )
 
     def all_candidates(x: Array) -> list[Candidate]:
+        larger = _extended_sensor(
+            sensor, bench, steps, temperature_varies=observations.temperature_varies
+        )
+        listed = candidates.candidate_function(
+            lambda: _ungauged_norm_problem(
+                observations, larger, bench, steps, candidates.parameters_with_deviations(declared)
+            ),
+            built.names,
+            larger,
+            declared,
+            observations.time,
+            families=_nonorthogonality_family(sensor),
+            prior_names=[name for prior in priors for name in prior.names],
+        )
         arms = (
             () if larger.uses("wi", "wp", "wo") else _lever_arm_candidates(built, sensor, steps, x)
         )
@@ -208,11 +213,12 @@ def _compare_norms(
     shared = _same_dwell_rows(observations, bench, steps)
     warmth = temperature.row_offsets(observations, sensor)
     correlated = shared is not None or observations.drift is not None
+    exact = None if loose else specific_force_norm(bench, steps, unknowns.exact)
 
     @_cache_last_result
     def compared(x: Array) -> tuple[SpecificForceNorm, MeanMotion | None, NoisyNormResiduals]:
         q = unknowns.bench_values(x)
-        result = specific_force_norm(bench, steps, q)
+        result = exact or specific_force_norm(bench, steps, q)
         turned = sensed_motion(bench, steps, q) if turning else None
         y, covariance = observations.mean, observations.covariance
         w = None if turned is None else turned.w
@@ -253,12 +259,41 @@ def _compare_norms(
             full = full + np.einsum("...ia,ija,...ja->...ij", along, observations.drift, along)
         return full
 
+    y, covariance, table = observations.mean, observations.covariance, term_table(sensor)
+
+    @_cache_last_result
+    def norm_equations(x: Array, which: NDArray[np.intp]) -> NormalEquations:
+        assert table is not None
+        result = exact or specific_force_norm(bench, steps, unknowns.bench_values(x))
+        norm = result.norm
+        derivatives = np.zeros((len(loose), *norm.shape))
+        for k, name in enumerate(loose):
+            derivatives[k] = result.derivatives.get(name, 0.0)
+        stated = StatedNorms(norm, derivatives, np.broadcast_to(result.dwell**2, norm.shape))
+        return norm_normal_equations(table, y, covariance, warmth, stated, x, which)
+
+    normal_equations = None if correlated or table is None else norm_equations
+
     def relative_size(x: Array) -> float:
         # A norm of tens of g is rounded at a millionth of its uncertainty.
+        lead = observations.trial_shape
+        if normal_equations is not None and lead > (QR_MAX_TRIALS,):
+            # The search starts there, too.
+            at = np.broadcast_to(x, (*lead, x.shape[-1]))
+            weight = normal_equations(at, np.arange(lead[0])).weight
+            made = exact or specific_force_norm(bench, steps, unknowns.bench_values(x))
+            return float(np.max(made.norm * weight))
         result, _, seen = compared(x)
         return float(np.max(result.norm / np.sqrt(seen.variance)))
 
-    return RowComparison(linearise, noise, correlated, observations.labels, relative_size)
+    return RowComparison(
+        linearise,
+        noise,
+        correlated,
+        observations.labels,
+        relative_size,
+        normal_equations,
+    )
 
 
 def _same_dwell_rows(
@@ -314,13 +349,13 @@ def vector_problem(
     )
 
 
-def _cache_last_result(work: Callable[[Array], _Result]) -> Callable[[Array], _Result]:
+def _cache_last_result(work: Callable[..., _Result]) -> Callable[..., _Result]:
     """Return the function with a cache of its last result, for residual and noise at one x."""
-    last: list[tuple[Array, _Result]] = []
+    last: list[tuple[tuple[Array, ...], _Result]] = []
 
-    def result(x: Array) -> _Result:
-        if not (last and np.array_equal(last[0][0], x)):
-            last[:] = [(x.copy(), work(x))]
+    def result(*x: Array) -> _Result:
+        if not (last and all(map(np.array_equal, last[0][0], x))):
+            last[:] = [(tuple(a.copy() for a in x), work(*x))]
         return last[0][1]
 
     return result
