@@ -1,24 +1,23 @@
 """Compiled: the drift of biases carried over time; its equations are in `drift`."""
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
-from numba import njit
 
 from inercal.arrays import Array
+from inercal.estimate.kernel_options import inner, kernel
 from inercal.methods.turntable.drift import Drift
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def sum_drift_components(x: Array, first: int, components: int, out: Array) -> None:
     """Write the drift of each bias, the sum of its components, whose states start at `first`."""
     for k in range(3):
         out[k] = 0.0
-        for c in range(components):
+    for c in range(components):
+        for k in range(3):
             out[k] += x[first + 3 * c + k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def propagate_drift(
     drift: Drift,
     since: float,
@@ -52,7 +51,7 @@ def propagate_drift(
             drawn[own + k] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def add_drift_cross_covariance(drift: Drift, first: int, joint: Array, p: Array) -> None:
     """Add the covariance of the noise of J with that of the components to P, after `predict`."""
     if not drift.mean_over_run:

@@ -3,14 +3,12 @@
 Level frame: east, north, up. C takes the body's frame to it, C_est = (I − [φ×]) C. φ, small, is a
 rotation vector; φ(f, ω) of `terms` is called phi. Functions write results to arguments, in place.
 """
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.estimate.kernel_options import inner, kernel
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 
 Indices = NDArray[np.int64]
@@ -28,7 +26,7 @@ CUBIC_ERROR = 0.36
 MAX_STEP_RATIO = 3.0  # steps of time: a sample or two may be lost
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def copy_matrix(matrix: Array, out: Array) -> None:
     """Write a 3 × 3 matrix; an assignment of slices takes Numba seconds to compile."""
     for i in range(3):
@@ -36,7 +34,7 @@ def copy_matrix(matrix: Array, out: Array) -> None:
             out[i, j] = matrix[i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def product(a: Array, b: Array, out: Array) -> None:
     """Write the product of 3 × 3 matrices."""
     for i in range(3):
@@ -46,7 +44,7 @@ def product(a: Array, b: Array, out: Array) -> None:
                 out[i, j] += a[i, k] * b[k, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def rotate(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -64,7 +62,7 @@ def rotate(c: Array, v: Array) -> None:
         c[i, 2] = d + once * g + twice * (e * v[1] - f * v[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def turn_level(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the level frame, in place: C ← exp [v×] C."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -81,7 +79,7 @@ def turn_level(c: Array, v: Array) -> None:
         c[2, j] = d + once * g + twice * (v[0] * f - v[1] * e)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def rotation_error(ref: Array, c: Array, z: Array) -> None:
     """Write the rotation vector z of ref Cᵀ, in the level frame."""
     for i in range(3):
@@ -102,7 +100,7 @@ def rotation_error(ref: Array, c: Array, z: Array) -> None:
             z[i] *= angle / sine
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _invert(m: Array, out: Array) -> None:
     """Write the inverse of a 3 × 3 matrix."""
     for i in range(3):
@@ -116,32 +114,42 @@ def _invert(m: Array, out: Array) -> None:
             out[i, j] /= det
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def inverse_scale_matrix(
-    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, out: Array
+    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, work: Array, out: Array
 ) -> None:
-    """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`)."""
-    result = nominal.copy()
+    """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`).
+
+    `work` (3, 3) is overwritten.
+    """
+    copy_matrix(nominal, work)
     for m in range(axis.size):
         for k in range(3):
-            result[axis[m], k] += c[m] * weights[m, first + k]
-    _invert(result, out)
+            work[axis[m], k] += c[m] * weights[m, first + k]
+    _invert(work, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def inverse_scale_matrix_at_temperature(
-    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, warmth: float, out: Array
+    nominal: Array,
+    axis: Indices,
+    weights: Array,
+    c: Array,
+    first: int,
+    warmth: float,
+    work: Array,
+    out: Array,
 ) -> None:
     """Write M at a temperature: S has the part that is linear in u ΔT too."""
-    result = nominal.copy()
+    copy_matrix(nominal, work)
     for m in range(axis.size):
         for k in range(3):
             by = weights[m, first + k] + warmth * weights[m, TEMPERATURE + first + k]
-            result[axis[m], k] += c[m] * by
-    _invert(result, out)
+            work[axis[m], k] += c[m] * by
+    _invert(work, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def fill_temperature_terms(phi: Array, warmth: float) -> None:
     """Write the terms of φ that depend on ΔT, from the other terms."""
     for b in range(BASIS):
@@ -149,7 +157,7 @@ def fill_temperature_terms(phi: Array, warmth: float) -> None:
     phi[TEMPERATURE + BASIS] = warmth * warmth
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def fill_force_terms(phi: Array, f: Array) -> None:
     """Write the terms of φ that depend on f."""
     phi[0] = 1.0
@@ -160,26 +168,27 @@ def fill_force_terms(phi: Array, f: Array) -> None:
     phi[SQUARE + 5] = f[1] * f[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def used_term_indices(weights: Array) -> Indices:
     """Return the terms of φ that a triad's coefficients use, and the first: biases drift."""
-    size = weights.shape[1]
-    return np.array([b for b in range(size) if b == 0 or np.any(weights[:, b] != 0.0)])
+    used = np.any(weights != 0.0, axis=0)
+    used[0] = True
+    return np.flatnonzero(used)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def sum_reading_terms(
     axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array
 ) -> None:
     """Write the factor of each term of φ in the readings, (BASIS, 3); drift adds to the first."""
-    for b in used:
+    for t in range(used.size):
+        b = used[t]
         for i in range(3):
             by[b, i] = drift[i] if b == 0 else 0.0
         for m in range(axis.size):
             by[b, axis[m]] += c[m] * weights[m, b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def correct_reading(
     reading: Array, m: Array, by: Array, phi: Array, used: Indices, first: int, u: Array
 ) -> None:
@@ -187,10 +196,12 @@ def correct_reading(
 
     What is linear in u ΔT is in M too.
     """
-    u[:] = 0.0
+    for k in range(3):
+        u[k] = 0.0
     for j in range(3):
         left = reading[j]
-        for b in used:
+        for t in range(used.size):
+            b = used[t]
             linear = b - TEMPERATURE if b >= TEMPERATURE else b
             if linear < first or linear >= first + 3:
                 left -= by[b, j] * phi[b]
@@ -198,17 +209,18 @@ def correct_reading(
             u[k] += m[k, j] * left
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
     """Add C M φ dt, (BASIS, 3, 3)."""
-    for b in used:
+    for t in range(used.size):
+        b = used[t]
         size = phi[b] * dt
         for k in range(3):
             for j in range(3):
                 made[b, k, j] += cm[k, j] * size
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def write_transition_columns(
     made: Array,
     axis: Indices,
@@ -224,18 +236,25 @@ def write_transition_columns(
     Of each bias the drift is the sum of so many components.
     """
     gm = first + axis.size
-    for k in range(3):
-        for s in range(axis.size):
+    for s in range(axis.size):
+        for k in range(3):
             a[k, first + s] = 0.0
-            for b in used:
-                a[k, first + s] += sign * weights[s, b] * made[b, k, axis[s]]
-        for j in range(3):
-            for c in range(components):
+        for t in range(used.size):
+            size = sign * weights[s, used[t]]
+            if size != 0.0:
+                for k in range(3):
+                    a[k, first + s] += size * made[used[t], k, axis[s]]
+    for c in range(components):
+        for k in range(3):
+            for j in range(3):
                 a[k, gm + 3 * c + j] = sign * made[0, k, j]
-    made[:] = 0.0
+    for t in range(used.size):
+        for k in range(3):
+            for j in range(3):
+                made[used[t], k, j] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def bracketing_rows(times: Array, newest: int, when: float) -> tuple[int, int, float]:
     """Return the rows of a ring before and after a time, and its share of the step between.
 
@@ -256,9 +275,16 @@ def bracketing_rows(times: Array, newest: int, when: float) -> tuple[int, int, f
     return before, after, (when - times[before]) / step if step > 0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def interpolate_attitude(
-    times: Array, past: Array, newest: int, when: float, out: Array, rate: Array, left: Array
+    times: Array,
+    past: Array,
+    newest: int,
+    when: float,
+    out: Array,
+    rate: Array,
+    left: Array,
+    work: Array,
 ) -> None:
     """Write the attitude at a time between kept ones, and the body's rate there in the level frame.
 
@@ -275,17 +301,19 @@ def interpolate_attitude(
     out : (3, 3) array
     rate, left : (3,) arrays
         rad/s; and by how much a sudden acceleration may have bent the way, rad.
+    work : (3, 3) array
+        Overwritten.
     """
     k = times.size
     before, after, share = bracketing_rows(times, newest, when)
     step = times[after] - times[before]
-    left[:] = 0.0
-    rate[:] = 0.0
+    turn, bent, other = work[0], work[1], work[2]
+    for i in range(3):
+        left[i] = rate[i] = bent[i] = 0.0
     copy_matrix(past[before], out)
     if step <= 0:
         return
     rotation_error(past[after], past[before], rate)
-    turn, bent, other = np.empty(3), np.zeros(3), np.empty(3)
     way = share * (share - 1) * step * step
     if 0 < share < 1:
         row, next_row = (before - 1) % k, (after + 1) % k
@@ -310,24 +338,29 @@ def interpolate_attitude(
     turn_level(out, turn)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def are_similar_steps(step: float, other: float) -> bool:
     """Return whether two time steps are of similar length, as a curvature needs."""
     return 0 < step <= MAX_STEP_RATIO * other and other <= MAX_STEP_RATIO * step
 
 
-@njit(cache=True, nogil=True)
 def epoch_indices(time: Array, period: float, last: float) -> Indices:
     """Return the samples at which an epoch is due: a period or more after the one before."""
     return epoch_indices_in_holds(time, np.zeros(time.size, np.int64), period, last, 0)
 
 
-@njit(cache=True, nogil=True)
 def epoch_indices_in_holds(
     time: Array, hold: Indices, period: float, last: float, number: int
 ) -> Indices:
     """Do the same within holds: the first sample of each, then every period."""
     found = np.empty(time.size, np.int64)
+    return found[: _write_epochs(time, hold, period, last, number, found)]
+
+
+@kernel
+def _write_epochs(
+    time: Array, hold: Indices, period: float, last: float, number: int, found: Indices
+) -> int:
     count = 0
     for i in range(time.size):
         if hold[i] < 0:
@@ -336,4 +369,4 @@ def epoch_indices_in_holds(
             found[count] = i
             count += 1
             last, number = time[i], hold[i]
-    return found[:count]
+    return count

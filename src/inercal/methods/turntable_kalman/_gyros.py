@@ -4,15 +4,13 @@ Rates are parabolas through the last three samples, with the second-order term o
 1983, J. Guidance 6(4), 287–291). States: φ (3), p coefficients, drift of the biases
 (`turntable.drift`), q of the table's parameters. `_readback` has the observation of φ.
 """
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
+from inercal.estimate.kernel_options import inner, kernel
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
     PARABOLA_ERROR,
@@ -32,10 +30,9 @@ from inercal.methods.turntable.terms import FORCE, RATE, SQUARE, TEMPERATURE
 from inercal.methods.turntable_kalman._filter_steps import (
     FilterSamples,
     KernelModel,
+    KernelWorkspace,
     Transition,
-    copy_slice,
     is_rejected,
-    new_workspace,
     predict_covariance,
     update_workspace,
     white_noise_covariance,
@@ -50,20 +47,20 @@ from inercal.methods.turntable_kalman._readback import (
     ReadbackTerms,
     align,
     feed_back,
-    iterate_observation,
     observe,
 )
 
 Indices = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def run_gyro_filter(
     samples: FilterSamples,
     readback: AttitudeReadback,
     model: KernelModel,
     settings: AttitudeSettings,
     state: AttitudeState,
+    work: KernelWorkspace,
     steps: FilterSteps,
     history: Array,
 ) -> float:
@@ -74,80 +71,86 @@ def run_gyro_filter(
     samples, readback, model, settings
     state : AttitudeState
         Its arrays are changed in place.
+    work : KernelWorkspace
+        Overwritten.
     steps : FilterSteps
         Written at each epoch.
     history : (e, 4 + 2 n) array
         Written at each epoch: innovations (3), NIS, the estimates (x with the coefficients
         in their place, φ zero) and their variances; a bias that drifts as the mean so far.
     """
-    x, p, theta = state.x, state.p, state.theta
-    count, n = theta.size, x.size
-    gm = 3 + count
-    fed, components = np.zeros(3), model.drift.times.size
-    z, spread = np.zeros(3), np.zeros(3)
+    x, p, theta, fed = state.x, state.p, state.theta, work.fed
+    n, gm, components = x.size, 3 + theta.size, model.drift.times.size
+    for k in range(3):
+        fed[k] = 0.0
     if settings.feedback:
         sum_drift_components(x, gm, components, fed)  # what readings are corrected by
-    run = AttitudeRun(samples, readback, model, settings, state, new_workspace(model, theta, fed))
-    joint = np.zeros((components, 3))
-    drawn, driven = np.zeros(n), np.zeros((3, 3))
-    # A literal 0 would have `_propagate_attitude` compiled a second time, for itself.
-    total, first = state.nis, int(np.int64(0))
-    for e in range(readback.epochs.size):
-        row = e % len(steps.s)
-        seen, gain = ReadbackTerms(z, spread, steps.h[row]), steps.gain[row]
-        to = Transition(steps.a[row], steps.keep[row], driven, drawn, joint)
-        first = _propagate_attitude(first, readback.epochs[e] + 1, run)
+    update_workspace(work, model.terms, theta)
+    run = AttitudeRun(samples, readback, model, settings, state, work)
+    z, spread, innovation = work.z, work.variance, work.innovation
+    # A literal 0 would have the loop over samples compiled a second time, for itself.
+    total, first, epochs = state.nis, int(np.int64(0)), readback.epochs.size
+    # One call for the samples to each epoch and those after the last: the compiler takes each call
+    # for itself.
+    for e in range(epochs + 1):
+        end = readback.epochs[e] + 1 if e < epochs else samples.time.size
+        _propagate_attitude(first, end, run)
+        if e == epochs:
+            break
+        first, row, seen = end, e % len(steps.s), history[e]
+        h, gain = steps.h[row], steps.gain[row]
+        to = Transition(steps.a[row], steps.keep[row], work.driven, work.drawn, work.joint)
         _transition(run, to)
         lost = state.alignment_due[0]
         if lost:
             align(e, run, to)
         if settings.feedback:
-            _propagate_azimuth_error(settings, x, to.a)
+            _propagate_azimuth_error(settings, x, to.a, work.turn)
         else:
-            _propagate_error(x, to.a)
-        predict_covariance(model, gm, to, p)
-        if lost:
-            history[e, :4] = 0.0
-            steps.s[row] = 0.0
-        else:
-            observe(e, run, fed, x, p, seen)
-            iterate_observation(e, run, fed, seen, gain)
-            nis = 0.0
+            _propagate_error(x, to.a, work.turn)
+        predict_covariance(model.drift, gm, to, work.moved, p)
+        nis = 0.0
+        if not lost:
+            observe(e, run, ReadbackTerms(z, spread, h), gain)
             for k in range(3):
-                history[e, k] = z[k]
+                innovation[k] = z[k]
                 for j in range(n):
-                    history[e, k] -= seen.h[k, j] * x[j]
-            variance = readback.variance[e] + spread
-            if is_rejected(history[e, :3], seen.h, p, variance, settings.gate, state.rejections):
-                history[e, :4] = 0.0
-                steps.s[row] = 0.0
+                    innovation[k] -= h[k, j] * x[j]
+                spread[k] += readback.variance[e]
+            lost = is_rejected(
+                innovation, h, p, spread, settings.gate, state.rejections, work.s, work.ph
+            )
+        for k in range(3):
+            if lost:
+                seen[k] = steps.s[row, k] = 0.0
             else:
-                for k in range(3):
-                    off, s = update(x, p, seen.h[k], z[k], variance[k], gain[k])
-                    steps.off[row, k], steps.s[row, k] = off, s
-                    nis += off * off / s
-                history[e, 3] = nis
-                total += nis
-                if settings.feedback:
-                    feed_back(run, fed)
+                seen[k] = innovation[k]
+                off, s = update(x, p, h[k], z[k], spread[k], gain[k])
+                steps.off[row, k], steps.s[row, k] = off, s
+                nis += off * off / s
+        seen[3] = nis
+        total += nis
         if settings.feedback:
+            if not lost:
+                feed_back(run)
             sum_drift_components(x, gm, components, fed)
-        update_workspace(run.workspace, model, theta, fed)
-        elapsed, result = state.time[1] - state.time[2], history[e, 4:]
-        write_estimate(model, elapsed, 3, theta, x, p, result[:n], result[n:])
+        update_workspace(work, model.terms, theta)
+        elapsed = state.time[1] - state.time[2]
+        write_estimate(model.terms, model.drift, work, elapsed, theta, x, p, seen)
         store_covariance_rows(p, steps, row)
-    _propagate_attitude(first, samples.time.size, run)
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
-    """Carry the attitude over samples, and sum up what drives φ; return the sample to follow."""
-    # Access to a field of a tuple counts references: once here, not at each sample.
+@inner
+def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> None:
+    """Carry the attitude over samples, and sum up what drives φ."""
     samples, _readback, model, settings, state, done = run
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
-    used, m, by, phi, cm, half, mean, u, turn, fed = done
+    used, m, by, phi, cm, half, mean, u, turn, middle = (
+        done.used_terms, done.m, done.reading_terms, done.phi, done.cm, done.half, done.mean,
+        done.u, done.turn, done.rate,
+    )  # fmt: skip
     c, result, before = state.c, state.sensitivity_integral, state.rates
     times, past = state.times, state.attitudes
     earth, white, gravity, gap = model.earth, model.white, model.gravity, settings.gap
@@ -176,9 +179,16 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
         if warmed:
             fill_temperature_terms(phi, warmth[i])
             inverse_scale_matrix_at_temperature(
-                terms.nominal, terms.axis, terms.weights, theta, RATE, warmth[i], m
+                terms.nominal,
+                terms.axis,
+                terms.weights,
+                theta,
+                terms.first,
+                warmth[i],
+                done.square,
+                m,
             )
-        correct_reading(mean, m, by, phi, used, RATE, u)
+        correct_reading(mean, m, by, phi, used, terms.first, u)
         # Rotation of the step relative to the level frame, and half of it.
         for k in range(3):
             around_earth = 0.0
@@ -187,7 +197,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
             j1, j2 = (k + 1) % 3, (k + 2) % 3
             coning = before[0, j1] * rates[i, j2] - before[0, j2] * rates[i, j1]
             turn[k] = (u[k] - around_earth) * dt + coning * dt * dt / 12
-            fed[k] = 0.5 * turn[k]
+            middle[k] = 0.5 * turn[k]
             # About an axis at rest the sensed rate is the earth's. The reading is not used here:
             # its noise correlates with the angle's random walk, and the filter would estimate a
             # scale factor from the correlation.
@@ -197,7 +207,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
             if warmed:
                 phi[TEMPERATURE + RATE + k] = warmth[i] * phi[RATE + k]
         copy_matrix(c, half)
-        rotate(half, fed)
+        rotate(half, middle)
         rotate(c, turn)
         product(half, m, cm)
         accumulate_sensitivity(cm, phi, dt, used, result)
@@ -207,15 +217,14 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> int:
             before[1, k], before[0, k] = before[0, k], rates[i, k]
             for j in range(3):
                 past[newest, k, j] = c[k, j]
-                for b in used:
-                    sums[newest, b, k, j] = result[b, k, j]
+                for t in range(used.size):
+                    sums[newest, used[t], k, j] = result[used[t], k, j]
     state.newest_row[0], state.alignment_due[0] = newest, lost
     state.time[0], state.time[3], state.time[4] = now, step, ended
     state.acceleration_variance[0] = kinks
-    return end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@inner
 def _transition(run: AttitudeRun, to: Transition) -> None:
     """Write Φ and Q since the epoch before; begin a new epoch."""
     _samples, _readback, model, settings, state, done = run
@@ -227,13 +236,16 @@ def _transition(run: AttitudeRun, to: Transition) -> None:
     since = state.time[0] - state.time[1]
     state.time[1] = state.time[0]
     for row in range(len(sums)):
-        for b in done.used_terms:
+        for t in range(done.used_terms.size):
+            b = done.used_terms[t]
             for k in range(3):
                 for j in range(3):
                     sums[row, b, k, j] -= result[b, k, j]
-    a[:] = 0.0
+    for k in range(3):
+        for j in range(keep.size):
+            a[k, j] = 0.0
     write_transition_columns(
-        result, terms.axis, terms.weights, done.used_terms, -1.0, 3, len(joint), a
+        result, terms.axis, terms.weights, done.used_terms, -1.0, len(driven), len(joint), a
     )
     white_noise_covariance(done.cm, model.white, since, driven)
     for k in range(3):
@@ -249,26 +261,26 @@ def _transition(run: AttitudeRun, to: Transition) -> None:
         a[0, settings.timing_states[2]] = earth[1] * since
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array) -> None:
+@inner
+def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array, moved: Array) -> None:
     """Propagate φ with the estimated azimuth: the attitude is propagated with the stated one."""
     azimuth = settings.timing_states[2]
     if azimuth < 0:
         return
-    moved = np.zeros(3)
     for k in range(3):
         moved[k] = a[k, azimuth] * (x[azimuth] - settings.azimuth)
         for j in range(3):
             moved[k] += a[k, j] * x[j]
-    copy_slice(moved, 0, x[:3])
+    for k in range(3):
+        x[k] = moved[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _propagate_error(x: Array, a: Array) -> None:
+@inner
+def _propagate_error(x: Array, a: Array, moved: Array) -> None:
     """Propagate φ where it is not fed back."""
-    moved = np.zeros(3)
     for k in range(3):
         moved[k] = x[k]
         for s in range(x.size):
             moved[k] += (a[k, s] - (1.0 if s == k else 0.0)) * x[s]
-    copy_slice(moved, 0, x[:3])
+    for k in range(3):
+        x[k] = moved[k]

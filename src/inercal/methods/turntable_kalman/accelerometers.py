@@ -10,6 +10,7 @@ their sensitivity to g, are then taken for tilt.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -144,7 +145,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         # With a readback that is stated as exact, the floor of its noise is arbitrary: no test.
         return 3 if self.readback_sd is None and self.bench.white == 0 else self.rows
 
-    @property
+    @cached_property
     def shared_covariance(self) -> Array:
         """Part of the coefficients' covariance that no innovation shows, (p, p): gravity's."""
         g = self.bench.gravity
@@ -183,11 +184,12 @@ class AccelerometerFilter(Filter[VelocityState]):
         nis = _accelerometers.run_accelerometer_filter(
             self.samples(track),
             self._readback(epochs, track),
-            self.kernel_model(),
+            self.kernel_model,
             VelocitySettings(
                 self.velocity_sd**2, self.alignment_sd**2, self.innovation_gate(track)
             ),
             state,
+            self.workspace(),
             steps,
             history,
         )

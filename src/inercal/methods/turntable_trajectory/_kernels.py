@@ -83,8 +83,8 @@ def increments(
     count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    turn, fed = np.zeros(3), np.zeros(3)
-    inverse_scale_matrix(nominal, axis, weights, theta, RATE, m)
+    turn, fed, work = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    inverse_scale_matrix(nominal, axis, weights, theta, RATE, work, m)
     columns[:], drifting[:], driven[:] = 0.0, 0.0, 0.0
     for e in range(epochs.size - 1):
         copy_matrix(reference[e], c)
@@ -96,7 +96,7 @@ def increments(
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
                 inverse_scale_matrix_at_temperature(
-                    nominal, axis, weights, theta, RATE, warmth[i], m
+                    nominal, axis, weights, theta, RATE, warmth[i], work, m
                 )
             for k in range(3):
                 move[k] = 0.5 * (rates[i, k] + rates[i - 1, k])
@@ -201,6 +201,7 @@ def whiten(
     total, x, before = np.zeros((3, m)), np.zeros((n, m)), np.zeros((3, m))
     p, a, keep, drawn = np.zeros((n, n)), np.zeros((3, n)), np.ones(n), np.zeros(n)
     joint, root, gain = np.zeros((components, 3)), np.zeros((3, 3)), np.zeros((n, 3))
+    moved = np.zeros((3, n))
     p[3:, 3:] = start
     for k in range(3):
         p[k, k], a[k, k] = readback, 1.0
@@ -216,7 +217,7 @@ def whiten(
         np.dot(a, x, before)
         _copy_rows(before, x)
         propagate_drift(drift, dt, 3, x, keep, drawn, joint)
-        predict(p, a, keep, driven[e], drawn)
+        predict(p, a, keep, driven[e], drawn, moved)
         add_drift_cross_covariance(drift, 3, joint, p)
         if lost[e]:
             # φ starts anew; the drift continues.
@@ -273,11 +274,11 @@ def whiten_independent_axes(
     components, m, n = drift.times.size, rows.shape[2], len(start)
     x, p = np.zeros((n, m)), start.copy()
     keep, drawn, joint = np.ones(n), np.zeros(n), np.zeros((components, 3))
-    a, driven = np.zeros((0, n)), np.zeros((0, 0))
+    a, driven, moved = np.zeros((0, n)), np.zeros((0, 0)), np.zeros((0, n))
     ph, last, off = np.zeros(n), begun, np.zeros(m)
     for e in range(time.size):
         propagate_drift(drift, time[e] - last, 0, x, keep, drawn, joint)
-        predict(p, a, keep, driven, drawn)
+        predict(p, a, keep, driven, drawn, moved)
         add_drift_cross_covariance(drift, 0, joint, p)
         last = time[e]
         for k in range(3):
