@@ -164,18 +164,19 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
         k is written there.
     """
     n = x.size
-    multiply(p, h, gain)  # P h, until its row of P is updated
+    multiply(p, h, gain)
     s, off = r, z
     for m in range(n):
         s += h[m] * gain[m]
         off -= h[m] * x[m]
+    per = 1 / s
     for j in range(n):
-        one = gain[j] / s
-        x[j] += one * off
-        for m in range(j, n):
-            p[j, m] -= one * gain[m]
-            p[m, j] = p[j, m]
-        gain[j] = one
+        size = gain[j]
+        for m in range(n):
+            p[j, m] -= size * gain[m] * per  # in this order symmetric to the last bit
+    for j in range(n):
+        gain[j] *= per
+        x[j] += gain[j] * off
     return off, s
 
 

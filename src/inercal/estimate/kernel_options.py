@@ -30,3 +30,12 @@ def inner(function: F) -> F:
     """
     result: F = _compile(**_OPTIONS, no_cpython_wrapper=True)(function)
     return result
+
+
+def inlined(function: F) -> F:
+    """Compile a function as a part of the kernels that call it, which is for one call in each.
+
+    A call hands over each array of its tuples, hundreds of numbers.
+    """
+    result: F = _compile(**_OPTIONS, no_cpython_wrapper=True, inline="always")(function)
+    return result

@@ -23,6 +23,7 @@ PARABOLA_ERROR, PARABOLA_THRESHOLD = 720**-0.5, 500.0
 # Of an angle between samples a cubic leaves so much of s (1 − s) times the difference of both
 # second divided differences; rms over where the acceleration begins, computed.
 CUBIC_ERROR = 0.36
+SMALL_ANGLE = 1e-2  # rad, below which series replace sine and cosine
 MAX_STEP_RATIO = 3.0  # steps of time: a sample or two may be lost
 
 
@@ -48,9 +49,10 @@ def product(a: Array, b: Array, out: Array) -> None:
 def rotate(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    angle = np.sqrt(s)
-    once = 1 - s / 6 + s * s / 120 if angle < 1e-2 else np.sin(angle) / angle
-    twice = 0.5 - s / 24 + s * s / 720 if angle < 1e-2 else (1 - np.cos(angle)) / s
+    once, twice = 1 + s * (s * (1 / 120) - 1 / 6), 0.5 + s * (s * (1 / 720) - 1 / 24)
+    if s >= SMALL_ANGLE * SMALL_ANGLE:
+        angle = np.sqrt(s)
+        once, twice = np.sin(angle) / angle, (1 - np.cos(angle)) / s
     for i in range(3):
         a, b, d = c[i, 0], c[i, 1], c[i, 2]
         # Rows of C times exp [v×]: a + once (a × v)ᵀ-wise + twice ((a × v) × v).
@@ -66,9 +68,10 @@ def rotate(c: Array, v: Array) -> None:
 def turn_level(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the level frame, in place: C ← exp [v×] C."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    angle = np.sqrt(s)
-    once = 1 - s / 6 + s * s / 120 if angle < 1e-2 else np.sin(angle) / angle
-    twice = 0.5 - s / 24 + s * s / 720 if angle < 1e-2 else (1 - np.cos(angle)) / s
+    once, twice = 1 + s * (s * (1 / 120) - 1 / 6), 0.5 + s * (s * (1 / 720) - 1 / 24)
+    if s >= SMALL_ANGLE * SMALL_ANGLE:
+        angle = np.sqrt(s)
+        once, twice = np.sin(angle) / angle, (1 - np.cos(angle)) / s
     for j in range(3):
         a, b, d = c[0, j], c[1, j], c[2, j]
         e = v[1] * d - v[2] * b
@@ -175,6 +178,12 @@ def used_term_indices(weights: Array) -> Indices:
     return np.flatnonzero(used)
 
 
+def added_term_indices(used: Indices, first: int) -> Indices:
+    """Return those of the terms in use that M does not hold: it holds u and u ΔT, from `first`."""
+    linear = np.where(used >= TEMPERATURE, used - TEMPERATURE, used)
+    return used[(linear < first) | (linear >= first + 3)]
+
+
 @inner
 def sum_reading_terms(
     axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array
@@ -190,21 +199,15 @@ def sum_reading_terms(
 
 @inner
 def correct_reading(
-    reading: Array, m: Array, by: Array, phi: Array, used: Indices, first: int, u: Array
+    reading: Array, m: Array, by: Array, phi: Array, added: Indices, u: Array
 ) -> None:
-    """Write u = M (reading − what is added beside the part linear in u, φ from `first`).
-
-    What is linear in u ΔT is in M too.
-    """
+    """Write u = M (reading − what is added beside the part linear in u, of the terms `added`)."""
     for k in range(3):
         u[k] = 0.0
     for j in range(3):
         left = reading[j]
-        for t in range(used.size):
-            b = used[t]
-            linear = b - TEMPERATURE if b >= TEMPERATURE else b
-            if linear < first or linear >= first + 3:
-                left -= by[b, j] * phi[b]
+        for t in range(added.size):
+            left -= by[added[t], j] * phi[added[t]]
         for k in range(3):
             u[k] += m[k, j] * left
 

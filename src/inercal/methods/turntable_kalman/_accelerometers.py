@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimate.kernel_options import inner, kernel
+from inercal.estimate.kernel_options import inlined, inner, kernel
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
     accumulate_sensitivity,
@@ -81,17 +81,6 @@ class VelocityState(NamedTuple):
     epochs: int = 0
 
 
-class VelocityRun(NamedTuple):
-    """The arguments of every step of the filter."""
-
-    samples: FilterSamples
-    readback: VelocityReadback
-    model: KernelModel
-    settings: VelocitySettings
-    state: VelocityState
-    workspace: KernelWorkspace
-
-
 @kernel
 def run_accelerometer_filter(
     samples: FilterSamples,
@@ -122,8 +111,7 @@ def run_accelerometer_filter(
     table, components = gm + model.size, model.drift.times.size
     sum_drift_components(x, gm, components, fed)
     update_workspace(work, model.terms, theta)
-    run = VelocityRun(samples, readback, model, settings, state, work)
-    _write_rest_force(run)
+    _write_rest_force(model.gravity, state.c, work)
     z, innovation, variance = work.z, work.innovation, work.variance
     # A literal 0 would have the loop over samples compiled a second time, for itself.
     total, first, epochs = state.nis, int(np.int64(0)), readback.epochs.size
@@ -131,7 +119,7 @@ def run_accelerometer_filter(
     # for itself.
     for e in range(epochs + 1):
         end = readback.epochs[e] + 1 if e < epochs else samples.time.size
-        _propagate_velocity(first, end, run)
+        _propagate_velocity(first, end, samples, model, state, work)
         if e == epochs:
             break
         first, row, seen = end, e % len(steps.s), history[e]
@@ -141,13 +129,13 @@ def run_accelerometer_filter(
         begins = here != state.hold[0]
         if begins:
             state.hold[0] = here
-            _begin_hold(e, run, to)
+            _begin_hold(e, readback, model, settings, state, to)
         else:
-            _transition(run, to)
+            _transition(model, state, work, to)
         predict_covariance(model.drift, gm, to, work.moved, p)
         nis, lost = 0.0, begins
         if not lost:
-            _observe(e, run, z, h)
+            _observe(e, readback, model, state, work, h)
             for k in range(5):
                 variance[k] = settings.velocity_variance if k < 3 else readback.noise[e, k - 3]
                 innovation[k] = z[k]
@@ -155,7 +143,7 @@ def run_accelerometer_filter(
                     innovation[k] -= h[k, j] * x[j]
             lost = is_rejected(
                 innovation[3:], h[3:], p, variance[3:], settings.gate, state.rejections,
-                work.s, work.ph,
+                work.p, work.x, work.ph,
             )  # fmt: skip
         for k in range(5):
             if lost:
@@ -170,34 +158,39 @@ def run_accelerometer_filter(
         seen[5] = nis
         total += nis
         if not lost:
-            _feed_back(run)
+            _feed_back(state, work.turn)
         sum_drift_components(x, gm, components, fed)
         update_workspace(work, model.terms, theta)
-        _write_rest_force(run)
+        _write_rest_force(model.gravity, state.c, work)
         elapsed = state.time[1] - state.time[2]
         write_estimate(model.terms, model.drift, work, elapsed, theta, x, p, seen)
         store_covariance_rows(p, steps, row)
     return total
 
 
-@inner
-def _write_rest_force(run: VelocityRun) -> None:
+@inlined
+def _write_rest_force(gravity: float, c: Array, work: KernelWorkspace) -> None:
     """Write φ of the force that is sensed at rest, and C M: both stay until the next epoch."""
-    state, done = run.state, run.workspace
     for k in range(3):
-        done.u[k] = run.model.gravity * state.c[2, k]
-    fill_force_terms(done.phi, done.u)
-    product(state.c, done.m, done.cm)
+        work.u[k] = gravity * c[2, k]
+    fill_force_terms(work.phi, work.u)
+    product(c, work.m, work.cm)
 
 
-@inner
-def _propagate_velocity(first: int, end: int, run: VelocityRun) -> None:
+@inlined
+def _propagate_velocity(
+    first: int,
+    end: int,
+    samples: FilterSamples,
+    model: KernelModel,
+    state: VelocityState,
+    work: KernelWorkspace,
+) -> None:
     """Carry the velocity over a hold's samples, and sum up what drives it."""
-    samples, _readback, model, _settings, state, done = run
     time, forces, hold, warmth = samples
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
     used, m, by, phi, cm, mean, u = (
-        done.used_terms, done.m, done.reading_terms, done.phi, done.cm, done.mean, done.u,
+        work.used_terms, work.m, work.reading_terms, work.phi, work.cm, work.mean, work.u,
     )  # fmt: skip
     c, result, force, velocity = state.c, state.sensitivity_integral, state.force, state.velocity
     gravity, number, now = model.gravity, state.hold[0], state.time[0]
@@ -216,11 +209,11 @@ def _propagate_velocity(first: int, end: int, run: VelocityRun) -> None:
                     theta,
                     terms.first,
                     warmth[i],
-                    done.square,
+                    work.square,
                     m,
                 )
                 product(c, m, cm)
-            correct_reading(mean, m, by, phi, used, terms.first, u)
+            correct_reading(mean, m, by, phi, work.added_terms, u)
             for k in range(3):
                 gain = -gravity if k == 2 else 0.0
                 for j in range(3):
@@ -233,13 +226,19 @@ def _propagate_velocity(first: int, end: int, run: VelocityRun) -> None:
 
 
 @inner
-def _begin_hold(e: int, run: VelocityRun, to: Transition) -> None:
+def _begin_hold(
+    e: int,
+    readback: VelocityReadback,
+    model: KernelModel,
+    settings: VelocitySettings,
+    state: VelocityState,
+    to: Transition,
+) -> None:
     """Begin a hold: attitude from the table, velocity zero.
 
     Φ and Q keep the coefficients and the table's parameters, and propagate the drift; the states of
     the hold start anew.
     """
-    _samples, readback, model, settings, state, _done = run
     _a, keep, driven, drawn, joint = to
     gm = 6 + state.theta.size
     own = gm + model.size + readback.table_sensitivity.shape[2]  # where a hold's own error begins
@@ -275,10 +274,11 @@ def _clear(to: Transition) -> None:
         keep[j], drawn[j] = 1.0, 0.0
 
 
-@inner
-def _transition(run: VelocityRun, to: Transition) -> None:
+@inlined
+def _transition(
+    model: KernelModel, state: VelocityState, work: KernelWorkspace, to: Transition
+) -> None:
     """Write Φ and Q since the epoch before; begin a new epoch."""
-    model, state, done = run.model, run.state, run.workspace
     a, keep, driven, drawn, joint = to
     terms, gravity = model.terms, model.gravity
     since = state.time[0] - state.time[1]
@@ -288,13 +288,13 @@ def _transition(run: VelocityRun, to: Transition) -> None:
         state.sensitivity_integral,
         terms.axis,
         terms.weights,
-        done.used_terms,
+        work.used_terms,
         1.0,
         len(driven),
         len(joint),
         a,
     )
-    white_noise_covariance(done.cm, model.white, since, driven)
+    white_noise_covariance(work.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0
     propagate_drift(model.drift, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
@@ -302,11 +302,17 @@ def _transition(run: VelocityRun, to: Transition) -> None:
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 
-@inner
-def _observe(e: int, run: VelocityRun, z: Array, h: Array) -> None:
+@inlined
+def _observe(
+    e: int,
+    readback: VelocityReadback,
+    model: KernelModel,
+    state: VelocityState,
+    work: KernelWorkspace,
+    h: Array,
+) -> None:
     """Write the velocity, and the readback minus the attitude, as z = h x + noise."""
-    _samples, readback, model, _settings, state, done = run
-    beside, off = readback.table_sensitivity, done.rate
+    beside, off, z = readback.table_sensitivity, work.rate, work.z
     gm, q, n = 6 + state.theta.size, beside.shape[2], state.x.size
     own = gm + model.size + q
     rotation_error(readback.attitude[e], state.c, off)
@@ -325,10 +331,9 @@ def _observe(e: int, run: VelocityRun, z: Array, h: Array) -> None:
             h[3 + k, own + k] = -1.0
 
 
-@inner
-def _feed_back(run: VelocityRun) -> None:
+@inlined
+def _feed_back(state: VelocityState, turn: Array) -> None:
     """Correct velocity and attitude, and take in the coefficients."""
-    state, turn = run.state, run.workspace.turn
     x, theta, velocity = state.x, state.theta, state.velocity
     for k in range(3):
         velocity[k] -= x[k]

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.kalman import multiply, predict
-from inercal.estimate.kernel_options import inner, kernel
+from inercal.estimate.kalman import predict, update
+from inercal.estimate.kernel_options import inlined, inner, kernel
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
 from inercal.methods.turntable.strapdown import (
@@ -64,6 +64,7 @@ class KernelWorkspace(NamedTuple):
     """Arrays for intermediate results of a kernel, which allocates nothing."""
 
     used_terms: Indices  # the terms of φ that the coefficients use
+    added_terms: Indices  # those of them that M does not hold
     biases: Indices  # the coefficients that are biases
     m: Array  # M, (3, 3)
     reading_terms: Array  # factor of each term of φ in the readings, (size of φ, 3)
@@ -83,10 +84,10 @@ class KernelWorkspace(NamedTuple):
     z: Array  # observations, (m,)
     innovation: Array  # (m,)
     variance: Array  # of the observations, (m,)
-    s: Array  # any, (m, m + 1)
     ph: Array  # any, (n,)
     x: Array  # an estimate that is tried, (n,), and its covariance, (n, n)
     p: Array
+    total: Array  # Σ C M φ Δt of the last epoch, (size of φ, 3, 3)
     other: Array  # attitude a little earlier or later, (3, 3)
     either: Array  # any, (3, 3)
     mean_rows: Indices  # states that a bias as the mean depends on, (components + 2,)
@@ -94,19 +95,22 @@ class KernelWorkspace(NamedTuple):
 
 
 def allocate_workspace(
-    model: KernelModel, used_terms: Indices, biases: Indices, n: int, k: int, m: int
+    model: KernelModel, indices: tuple[Indices, Indices, Indices], n: int, k: int, m: int
 ) -> KernelWorkspace:
-    """Return the workspace for n states, k before the coefficients, and m observations."""
+    """Return the workspace for n states, k before the coefficients, and m observations.
+
+    `indices` are the first three fields.
+    """
     size, components = model.terms.size, len(model.drift.times)
     phi = np.zeros(size)
     phi[0] = 1.0
     return KernelWorkspace(
-        used_terms, biases,
+        *indices,
         np.zeros((3, 3)), np.zeros((size, 3)), phi, np.zeros((3, 3)), np.zeros((3, 3)),
         np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)),
         np.zeros((k, k)), np.zeros(n), np.zeros((components, 3)), np.zeros((k, n)),
-        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros((m, m + 1)), np.zeros(n),
-        np.zeros(n), np.zeros((n, n)), np.zeros((3, 3)), np.zeros((3, 3)),
+        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(n),
+        np.zeros(n), np.zeros((n, n)), np.zeros((size, 3, 3)), np.zeros((3, 3)), np.zeros((3, 3)),
         np.zeros(components + 2, np.int64), np.zeros(components + 2),
     )  # fmt: skip
 
@@ -119,7 +123,7 @@ def update_workspace(work: KernelWorkspace, terms: Terms, theta: Array) -> None:
     sum_reading_terms(axis, weights, theta, work.fed, work.used_terms, work.reading_terms)
 
 
-@inner
+@inlined
 def predict_covariance(drift: Drift, first: int, to: Transition, moved: Array, p: Array) -> None:
     """Carry a covariance to the next epoch, in place; the drift's states begin at `first`."""
     predict(p, to.a, to.keep, to.driven, to.drawn, moved)
@@ -134,8 +138,9 @@ def is_rejected(
     variance: Array,
     gate: float,
     rejections: Indices,
-    s: Array,
-    ph: Array,
+    trial: Array,
+    gain: Array,
+    off: Array,
 ) -> bool:
     """Tell whether observations are rejected, νᵀ S⁻¹ ν > gate² with S = H P Hᵀ + R; count them.
 
@@ -154,7 +159,7 @@ def is_rejected(
         Standard deviations; infinite where nothing is rejected.
     rejections : (2,) array of int
         In a row, and in all; changed in place.
-    s, ph : (m, m + 1) and (n,) arrays, or larger
+    trial, gain, off : (n, n), (n,) and (n,) arrays
         Overwritten.
     """
     m, n, most = innovation.size, p.shape[0], gate * gate
@@ -163,20 +168,14 @@ def is_rejected(
         distance += innovation[k] * innovation[k] / variance[k]
     # S is no less than R, and costs m n² to know.
     if distance > most:
-        for k in range(m):
-            multiply(p, h[k], ph)
-            for q in range(m):
-                s[k, q] = variance[k] if q == k else 0.0
-                for j in range(n):
-                    s[k, q] += ph[j] * h[q, j]
-            s[k, m] = innovation[k]
+        for i in range(n):
+            off[i] = 0.0
+            for j in range(n):
+                trial[i, j] = p[i, j]
         distance = 0.0
-        for k in range(m):  # elimination: the square of each part that those before do not tell
-            distance += s[k, m] * s[k, m] / s[k, k]
-            for q in range(k + 1, m):
-                share = s[q, k] / s[k, k]
-                for j in range(k + 1, m + 1):
-                    s[q, j] -= share * s[k, j]
+        for k in range(m):  # the square of each innovation that those before do not tell
+            left, s = update(off, trial, h[k], innovation[k], variance[k], gain)
+            distance += left * left / s
     if distance <= most or rejections[0] >= MAX_REJECTIONS:
         rejections[0] = 0
         return False
@@ -185,7 +184,7 @@ def is_rejected(
     return True
 
 
-@inner
+@inlined
 def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) -> None:
     """Write the covariance of integrated white noise, C M diag(noise) (C M)ᵀ Δt."""
     for k in range(3):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimate.kernel_options import inner, kernel
+from inercal.estimate.kernel_options import inlined, inner, kernel
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
     PARABOLA_ERROR,
@@ -41,13 +41,13 @@ from inercal.methods.turntable_kalman._filter_steps import (
 from inercal.methods.turntable_kalman._readback import (
     REST_RATE_VARIANCES,
     AttitudeReadback,
-    AttitudeRun,
     AttitudeSettings,
     AttitudeState,
     ReadbackTerms,
     align,
     feed_back,
     observe,
+    refer_to_epoch,
 )
 
 Indices = NDArray[np.int64]
@@ -86,7 +86,6 @@ def run_gyro_filter(
     if settings.feedback:
         sum_drift_components(x, gm, components, fed)  # what readings are corrected by
     update_workspace(work, model.terms, theta)
-    run = AttitudeRun(samples, readback, model, settings, state, work)
     z, spread, innovation = work.z, work.variance, work.innovation
     # A literal 0 would have the loop over samples compiled a second time, for itself.
     total, first, epochs = state.nis, int(np.int64(0)), readback.epochs.size
@@ -94,16 +93,16 @@ def run_gyro_filter(
     # for itself.
     for e in range(epochs + 1):
         end = readback.epochs[e] + 1 if e < epochs else samples.time.size
-        _propagate_attitude(first, end, run)
+        _propagate_attitude(first, end, samples, model, settings, state, work)
         if e == epochs:
             break
         first, row, seen = end, e % len(steps.s), history[e]
         h, gain = steps.h[row], steps.gain[row]
         to = Transition(steps.a[row], steps.keep[row], work.driven, work.drawn, work.joint)
-        _transition(run, to)
+        _transition(model, settings, state, work, to)
         lost = state.alignment_due[0]
         if lost:
-            align(e, run, to)
+            align(e, readback, settings, state, work, to)
         if settings.feedback:
             _propagate_azimuth_error(settings, x, to.a, work.turn)
         else:
@@ -111,14 +110,14 @@ def run_gyro_filter(
         predict_covariance(model.drift, gm, to, work.moved, p)
         nis = 0.0
         if not lost:
-            observe(e, run, ReadbackTerms(z, spread, h), gain)
+            observe(e, readback, model, settings, state, work, ReadbackTerms(z, spread, h), gain)
             for k in range(3):
                 innovation[k] = z[k]
                 for j in range(n):
                     innovation[k] -= h[k, j] * x[j]
                 spread[k] += readback.variance[e]
             lost = is_rejected(
-                innovation, h, p, spread, settings.gate, state.rejections, work.s, work.ph
+                innovation, h, p, spread, settings.gate, state.rejections, work.p, work.x, work.ph
             )
         for k in range(3):
             if lost:
@@ -130,9 +129,14 @@ def run_gyro_filter(
                 nis += off * off / s
         seen[3] = nis
         total += nis
+        # Rows of the ring that are written again before the next readback need no care.
+        following = readback.epochs[e + 1] + 1 if e + 1 < epochs else samples.time.size
+        lasts = following - end < state.times.size
+        if lasts:
+            refer_to_epoch(state, work)
         if settings.feedback:
             if not lost:
-                feed_back(run)
+                feed_back(model, state, work, lasts)
             sum_drift_components(x, gm, components, fed)
         update_workspace(work, model.terms, theta)
         elapsed = state.time[1] - state.time[2]
@@ -141,15 +145,22 @@ def run_gyro_filter(
     return total
 
 
-@inner
-def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> None:
+@inlined
+def _propagate_attitude(
+    first: int,
+    end: int,
+    samples: FilterSamples,
+    model: KernelModel,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    work: KernelWorkspace,
+) -> None:
     """Carry the attitude over samples, and sum up what drives φ."""
-    samples, _readback, model, settings, state, done = run
     time, rates, hold, warmth = samples
     terms, theta = model.terms, state.theta
     used, m, by, phi, cm, half, mean, u, turn, middle = (
-        done.used_terms, done.m, done.reading_terms, done.phi, done.cm, done.half, done.mean,
-        done.u, done.turn, done.rate,
+        work.used_terms, work.m, work.reading_terms, work.phi, work.cm, work.half, work.mean,
+        work.u, work.turn, work.rate,
     )  # fmt: skip
     c, result, before = state.c, state.sensitivity_integral, state.rates
     times, past = state.times, state.attitudes
@@ -163,13 +174,15 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> None:
         if dt > gap:
             lost, ended = True, time[i]
         bends = are_similar_steps(dt, step)
+        # Divisions cost more than all else here.
+        square, per_step, per_two, per_last = dt * dt * (1 / 12), 0.0, 0.0, 0.0
+        if bends:
+            per_step, per_two, per_last = 1 / dt, 2 / (dt + step), 1 / step
         for k in range(3):
             phi[FORCE + k] = gravity * c[2, k]
-            bend = 0.0
-            if bends:
-                slope, earlier = (rates[i, k] - before[0, k]) / dt, before[0, k] - before[1, k]
-                bend = 2 * (slope - earlier / step) / (dt + step)
-            mean[k] = 0.5 * (rates[i, k] + before[0, k]) - bend * dt * dt / 12
+            slope, earlier = rates[i, k] - before[0, k], before[0, k] - before[1, k]
+            bend = (slope * per_step - earlier * per_last) * per_two
+            mean[k] = 0.5 * (rates[i, k] + before[0, k]) - bend * square
             bent = (bend - before[2, k]) * dt * dt
             before[2, k] = bend
             if bent * bent * dt > PARABOLA_THRESHOLD * white[k]:
@@ -185,10 +198,10 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> None:
                 theta,
                 terms.first,
                 warmth[i],
-                done.square,
+                work.square,
                 m,
             )
-        correct_reading(mean, m, by, phi, used, terms.first, u)
+        correct_reading(mean, m, by, phi, work.added_terms, u)
         # Rotation of the step relative to the level frame, and half of it.
         for k in range(3):
             around_earth = 0.0
@@ -196,7 +209,7 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> None:
                 around_earth += c[j, k] * earth[j]
             j1, j2 = (k + 1) % 3, (k + 2) % 3
             coning = before[0, j1] * rates[i, j2] - before[0, j2] * rates[i, j1]
-            turn[k] = (u[k] - around_earth) * dt + coning * dt * dt / 12
+            turn[k] = (u[k] - around_earth) * dt + coning * square
             middle[k] = 0.5 * turn[k]
             # About an axis at rest the sensed rate is the earth's. The reading is not used here:
             # its noise correlates with the angle's random walk, and the filter would estimate a
@@ -212,42 +225,43 @@ def _propagate_attitude(first: int, end: int, run: AttitudeRun) -> None:
         product(half, m, cm)
         accumulate_sensitivity(cm, phi, dt, used, result)
         now, step, newest = time[i], dt, (newest + 1) % times.size
-        times[newest] = now
         for k in range(3):
             before[1, k], before[0, k] = before[0, k], rates[i, k]
-            for j in range(3):
-                past[newest, k, j] = c[k, j]
-                for t in range(used.size):
-                    sums[newest, used[t], k, j] = result[used[t], k, j]
+        if i < end - times.size:
+            continue  # its row is written again before a readback
+        times[newest] = now
+        copy_matrix(c, past[newest])
+        for t in range(used.size):
+            copy_matrix(result[used[t]], sums[newest, used[t]])
     state.newest_row[0], state.alignment_due[0] = newest, lost
     state.time[0], state.time[3], state.time[4] = now, step, ended
     state.acceleration_variance[0] = kinks
 
 
-@inner
-def _transition(run: AttitudeRun, to: Transition) -> None:
+@inlined
+def _transition(
+    model: KernelModel,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    to: Transition,
+) -> None:
     """Write Φ and Q since the epoch before; begin a new epoch."""
-    _samples, _readback, model, settings, state, done = run
-    earth, terms, bent, result, sums = (
-        model.earth, model.terms, state.acceleration_variance[0],
-        state.sensitivity_integral, state.sensitivity_integrals,
+    earth, terms, bent, result = (
+        model.earth, model.terms, state.acceleration_variance[0], state.sensitivity_integral,
     )  # fmt: skip
     a, keep, driven, drawn, joint = to
     since = state.time[0] - state.time[1]
     state.time[1] = state.time[0]
-    for row in range(len(sums)):
-        for t in range(done.used_terms.size):
-            b = done.used_terms[t]
-            for k in range(3):
-                for j in range(3):
-                    sums[row, b, k, j] -= result[b, k, j]
+    for t in range(work.used_terms.size):
+        copy_matrix(result[work.used_terms[t]], work.total[work.used_terms[t]])
     for k in range(3):
         for j in range(keep.size):
             a[k, j] = 0.0
     write_transition_columns(
-        result, terms.axis, terms.weights, done.used_terms, -1.0, len(driven), len(joint), a
+        result, terms.axis, terms.weights, work.used_terms, -1.0, len(driven), len(joint), a
     )
-    white_noise_covariance(done.cm, model.white, since, driven)
+    white_noise_covariance(work.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = 1.0
         driven[k, k] += bent
@@ -261,7 +275,7 @@ def _transition(run: AttitudeRun, to: Transition) -> None:
         a[0, settings.timing_states[2]] = earth[1] * since
 
 
-@inner
+@inlined
 def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array, moved: Array) -> None:
     """Propagate φ with the estimated azimuth: the attitude is propagated with the stated one."""
     azimuth = settings.timing_states[2]

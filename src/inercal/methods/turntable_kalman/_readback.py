@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import update
-from inercal.estimate.kernel_options import inner
+from inercal.estimate.kernel_options import inlined, inner
 from inercal.methods.turntable.drift_propagation import sum_drift_components
 from inercal.methods.turntable.strapdown import (
     bracketing_rows,
@@ -25,7 +25,6 @@ from inercal.methods.turntable.strapdown import (
     turn_level,
 )
 from inercal.methods.turntable_kalman._filter_steps import (
-    FilterSamples,
     KernelModel,
     KernelWorkspace,
     Transition,
@@ -91,17 +90,6 @@ class AttitudeState(NamedTuple):
     epochs: int = 0
 
 
-class AttitudeRun(NamedTuple):
-    """The arguments of every step of the filter."""
-
-    samples: FilterSamples
-    readback: AttitudeReadback
-    model: KernelModel
-    settings: AttitudeSettings
-    state: AttitudeState
-    workspace: KernelWorkspace
-
-
 class ReadbackTerms(NamedTuple):
     """A readback minus the attitude, z = h x + noise."""
 
@@ -111,11 +99,13 @@ class ReadbackTerms(NamedTuple):
 
 
 @inner
-def _readback_time(e: int, run: AttitudeRun, x: Array, p: Array) -> tuple[float, float]:
+def _readback_time(
+    age: float, settings: AttitudeSettings, time: Array, x: Array, p: Array
+) -> tuple[float, float]:
     """Return when a readback was taken, by the sensor's clock, s, and the variance of that."""
-    state, late = run.state, run.settings.timing_states
-    lasting = state.time[0] - state.time[2]
-    delay, variance = run.settings.delay, 0.0
+    late = settings.timing_states
+    lasting = time[0] - time[2]
+    delay, variance = settings.delay, 0.0
     if late[0] >= 0:
         delay += x[late[0]]
         variance += p[late[0], late[0]]
@@ -124,18 +114,24 @@ def _readback_time(e: int, run: AttitudeRun, x: Array, p: Array) -> tuple[float,
         variance += p[late[1], late[1]] * lasting * lasting
     if late[0] >= 0 and late[1] >= 0:
         variance += 2 * p[late[0], late[1]] * lasting
-    when: float = state.time[0] - run.readback.age[e] - delay
+    when: float = time[0] - age - delay
     return when, float(variance)
 
 
 @inner
-def align(e: int, run: AttitudeRun, to: Transition) -> None:
+def align(
+    e: int,
+    readback: AttitudeReadback,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    to: Transition,
+) -> None:
     """Take the attitude from the first readback after a gap.
 
     φ, Φ and Q of φ start anew; all other states stay.
     """
-    state, work = run.state, run.workspace
-    when, variance = _readback_time(e, run, state.x, state.p)
+    when, variance = _readback_time(readback.age[e], settings, state.time, state.x, state.p)
     if when < state.time[4]:
         return
     state.alignment_due[0] = False
@@ -143,7 +139,7 @@ def align(e: int, run: AttitudeRun, to: Transition) -> None:
     interpolate_attitude(
         state.times, past, state.newest_row[0], when, then, rate, work.turn, work.square
     )
-    spread = run.settings.alignment_variance
+    spread = settings.alignment_variance
     for k in range(3):
         spread += rate[k] * rate[k] * variance
     # All attitudes since then turn by the same rotation.
@@ -151,7 +147,7 @@ def align(e: int, run: AttitudeRun, to: Transition) -> None:
         for j in range(3):
             onto[i, j] = 0.0
             for k in range(3):
-                onto[i, j] += run.readback.attitude[e, i, k] * then[j, k]
+                onto[i, j] += readback.attitude[e, i, k] * then[j, k]
     product(onto, state.c, then)
     copy_matrix(then, state.c)
     for row in range(len(past)):
@@ -164,19 +160,28 @@ def align(e: int, run: AttitudeRun, to: Transition) -> None:
             to.driven[k, j] = spread if j == k else 0.0
 
 
-@inner
-def observe(e: int, run: AttitudeRun, seen: ReadbackTerms, gain: Array) -> None:
+@inlined
+def observe(
+    e: int,
+    readback: AttitudeReadback,
+    model: KernelModel,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    seen: ReadbackTerms,
+    gain: Array,
+) -> None:
     """Write the readback minus the attitude at its time, linearised at what is most probable.
 
     Where the delay is uncertain, z = h x is iterated at the estimated delay. Source: Bell and
     Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton.
     """
-    state, work, (z, spread, h) = run.state, run.workspace, seen
+    z, spread, h = seen
     x, p = state.x, state.p
-    when, variance = _readback_time(e, run, x, p)
+    when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
     is_certain, before = variance <= MAX_LINEAR_DELAY * MAX_LINEAR_DELAY, np.inf
     for iteration in range(MAX_ITERATIONS + 1):
-        _linearise(e, run, x, p, when, variance, seen)
+        _linearise(e, readback, model, settings, state, work, x, p, when, variance, seen)
         is_found = is_certain or abs(when - before) < DELAY_TOLERANCE
         if is_found or iteration == MAX_ITERATIONS:
             return
@@ -186,20 +191,29 @@ def observe(e: int, run: AttitudeRun, seen: ReadbackTerms, gain: Array) -> None:
             for j in range(x.size):
                 p[i, j] = state.p[i, j]
         for k in range(3):
-            update(x, p, h[k], z[k], run.readback.variance[e] + spread[k], gain[k])
-        when, variance = _readback_time(e, run, x, p)
+            update(x, p, h[k], z[k], readback.variance[e] + spread[k], gain[k])
+        when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
 
 
-@inner
+@inlined
 def _linearise(
-    e: int, run: AttitudeRun, x: Array, p: Array, when: float, variance: float, seen: ReadbackTerms
+    e: int,
+    readback: AttitudeReadback,
+    model: KernelModel,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    x: Array,
+    p: Array,
+    when: float,
+    variance: float,
+    seen: ReadbackTerms,
 ) -> None:
     """Write the readback minus the attitude at its time, linearised at x with covariance p.
 
     Its variance is larger where the rate changes. `when` is the time and `variance` its variance.
     """
-    readback, model, state, work = run.readback, run.model, run.state, run.workspace
-    (z, spread, h), late, beside = seen, run.settings.timing_states, readback.table_sensitivity
+    (z, spread, h), late, beside = seen, settings.timing_states, readback.table_sensitivity
     times, past, sums, newest = (
         state.times, state.attitudes, state.sensitivity_integrals, state.newest_row[0],
     )  # fmt: skip
@@ -207,7 +221,7 @@ def _linearise(
         model.terms.axis, model.terms.weights, work.used_terms, work.half, work.rate, work.turn,
         work.fed,
     )  # fmt: skip
-    gm, lasting = 3 + axis.size, state.time[0] - state.time[2]
+    total, gm, lasting = work.total, 3 + axis.size, state.time[0] - state.time[2]
     own, components = gm + model.size, model.drift.times.size  # where the table's begin
     interpolate_attitude(times, past, newest, when, then, rate, turn, work.square)
     for k in range(3):
@@ -218,7 +232,7 @@ def _linearise(
         if rate[k] * rate[k] * state.time[3] < REST_RATE_VARIANCES * noise:
             rate[k] = 0.0
     if variance > MAX_LINEAR_DELAY * MAX_LINEAR_DELAY:
-        _add_delay_curvature(run, p, when, variance, spread)
+        _add_delay_curvature(model, state, work, p, when, variance, spread)
     rotation_error(readback.attitude[e], then, z)
     before, after, share = bracketing_rows(times, newest, when)
     for k in range(3):
@@ -236,11 +250,14 @@ def _linearise(
         for i in range(used.size):
             b = used[i]
             for t in range(axis.size):
-                early, later = sums[before, b, k, axis[t]], sums[after, b, k, axis[t]]
-                h[k, 3 + t] -= weights[t, b] * (early + share * (later - early))
+                weight, j = weights[t, b], axis[t]
+                if weight != 0.0:
+                    early, later = sums[before, b, k, j], sums[after, b, k, j]
+                    since = early + share * (later - early) - total[b, k, j]
+                    h[k, 3 + t] -= weight * since
         for j in range(3):
             early, later = sums[before, 0, k, j], sums[after, 0, k, j]
-            since = -(early + share * (later - early))
+            since = total[0, k, j] - (early + share * (later - early))
             for c in range(components):
                 h[k, gm + 3 * c + j] = since
             z[k] += since * fed[j]
@@ -248,14 +265,19 @@ def _linearise(
 
 @inner
 def _add_delay_curvature(
-    run: AttitudeRun, p: Array, when: float, variance: float, spread: Array
+    model: KernelModel,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    p: Array,
+    when: float,
+    variance: float,
+    spread: Array,
 ) -> None:
     """Add the mean squares of terms of second order in an uncertain delay.
 
     For α δτ²/2 this is 3/4 (α σ²)²; for δω δτ, with the error of the rate by the coefficients, at
     most 3 σ² var(ω).
     """
-    model, state, work = run.model, run.state, run.workspace
     sd, times, newest, either = np.sqrt(variance), state.times, state.newest_row[0], work.either
     for side in range(2):
         other = when + sd if side == 0 else when - sd
@@ -282,10 +304,28 @@ def _add_delay_curvature(
                 spread[k] += 3 * variance * row[s] * p[3 + s, 3 + t] * row[t]
 
 
-@inner
-def feed_back(run: AttitudeRun) -> None:
-    """Turn the present and past attitudes by φ, and add the corrections of the coefficients."""
-    model, state, work = run.model, run.state, run.workspace
+@inlined
+def refer_to_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
+    """Let the sums of the ring count from this epoch on: −G."""
+    sums, total, used = (
+        state.sensitivity_integrals,
+        work.total,
+        work.used_terms,
+    )
+    for row in range(len(sums)):
+        for t in range(used.size):
+            b = used[t]
+            for k in range(3):
+                for j in range(3):
+                    sums[row, b, k, j] -= total[b, k, j]
+
+
+@inlined
+def feed_back(model: KernelModel, state: AttitudeState, work: KernelWorkspace, lasts: bool) -> None:
+    """Turn the attitude by φ, and add the corrections of the coefficients.
+
+    `lasts`: turn the past attitudes of the ring too.
+    """
     x, theta, past, sums, turn = (
         state.x, state.theta, state.attitudes, state.sensitivity_integrals, work.turn,
     )  # fmt: skip
@@ -297,7 +337,7 @@ def feed_back(run: AttitudeRun) -> None:
             by[used[i], j] = turn[j] - work.fed[j] if used[i] == 0 else 0.0
         for s in range(axis.size):
             by[used[i], axis[s]] += weights[s, used[i]] * x[3 + s]
-    for row in range(len(past)):
+    for row in range(len(past) if lasts else 0):
         for k in range(3):
             turn[k] = x[k]
             for i in range(used.size):

@@ -21,8 +21,8 @@ from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import FilterHistory
 from inercal.estimate.kalman import FilterSteps, allocate_steps
 from inercal.methods import temperature
+from inercal.methods.turntable import strapdown
 from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel, earth_rate_level_frame
-from inercal.methods.turntable.strapdown import used_term_indices
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_kalman._filter_steps import (
     INNOVATION_GATE,
@@ -176,7 +176,7 @@ class Filter(ABC, Generic[S]):
 
         As by `mean_bias_transform`; only the rows of biases change.
         """
-        terms, biases = self.triad.terms, self._term_indices[1]
+        terms, biases = self.triad.terms, self._term_indices[2]
         first = len(self.initial_values)
         drift = slice(first, first + self.triad.drift.size)
         rows, beyond = self.triad.drift.mean(elapsed, since)
@@ -254,16 +254,15 @@ class Filter(ABC, Generic[S]):
 
     def workspace(self) -> KernelWorkspace:
         """Return arrays for a kernel to work with."""
-        return allocate_workspace(
-            self.kernel_model, *self._term_indices, len(self.states), len(self.leading_states),
-            self.rows,
-        )  # fmt: skip
+        n, k = len(self.states), len(self.leading_states)
+        return allocate_workspace(self.kernel_model, self._term_indices, n, k, self.rows)
 
     @cached_property
-    def _term_indices(self) -> tuple[Indices, Indices]:
-        """The terms of φ that the coefficients use, and the coefficients that are biases."""
+    def _term_indices(self) -> tuple[Indices, Indices, Indices]:
+        """The indices that a workspace begins with."""
         terms = self.triad.terms
-        return used_term_indices(terms.weights), np.flatnonzero(terms.bias)
+        used = strapdown.used_term_indices(terms.weights)
+        return used, strapdown.added_term_indices(used, terms.first), np.flatnonzero(terms.bias)
 
     def samples(self, track: Track) -> FilterSamples:
         """Return the samples of a track as a kernel takes them."""

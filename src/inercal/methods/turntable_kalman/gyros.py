@@ -192,9 +192,9 @@ class GyroFilter(Filter[AttitudeState]):
         after = state._replace(pending_samples=np.ascontiguousarray(tail))
         # An epoch waits for the first sample with usable angles, so that pieces of any length have
         # the same epochs.
-        usable = np.flatnonzero(np.isfinite(variance))
+        usable = np.where(np.isfinite(variance), 0, -1)
         period = self.epoch * (1 - 1e-6)
-        epochs = usable[strapdown.epoch_indices(samples.time[usable], period, after.time[1])]
+        epochs = strapdown.epoch_indices_in_holds(samples.time, usable, period, after.time[1], 0)
         if not self.compare_while_turning:
             epochs = epochs[samples.hold[epochs] >= 0]
         late = self._timing_state_indices
@@ -228,14 +228,12 @@ class GyroFilter(Filter[AttitudeState]):
             shapes = (e, 3, 3), (e, 3, q), (e,)
             return AttitudeReadback(epochs, age, *(np.zeros(shape) for shape in shapes))
         angles = np.ascontiguousarray(angles[epochs])
+        turning = np.zeros((e, 3, q))
+        if any(one.name not in _TIMING_PARAMETERS for one in self.table):
+            seen = linear_misalignment(self.bench, angles)
+            turning = table_sensitivity(seen, self.table, skipped=_TIMING_PARAMETERS)
         return AttitudeReadback(
-            epochs,
-            age,
-            reference_attitude(self.bench, angles),
-            table_sensitivity(
-                linear_misalignment(self.bench, angles), self.table, skipped=_TIMING_PARAMETERS
-            ),
-            variance[epochs],
+            epochs, age, reference_attitude(self.bench, angles), turning, variance[epochs]
         )
 
     def _angle_variance(self, track: Track) -> Array:
@@ -262,7 +260,7 @@ class GyroFilter(Filter[AttitudeState]):
                 ready[:, 5:].reshape(-1).copy(),
             )  # fmt: skip
             return samples, readback[track.time.size - taken :], held[taken:]
-        read = np.concatenate([tail, readback])
+        read = np.concatenate([tail, readback]) if lag else readback
         return samples, read[: track.time.size], read[track.time.size :]
 
     @cached_property
