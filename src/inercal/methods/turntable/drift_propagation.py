@@ -22,12 +22,11 @@ def propagate_drift(
     drift: Drift,
     since: float,
     first: int,
-    x: Array,
     keep: Array,
     drawn: Array,
     joint: Array,
 ) -> None:
-    """Carry the drift, its states from `first` on, over a time; write diagonals of Φ and Q.
+    """Write diagonals of Φ and Q of the drift over a time; its states begin at `first`.
 
     `joint`, (c, 3), is the covariance of the noise of each component with that of J, for
     `add_drift_cross_covariance`.
@@ -42,7 +41,6 @@ def propagate_drift(
                 keep[at], drawn[at] = 1.0, walk[k] * since
                 continue
             kept = np.exp(-since / times[c])
-            x[at] *= kept
             keep[at] = kept
             drawn[at] = variance[c, k] * (1 - kept * kept)
             joint[c, k] = 2 * variance[c, k] * times[c] * (1 - kept)

@@ -250,7 +250,9 @@ def _begin_hold(
         keep[s], drawn[s] = 0.0, readback.hold_variance[e, s - own]
         state.x[s] = 0.0
     since = state.time[0] - state.time[1]
-    propagate_drift(model.drift, since, gm, state.x, keep, drawn, joint)
+    propagate_drift(model.drift, since, gm, keep, drawn, joint)
+    for s in range(gm, gm + model.size):
+        state.x[s] *= keep[s]
     state.time[1] = state.time[0]
     sums = state.sensitivity_integral
     for k in range(3):
@@ -297,7 +299,10 @@ def _transition(
     white_noise_covariance(work.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0
-    propagate_drift(model.drift, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
+    gm = 6 + terms.axis.size
+    propagate_drift(model.drift, since, gm, keep, drawn, joint)
+    for s in range(gm, gm + model.size):
+        state.x[s] *= keep[s]
     # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is relative to a table at rest.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 

@@ -266,7 +266,10 @@ def _transition(
         a[k, k] = 1.0
         driven[k, k] += bent
     state.acceleration_variance[0] = 0.0
-    propagate_drift(model.drift, since, 3 + terms.axis.size, state.x, keep, drawn, joint)
+    gm = 3 + terms.axis.size
+    propagate_drift(model.drift, since, gm, keep, drawn, joint)
+    for s in range(gm, gm + model.size):
+        state.x[s] *= keep[s]
     # −[ω_ie×] within an epoch.
     a[0, 1], a[0, 2], a[1, 2] = earth[2] * since, -earth[1] * since, earth[0] * since
     a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]

@@ -20,6 +20,7 @@ from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import FilterHistory
 from inercal.estimate.kalman import FilterSteps, allocate_steps
+from inercal.estimate.lazy_value import LazyValue
 from inercal.methods import temperature
 from inercal.methods.turntable import strapdown
 from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel, earth_rate_level_frame
@@ -139,7 +140,9 @@ class Filter(ABC, Generic[S]):
         """
         made = self.follow(state, track)
         course = made.history
-        return made.state, replace(course, smoothed=made.smoothed(smooth)) if smooth else course
+        if smooth:
+            course = replace(course, smoothing=LazyValue(lambda: made.smoothed(smooth)))
+        return made.state, course
 
     def follow(self, state: S, track: Track) -> FilteredTrack[S]:
         """Return the filter after the samples of a track, and what it did there."""

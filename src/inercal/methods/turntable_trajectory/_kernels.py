@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import predict
+from inercal.estimate.kernel_options import inner
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.strapdown import (
@@ -152,6 +153,15 @@ def _copy_rows(rows: Array, out: Array) -> None:
             out[k, j] = rows[k, j]
 
 
+@inner
+def _scale_rows(x: Array, size: Array) -> None:
+    """Multiply each row of x by its size."""
+    for i in range(x.shape[0]):
+        if size[i] != 1.0:
+            for m in range(x.shape[1]):
+                x[i, m] *= size[i]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def whiten(
     since: Array,
@@ -216,7 +226,8 @@ def whiten(
         a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
         np.dot(a, x, before)
         _copy_rows(before, x)
-        propagate_drift(drift, dt, 3, x, keep, drawn, joint)
+        propagate_drift(drift, dt, 3, keep, drawn, joint)
+        _scale_rows(x, keep)
         predict(p, a, keep, driven[e], drawn, moved)
         add_drift_cross_covariance(drift, 3, joint, p)
         if lost[e]:
@@ -277,7 +288,8 @@ def whiten_independent_axes(
     a, driven, moved = np.zeros((0, n)), np.zeros((0, 0)), np.zeros((0, n))
     ph, last, off = np.zeros(n), begun, np.zeros(m)
     for e in range(time.size):
-        propagate_drift(drift, time[e] - last, 0, x, keep, drawn, joint)
+        propagate_drift(drift, time[e] - last, 0, keep, drawn, joint)
+        _scale_rows(x, keep)
         predict(p, a, keep, driven, drawn, moved)
         add_drift_cross_covariance(drift, 0, joint, p)
         last = time[e]
