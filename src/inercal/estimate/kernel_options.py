@@ -32,7 +32,7 @@ def inner(function: F) -> F:
     return result
 
 
-def inlined(function: F) -> F:
+def kernel_part(function: F) -> F:
     """Compile a function as a part of the kernels that call it, which is for one call in each.
 
     A call hands over each array of its tuples, hundreds of numbers.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimate.kernel_options import inlined, inner, kernel
+from inercal.estimate.kernel_options import inner, kernel, kernel_part
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
     PARABOLA_ERROR,
@@ -145,7 +145,7 @@ def run_gyro_filter(
     return total
 
 
-@inlined
+@kernel_part
 def _propagate_attitude(
     first: int,
     end: int,
@@ -238,7 +238,7 @@ def _propagate_attitude(
     state.acceleration_variance[0] = kinks
 
 
-@inlined
+@kernel_part
 def _transition(
     model: KernelModel,
     settings: AttitudeSettings,
@@ -278,7 +278,7 @@ def _transition(
         a[0, settings.timing_states[2]] = earth[1] * since
 
 
-@inlined
+@kernel_part
 def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array, moved: Array) -> None:
     """Propagate φ with the estimated azimuth: the attitude is propagated with the stated one."""
     azimuth = settings.timing_states[2]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import update
-from inercal.estimate.kernel_options import inlined, inner
+from inercal.estimate.kernel_options import inner, kernel_part
 from inercal.methods.turntable.drift_propagation import sum_drift_components
 from inercal.methods.turntable.strapdown import (
     bracketing_rows,
@@ -160,7 +160,7 @@ def align(
             to.driven[k, j] = spread if j == k else 0.0
 
 
-@inlined
+@kernel_part
 def observe(
     e: int,
     readback: AttitudeReadback,
@@ -195,7 +195,7 @@ def observe(
         when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
 
 
-@inlined
+@kernel_part
 def _linearise(
     e: int,
     readback: AttitudeReadback,
@@ -304,7 +304,7 @@ def _add_delay_curvature(
                 spread[k] += 3 * variance * row[s] * p[3 + s, 3 + t] * row[t]
 
 
-@inlined
+@kernel_part
 def refer_to_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
     """Let the sums of the ring count from this epoch on: −G."""
     sums, total, used = (
@@ -320,7 +320,7 @@ def refer_to_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
                     sums[row, b, k, j] -= total[b, k, j]
 
 
-@inlined
+@kernel_part
 def feed_back(model: KernelModel, state: AttitudeState, work: KernelWorkspace, lasts: bool) -> None:
     """Turn the attitude by φ, and add the corrections of the coefficients.
 
