@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.kernel_options import inner, kernel
+from inercal.estimate.kernel_options import kernel, kernel_step
 
 Indices = NDArray[np.int64]
 
@@ -98,8 +98,8 @@ def start_smoother(against: Array) -> SmootherState:
     )
 
 
-@inner
-def multiply(symmetric: Array, v: Array, out: Array) -> None:
+@kernel_step
+def weighted_rows(symmetric: Array, v: Array, out: Array) -> None:
     """Write the product of a symmetric matrix and a vector, row by row: that vectorises."""
     for j in range(v.size):
         out[j] = 0.0
@@ -131,7 +131,7 @@ def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array, moved:
     """
     k, n = a.shape
     for i in range(k):
-        multiply(p, a[i], moved[i])
+        weighted_rows(p, a[i], moved[i])
     for i in range(k):
         for j in range(i, k):
             total = driven[i, j]
@@ -164,7 +164,7 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
         k is written there.
     """
     n = x.size
-    multiply(p, h, gain)
+    weighted_rows(p, h, gain)
     s, off = r, z
     for m in range(n):
         s += h[m] * gain[m]
@@ -180,11 +180,11 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
     return off, s
 
 
-@inner
+@kernel_step
 def store_covariance_rows(p: Array, steps: FilterSteps, row: int) -> None:
     """Write wanted @ P to a row of the steps."""
     for r in range(len(steps.wanted)):
-        multiply(p, steps.wanted[r], steps.rows[row, r])
+        weighted_rows(p, steps.wanted[r], steps.rows[row, r])
 
 
 @kernel
@@ -223,7 +223,7 @@ def smooth_steps(
         if q >= 0 and shown[q] == e:
             for i in range(r):
                 row = steps.rows[e, i]
-                multiply(large, row, moved)
+                weighted_rows(large, row, moved)
                 total, left = 0.0, last[i]
                 for j in range(n):
                     total += row[j] * by[j]
@@ -247,14 +247,14 @@ def smooth_steps(
                 _apply_transposed_transition(steps.a[e], steps.keep[e], back[i], moved)
 
 
-@inner
+@kernel_step
 def _reverse_update(
     h: Array, gain: Array, off: float, s: float, by: Array, large: Array, moved: Array
 ) -> None:
     """Carry λ and Λ back over an update, in place; `moved` is overwritten."""
     n = h.size
     along, twice = off / s, 1 / s
-    multiply(large, gain, moved)
+    weighted_rows(large, gain, moved)
     for i in range(n):
         along -= gain[i] * by[i]
         twice += gain[i] * moved[i]
@@ -271,7 +271,7 @@ def _reverse_update(
                 large[m, i] += size * moved[m]
 
 
-@inner
+@kernel_step
 def _reverse_predict(
     a: Array, keep: Array, by: Array, large: Array, moved: Array, ahead: Array
 ) -> None:
@@ -300,7 +300,7 @@ def _reverse_predict(
             large[j, i] = large[i, j]
 
 
-@inner
+@kernel_step
 def _apply_transposed_transition(a: Array, keep: Array, by: Array, moved: Array) -> None:
     """Write Φᵀ λ in place of λ; `moved` is overwritten."""
     k, n = a.shape

@@ -23,7 +23,7 @@ def kernel(function: F) -> F:
     return result
 
 
-def inner(function: F) -> F:
+def kernel_step(function: F) -> F:
     """Compile a function that only kernels call: a call from Python would end the process.
 
     It has no wrapper for Python, which takes longer to compile than a function of many arrays.
@@ -32,7 +32,7 @@ def inner(function: F) -> F:
     return result
 
 
-def kernel_part(function: F) -> F:
+def kernel_piece(function: F) -> F:
     """Compile a function as a part of the kernels that call it, which is for one call in each.
 
     A call hands over each array of its tuples, hundreds of numbers.

@@ -3,11 +3,11 @@
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.estimate.kernel_options import inner, kernel
+from inercal.estimate.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.drift import Drift
 
 
-@inner
+@kernel_step
 def sum_drift_components(x: Array, first: int, components: int, out: Array) -> None:
     """Write the drift of each bias, the sum of its components, whose states start at `first`."""
     for k in range(3):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.kernel_options import inner, kernel
+from inercal.estimate.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 
 Indices = NDArray[np.int64]
@@ -27,7 +27,7 @@ SMALL_ANGLE = 1e-2  # rad, below which series replace sine and cosine
 MAX_STEP_RATIO = 3.0  # steps of time: a sample or two may be lost
 
 
-@inner
+@kernel_step
 def copy_matrix(matrix: Array, out: Array) -> None:
     """Write a 3 × 3 matrix; an assignment of slices takes Numba seconds to compile."""
     for i in range(3):
@@ -35,7 +35,7 @@ def copy_matrix(matrix: Array, out: Array) -> None:
             out[i, j] = matrix[i, j]
 
 
-@inner
+@kernel_step
 def product(a: Array, b: Array, out: Array) -> None:
     """Write the product of 3 × 3 matrices."""
     for i in range(3):
@@ -45,7 +45,7 @@ def product(a: Array, b: Array, out: Array) -> None:
                 out[i, j] += a[i, k] * b[k, j]
 
 
-@inner
+@kernel_step
 def rotate(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -64,7 +64,7 @@ def rotate(c: Array, v: Array) -> None:
         c[i, 2] = d + once * g + twice * (e * v[1] - f * v[0])
 
 
-@inner
+@kernel_step
 def turn_level(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the level frame, in place: C ← exp [v×] C."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
@@ -103,7 +103,7 @@ def rotation_error(ref: Array, c: Array, z: Array) -> None:
             z[i] *= angle / sine
 
 
-@inner
+@kernel_step
 def _invert(m: Array, out: Array) -> None:
     """Write the inverse of a 3 × 3 matrix."""
     for i in range(3):
@@ -117,7 +117,7 @@ def _invert(m: Array, out: Array) -> None:
             out[i, j] /= det
 
 
-@inner
+@kernel_step
 def inverse_scale_matrix(
     nominal: Array, axis: Indices, weights: Array, c: Array, first: int, work: Array, out: Array
 ) -> None:
@@ -132,7 +132,7 @@ def inverse_scale_matrix(
     _invert(work, out)
 
 
-@inner
+@kernel_step
 def inverse_scale_matrix_at_temperature(
     nominal: Array,
     axis: Indices,
@@ -152,7 +152,7 @@ def inverse_scale_matrix_at_temperature(
     _invert(work, out)
 
 
-@inner
+@kernel_step
 def fill_temperature_terms(phi: Array, warmth: float) -> None:
     """Write the terms of φ that depend on ΔT, from the other terms."""
     for b in range(BASIS):
@@ -160,7 +160,7 @@ def fill_temperature_terms(phi: Array, warmth: float) -> None:
     phi[TEMPERATURE + BASIS] = warmth * warmth
 
 
-@inner
+@kernel_step
 def fill_force_terms(phi: Array, f: Array) -> None:
     """Write the terms of φ that depend on f."""
     phi[0] = 1.0
@@ -184,7 +184,7 @@ def added_term_indices(used: Indices, first: int) -> Indices:
     return used[(linear < first) | (linear >= first + 3)]
 
 
-@inner
+@kernel_step
 def sum_reading_terms(
     axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array
 ) -> None:
@@ -197,7 +197,7 @@ def sum_reading_terms(
             by[b, axis[m]] += c[m] * weights[m, b]
 
 
-@inner
+@kernel_step
 def correct_reading(
     reading: Array, m: Array, by: Array, phi: Array, added: Indices, u: Array
 ) -> None:
@@ -212,7 +212,7 @@ def correct_reading(
             u[k] += m[k, j] * left
 
 
-@inner
+@kernel_step
 def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
     """Add C M φ dt, (BASIS, 3, 3)."""
     for t in range(used.size):
@@ -223,7 +223,7 @@ def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made
                 made[b, k, j] += cm[k, j] * size
 
 
-@inner
+@kernel_step
 def write_transition_columns(
     made: Array,
     axis: Indices,
@@ -257,7 +257,7 @@ def write_transition_columns(
                 made[used[t], k, j] = 0.0
 
 
-@inner
+@kernel_step
 def bracketing_rows(times: Array, newest: int, when: float) -> tuple[int, int, float]:
     """Return the rows of a ring before and after a time, and its share of the step between.
 
@@ -278,7 +278,7 @@ def bracketing_rows(times: Array, newest: int, when: float) -> tuple[int, int, f
     return before, after, (when - times[before]) / step if step > 0 else 0.0
 
 
-@inner
+@kernel_step
 def interpolate_attitude(
     times: Array,
     past: Array,
@@ -341,7 +341,7 @@ def interpolate_attitude(
     turn_level(out, turn)
 
 
-@inner
+@kernel_step
 def are_similar_steps(step: float, other: float) -> bool:
     """Return whether two time steps are of similar length, as a curvature needs."""
     return 0 < step <= MAX_STEP_RATIO * other and other <= MAX_STEP_RATIO * step

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimate.kernel_options import inner, kernel, kernel_part
+from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
     accumulate_sensitivity,
@@ -168,7 +168,7 @@ def run_accelerometer_filter(
     return total
 
 
-@kernel_part
+@kernel_piece
 def _write_rest_force(gravity: float, c: Array, work: KernelWorkspace) -> None:
     """Write φ of the force that is sensed at rest, and C M: both stay until the next epoch."""
     for k in range(3):
@@ -177,7 +177,7 @@ def _write_rest_force(gravity: float, c: Array, work: KernelWorkspace) -> None:
     product(c, work.m, work.cm)
 
 
-@kernel_part
+@kernel_piece
 def _propagate_velocity(
     first: int,
     end: int,
@@ -225,7 +225,7 @@ def _propagate_velocity(
     state.time[0] = now
 
 
-@inner
+@kernel_step
 def _begin_hold(
     e: int,
     readback: VelocityReadback,
@@ -263,7 +263,7 @@ def _begin_hold(
     copy_matrix(readback.attitude[e], state.c)
 
 
-@inner
+@kernel_step
 def _clear(to: Transition) -> None:
     """Write Φ of constants, but zero where it is dense, and no noise."""
     a, keep, driven, drawn, _joint = to
@@ -276,7 +276,7 @@ def _clear(to: Transition) -> None:
         keep[j], drawn[j] = 1.0, 0.0
 
 
-@kernel_part
+@kernel_piece
 def _transition(
     model: KernelModel, state: VelocityState, work: KernelWorkspace, to: Transition
 ) -> None:
@@ -307,7 +307,7 @@ def _transition(
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 
-@kernel_part
+@kernel_piece
 def _observe(
     e: int,
     readback: VelocityReadback,
@@ -336,7 +336,7 @@ def _observe(
             h[3 + k, own + k] = -1.0
 
 
-@kernel_part
+@kernel_piece
 def _feed_back(state: VelocityState, turn: Array) -> None:
     """Correct velocity and attitude, and take in the coefficients."""
     x, theta, velocity = state.x, state.theta, state.velocity

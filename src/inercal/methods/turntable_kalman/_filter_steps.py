@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import predict, update
-from inercal.estimate.kernel_options import inner, kernel, kernel_part
+from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
 from inercal.methods.turntable.strapdown import (
@@ -115,7 +115,7 @@ def allocate_workspace(
     )  # fmt: skip
 
 
-@inner
+@kernel_step
 def update_workspace(work: KernelWorkspace, terms: Terms, theta: Array) -> None:
     """Write M and the factors of φ by the present estimates."""
     nominal, axis, weights, first = terms
@@ -123,7 +123,7 @@ def update_workspace(work: KernelWorkspace, terms: Terms, theta: Array) -> None:
     sum_reading_terms(axis, weights, theta, work.fed, work.used_terms, work.reading_terms)
 
 
-@kernel_part
+@kernel_piece
 def predict_covariance(drift: Drift, first: int, to: Transition, moved: Array, p: Array) -> None:
     """Carry a covariance to the next epoch, in place; the drift's states begin at `first`."""
     predict(p, to.a, to.keep, to.driven, to.drawn, moved)
@@ -184,7 +184,7 @@ def is_rejected(
     return True
 
 
-@kernel_part
+@kernel_piece
 def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) -> None:
     """Write the covariance of integrated white noise, C M diag(noise) (C M)ᵀ Δt."""
     for k in range(3):
@@ -194,7 +194,7 @@ def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) ->
                 out[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
 
 
-@inner
+@kernel_step
 def write_estimate(
     terms: Terms,
     drift: Drift,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
-from inercal.estimate.kernel_options import inner, kernel, kernel_part
+from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
     PARABOLA_ERROR,
@@ -45,9 +45,9 @@ from inercal.methods.turntable_kalman._readback import (
     AttitudeState,
     ReadbackTerms,
     align,
+    begin_epoch,
     feed_back,
     observe,
-    refer_to_epoch,
 )
 
 Indices = NDArray[np.int64]
@@ -133,7 +133,7 @@ def run_gyro_filter(
         following = readback.epochs[e + 1] + 1 if e + 1 < epochs else samples.time.size
         lasts = following - end < state.times.size
         if lasts:
-            refer_to_epoch(state, work)
+            begin_epoch(state, work)
         if settings.feedback:
             if not lost:
                 feed_back(model, state, work, lasts)
@@ -145,7 +145,7 @@ def run_gyro_filter(
     return total
 
 
-@kernel_part
+@kernel_piece
 def _propagate_attitude(
     first: int,
     end: int,
@@ -238,7 +238,7 @@ def _propagate_attitude(
     state.acceleration_variance[0] = kinks
 
 
-@kernel_part
+@kernel_piece
 def _transition(
     model: KernelModel,
     settings: AttitudeSettings,
@@ -278,7 +278,7 @@ def _transition(
         a[0, settings.timing_states[2]] = earth[1] * since
 
 
-@kernel_part
+@kernel_piece
 def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array, moved: Array) -> None:
     """Propagate φ with the estimated azimuth: the attitude is propagated with the stated one."""
     azimuth = settings.timing_states[2]
@@ -292,7 +292,7 @@ def _propagate_azimuth_error(settings: AttitudeSettings, x: Array, a: Array, mov
         x[k] = moved[k]
 
 
-@inner
+@kernel_step
 def _propagate_error(x: Array, a: Array, moved: Array) -> None:
     """Propagate φ where it is not fed back."""
     for k in range(3):

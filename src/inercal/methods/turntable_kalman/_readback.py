@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import update
-from inercal.estimate.kernel_options import inner, kernel_part
+from inercal.estimate.kernel_options import kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import sum_drift_components
 from inercal.methods.turntable.strapdown import (
     bracketing_rows,
@@ -98,7 +98,7 @@ class ReadbackTerms(NamedTuple):
     h: Array  # (3, n)
 
 
-@inner
+@kernel_step
 def _readback_time(
     age: float, settings: AttitudeSettings, time: Array, x: Array, p: Array
 ) -> tuple[float, float]:
@@ -118,7 +118,7 @@ def _readback_time(
     return when, float(variance)
 
 
-@inner
+@kernel_step
 def align(
     e: int,
     readback: AttitudeReadback,
@@ -160,7 +160,7 @@ def align(
             to.driven[k, j] = spread if j == k else 0.0
 
 
-@kernel_part
+@kernel_piece
 def observe(
     e: int,
     readback: AttitudeReadback,
@@ -195,7 +195,7 @@ def observe(
         when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
 
 
-@kernel_part
+@kernel_piece
 def _linearise(
     e: int,
     readback: AttitudeReadback,
@@ -263,7 +263,7 @@ def _linearise(
             z[k] += since * fed[j]
 
 
-@inner
+@kernel_step
 def _add_delay_curvature(
     model: KernelModel,
     state: AttitudeState,
@@ -304,8 +304,8 @@ def _add_delay_curvature(
                 spread[k] += 3 * variance * row[s] * p[3 + s, 3 + t] * row[t]
 
 
-@kernel_part
-def refer_to_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
+@kernel_piece
+def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
     """Let the sums of the ring count from this epoch on: −G."""
     sums, total, used = (
         state.sensitivity_integrals,
@@ -320,7 +320,7 @@ def refer_to_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
                     sums[row, b, k, j] -= total[b, k, j]
 
 
-@kernel_part
+@kernel_piece
 def feed_back(model: KernelModel, state: AttitudeState, work: KernelWorkspace, lasts: bool) -> None:
     """Turn the attitude by φ, and add the corrections of the coefficients.
 

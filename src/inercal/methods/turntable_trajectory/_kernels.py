@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import predict
-from inercal.estimate.kernel_options import inner
+from inercal.estimate.kernel_options import kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.strapdown import (
@@ -153,7 +153,7 @@ def _copy_rows(rows: Array, out: Array) -> None:
             out[k, j] = rows[k, j]
 
 
-@inner
+@kernel_step
 def _scale_rows(x: Array, size: Array) -> None:
     """Multiply each row of x by its size."""
     for i in range(x.shape[0]):
