@@ -70,7 +70,7 @@ class SimulatedErrors:
             phi = np.diag(self.keep[e])
             phi[:K] = self.a[e]
             x, beside = phi @ x, phi @ beside
-            predict(p, self.a[e], self.keep[e], self.driven, self.drawn[e])
+            predict(p, self.a[e], self.keep[e], self.driven, self.drawn[e], np.empty((K, N)))
             for k in range(M):
                 if e == 4:
                     continue

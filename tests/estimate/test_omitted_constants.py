@@ -56,7 +56,7 @@ class SimulatedErrors:
         x, p = np.zeros(N), self.prior.copy()
         for e in range(EPOCHS):
             x = self.transition(e) @ x
-            predict(p, self.a[e], self.keep[e], self.noise, self.drawn)
+            predict(p, self.a[e], self.keep[e], self.noise, self.drawn, np.empty_like(self.a[e]))
             for k in range(M if e != LOST else 0):
                 made.off[e, k], made.s[e, k] = update(
                     x, p, self.h[e, k], z[e, k], self.r[k], made.gain[e, k]
@@ -143,7 +143,7 @@ def test_observations_that_do_not_count_still_correct_the_states():
     x, p = np.zeros(N), drawn.prior.copy()
     for e in range(EPOCHS):
         x = drawn.transition(e) @ x
-        predict(p, drawn.a[e], drawn.keep[e], drawn.noise, drawn.drawn)
+        predict(p, drawn.a[e], drawn.keep[e], drawn.noise, drawn.drawn, np.empty_like(drawn.a[e]))
         for k in range(M if e != LOST else 0):
             steps.off[e, k], steps.s[e, k] = update(
                 x, p, drawn.h[e, k], z[e, k], drawn.r[k], steps.gain[e, k]

@@ -96,8 +96,9 @@ def test_the_distance_is_that_of_the_whole_innovation():
         innovation = np.linalg.cholesky(s) @ rng.standard_normal(3)
         distance = float(np.sqrt(innovation @ np.linalg.solve(s, innovation)))
         for share, beyond in ((0.999, True), (1.001, False)):
-            count = np.zeros(2, np.int64)
-            assert is_rejected(innovation, h, p, variance, share * distance, count) == beyond
+            count, work = np.zeros(2, np.int64), (np.empty((6, 6)), np.empty(6), np.empty(6))
+            gate = share * distance
+            assert is_rejected(innovation, h, p, variance, gate, count, *work) == beyond
             assert count.tolist() == [beyond, beyond]
 
 

@@ -125,8 +125,8 @@ def carried(made: Drift, steps: Array) -> Array:
     p, s = made.covariance(), made.size
     keep, drawn, joint = np.ones(s), np.zeros(s), np.zeros((made.times.size, 3))
     for step in steps.tolist():
-        propagate_drift(made, step, 0, np.zeros(s), keep, drawn, joint)
-        predict(p, np.zeros((0, s)), keep, np.zeros((0, 0)), drawn)
+        propagate_drift(made, step, 0, keep, drawn, joint)
+        predict(p, np.zeros((0, s)), keep, np.zeros((0, 0)), drawn, np.zeros((0, s)))
         add_drift_cross_covariance(made, 0, joint, p)
     return p
 

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pytest
+from numba.core.dispatcher import Dispatcher
 from tests.accuracy import turntable
 from tests.accuracy.turntable_filters import FilterOutcome, Step
 from tests.accuracy.turntable_filters import accelerometer as dense_accelerometer
@@ -504,6 +505,7 @@ def test_the_filter_is_compiled_once_whichever_of_imu_and_readback_waits():
         for delay in (exact, late, early)
     ]
     assert filters[1].lag < 0 < filters[2].lag
+    assert isinstance(compiled_gyros, Dispatcher)
     signatures = list[int]()
     for ours in filters:
         state = ours.start(one)

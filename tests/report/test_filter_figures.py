@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from inercal.estimate import FilterHistory, SmoothedStates
+from inercal.estimate.lazy_value import LazyValue
 from inercal.report.filter_figures import (
     MAX_POINTS,
     innovation_figure,
@@ -67,9 +68,8 @@ def of_gyros(epochs: int, *, pause: bool = False) -> FilterHistory:
     value = np.tile(units * [3, 3, 3, 2, 2, 2], (epochs, 1))
     std = np.tile(units * [1, 1, 1, 0.5, 0.5, 0.5], (epochs, 1))
     made = course(epochs, pause=pause)
-    return replace(
-        made, names=("gx.bias", *states[3:]), smoothed=SmoothedStates(states, value, std)
-    )
+    smoothing = LazyValue(lambda: SmoothedStates(states, value, std))
+    return replace(made, names=("gx.bias", *states[3:]), smoothing=smoothing)
 
 
 def test_what_varies_is_drawn_in_seconds_of_arc_and_in_the_units_of_the_bias():

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.estimate.lazy_value import LazyValue
 
 Indices = NDArray[np.int64]
 
@@ -44,8 +45,8 @@ class FilterHistory:
         Observation minus prediction.
     nis : (e,) array
         Normalised innovation squared of q components; its mean is q where the model holds.
-    smoothed : SmoothedStates or None
-        None where no state was smoothed.
+    smoothing : LazyValue of SmoothedStates or None
+        None where no state is smoothed.
     shown : (k,) array of int or None
         Epochs that estimates are kept of, evenly spaced and the last; None is each of them.
     """
@@ -57,8 +58,13 @@ class FilterHistory:
     std: Array
     innovation: Array
     nis: Array
-    smoothed: SmoothedStates | None = None
+    smoothing: LazyValue[SmoothedStates] | None = None
     shown: Indices | None = None
+
+    @property
+    def smoothed(self) -> SmoothedStates | None:
+        """The smoothed states; None where no state is smoothed."""
+        return self.smoothing and self.smoothing()
 
     @property
     def shown_time(self) -> Array:

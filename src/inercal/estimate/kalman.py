@@ -24,16 +24,14 @@ the end is P μ, with
 μ = g there, μ ← (I − h kᵀ) μ before an update and Φᵀ μ before a prediction. Source: Bierman, Fixed
 interval smoothing with discrete measurements, International Journal of Control 18(1), 1973, 65–75.
 """
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.estimate.kernel_options import kernel, kernel_step
 
 Indices = NDArray[np.int64]
 
@@ -100,8 +98,20 @@ def start_smoother(against: Array) -> SmootherState:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array) -> None:
+@kernel_step
+def weighted_rows(symmetric: Array, v: Array, out: Array) -> None:
+    """Write the product of a symmetric matrix and a vector, row by row: that vectorises."""
+    for j in range(v.size):
+        out[j] = 0.0
+    for i in range(v.size):
+        size = v[i]
+        if size != 0.0:
+            for j in range(v.size):
+                out[j] += size * symmetric[i, j]
+
+
+@kernel
+def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array, moved: Array) -> None:
     """Carry the covariance to the next epoch, in place.
 
     Parameters
@@ -116,14 +126,12 @@ def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array) -> Non
         Q of the first k states.
     drawn : (n,) array
         Diagonal of Q from state k on.
+    moved : (k, n) array
+        Overwritten.
     """
     k, n = a.shape
-    moved = np.zeros((k, n))
     for i in range(k):
-        for m in range(n):
-            if a[i, m] != 0.0:
-                for j in range(n):
-                    moved[i, j] += a[i, m] * p[m, j]
+        weighted_rows(p, a[i], moved[i])
     for i in range(k):
         for j in range(i, k):
             total = driven[i, j]
@@ -142,7 +150,7 @@ def predict(p: Array, a: Array, keep: Array, driven: Array, drawn: Array) -> Non
             p[j, i] = p[i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tuple[float, float]:
     """Take one observation z = hᵀ x + noise of variance r, in place; return ν and its variance.
 
@@ -156,39 +164,30 @@ def update(x: Array, p: Array, h: Array, z: float, r: float, gain: Array) -> tup
         k is written there.
     """
     n = x.size
-    ph = np.zeros(n)
-    for m in range(n):
-        if h[m] != 0.0:
-            for j in range(n):
-                ph[j] += h[m] * p[m, j]
+    weighted_rows(p, h, gain)
     s, off = r, z
     for m in range(n):
-        s += h[m] * ph[m]
+        s += h[m] * gain[m]
         off -= h[m] * x[m]
+    per = 1 / s
     for j in range(n):
-        one = ph[j] / s
-        gain[j] = one
-        x[j] += one * off
-        for m in range(j, n):
-            p[j, m] -= one * ph[m]
-            p[m, j] = p[j, m]
+        size = gain[j]
+        for m in range(n):
+            p[j, m] -= size * gain[m] * per  # in this order symmetric to the last bit
+    for j in range(n):
+        gain[j] *= per
+        x[j] += gain[j] * off
     return off, s
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def store_covariance_rows(p: Array, steps: FilterSteps, row: int) -> None:
     """Write wanted @ P to a row of the steps."""
     for r in range(len(steps.wanted)):
-        kept = steps.rows[row, r]
-        kept[:] = 0.0
-        for s in range(len(p)):
-            weight = steps.wanted[r, s]
-            if weight != 0.0:
-                for j in range(len(p)):
-                    kept[j] += weight * p[s, j]
+        weighted_rows(p, steps.wanted[r], steps.rows[row, r])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def smooth_steps(
     steps: FilterSteps,
     state: SmootherState,
@@ -224,7 +223,7 @@ def smooth_steps(
         if q >= 0 and shown[q] == e:
             for i in range(r):
                 row = steps.rows[e, i]
-                _multiply(large, row, moved)
+                weighted_rows(large, row, moved)
                 total, left = 0.0, last[i]
                 for j in range(n):
                     total += row[j] * by[j]
@@ -248,26 +247,14 @@ def smooth_steps(
                 _apply_transposed_transition(steps.a[e], steps.keep[e], back[i], moved)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _multiply(symmetric: Array, v: Array, out: Array) -> None:
-    """Write the product of a symmetric matrix and a vector, row by row: that vectorises."""
-    for j in range(v.size):
-        out[j] = 0.0
-    for i in range(v.size):
-        size = v[i]
-        if size != 0.0:
-            for j in range(v.size):
-                out[j] += size * symmetric[i, j]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def _reverse_update(
     h: Array, gain: Array, off: float, s: float, by: Array, large: Array, moved: Array
 ) -> None:
     """Carry λ and Λ back over an update, in place; `moved` is overwritten."""
     n = h.size
     along, twice = off / s, 1 / s
-    _multiply(large, gain, moved)
+    weighted_rows(large, gain, moved)
     for i in range(n):
         along -= gain[i] * by[i]
         twice += gain[i] * moved[i]
@@ -284,7 +271,7 @@ def _reverse_update(
                 large[m, i] += size * moved[m]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def _reverse_predict(
     a: Array, keep: Array, by: Array, large: Array, moved: Array, ahead: Array
 ) -> None:
@@ -313,7 +300,7 @@ def _reverse_predict(
             large[j, i] = large[i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def _apply_transposed_transition(a: Array, keep: Array, by: Array, moved: Array) -> None:
     """Write Φᵀ λ in place of λ; `moved` is overwritten."""
     k, n = a.shape

@@ -18,18 +18,16 @@ are all that a score test needs, and −U at the end is the shift of the estimat
 Source: Friedland 1969, IEEE TAC 14(4), 359–367; Willsky and Jones 1976, IEEE TAC 21(1), 108–112
 (tests of innovations for constants that begin at a known time).
 """
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps
+from inercal.estimate.kernel_options import kernel
 
 Indices = NDArray[np.int64]
 
@@ -105,7 +103,7 @@ def _add_piece(
         square += whitened.T @ whitened
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _whiten_rows(
     a: Array,
     keep: Array,

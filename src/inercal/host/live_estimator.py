@@ -55,6 +55,7 @@ class LiveEstimator:
                 key="[data] rate",
             )
         self.names, self.time = run.sensor.coefficients, nan
+        self._indices: dict[tuple[str, ...], list[int]] = {}  # of names of parts
         self._start_estimator = partial(
             begin, run.estimator, run.sensor, run.bench, run.steps, run.priors, rate_hz
         )
@@ -89,6 +90,8 @@ class LiveEstimator:
         self.partial_estimates = dict(found)
         self.values, self.std = np.full((2, len(self.names)), nan)
         for one in self.partial_estimates.values():
-            at = [self.names.index(name) for name in one.names]
+            if one.names not in self._indices:
+                self._indices[one.names] = [self.names.index(name) for name in one.names]
+            at = self._indices[one.names]
             self.values[at] = one.value
             self.std[at] = np.sqrt(np.diagonal(one.covariance))

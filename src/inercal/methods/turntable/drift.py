@@ -31,7 +31,7 @@ mean over the run do not have; a walk K has C = K² (t + t′ − |u|)/2.
 """
 
 from collections.abc import Callable, Sequence
-from math import ceil, inf, log, log10, pi
+from math import ceil, exp, inf, log, log10, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -117,15 +117,17 @@ class Drift(NamedTuple):
         c, rows, variance = len(self.times), np.zeros((3, self.size)), np.zeros(3)
         if not self.mean_over_run or elapsed <= 0:
             return rows, variance
+        # Numbers, not arrays: live filters ask for it with each piece of samples.
+        mean, shape = [0.0] * c, [0.0] * c
+        for n, time in enumerate(self.times.tolist()):
+            if time != inf:
+                left = exp(-since / time)
+                mean[n] = -time * left / elapsed
+                shape[n] = time**2 * (2 * since / time + 1 - left**2 - 4 * (1 - left))
         for k in range(3):
+            rows[k, k : 3 * c : 3] = mean
             rows[k, 3 * c + k] = 1 / elapsed
-            for n, time in enumerate(self.times.tolist()):
-                if time == inf:
-                    continue
-                left = np.exp(-since / time)
-                rows[k, 3 * n + k] = -time * left / elapsed
-                shape = 2 * since / time + 1 - left**2 - 4 * (1 - left)
-                variance[k] += self.variance[n, k] * time**2 * shape
+        variance = np.array(shape) @ self.variance
         return rows, np.maximum(variance, 0.0) / max(elapsed, 1e-300) ** 2
 
 

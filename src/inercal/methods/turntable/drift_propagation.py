@@ -1,34 +1,32 @@
 """Compiled: the drift of biases carried over time; its equations are in `drift`."""
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
-from numba import njit
 
 from inercal.arrays import Array
+from inercal.estimate.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.drift import Drift
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def sum_drift_components(x: Array, first: int, components: int, out: Array) -> None:
     """Write the drift of each bias, the sum of its components, whose states start at `first`."""
     for k in range(3):
         out[k] = 0.0
-        for c in range(components):
+    for c in range(components):
+        for k in range(3):
             out[k] += x[first + 3 * c + k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def propagate_drift(
     drift: Drift,
     since: float,
     first: int,
-    x: Array,
     keep: Array,
     drawn: Array,
     joint: Array,
 ) -> None:
-    """Carry the drift, its states from `first` on, over a time; write diagonals of Φ and Q.
+    """Write diagonals of Φ and Q of the drift over a time; its states begin at `first`.
 
     `joint`, (c, 3), is the covariance of the noise of each component with that of J, for
     `add_drift_cross_covariance`.
@@ -43,7 +41,6 @@ def propagate_drift(
                 keep[at], drawn[at] = 1.0, walk[k] * since
                 continue
             kept = np.exp(-since / times[c])
-            x[at] *= kept
             keep[at] = kept
             drawn[at] = variance[c, k] * (1 - kept * kept)
             joint[c, k] = 2 * variance[c, k] * times[c] * (1 - kept)
@@ -52,7 +49,7 @@ def propagate_drift(
             drawn[own + k] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def add_drift_cross_covariance(drift: Drift, first: int, joint: Array, p: Array) -> None:
     """Add the covariance of the noise of J with that of the components to P, after `predict`."""
     if not drift.mean_over_run:

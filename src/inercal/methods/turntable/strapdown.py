@@ -3,14 +3,12 @@
 Level frame: east, north, up. C takes the body's frame to it, C_est = (I − [φ×]) C. φ, small, is a
 rotation vector; φ(f, ω) of `terms` is called phi. Functions write results to arguments, in place.
 """
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.estimate.kernel_options import kernel, kernel_step
 from inercal.methods.turntable.terms import BASIS, FORCE, SQUARE, TEMPERATURE
 
 Indices = NDArray[np.int64]
@@ -25,10 +23,11 @@ PARABOLA_ERROR, PARABOLA_THRESHOLD = 720**-0.5, 500.0
 # Of an angle between samples a cubic leaves so much of s (1 − s) times the difference of both
 # second divided differences; rms over where the acceleration begins, computed.
 CUBIC_ERROR = 0.36
+SMALL_ANGLE = 1e-2  # rad, below which series replace sine and cosine
 MAX_STEP_RATIO = 3.0  # steps of time: a sample or two may be lost
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def copy_matrix(matrix: Array, out: Array) -> None:
     """Write a 3 × 3 matrix; an assignment of slices takes Numba seconds to compile."""
     for i in range(3):
@@ -36,7 +35,7 @@ def copy_matrix(matrix: Array, out: Array) -> None:
             out[i, j] = matrix[i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def product(a: Array, b: Array, out: Array) -> None:
     """Write the product of 3 × 3 matrices."""
     for i in range(3):
@@ -46,13 +45,14 @@ def product(a: Array, b: Array, out: Array) -> None:
                 out[i, j] += a[i, k] * b[k, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def rotate(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the body, in place: C ← C exp [v×]."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    angle = np.sqrt(s)
-    once = 1 - s / 6 + s * s / 120 if angle < 1e-2 else np.sin(angle) / angle
-    twice = 0.5 - s / 24 + s * s / 720 if angle < 1e-2 else (1 - np.cos(angle)) / s
+    once, twice = 1 + s * (s * (1 / 120) - 1 / 6), 0.5 + s * (s * (1 / 720) - 1 / 24)
+    if s >= SMALL_ANGLE * SMALL_ANGLE:
+        angle = np.sqrt(s)
+        once, twice = np.sin(angle) / angle, (1 - np.cos(angle)) / s
     for i in range(3):
         a, b, d = c[i, 0], c[i, 1], c[i, 2]
         # Rows of C times exp [v×]: a + once (a × v)ᵀ-wise + twice ((a × v) × v).
@@ -64,13 +64,14 @@ def rotate(c: Array, v: Array) -> None:
         c[i, 2] = d + once * g + twice * (e * v[1] - f * v[0])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def turn_level(c: Array, v: Array) -> None:
     """Turn C by the rotation vector v of the level frame, in place: C ← exp [v×] C."""
     s = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-    angle = np.sqrt(s)
-    once = 1 - s / 6 + s * s / 120 if angle < 1e-2 else np.sin(angle) / angle
-    twice = 0.5 - s / 24 + s * s / 720 if angle < 1e-2 else (1 - np.cos(angle)) / s
+    once, twice = 1 + s * (s * (1 / 120) - 1 / 6), 0.5 + s * (s * (1 / 720) - 1 / 24)
+    if s >= SMALL_ANGLE * SMALL_ANGLE:
+        angle = np.sqrt(s)
+        once, twice = np.sin(angle) / angle, (1 - np.cos(angle)) / s
     for j in range(3):
         a, b, d = c[0, j], c[1, j], c[2, j]
         e = v[1] * d - v[2] * b
@@ -81,7 +82,7 @@ def turn_level(c: Array, v: Array) -> None:
         c[2, j] = d + once * g + twice * (v[0] * f - v[1] * e)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def rotation_error(ref: Array, c: Array, z: Array) -> None:
     """Write the rotation vector z of ref Cᵀ, in the level frame."""
     for i in range(3):
@@ -102,7 +103,7 @@ def rotation_error(ref: Array, c: Array, z: Array) -> None:
             z[i] *= angle / sine
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def _invert(m: Array, out: Array) -> None:
     """Write the inverse of a 3 × 3 matrix."""
     for i in range(3):
@@ -116,32 +117,42 @@ def _invert(m: Array, out: Array) -> None:
             out[i, j] /= det
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def inverse_scale_matrix(
-    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, out: Array
+    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, work: Array, out: Array
 ) -> None:
-    """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`)."""
-    result = nominal.copy()
+    """Write M = (N + S)⁻¹, S the part of the coefficients that is linear in u (φ from `first`).
+
+    `work` (3, 3) is overwritten.
+    """
+    copy_matrix(nominal, work)
     for m in range(axis.size):
         for k in range(3):
-            result[axis[m], k] += c[m] * weights[m, first + k]
-    _invert(result, out)
+            work[axis[m], k] += c[m] * weights[m, first + k]
+    _invert(work, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def inverse_scale_matrix_at_temperature(
-    nominal: Array, axis: Indices, weights: Array, c: Array, first: int, warmth: float, out: Array
+    nominal: Array,
+    axis: Indices,
+    weights: Array,
+    c: Array,
+    first: int,
+    warmth: float,
+    work: Array,
+    out: Array,
 ) -> None:
     """Write M at a temperature: S has the part that is linear in u ΔT too."""
-    result = nominal.copy()
+    copy_matrix(nominal, work)
     for m in range(axis.size):
         for k in range(3):
             by = weights[m, first + k] + warmth * weights[m, TEMPERATURE + first + k]
-            result[axis[m], k] += c[m] * by
-    _invert(result, out)
+            work[axis[m], k] += c[m] * by
+    _invert(work, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def fill_temperature_terms(phi: Array, warmth: float) -> None:
     """Write the terms of φ that depend on ΔT, from the other terms."""
     for b in range(BASIS):
@@ -149,7 +160,7 @@ def fill_temperature_terms(phi: Array, warmth: float) -> None:
     phi[TEMPERATURE + BASIS] = warmth * warmth
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def fill_force_terms(phi: Array, f: Array) -> None:
     """Write the terms of φ that depend on f."""
     phi[0] = 1.0
@@ -160,55 +171,59 @@ def fill_force_terms(phi: Array, f: Array) -> None:
     phi[SQUARE + 5] = f[1] * f[2]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def used_term_indices(weights: Array) -> Indices:
     """Return the terms of φ that a triad's coefficients use, and the first: biases drift."""
-    size = weights.shape[1]
-    return np.array([b for b in range(size) if b == 0 or np.any(weights[:, b] != 0.0)])
+    used = np.any(weights != 0.0, axis=0)
+    used[0] = True
+    return np.flatnonzero(used)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+def added_term_indices(used: Indices, first: int) -> Indices:
+    """Return those of the terms in use that M does not hold: it holds u and u ΔT, from `first`."""
+    linear = np.where(used >= TEMPERATURE, used - TEMPERATURE, used)
+    return used[(linear < first) | (linear >= first + 3)]
+
+
+@kernel_step
 def sum_reading_terms(
     axis: Indices, weights: Array, c: Array, drift: Array, used: Indices, by: Array
 ) -> None:
     """Write the factor of each term of φ in the readings, (BASIS, 3); drift adds to the first."""
-    for b in used:
+    for t in range(used.size):
+        b = used[t]
         for i in range(3):
             by[b, i] = drift[i] if b == 0 else 0.0
         for m in range(axis.size):
             by[b, axis[m]] += c[m] * weights[m, b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def correct_reading(
-    reading: Array, m: Array, by: Array, phi: Array, used: Indices, first: int, u: Array
+    reading: Array, m: Array, by: Array, phi: Array, added: Indices, u: Array
 ) -> None:
-    """Write u = M (reading − what is added beside the part linear in u, φ from `first`).
-
-    What is linear in u ΔT is in M too.
-    """
-    u[:] = 0.0
+    """Write u = M (reading − what is added beside the part linear in u, of the terms `added`)."""
+    for k in range(3):
+        u[k] = 0.0
     for j in range(3):
         left = reading[j]
-        for b in used:
-            linear = b - TEMPERATURE if b >= TEMPERATURE else b
-            if linear < first or linear >= first + 3:
-                left -= by[b, j] * phi[b]
+        for t in range(added.size):
+            left -= by[added[t], j] * phi[added[t]]
         for k in range(3):
             u[k] += m[k, j] * left
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def accumulate_sensitivity(cm: Array, phi: Array, dt: float, used: Indices, made: Array) -> None:
     """Add C M φ dt, (BASIS, 3, 3)."""
-    for b in used:
+    for t in range(used.size):
+        b = used[t]
         size = phi[b] * dt
         for k in range(3):
             for j in range(3):
                 made[b, k, j] += cm[k, j] * size
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def write_transition_columns(
     made: Array,
     axis: Indices,
@@ -224,18 +239,25 @@ def write_transition_columns(
     Of each bias the drift is the sum of so many components.
     """
     gm = first + axis.size
-    for k in range(3):
-        for s in range(axis.size):
+    for s in range(axis.size):
+        for k in range(3):
             a[k, first + s] = 0.0
-            for b in used:
-                a[k, first + s] += sign * weights[s, b] * made[b, k, axis[s]]
-        for j in range(3):
-            for c in range(components):
+        for t in range(used.size):
+            size = sign * weights[s, used[t]]
+            if size != 0.0:
+                for k in range(3):
+                    a[k, first + s] += size * made[used[t], k, axis[s]]
+    for c in range(components):
+        for k in range(3):
+            for j in range(3):
                 a[k, gm + 3 * c + j] = sign * made[0, k, j]
-    made[:] = 0.0
+    for t in range(used.size):
+        for k in range(3):
+            for j in range(3):
+                made[used[t], k, j] = 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def bracketing_rows(times: Array, newest: int, when: float) -> tuple[int, int, float]:
     """Return the rows of a ring before and after a time, and its share of the step between.
 
@@ -256,9 +278,16 @@ def bracketing_rows(times: Array, newest: int, when: float) -> tuple[int, int, f
     return before, after, (when - times[before]) / step if step > 0 else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def interpolate_attitude(
-    times: Array, past: Array, newest: int, when: float, out: Array, rate: Array, left: Array
+    times: Array,
+    past: Array,
+    newest: int,
+    when: float,
+    out: Array,
+    rate: Array,
+    left: Array,
+    work: Array,
 ) -> None:
     """Write the attitude at a time between kept ones, and the body's rate there in the level frame.
 
@@ -275,17 +304,19 @@ def interpolate_attitude(
     out : (3, 3) array
     rate, left : (3,) arrays
         rad/s; and by how much a sudden acceleration may have bent the way, rad.
+    work : (3, 3) array
+        Overwritten.
     """
     k = times.size
     before, after, share = bracketing_rows(times, newest, when)
     step = times[after] - times[before]
-    left[:] = 0.0
-    rate[:] = 0.0
+    turn, bent, other = work[0], work[1], work[2]
+    for i in range(3):
+        left[i] = rate[i] = bent[i] = 0.0
     copy_matrix(past[before], out)
     if step <= 0:
         return
     rotation_error(past[after], past[before], rate)
-    turn, bent, other = np.empty(3), np.zeros(3), np.empty(3)
     way = share * (share - 1) * step * step
     if 0 < share < 1:
         row, next_row = (before - 1) % k, (after + 1) % k
@@ -310,24 +341,29 @@ def interpolate_attitude(
     turn_level(out, turn)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def are_similar_steps(step: float, other: float) -> bool:
     """Return whether two time steps are of similar length, as a curvature needs."""
     return 0 < step <= MAX_STEP_RATIO * other and other <= MAX_STEP_RATIO * step
 
 
-@njit(cache=True, nogil=True)
 def epoch_indices(time: Array, period: float, last: float) -> Indices:
     """Return the samples at which an epoch is due: a period or more after the one before."""
     return epoch_indices_in_holds(time, np.zeros(time.size, np.int64), period, last, 0)
 
 
-@njit(cache=True, nogil=True)
 def epoch_indices_in_holds(
     time: Array, hold: Indices, period: float, last: float, number: int
 ) -> Indices:
     """Do the same within holds: the first sample of each, then every period."""
     found = np.empty(time.size, np.int64)
+    return found[: _write_epochs(time, hold, period, last, number, found)]
+
+
+@kernel
+def _write_epochs(
+    time: Array, hold: Indices, period: float, last: float, number: int, found: Indices
+) -> int:
     count = 0
     for i in range(time.size):
         if hold[i] < 0:
@@ -336,4 +372,4 @@ def epoch_indices_in_holds(
             found[count] = i
             count += 1
             last, number = time[i], hold[i]
-    return found[:count]
+    return count

@@ -9,17 +9,15 @@ attitude. Coefficients are multiplied by it and not by the corrected reading: th
 error with those of the coefficients is of second order and made a filter with a small variance of
 the velocity diverge.
 """
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import FilterSteps, store_covariance_rows, update
+from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import propagate_drift, sum_drift_components
 from inercal.methods.turntable.strapdown import (
     accumulate_sensitivity,
@@ -33,15 +31,12 @@ from inercal.methods.turntable.strapdown import (
     turn_level,
     write_transition_columns,
 )
-from inercal.methods.turntable.terms import FORCE
 from inercal.methods.turntable_kalman._filter_steps import (
     FilterSamples,
     KernelModel,
     KernelWorkspace,
     Transition,
-    copy_slice,
     is_rejected,
-    new_workspace,
     predict_covariance,
     update_workspace,
     white_noise_covariance,
@@ -86,24 +81,14 @@ class VelocityState(NamedTuple):
     epochs: int = 0
 
 
-class VelocityRun(NamedTuple):
-    """The arguments of every step of the filter."""
-
-    samples: FilterSamples
-    readback: VelocityReadback
-    model: KernelModel
-    settings: VelocitySettings
-    state: VelocityState
-    workspace: KernelWorkspace
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def run_accelerometer_filter(
     samples: FilterSamples,
     readback: VelocityReadback,
     model: KernelModel,
     settings: VelocitySettings,
     state: VelocityState,
+    work: KernelWorkspace,
     steps: FilterSteps,
     history: Array,
 ) -> float:
@@ -114,90 +99,98 @@ def run_accelerometer_filter(
     samples, readback, model, settings
     state : VelocityState
         Its arrays are changed in place.
+    work : KernelWorkspace
+        Overwritten.
     steps : FilterSteps
         Written at each epoch.
     history : (e, 6 + 2 n) array
         As of `run_gyro_filter`, with five observations.
     """
-    x, p, theta = state.x, state.p, state.theta
-    count, n = theta.size, x.size
-    gm = 6 + count
-    table, components, drift = gm + model.size, model.drift.times.size, np.zeros(3)
-    sum_drift_components(x, gm, components, drift)
-    run = VelocityRun(samples, readback, model, settings, state, new_workspace(model, theta, drift))
-    _write_rest_force(run)
-    drawn, driven, z, joint = np.zeros(n), np.zeros((6, 6)), np.zeros(5), np.zeros((components, 3))
-    said = np.zeros(2)  # innovations of the readback
-    # A literal 0 would have `_propagate_velocity` compiled a second time, for itself.
-    total, first = state.nis, int(np.int64(0))
-    for e in range(readback.epochs.size):
-        row = e % len(steps.s)
+    x, p, theta, fed = state.x, state.p, state.theta, work.fed
+    n, gm = x.size, 6 + theta.size
+    table, components = gm + model.size, model.drift.times.size
+    sum_drift_components(x, gm, components, fed)
+    update_workspace(work, model.terms, theta)
+    _write_rest_force(model.gravity, state.c, work)
+    z, innovation, variance = work.z, work.innovation, work.variance
+    # A literal 0 would have the loop over samples compiled a second time, for itself.
+    total, first, epochs = state.nis, int(np.int64(0)), readback.epochs.size
+    # One call for the samples to each epoch and those after the last: the compiler takes each call
+    # for itself.
+    for e in range(epochs + 1):
+        end = readback.epochs[e] + 1 if e < epochs else samples.time.size
+        _propagate_velocity(first, end, samples, model, state, work)
+        if e == epochs:
+            break
+        first, row, seen = end, e % len(steps.s), history[e]
         h, gain = steps.h[row], steps.gain[row]
-        to = Transition(steps.a[row], steps.keep[row], driven, drawn, joint)
+        to = Transition(steps.a[row], steps.keep[row], work.driven, work.drawn, work.joint)
         here = samples.hold[readback.epochs[e]]
-        first = _propagate_velocity(first, readback.epochs[e] + 1, run)
-        if here != state.hold[0]:
+        begins = here != state.hold[0]
+        if begins:
             state.hold[0] = here
-            _begin_hold(e, run, to)
-            predict_covariance(model, gm, to, p)
-            history[e, :6] = 0.0
-            steps.s[row] = 0.0
+            _begin_hold(e, readback, model, settings, state, to)
         else:
-            _transition(run, to)
-            predict_covariance(model, gm, to, p)
-            _observe(e, run, z, h)
-            for k in range(2):
-                said[k] = z[3 + k]
+            _transition(model, state, work, to)
+        predict_covariance(model.drift, gm, to, work.moved, p)
+        nis, lost = 0.0, begins
+        if not lost:
+            _observe(e, readback, model, state, work, h)
+            for k in range(5):
+                variance[k] = settings.velocity_variance if k < 3 else readback.noise[e, k - 3]
+                innovation[k] = z[k]
                 for j in range(table, n):
-                    said[k] -= h[3 + k, j] * x[j]
-            if is_rejected(said, h[3:], p, readback.noise[e], settings.gate, state.rejections):
-                history[e, :6] = 0.0
-                steps.s[row] = 0.0
+                    innovation[k] -= h[k, j] * x[j]
+            lost = is_rejected(
+                innovation[3:], h[3:], p, variance[3:], settings.gate, state.rejections,
+                work.p, work.x, work.ph,
+            )  # fmt: skip
+        for k in range(5):
+            if lost:
+                seen[k] = steps.s[row, k] = 0.0
             else:
-                nis = 0.0
-                for k in range(5):
-                    history[e, k] = z[k]
-                    for j in range(table, n):
-                        history[e, k] -= h[k, j] * x[j]
-                    variance = settings.velocity_variance if k < 3 else readback.noise[e, k - 3]
-                    off, s = update(x, p, h[k], z[k], variance, gain[k])
-                    steps.off[row, k], steps.s[row, k] = off, s
-                    nis += off * off / s
-                history[e, 5] = nis
-                total += nis
-                _feed_back(run)
-        sum_drift_components(x, gm, components, drift)
-        update_workspace(run.workspace, model, theta, drift)
-        _write_rest_force(run)
-        elapsed, result = state.time[1] - state.time[2], history[e, 6:]
-        write_estimate(model, elapsed, 6, theta, x, p, result[:n], result[n:])
+                seen[k] = z[k]
+                for j in range(table, n):
+                    seen[k] -= h[k, j] * x[j]
+                off, s = update(x, p, h[k], z[k], variance[k], gain[k])
+                steps.off[row, k], steps.s[row, k] = off, s
+                nis += off * off / s
+        seen[5] = nis
+        total += nis
+        if not lost:
+            _feed_back(state, work.turn)
+        sum_drift_components(x, gm, components, fed)
+        update_workspace(work, model.terms, theta)
+        _write_rest_force(model.gravity, state.c, work)
+        elapsed = state.time[1] - state.time[2]
+        write_estimate(model.terms, model.drift, work, elapsed, theta, x, p, seen)
         store_covariance_rows(p, steps, row)
-    _propagate_velocity(first, samples.time.size, run)
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _write_rest_force(run: VelocityRun) -> None:
+@kernel_piece
+def _write_rest_force(gravity: float, c: Array, work: KernelWorkspace) -> None:
     """Write φ of the force that is sensed at rest, and C M: both stay until the next epoch."""
-    state, done = run.state, run.workspace
     for k in range(3):
-        done.u[k] = run.model.gravity * state.c[2, k]
-    fill_force_terms(done.phi, done.u)
-    product(state.c, done.m, done.cm)
+        work.u[k] = gravity * c[2, k]
+    fill_force_terms(work.phi, work.u)
+    product(c, work.m, work.cm)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _propagate_velocity(first: int, end: int, run: VelocityRun) -> int:
-    """Carry the velocity over a hold's samples, and sum up what drives it.
-
-    Return the sample to follow.
-    """
-    # Access to a field of a tuple counts references: once here, not at each sample.
-    samples, _readback, model, _settings, state, done = run
+@kernel_piece
+def _propagate_velocity(
+    first: int,
+    end: int,
+    samples: FilterSamples,
+    model: KernelModel,
+    state: VelocityState,
+    work: KernelWorkspace,
+) -> None:
+    """Carry the velocity over a hold's samples, and sum up what drives it."""
     time, forces, hold, warmth = samples
     terms, theta, warmed = model.terms, state.theta, warmth.size > 0
     used, m, by, phi, cm, mean, u = (
-        done.used_terms, done.m, done.reading_terms, done.phi, done.cm, done.mean, done.u,
+        work.used_terms, work.m, work.reading_terms, work.phi, work.cm, work.mean, work.u,
     )  # fmt: skip
     c, result, force, velocity = state.c, state.sensitivity_integral, state.force, state.velocity
     gravity, number, now = model.gravity, state.hold[0], state.time[0]
@@ -210,10 +203,17 @@ def _propagate_velocity(first: int, end: int, run: VelocityRun) -> int:
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
                 inverse_scale_matrix_at_temperature(
-                    terms.nominal, terms.axis, terms.weights, theta, FORCE, warmth[i], m
+                    terms.nominal,
+                    terms.axis,
+                    terms.weights,
+                    theta,
+                    terms.first,
+                    warmth[i],
+                    work.square,
+                    m,
                 )
                 product(c, m, cm)
-            correct_reading(mean, m, by, phi, used, FORCE, u)
+            correct_reading(mean, m, by, phi, work.added_terms, u)
             for k in range(3):
                 gain = -gravity if k == 2 else 0.0
                 for j in range(3):
@@ -223,24 +223,26 @@ def _propagate_velocity(first: int, end: int, run: VelocityRun) -> int:
         for k in range(3):
             force[k] = forces[i, k]
     state.time[0] = now
-    return end
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _begin_hold(e: int, run: VelocityRun, to: Transition) -> None:
+@kernel_step
+def _begin_hold(
+    e: int,
+    readback: VelocityReadback,
+    model: KernelModel,
+    settings: VelocitySettings,
+    state: VelocityState,
+    to: Transition,
+) -> None:
     """Begin a hold: attitude from the table, velocity zero.
 
     Φ and Q keep the coefficients and the table's parameters, and propagate the drift; the states of
     the hold start anew.
     """
-    _samples, readback, model, settings, state, _done = run
-    a, keep, driven, drawn, joint = to
+    _a, keep, driven, drawn, joint = to
     gm = 6 + state.theta.size
     own = gm + model.size + readback.table_sensitivity.shape[2]  # where a hold's own error begins
-    a[:] = 0.0
-    driven[:] = 0.0
-    keep[:] = 1.0
-    drawn[:] = 0.0
+    _clear(to)
     for k in range(3):
         driven[k, k] = settings.velocity_variance
         driven[3 + k, 3 + k] = settings.hold_attitude_variance
@@ -248,54 +250,82 @@ def _begin_hold(e: int, run: VelocityRun, to: Transition) -> None:
         keep[s], drawn[s] = 0.0, readback.hold_variance[e, s - own]
         state.x[s] = 0.0
     since = state.time[0] - state.time[1]
-    propagate_drift(model.drift, since, gm, state.x, keep, drawn, joint)
+    propagate_drift(model.drift, since, gm, keep, drawn, joint)
+    for s in range(gm, gm + model.size):
+        state.x[s] *= keep[s]
     state.time[1] = state.time[0]
-    state.velocity[:] = 0.0
-    state.sensitivity_integral[:] = 0.0
+    sums = state.sensitivity_integral
+    for k in range(3):
+        state.velocity[k] = 0.0
+        for j in range(3):
+            for b in range(len(sums)):
+                sums[b, k, j] = 0.0
     copy_matrix(readback.attitude[e], state.c)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _transition(run: VelocityRun, to: Transition) -> None:
+@kernel_step
+def _clear(to: Transition) -> None:
+    """Write Φ of constants, but zero where it is dense, and no noise."""
+    a, keep, driven, drawn, _joint = to
+    for k in range(len(a)):
+        for j in range(keep.size):
+            a[k, j] = 0.0
+        for j in range(len(a)):
+            driven[k, j] = 0.0
+    for j in range(keep.size):
+        keep[j], drawn[j] = 1.0, 0.0
+
+
+@kernel_piece
+def _transition(
+    model: KernelModel, state: VelocityState, work: KernelWorkspace, to: Transition
+) -> None:
     """Write Φ and Q since the epoch before; begin a new epoch."""
-    model, state, done = run.model, run.state, run.workspace
     a, keep, driven, drawn, joint = to
     terms, gravity = model.terms, model.gravity
     since = state.time[0] - state.time[1]
     state.time[1] = state.time[0]
-    driven[:] = 0.0
-    a[:] = 0.0
-    keep[:] = 1.0
-    drawn[:] = 0.0
+    _clear(to)
     write_transition_columns(
         state.sensitivity_integral,
         terms.axis,
         terms.weights,
-        done.used_terms,
+        work.used_terms,
         1.0,
-        6,
+        len(driven),
         len(joint),
         a,
     )
-    white_noise_covariance(done.cm, model.white, since, driven)
+    white_noise_covariance(work.cm, model.white, since, driven)
     for k in range(3):
         a[k, k] = a[3 + k, 3 + k] = 1.0
-    propagate_drift(model.drift, since, 6 + terms.axis.size, state.x, keep, drawn, joint)
+    gm = 6 + terms.axis.size
+    propagate_drift(model.drift, since, gm, keep, drawn, joint)
+    for s in range(gm, gm + model.size):
+        state.x[s] *= keep[s]
     # (0, 0, g) × φ. −[ω_ie×] is in neither: the velocity is relative to a table at rest.
     a[0, 4], a[1, 3] = -gravity * since, gravity * since
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _observe(e: int, run: VelocityRun, z: Array, h: Array) -> None:
+@kernel_piece
+def _observe(
+    e: int,
+    readback: VelocityReadback,
+    model: KernelModel,
+    state: VelocityState,
+    work: KernelWorkspace,
+    h: Array,
+) -> None:
     """Write the velocity, and the readback minus the attitude, as z = h x + noise."""
-    _samples, readback, model, _settings, state, done = run
-    beside, off = readback.table_sensitivity, done.scratch
+    beside, off, z = readback.table_sensitivity, work.rate, work.z
     gm, q, n = 6 + state.theta.size, beside.shape[2], state.x.size
     own = gm + model.size + q
-    copy_slice(state.velocity, 0, z[:3])
     rotation_error(readback.attitude[e], state.c, off)
-    h[:] = 0.0
+    for k in range(5):
+        for j in range(n):
+            h[k, j] = 0.0
     for k in range(3):
+        z[k] = state.velocity[k]
         h[k, k] = 1.0
     for k in range(2):
         z[3 + k] = off[k]
@@ -306,15 +336,14 @@ def _observe(e: int, run: VelocityRun, z: Array, h: Array) -> None:
             h[3 + k, own + k] = -1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _feed_back(run: VelocityRun) -> None:
+@kernel_piece
+def _feed_back(state: VelocityState, turn: Array) -> None:
     """Correct velocity and attitude, and take in the coefficients."""
-    state, turn = run.state, run.workspace.turn
     x, theta, velocity = state.x, state.theta, state.velocity
     for k in range(3):
         velocity[k] -= x[k]
-    copy_slice(x, 3, turn)
-    x[:6] = 0.0
+        turn[k] = x[3 + k]
+        x[k] = x[3 + k] = 0.0
     turn_level(state.c, turn)
     for s in range(theta.size):
         theta[s] += x[6 + s]

@@ -6,23 +6,20 @@ Each kernel has its own loop over epochs. A common loop would take the filter's 
 and Numba caches no kernel that has functions among its arguments: each process would compile it
 again. A loop in Python over compiled steps would cost several calls of 10 µs per epoch of 30 µs.
 """
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.estimate.kalman import predict
+from inercal.estimate.kalman import predict, update
+from inercal.estimate.kernel_options import kernel, kernel_piece, kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance
 from inercal.methods.turntable.strapdown import (
     inverse_scale_matrix,
     sum_reading_terms,
-    used_term_indices,
 )
 from inercal.methods.turntable.terms import BIAS, Terms
 
@@ -64,9 +61,11 @@ class Transition(NamedTuple):
 
 
 class KernelWorkspace(NamedTuple):
-    """Arrays for intermediate results of a kernel, allocated once."""
+    """Arrays for intermediate results of a kernel, which allocates nothing."""
 
     used_terms: Indices  # the terms of φ that the coefficients use
+    added_terms: Indices  # those of them that M does not hold
+    biases: Indices  # the coefficients that are biases
     m: Array  # M, (3, 3)
     reading_terms: Array  # factor of each term of φ in the readings, (size of φ, 3)
     phi: Array  # φ of the last step, (size of φ,)
@@ -75,48 +74,73 @@ class KernelWorkspace(NamedTuple):
     mean: Array  # reading, (3,)
     u: Array  # as corrected, (3,)
     turn: Array  # rotation vectors, (3,)
-    scratch: Array
+    rate: Array  # of the body in the level frame, (3,)
+    fed: Array  # drift that readings are corrected by, (3,)
+    square: Array  # any, (3, 3)
+    driven: Array  # as of `Transition`, (k, k), (n,) and (c, 3)
+    drawn: Array
+    joint: Array
+    moved: Array  # (k, n)
+    z: Array  # observations, (m,)
+    innovation: Array  # (m,)
+    variance: Array  # of the observations, (m,)
+    ph: Array  # any, (n,)
+    x: Array  # an estimate that is tried, (n,), and its covariance, (n, n)
+    p: Array
+    total: Array  # Σ C M φ Δt of the last epoch, (size of φ, 3, 3)
+    other: Array  # attitude a little earlier or later, (3, 3)
+    either: Array  # any, (3, 3)
+    mean_rows: Indices  # states that a bias as the mean depends on, (components + 2,)
+    mean_weights: Array  # and how
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def new_workspace(model: KernelModel, theta: Array, drift: Array) -> KernelWorkspace:
-    """Return the workspace for coefficients (p,) and the drift of the biases (3,)."""
-    size = model.terms.weights.shape[1]
-    result = KernelWorkspace(
-        used_term_indices(model.terms.weights),
-        np.zeros((3, 3)),
-        np.zeros((size, 3)),
-        np.zeros(size),
-        np.zeros((3, 3)),
-        np.zeros((3, 3)),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-        np.zeros(3),
-    )
-    result.phi[0] = 1.0
-    update_workspace(result, model, theta, drift)
-    return result
+def allocate_workspace(
+    model: KernelModel, indices: tuple[Indices, Indices, Indices], n: int, k: int, m: int
+) -> KernelWorkspace:
+    """Return the workspace for n states, k before the coefficients, and m observations.
+
+    `indices` are the first three fields.
+    """
+    size, components = model.terms.size, len(model.drift.times)
+    phi = np.zeros(size)
+    phi[0] = 1.0
+    return KernelWorkspace(
+        *indices,
+        np.zeros((3, 3)), np.zeros((size, 3)), phi, np.zeros((3, 3)), np.zeros((3, 3)),
+        np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)),
+        np.zeros((k, k)), np.zeros(n), np.zeros((components, 3)), np.zeros((k, n)),
+        np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(n),
+        np.zeros(n), np.zeros((n, n)), np.zeros((size, 3, 3)), np.zeros((3, 3)), np.zeros((3, 3)),
+        np.zeros(components + 2, np.int64), np.zeros(components + 2),
+    )  # fmt: skip
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def update_workspace(work: KernelWorkspace, model: KernelModel, theta: Array, drift: Array) -> None:
+@kernel_step
+def update_workspace(work: KernelWorkspace, terms: Terms, theta: Array) -> None:
     """Write M and the factors of φ by the present estimates."""
-    terms = model.terms
-    inverse_scale_matrix(terms.nominal, terms.axis, terms.weights, theta, terms.first, work.m)
-    sum_reading_terms(terms.axis, terms.weights, theta, drift, work.used_terms, work.reading_terms)
+    nominal, axis, weights, first = terms
+    inverse_scale_matrix(nominal, axis, weights, theta, first, work.square, work.m)
+    sum_reading_terms(axis, weights, theta, work.fed, work.used_terms, work.reading_terms)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def predict_covariance(model: KernelModel, first: int, to: Transition, p: Array) -> None:
+@kernel_piece
+def predict_covariance(drift: Drift, first: int, to: Transition, moved: Array, p: Array) -> None:
     """Carry a covariance to the next epoch, in place; the drift's states begin at `first`."""
-    predict(p, to.a, to.keep, to.driven, to.drawn)
-    add_drift_cross_covariance(model.drift, first, to.joint, p)
+    predict(p, to.a, to.keep, to.driven, to.drawn, moved)
+    add_drift_cross_covariance(drift, first, to.joint, p)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def is_rejected(
-    innovation: Array, h: Array, p: Array, variance: Array, gate: float, rejections: Indices
+    innovation: Array,
+    h: Array,
+    p: Array,
+    variance: Array,
+    gate: float,
+    rejections: Indices,
+    trial: Array,
+    gain: Array,
+    off: Array,
 ) -> bool:
     """Tell whether observations are rejected, νᵀ S⁻¹ ν > gate² with S = H P Hᵀ + R; count them.
 
@@ -135,6 +159,8 @@ def is_rejected(
         Standard deviations; infinite where nothing is rejected.
     rejections : (2,) array of int
         In a row, and in all; changed in place.
+    trial, gain, off : (n, n), (n,) and (n,) arrays
+        Overwritten.
     """
     m, n, most = innovation.size, p.shape[0], gate * gate
     distance = 0.0
@@ -142,27 +168,14 @@ def is_rejected(
         distance += innovation[k] * innovation[k] / variance[k]
     # S is no less than R, and costs m n² to know.
     if distance > most:
-        s, ph = np.zeros((m, m)), np.zeros(n)
-        for k in range(m):
+        for i in range(n):
+            off[i] = 0.0
             for j in range(n):
-                ph[j] = 0.0
-            for i in range(n):
-                if h[k, i] != 0.0:
-                    for j in range(n):
-                        ph[j] += h[k, i] * p[i, j]
-            s[k, k] = variance[k]
-            for q in range(m):
-                for j in range(n):
-                    s[k, q] += ph[j] * h[q, j]
+                trial[i, j] = p[i, j]
         distance = 0.0
-        rest = innovation.copy()
-        for k in range(m):  # elimination: the square of each part that those before do not tell
-            distance += rest[k] * rest[k] / s[k, k]
-            for q in range(k + 1, m):
-                share = s[q, k] / s[k, k]
-                rest[q] -= share * rest[k]
-                for j in range(k + 1, m):
-                    s[q, j] -= share * s[k, j]
+        for k in range(m):  # the square of each innovation that those before do not tell
+            left, s = update(off, trial, h[k], innovation[k], variance[k], gain)
+            distance += left * left / s
     if distance <= most or rejections[0] >= MAX_REJECTIONS:
         rejections[0] = 0
         return False
@@ -171,14 +184,7 @@ def is_rejected(
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def copy_slice(x: Array, first: int, out: Array) -> None:
-    """Write the part of x from `first` on; see `strapdown.copy_matrix`."""
-    for k in range(out.size):
-        out[k] = x[first + k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_piece
 def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) -> None:
     """Write the covariance of integrated white noise, C M diag(noise) (C M)ᵀ Δt."""
     for k in range(3):
@@ -188,58 +194,55 @@ def white_noise_covariance(cm: Array, noise: Array, since: float, out: Array) ->
                 out[k, j] += cm[k, b] * noise[b] * cm[j, b] * since
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def write_estimate(
-    model: KernelModel,
+    terms: Terms,
+    drift: Drift,
+    work: KernelWorkspace,
     elapsed: float,
-    before: int,
     theta: Array,
     x: Array,
     p: Array,
-    value: Array,
-    variance: Array,
+    out: Array,
 ) -> None:
     """Write estimates and their variances; a bias that drifts as the mean over the run so far.
 
     Parameters
     ----------
-    model : KernelModel
+    terms : Terms
+    drift : Drift
+    work : KernelWorkspace
     elapsed : float
         s since the start.
-    before : int
-        Where the coefficients begin in the state; the drift follows them.
     theta : (p,) array
         Coefficients, to which the state adds.
     x, p : (n,) and (n, n) arrays
-    value, variance : (n,) arrays
-        Written.
+    out : (m + 1 + 2 n,) array
+        Values, then variances, are written after the first m + 1.
     """
-    for s in range(x.size):
-        value[s] = theta[s - before] + x[s] if before <= s < before + theta.size else x[s]
-        variance[s] = p[s, s]
-    times, _variance, _walk, mean_over_run = model.drift
+    n, count, before, first = x.size, theta.size, len(work.driven), work.z.size + 1
+    for s in range(n):
+        out[first + s] = x[s]
+        out[first + n + s] = p[s, s]
+    for s in range(count):
+        out[first + before + s] += theta[s]
+    times, _variance, _walk, mean_over_run = drift
     if not mean_over_run or elapsed <= 0:
         return
-    axis, weights, components = model.terms.axis, model.terms.weights, times.size
-    first = before + axis.size
-    at, by = np.empty(components + 2, np.int64), np.empty(components + 2)
-    for s in range(axis.size):
-        others = 0.0
-        for b in range(weights.shape[1]):
-            if b != BIAS:
-                others += abs(weights[s, b])
-        if others > 0:
-            continue
-        at[0], by[0] = before + s, 1.0
-        for c in range(components):
-            mean = 0.0 if np.isinf(times[c]) else -times[c] / elapsed
-            at[1 + c], by[1 + c] = first + 3 * c + axis[s], mean / weights[s, BIAS]
-        at[components + 1] = first + 3 * components + axis[s]
-        by[components + 1] = 1 / elapsed / weights[s, BIAS]
+    biases, at, by, components = work.biases, work.mean_rows, work.mean_weights, times.size
+    for b in range(biases.size):
+        s = biases[b]
+        own, axis, weight = before + s, terms.axis[s], terms.weights[s, BIAS]
+        at[0], by[0] = own, 1.0
+        for c in range(components + 1):
+            # Each component's mean by itself, then J
+            mean = 1.0 if c == components else -times[c]
+            mean = 0.0 if np.isinf(mean) else mean / elapsed
+            at[1 + c], by[1 + c] = before + count + 3 * c + axis, mean / weight
         total = 0.0
-        for i in range(at.size):
+        for i in range(components + 2):
             if i > 0:
-                value[at[0]] += by[i] * x[at[i]]
-            for j in range(at.size):
+                out[first + own] += by[i] * x[at[i]]
+            for j in range(components + 2):
                 total += by[i] * p[at[i], at[j]] * by[j]
-        variance[at[0]] = total
+        out[first + n + own] = total

@@ -6,17 +6,15 @@ A readback is compared with the attitude at its time t′. The error there is
 
 G is stored for the samples that a readback may refer to; feedback at t turns their attitudes too.
 """
-# Numba's decorator has no types.
-# pyright: reportUntypedFunctionDecorator=false
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import update
+from inercal.estimate.kernel_options import kernel_piece, kernel_step
 from inercal.methods.turntable.drift_propagation import sum_drift_components
 from inercal.methods.turntable.strapdown import (
     bracketing_rows,
@@ -27,11 +25,9 @@ from inercal.methods.turntable.strapdown import (
     turn_level,
 )
 from inercal.methods.turntable_kalman._filter_steps import (
-    FilterSamples,
     KernelModel,
     KernelWorkspace,
     Transition,
-    copy_slice,
 )
 
 Indices = NDArray[np.int64]
@@ -94,17 +90,6 @@ class AttitudeState(NamedTuple):
     epochs: int = 0
 
 
-class AttitudeRun(NamedTuple):
-    """The arguments of every step of the filter."""
-
-    samples: FilterSamples
-    readback: AttitudeReadback
-    model: KernelModel
-    settings: AttitudeSettings
-    state: AttitudeState
-    workspace: KernelWorkspace
-
-
 class ReadbackTerms(NamedTuple):
     """A readback minus the attitude, z = h x + noise."""
 
@@ -113,12 +98,14 @@ class ReadbackTerms(NamedTuple):
     h: Array  # (3, n)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _readback_time(e: int, run: AttitudeRun, x: Array, p: Array) -> tuple[float, float]:
+@kernel_step
+def _readback_time(
+    age: float, settings: AttitudeSettings, time: Array, x: Array, p: Array
+) -> tuple[float, float]:
     """Return when a readback was taken, by the sensor's clock, s, and the variance of that."""
-    state, late = run.state, run.settings.timing_states
-    lasting = state.time[0] - state.time[2]
-    delay, variance = run.settings.delay, 0.0
+    late = settings.timing_states
+    lasting = time[0] - time[2]
+    delay, variance = settings.delay, 0.0
     if late[0] >= 0:
         delay += x[late[0]]
         variance += p[late[0], late[0]]
@@ -127,64 +114,116 @@ def _readback_time(e: int, run: AttitudeRun, x: Array, p: Array) -> tuple[float,
         variance += p[late[1], late[1]] * lasting * lasting
     if late[0] >= 0 and late[1] >= 0:
         variance += 2 * p[late[0], late[1]] * lasting
-    when: float = state.time[0] - run.readback.age[e] - delay
+    when: float = time[0] - age - delay
     return when, float(variance)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def align(e: int, run: AttitudeRun, to: Transition) -> None:
+@kernel_step
+def align(
+    e: int,
+    readback: AttitudeReadback,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    to: Transition,
+) -> None:
     """Take the attitude from the first readback after a gap.
 
     φ, Φ and Q of φ start anew; all other states stay.
     """
-    state, done = run.state, run.workspace
-    when, variance = _readback_time(e, run, state.x, state.p)
+    when, variance = _readback_time(readback.age[e], settings, state.time, state.x, state.p)
     if when < state.time[4]:
         return
     state.alignment_due[0] = False
-    then, rate, turn = done.half, done.scratch, done.turn
-    interpolate_attitude(state.times, state.attitudes, state.newest_row[0], when, then, rate, turn)
-    spread = run.settings.alignment_variance
+    then, rate, onto, past = work.half, work.rate, work.square, state.attitudes
+    interpolate_attitude(
+        state.times, past, state.newest_row[0], when, then, rate, work.turn, work.square
+    )
+    spread = settings.alignment_variance
     for k in range(3):
         spread += rate[k] * rate[k] * variance
     # All attitudes since then turn by the same rotation.
-    onto = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
+            onto[i, j] = 0.0
             for k in range(3):
-                onto[i, j] += run.readback.attitude[e, i, k] * then[j, k]
+                onto[i, j] += readback.attitude[e, i, k] * then[j, k]
     product(onto, state.c, then)
     copy_matrix(then, state.c)
-    for row in range(len(state.attitudes)):
-        product(onto, state.attitudes[row], then)
-        copy_matrix(then, state.attitudes[row])
-    to.a[:] = 0.0
-    to.driven[:] = 0.0
+    for row in range(len(past)):
+        product(onto, past[row], then)
+        copy_matrix(then, past[row])
     for k in range(3):
-        to.driven[k, k] = spread
+        for j in range(to.keep.size):
+            to.a[k, j] = 0.0
+        for j in range(3):
+            to.driven[k, j] = spread if j == k else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def observe(e: int, run: AttitudeRun, fed: Array, x: Array, p: Array, seen: ReadbackTerms) -> None:
+@kernel_piece
+def observe(
+    e: int,
+    readback: AttitudeReadback,
+    model: KernelModel,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    seen: ReadbackTerms,
+    gain: Array,
+) -> None:
+    """Write the readback minus the attitude at its time, linearised at what is most probable.
+
+    Where the delay is uncertain, z = h x is iterated at the estimated delay. Source: Bell and
+    Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton.
+    """
+    z, spread, h = seen
+    x, p = state.x, state.p
+    when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
+    is_certain, before = variance <= MAX_LINEAR_DELAY * MAX_LINEAR_DELAY, np.inf
+    for iteration in range(MAX_ITERATIONS + 1):
+        _linearise(e, readback, model, settings, state, work, x, p, when, variance, seen)
+        is_found = is_certain or abs(when - before) < DELAY_TOLERANCE
+        if is_found or iteration == MAX_ITERATIONS:
+            return
+        x, p, before = work.x, work.p, when
+        for i in range(x.size):
+            x[i] = state.x[i]
+            for j in range(x.size):
+                p[i, j] = state.p[i, j]
+        for k in range(3):
+            update(x, p, h[k], z[k], readback.variance[e] + spread[k], gain[k])
+        when, variance = _readback_time(readback.age[e], settings, state.time, x, p)
+
+
+@kernel_piece
+def _linearise(
+    e: int,
+    readback: AttitudeReadback,
+    model: KernelModel,
+    settings: AttitudeSettings,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    x: Array,
+    p: Array,
+    when: float,
+    variance: float,
+    seen: ReadbackTerms,
+) -> None:
     """Write the readback minus the attitude at its time, linearised at x with covariance p.
 
-    Its variance is larger where the rate changes. `fed` is the drift that is fed back.
+    Its variance is larger where the rate changes. `when` is the time and `variance` its variance.
     """
-    readback, model, state, done = run.readback, run.model, run.state, run.workspace
-    (z, spread, h), late, beside = seen, run.settings.timing_states, readback.table_sensitivity
+    (z, spread, h), late, beside = seen, settings.timing_states, readback.table_sensitivity
     times, past, sums, newest = (
-        state.times,
-        state.attitudes,
-        state.sensitivity_integrals,
-        state.newest_row[0],
-    )
-    axis, weights, used, then, rate, turn = (
-        model.terms.axis, model.terms.weights, done.used_terms, done.half, done.scratch, done.turn,
+        state.times, state.attitudes, state.sensitivity_integrals, state.newest_row[0],
     )  # fmt: skip
-    gm, lasting = 3 + axis.size, state.time[0] - state.time[2]
+    axis, weights, used, then, rate, turn, fed = (
+        model.terms.axis, model.terms.weights, work.used_terms, work.half, work.rate, work.turn,
+        work.fed,
+    )  # fmt: skip
+    total, gm, lasting = work.total, 3 + axis.size, state.time[0] - state.time[2]
     own, components = gm + model.size, model.drift.times.size  # where the table's begin
-    when, variance = _readback_time(e, run, x, p)
-    interpolate_attitude(times, past, newest, when, then, rate, turn)
+    interpolate_attitude(times, past, newest, when, then, rate, turn, work.square)
     for k in range(3):
         spread[k] = turn[k] * turn[k]
     # The noise of rates at rest is no motion: the filter would estimate a delay from it.
@@ -193,12 +232,12 @@ def observe(e: int, run: AttitudeRun, fed: Array, x: Array, p: Array, seen: Read
         if rate[k] * rate[k] * state.time[3] < REST_RATE_VARIANCES * noise:
             rate[k] = 0.0
     if variance > MAX_LINEAR_DELAY * MAX_LINEAR_DELAY:
-        _add_delay_curvature(run, p, when, variance, spread)
+        _add_delay_curvature(model, state, work, p, when, variance, spread)
     rotation_error(readback.attitude[e], then, z)
     before, after, share = bracketing_rows(times, newest, when)
-    h[:] = 0.0
     for k in range(3):
-        h[k, k] = 1.0
+        for j in range(x.size):
+            h[k, j] = 1.0 if j == k else 0.0
         for j in range(beside.shape[2]):
             h[k, own + j] = beside[e, k, j]
         if late[0] >= 0:
@@ -208,108 +247,107 @@ def observe(e: int, run: AttitudeRun, fed: Array, x: Array, p: Array, seen: Read
             h[k, late[1]] = -rate[k] * lasting
             z[k] -= rate[k] * x[late[1]] * lasting
         # φ at that time: its increments since then are subtracted.
-        for b in used:
+        for i in range(used.size):
+            b = used[i]
             for t in range(axis.size):
-                early, later = sums[before, b, k, axis[t]], sums[after, b, k, axis[t]]
-                h[k, 3 + t] -= weights[t, b] * (early + share * (later - early))
+                weight, j = weights[t, b], axis[t]
+                if weight != 0.0:
+                    early, later = sums[before, b, k, j], sums[after, b, k, j]
+                    since = early + share * (later - early) - total[b, k, j]
+                    h[k, 3 + t] -= weight * since
         for j in range(3):
             early, later = sums[before, 0, k, j], sums[after, 0, k, j]
-            since = -(early + share * (later - early))
+            since = total[0, k, j] - (early + share * (later - early))
             for c in range(components):
                 h[k, gm + 3 * c + j] = since
             z[k] += since * fed[j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def iterate_observation(
-    e: int, run: AttitudeRun, fed: Array, seen: ReadbackTerms, gain: Array
-) -> None:
-    """Iterate z = h x at the estimated delay, where the delay was uncertain.
-
-    Source: Bell and Cathey 1993, IEEE TAC 38(2), 294–297: Gauss–Newton on what is most probable.
-    """
-    state, (z, spread, h) = run.state, seen
-    when, variance = _readback_time(e, run, state.x, state.p)
-    if variance <= MAX_LINEAR_DELAY * MAX_LINEAR_DELAY:
-        return
-    for _ in range(MAX_ITERATIONS):
-        x, p, before = state.x.copy(), state.p.copy(), when
-        for k in range(3):
-            update(x, p, h[k], z[k], run.readback.variance[e] + spread[k], gain[k])
-        observe(e, run, fed, x, p, seen)
-        when, _v = _readback_time(e, run, x, p)
-        if abs(when - before) < DELAY_TOLERANCE:
-            return
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel_step
 def _add_delay_curvature(
-    run: AttitudeRun, p: Array, when: float, variance: float, spread: Array
+    model: KernelModel,
+    state: AttitudeState,
+    work: KernelWorkspace,
+    p: Array,
+    when: float,
+    variance: float,
+    spread: Array,
 ) -> None:
     """Add the mean squares of terms of second order in an uncertain delay.
 
     For α δτ²/2 this is 3/4 (α σ²)²; for δω δτ, with the error of the rate by the coefficients, at
     most 3 σ² var(ω).
     """
-    model, state, done = run.model, run.state, run.workspace
-    then, sd, newest = done.half, np.sqrt(variance), state.newest_row[0]
-    other, one, two, unused = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
-    interpolate_attitude(state.times, state.attitudes, newest, when + sd, other, unused, two)
-    rotation_error(other, then, one)
-    interpolate_attitude(state.times, state.attitudes, newest, when - sd, other, unused, two)
-    rotation_error(other, then, two)
-    before, after, _ = bracketing_rows(state.times, newest, when)
-    step = state.times[after] - state.times[before]
-    axis, weights = model.terms.axis, model.terms.weights
-    row = np.zeros(axis.size)
+    sd, times, newest, either = np.sqrt(variance), state.times, state.newest_row[0], work.either
+    for side in range(2):
+        other = when + sd if side == 0 else when - sd
+        interpolate_attitude(
+            times, state.attitudes, newest, other, work.other, either[2], work.turn, work.square
+        )
+        rotation_error(work.other, work.half, either[side])
+    before, after, _ = bracketing_rows(times, newest, when)
+    step = times[after] - times[before]
+    axis, weights, used, row = model.terms.axis, model.terms.weights, work.used_terms, work.ph
+    sums = state.sensitivity_integrals
     for k in range(3):
-        spread[k] += 0.75 * (one[k] + two[k]) ** 2
+        spread[k] += 0.75 * (either[0, k] + either[1, k]) ** 2
         if step <= 0:
             continue
-        row[:] = 0.0
-        for b in done.used_terms:
-            for t in range(axis.size):
-                moved = (
-                    state.sensitivity_integrals[after, b, k, axis[t]]
-                    - state.sensitivity_integrals[before, b, k, axis[t]]
-                )
+        for t in range(axis.size):
+            row[t] = 0.0
+            for i in range(used.size):
+                b = used[i]
+                moved = sums[after, b, k, axis[t]] - sums[before, b, k, axis[t]]
                 row[t] += weights[t, b] * moved / step
         for s in range(axis.size):
             for t in range(axis.size):
                 spread[k] += 3 * variance * row[s] * p[3 + s, 3 + t] * row[t]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def feed_back(run: AttitudeRun, fed: Array) -> None:
-    """Turn the present and past attitudes by φ, and add the corrections of the coefficients.
-
-    `fed` is the drift that was fed back before.
-    """
-    model, state, done = run.model, run.state, run.workspace
-    x, theta, past, sums, turn = (
-        state.x,
-        state.theta,
-        state.attitudes,
+@kernel_piece
+def begin_epoch(state: AttitudeState, work: KernelWorkspace) -> None:
+    """Let the sums of the ring count from this epoch on: −G."""
+    sums, total, used = (
         state.sensitivity_integrals,
-        done.turn,
+        work.total,
+        work.used_terms,
     )
-    axis, weights, used = model.terms.axis, model.terms.weights, done.used_terms
-    by = np.zeros((sums.shape[1], 3))  # what each of φ adds to readings anew
+    for row in range(len(sums)):
+        for t in range(used.size):
+            b = used[t]
+            for k in range(3):
+                for j in range(3):
+                    sums[row, b, k, j] -= total[b, k, j]
+
+
+@kernel_piece
+def feed_back(model: KernelModel, state: AttitudeState, work: KernelWorkspace, lasts: bool) -> None:
+    """Turn the attitude by φ, and add the corrections of the coefficients.
+
+    `lasts`: turn the past attitudes of the ring too.
+    """
+    x, theta, past, sums, turn = (
+        state.x, state.theta, state.attitudes, state.sensitivity_integrals, work.turn,
+    )  # fmt: skip
+    axis, weights, used = model.terms.axis, model.terms.weights, work.used_terms
+    by = work.reading_terms  # what each of φ adds to readings anew
     sum_drift_components(x, 3 + axis.size, model.drift.times.size, turn)
-    for j in range(3):
-        by[0, j] = turn[j] - fed[j]
-    for b in used:
+    for i in range(used.size):
+        for j in range(3):
+            by[used[i], j] = turn[j] - work.fed[j] if used[i] == 0 else 0.0
         for s in range(axis.size):
-            by[b, axis[s]] += weights[s, b] * x[3 + s]
-    for row in range(len(past)):
+            by[used[i], axis[s]] += weights[s, used[i]] * x[3 + s]
+    for row in range(len(past) if lasts else 0):
         for k in range(3):
             turn[k] = x[k]
-            for b in used:
+            for i in range(used.size):
+                b = used[i]
                 for j in range(3):
                     turn[k] -= sums[row, b, k, j] * by[b, j]
         turn_level(past[row], turn)
-    copy_slice(x, 0, turn)
-    x[:3] = 0.0
+    for k in range(3):
+        turn[k] = x[k]
+        x[k] = 0.0
     turn_level(state.c, turn)
     for s in range(theta.size):
         theta[s] += x[3 + s]

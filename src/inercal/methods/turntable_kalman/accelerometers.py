@@ -10,6 +10,7 @@ their sensitivity to g, are then taken for tilt.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -144,7 +145,7 @@ class AccelerometerFilter(Filter[VelocityState]):
         # With a readback that is stated as exact, the floor of its noise is arbitrary: no test.
         return 3 if self.readback_sd is None and self.bench.white == 0 else self.rows
 
-    @property
+    @cached_property
     def shared_covariance(self) -> Array:
         """Part of the coefficients' covariance that no innovation shows, (p, p): gravity's."""
         g = self.bench.gravity
@@ -172,22 +173,21 @@ class AccelerometerFilter(Filter[VelocityState]):
     ) -> tuple[VelocityState, FilterPiece]:
         """Return as `Filter.advance`."""
         # An epoch waits for the first sample with usable angles; see `GyroFilter.advance`.
-        usable = np.flatnonzero(np.isfinite(track.angle_variance(1.0)))
+        usable = np.where(np.isfinite(track.angle_variance(1.0)), track.hold, -1)
         period = self.epoch * (1 - 1e-6)
-        epochs = usable[
-            strapdown.epoch_indices_in_holds(
-                track.time[usable], track.hold[usable], period, state.time[1], state.hold[0]
-            )
-        ]
+        epochs = strapdown.epoch_indices_in_holds(
+            track.time, usable, period, state.time[1], state.hold[0]
+        )
         steps, history = self.allocate_steps(epochs.size, wanted)
         nis = _accelerometers.run_accelerometer_filter(
             self.samples(track),
             self._readback(epochs, track),
-            self.kernel_model(),
+            self.kernel_model,
             VelocitySettings(
                 self.velocity_sd**2, self.alignment_sd**2, self.innovation_gate(track)
             ),
             state,
+            self.workspace(),
             steps,
             history,
         )

@@ -59,7 +59,9 @@ def run_filter(
     course, found, checked = filtered.history, run.estimate, None
     if smooth:
         checked = filter_tests.innovation_test_data(result, filtered, found)
-        course = replace(course, smoothed=filtered.smoothed(result.time_varying_states))
+        # Only a report shows it, and it takes another pass over the track.
+        smoothing = LazyValue(lambda: filtered.smoothed(result.time_varying_states))
+        course = replace(course, smoothing=smoothing)
     return FilterResult(
         result.triad, course.names, found.value, found.covariance, course,
         run.state.nis, run.components, minimum_nis(track, config.epoch), result.unit,

@@ -9,28 +9,36 @@ the drift of the biases (`turntable.drift`), the table's parameters, and those o
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import ClassVar, Generic, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from inercal.arrays import Array
 from inercal.benches.turntable.bench import Turntable
 from inercal.estimate import FilterHistory
 from inercal.estimate.kalman import FilterSteps, allocate_steps
+from inercal.estimate.lazy_value import LazyValue
 from inercal.methods import temperature
+from inercal.methods.turntable import strapdown
 from inercal.methods.turntable.model import EPOCH_PERIOD, TriadModel, earth_rate_level_frame
 from inercal.methods.turntable.terms import BIAS
 from inercal.methods.turntable_kalman._filter_steps import (
     INNOVATION_GATE,
     FilterSamples,
     KernelModel,
+    KernelWorkspace,
+    allocate_workspace,
 )
 from inercal.methods.turntable_kalman.filtered_track import FilteredTrack, FilterPiece, filter_track
 from inercal.methods.turntable_kalman.states import S
 from inercal.parameters import Parameter
 from inercal.recording import Track
 
+Indices = NDArray[np.int64]
+_NONE = np.zeros(0)
 TILT = ("phi_e", "phi_n", "phi_u")
 """φ: the error of the attitude that a filter uses, about east, north and up."""
 
@@ -78,7 +86,7 @@ class Filter(ABC, Generic[S]):
         """Names of the states of each hold."""
         return ()
 
-    @property
+    @cached_property
     def states(self) -> tuple[str, ...]:
         """Names of the states."""
         table = (q.name for q in self.table)
@@ -106,7 +114,7 @@ class Filter(ABC, Generic[S]):
         """How many components of an epoch are tested."""
         return self.rows
 
-    @property
+    @cached_property
     def shared_covariance(self) -> Array:
         """Part of the coefficients' covariance that no innovation shows, (p, p)."""
         return np.zeros((len(self.initial_values), len(self.initial_values)))
@@ -132,7 +140,9 @@ class Filter(ABC, Generic[S]):
         """
         made = self.follow(state, track)
         course = made.history
-        return made.state, replace(course, smoothed=made.smoothed(smooth)) if smooth else course
+        if smooth:
+            course = replace(course, smoothing=LazyValue(lambda: made.smoothed(smooth)))
+        return made.state, course
 
     def follow(self, state: S, track: Track) -> FilteredTrack[S]:
         """Return the filter after the samples of a track, and what it did there."""
@@ -158,11 +168,29 @@ class Filter(ABC, Generic[S]):
         value[:p] += state.theta
         if self.triad.drift.mean_over_run:
             sample, epoch, start = state.time[:3].tolist()
-            by, variance = self.mean_bias_transform(sample - start, sample - epoch)
-            by = by[at:, at:] + np.eye(len(value))
-            value, covariance = by @ value, by @ covariance @ by.T + np.diag(variance[at:])
+            self._refer_biases_to_mean(value, covariance, sample - start, sample - epoch)
         covariance[:p, :p] += self.shared_covariance
         return FilterEstimate(value, covariance, self.shared_covariance)
+
+    def _refer_biases_to_mean(
+        self, value: Array, covariance: Array, elapsed: float, since: float
+    ) -> None:
+        """Make biases means over the run, in place, in an estimate from the coefficients on.
+
+        As by `mean_bias_transform`; only the rows of biases change.
+        """
+        terms, biases = self.triad.terms, self._term_indices[2]
+        first = len(self.initial_values)
+        drift = slice(first, first + self.triad.drift.size)
+        rows, beyond = self.triad.drift.mean(elapsed, since)
+        weight, axis = terms.weights[biases, BIAS], terms.axis[biases]
+        by = rows[axis] / weight[:, None]
+        value[biases] += by @ value[drift]
+        moved = by @ covariance[drift]
+        covariance[biases] += moved
+        covariance[:, biases] += moved.T
+        covariance[np.ix_(biases, biases)] += moved[:, drift] @ by.T
+        covariance[biases, biases] += beyond[axis] / weight**2
 
     def mean_bias_transform(self, elapsed: float, since: float = 0.0) -> tuple[Array, Array]:
         """Return how biases as means over the run depend on the states, and their further variance.
@@ -214,8 +242,9 @@ class Filter(ABC, Generic[S]):
         """
         return np.inf if track.angle_quality is None else INNOVATION_GATE
 
+    @cached_property
     def kernel_model(self) -> KernelModel:
-        """Return the model of the triad at its place, as a kernel takes it."""
+        """The model of the triad at its place, as a kernel takes it."""
         part, bench = self.triad, self.bench
         return KernelModel(
             part.terms,
@@ -226,10 +255,23 @@ class Filter(ABC, Generic[S]):
             bench.gravity.value,
         )
 
+    def workspace(self) -> KernelWorkspace:
+        """Return arrays for a kernel to work with."""
+        n, k = len(self.states), len(self.leading_states)
+        return allocate_workspace(self.kernel_model, self._term_indices, n, k, self.rows)
+
+    @cached_property
+    def _term_indices(self) -> tuple[Indices, Indices, Indices]:
+        """The indices that a workspace begins with."""
+        terms = self.triad.terms
+        used = strapdown.used_term_indices(terms.weights)
+        return used, strapdown.added_term_indices(used, terms.first), np.flatnonzero(terms.bias)
+
     def samples(self, track: Track) -> FilterSamples:
         """Return the samples of a track as a kernel takes them."""
         reading = np.ascontiguousarray(track.reading[:, self.triad.channels])
-        warmth = temperature.sample_offsets(track, self.triad.sensor)
+        depends = self.triad.terms.has_temperature
+        warmth = temperature.sample_offsets(track, self.triad.sensor) if depends else _NONE
         return FilterSamples(track.time, reading, track.hold, warmth)
 
     def allocate_steps(self, epochs: int, wanted: Array | None) -> tuple[FilterSteps, Array]:

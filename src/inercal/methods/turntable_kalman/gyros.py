@@ -11,6 +11,7 @@ old.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 from typing import ClassVar, Literal
 
@@ -191,26 +192,17 @@ class GyroFilter(Filter[AttitudeState]):
         after = state._replace(pending_samples=np.ascontiguousarray(tail))
         # An epoch waits for the first sample with usable angles, so that pieces of any length have
         # the same epochs.
-        usable = np.flatnonzero(np.isfinite(variance))
+        usable = np.where(np.isfinite(variance), 0, -1)
         period = self.epoch * (1 - 1e-6)
-        epochs = usable[strapdown.epoch_indices(samples.time[usable], period, after.time[1])]
+        epochs = strapdown.epoch_indices_in_holds(samples.time, usable, period, after.time[1], 0)
         if not self.compare_while_turning:
             epochs = epochs[samples.hold[epochs] >= 0]
-        angles = np.ascontiguousarray(angles[epochs])
-        late = self._timing_state_indices()
+        late = self._timing_state_indices
         steps, history = self.allocate_steps(epochs.size, wanted)
         nis = _gyros.run_gyro_filter(
             samples,
-            AttitudeReadback(
-                epochs,
-                samples.time[epochs] - stamps[epochs],
-                reference_attitude(self.bench, angles),
-                table_sensitivity(
-                    linear_misalignment(self.bench, angles), self.table, skipped=_TIMING_PARAMETERS
-                ),
-                variance[epochs],
-            ),
-            self.kernel_model(),
+            self._readback(epochs, samples.time[epochs] - stamps[epochs], angles, variance),
+            self.kernel_model,
             AttitudeSettings(
                 self.innovation_gate(track),
                 self.alignment_sd**2,
@@ -221,10 +213,28 @@ class GyroFilter(Filter[AttitudeState]):
                 float(self.bench.azimuth.value),
             ),
             after,
+            self.workspace(),
             steps,
             history,
         )
         return self.count_epochs(after, nis, FilterPiece(samples.time[epochs], steps, history))
+
+    def _readback(
+        self, epochs: NDArray[np.int64], age: Array, angles: Array, variance: Array
+    ) -> AttitudeReadback:
+        """Return the readback at epochs (e,) of samples as the kernel takes it."""
+        e, q = epochs.size, len(self.table)
+        if not e:  # of most pieces of a live recording
+            shapes = (e, 3, 3), (e, 3, q), (e,)
+            return AttitudeReadback(epochs, age, *(np.zeros(shape) for shape in shapes))
+        angles = np.ascontiguousarray(angles[epochs])
+        turning = np.zeros((e, 3, q))
+        if any(one.name not in _TIMING_PARAMETERS for one in self.table):
+            seen = linear_misalignment(self.bench, angles)
+            turning = table_sensitivity(seen, self.table, skipped=_TIMING_PARAMETERS)
+        return AttitudeReadback(
+            epochs, age, reference_attitude(self.bench, angles), turning, variance[epochs]
+        )
 
     def _angle_variance(self, track: Track) -> Array:
         """Return the variance of the attitude by readback at each sample, (n,) rad²."""
@@ -250,11 +260,12 @@ class GyroFilter(Filter[AttitudeState]):
                 ready[:, 5:].reshape(-1).copy(),
             )  # fmt: skip
             return samples, readback[track.time.size - taken :], held[taken:]
-        read = np.concatenate([tail, readback])
+        read = np.concatenate([tail, readback]) if lag else readback
         return samples, read[: track.time.size], read[track.time.size :]
 
+    @cached_property
     def _timing_state_indices(self) -> NDArray[np.int64]:
-        """Return the indices of latency, clock and azimuth among the states, -1 if absent."""
+        """The indices of latency, clock and azimuth among the states, -1 if absent."""
         names = self.states
         return np.array([names.index(n) if n in names else -1 for n in _TIMING_PARAMETERS])
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate.kalman import predict
+from inercal.estimate.kernel_options import kernel_step
 from inercal.methods.turntable.drift import Drift
 from inercal.methods.turntable.drift_propagation import add_drift_cross_covariance, propagate_drift
 from inercal.methods.turntable.strapdown import (
@@ -83,8 +84,8 @@ def increments(
     count, size_of_phi, warmed = axis.size, weights.shape[1], warmth.size > 0
     m, phi, wrong, c = np.zeros((3, 3)), np.zeros(size_of_phi), np.zeros(3), np.zeros((3, 3))
     half, move, u, cm = np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    turn, fed = np.zeros(3), np.zeros(3)
-    inverse_scale_matrix(nominal, axis, weights, theta, RATE, m)
+    turn, fed, work = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    inverse_scale_matrix(nominal, axis, weights, theta, RATE, work, m)
     columns[:], drifting[:], driven[:] = 0.0, 0.0, 0.0
     for e in range(epochs.size - 1):
         copy_matrix(reference[e], c)
@@ -96,7 +97,7 @@ def increments(
             if warmed:
                 fill_temperature_terms(phi, warmth[i])
                 inverse_scale_matrix_at_temperature(
-                    nominal, axis, weights, theta, RATE, warmth[i], m
+                    nominal, axis, weights, theta, RATE, warmth[i], work, m
                 )
             for k in range(3):
                 move[k] = 0.5 * (rates[i, k] + rates[i - 1, k])
@@ -152,6 +153,15 @@ def _copy_rows(rows: Array, out: Array) -> None:
             out[k, j] = rows[k, j]
 
 
+@kernel_step
+def _scale_rows(x: Array, size: Array) -> None:
+    """Multiply each row of x by its size."""
+    for i in range(x.shape[0]):
+        if size[i] != 1.0:
+            for m in range(x.shape[1]):
+                x[i, m] *= size[i]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def whiten(
     since: Array,
@@ -201,6 +211,7 @@ def whiten(
     total, x, before = np.zeros((3, m)), np.zeros((n, m)), np.zeros((3, m))
     p, a, keep, drawn = np.zeros((n, n)), np.zeros((3, n)), np.ones(n), np.zeros(n)
     joint, root, gain = np.zeros((components, 3)), np.zeros((3, 3)), np.zeros((n, 3))
+    moved = np.zeros((3, n))
     p[3:, 3:] = start
     for k in range(3):
         p[k, k], a[k, k] = readback, 1.0
@@ -215,8 +226,9 @@ def whiten(
         a[1, 0], a[2, 0], a[2, 1] = -a[0, 1], -a[0, 2], -a[1, 2]
         np.dot(a, x, before)
         _copy_rows(before, x)
-        propagate_drift(drift, dt, 3, x, keep, drawn, joint)
-        predict(p, a, keep, driven[e], drawn)
+        propagate_drift(drift, dt, 3, keep, drawn, joint)
+        _scale_rows(x, keep)
+        predict(p, a, keep, driven[e], drawn, moved)
         add_drift_cross_covariance(drift, 3, joint, p)
         if lost[e]:
             # φ starts anew; the drift continues.
@@ -273,11 +285,12 @@ def whiten_independent_axes(
     components, m, n = drift.times.size, rows.shape[2], len(start)
     x, p = np.zeros((n, m)), start.copy()
     keep, drawn, joint = np.ones(n), np.zeros(n), np.zeros((components, 3))
-    a, driven = np.zeros((0, n)), np.zeros((0, 0))
+    a, driven, moved = np.zeros((0, n)), np.zeros((0, 0)), np.zeros((0, n))
     ph, last, off = np.zeros(n), begun, np.zeros(m)
     for e in range(time.size):
-        propagate_drift(drift, time[e] - last, 0, x, keep, drawn, joint)
-        predict(p, a, keep, driven, drawn)
+        propagate_drift(drift, time[e] - last, 0, keep, drawn, joint)
+        _scale_rows(x, keep)
+        predict(p, a, keep, driven, drawn, moved)
         add_drift_cross_covariance(drift, 0, joint, p)
         last = time[e]
         for k in range(3):
