@@ -52,7 +52,7 @@ app = typer.Typer(
     help="Calibrate accelerometers and IMUs, with the uncertainty of every coefficient.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
+    add_completion=True,
 )
 for verb in (
     demo_command,
