@@ -85,12 +85,12 @@ class Skipped:
 
 
 def best(work: Callable[[], object], repeat: int = 5) -> Duration:
-    """Return the shortest wall time of several, s, after a first call that may compile."""
+    """Return the least processor time of several, s, after a first call that may compile."""
     work()
     times: list[Duration] = []
     for _ in range(repeat):
         begin, used = time.perf_counter(), time.process_time()
         work()
         wall, processor = time.perf_counter() - begin, time.process_time() - used
-        times.append(Duration(wall, wall, processor))
+        times.append(Duration(processor, wall, processor))
     return min(times)
