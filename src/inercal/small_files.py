@@ -16,6 +16,8 @@ from typing import Any
 
 from inercal.errors import InputError
 
+# Windows has no FIFO to wait for, and would translate the ends of lines.
+_FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 LARGEST = 4 << 20  # bytes; run files have a few kilobytes
 DEEPEST = 32  # levels of sections and lists
 
@@ -38,7 +40,7 @@ def read_small_file(path: Path, what: str = "file", largest: int = LARGEST) -> b
     """
     try:
         # O_NONBLOCK: to open a FIFO that nobody writes to would wait for ever.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        descriptor = os.open(path, os.O_RDONLY | _FLAGS)
         with open(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
                 raise InputError(f"{path}: not a regular file; give a {what}", file=path)
