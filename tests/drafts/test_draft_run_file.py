@@ -241,3 +241,23 @@ def test_a_file_without_sensors_is_refused(tmp_path: Path):
     with pytest.raises(InputError) as caught:
         draft_run_file([log], tmp_path / "run.toml")
     assert caught.value.file == log
+
+
+@pytest.mark.parametrize(
+    "log", ["px4.ulg", "ardupilot.bin", "ros.mcap", "logger.csv", "workbook.xlsx"]
+)
+def test_logs_with_marks_are_six_positions(log: str, tmp_path: Path):
+    folder = EXAMPLES / "logs"
+    draft = draft_run_file([folder / log], folder / "draft.toml", {"data.marks": "marks.json"})
+    found = chosen(draft)
+    assert found["sensor.accelerometer.unit"] == "m/s²"
+    assert found["method.name"] == "six_position"
+    assert draft.method is not None
+    assert draft.method.outcome is not None
+
+
+@pytest.mark.parametrize("log", ["px4_sample_log_small.ulg", "ardupilot_test.BIN"])
+def test_logs_of_seconds_support_no_method(log: str, data_dir: Path, tmp_path: Path):
+    with pytest.raises(InputError) as caught:
+        draft_run_file([data_dir / "logs" / log], tmp_path / "run.toml")
+    assert caught.value.names == ("method",)

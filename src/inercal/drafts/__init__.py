@@ -27,7 +27,7 @@ from inercal.drafts.readouts import (
 )
 from inercal.errors import InputError
 from inercal.io.column_table import Table
-from inercal.io.read import read_table
+from inercal.io.read import detect_reader, read_table
 from inercal.section_settings import measured_constant, si_value
 from inercal.units import si_factor
 
@@ -126,7 +126,7 @@ def draft_run_file(
     """
     told = dict(told or {})
     table = _read(logs[0])
-    roles = recognise_columns(table)
+    roles = recognise_columns(table, detect_reader(logs[0]).name)
     gyro_table = _second_table(logs, table, roles)
     if gyro_table is not None:
         second = recognise_columns(gyro_table)

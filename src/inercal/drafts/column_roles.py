@@ -47,6 +47,8 @@ _TIME_UNITS = (
     (re.compile(r"\bms\b|_ms\b|millisec|msec"), "ms"),
     (re.compile(r"\[s\]|\(s\)|_s\b|\bsec"), "s"),
 )
+_LOGS = ("ulog", "dataflash", "rosbag")  # formats of samples in SI units
+_SI = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _FEWEST_SAMPLES = 500  # of a recording; fewer rows are means
 _EVEN_STEPS = 0.5  # of the median step: largest 90 % deviation of steps of a clock
 
@@ -80,8 +82,8 @@ class ColumnRoles:
     means: bool = False
 
 
-def recognise_columns(table: Table) -> ColumnRoles:
-    """Return the roles of a table's columns."""
+def recognise_columns(table: Table, reader: str = "text") -> ColumnRoles:
+    """Return the roles of a table's columns; some `reader` states units and samples by its format."""
     numbers = [name for name in table.names if table.columns[name].dtype.kind != "U"]
     texts = [name for name in table.names if table.columns[name].dtype.kind == "U"]
     rows = next(iter(table.columns.values())).size
@@ -95,6 +97,8 @@ def recognise_columns(table: Table) -> ColumnRoles:
         triads, single = _unnamed_columns(table, numbers, reasons)
     if "label" not in single and texts and texts[0] not in single.values():
         single["label"], reasons["label"] = texts[0], "the column of text"
+    if reader in _LOGS:
+        units = {kind: unit for kind, unit in _SI.items() if kind in triads}
     by_lower = {name.lower(): name for name in table.names}
     angles = tuple(by_lower[name] for name in _TABLE if name in by_lower)
     attitude = tuple(by_lower[name] for name in _ATTITUDE if name in by_lower)
@@ -110,7 +114,9 @@ def recognise_columns(table: Table) -> ColumnRoles:
         attitude if len(attitude) == len(_ATTITUDE) else (),
         reasons,
         units,
-        rows < _FEWEST_SAMPLES and not _has_a_clock(table, single.get("time")),
+        reader not in _LOGS
+        and rows < _FEWEST_SAMPLES
+        and not _has_a_clock(table, single.get("time")),
     )
 
 
@@ -178,7 +184,7 @@ def _named_columns(
     """Return the column of each further role by its name, and a clock by its values."""
     single: dict[str, str] = {}
     for name in names:
-        words = _words(name)
+        words = _words(name.rpartition(".")[2])  # a log's columns are "topic.field"
         for role, pattern in _NAMES.items():
             if role not in single and pattern.fullmatch(words):
                 if role == "time" and not _grows(table, name):

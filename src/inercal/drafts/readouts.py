@@ -106,7 +106,9 @@ def guess_accelerometer(means: Array, stated: str | None) -> GuessedReadout:
     centre, radius = _sphere(means)
     named = _ACCELEROMETER_UNITS.get(stated or "")
     if named is not None and stated is not None:
-        return GuessedReadout(stated, "", 0.0, named, "stated in the columns' names")
+        return GuessedReadout(
+            stated, "", 0.0, named, "stated by the columns' names or by the format"
+        )
     plain = float(np.median(np.linalg.norm(means, axis=-1)))
     for unit, size in _ACCELEROMETER_UNITS.items():
         if abs(plain * size / G0 - 1) < _NEAR:
@@ -228,7 +230,9 @@ def guess_gyro(
     assert rests.rate is not None
     offset = _gyro_offset(rests)
     if stated is not None and stated in _GYRO_UNITS:
-        return GuessedReadout(stated, "", 0.0, _GYRO_UNITS[stated], "stated in the columns' names")
+        return GuessedReadout(
+            stated, "", 0.0, _GYRO_UNITS[stated], "stated by the columns' names or by the format"
+        )
     size, count, misfit = gyro_scale(rests, gyro, accelerometer.offset)
     reason = f"{count} turns between rests agree with gravity to {np.degrees(misfit):.1f}°"
     if size is None and len(turns) >= _FEWEST_TURNS:

@@ -36,6 +36,7 @@ from inercal.io.message_columns import (
 from inercal.io.readers import Reader
 from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION
 
+_FIRST = re.compile(r"IMU|(ACC|GYR)1?|(IMU|ACC|GYR)\[0\]")  # of several sensors
 _INERTIAL = re.compile(r"(IMU|ACC|GYR)(\d?)(?:\[(\d+)\])?")
 _BOARD = "AHRS_ORIENTATION"
 _TIMES = (("SampleUS", 1000), ("TimeUS", 1000), ("TimeMS", 1_000_000))  # field, ns
@@ -79,7 +80,8 @@ def read_dataflash(
             one.topic: one for made in types.values() for one in _by_instance(path.name, made)
         }
         known = dict.fromkeys([*topics, *(name for name in types if not types[name].raw)])
-        used = wanted_topics(wanted, list(known), topics, path.name)
+        first = [topic for topic in topics if _FIRST.fullmatch(topic)]
+        used = wanted_topics(wanted, list(known), first or list(topics), path.name)
         require_messages(used, topics, path.name)
         changes = _parameters(types.get("PARM"))
         stated: list[str] = []

@@ -41,6 +41,7 @@ from inercal.io.size_limits import MOST_VALUES, MOST_VALUES_OPTION, refuse_too_m
 from inercal.io.ulog_scan import HEADER, scan_topics, topic_name
 
 _DEFAULT_TOPICS = ("sensor_accel", "sensor_gyro")
+_JOINED_TOPICS = ("sensor_combined",)
 _SELECTION = "sensor_selection"  # which sensor sensor_combined holds
 # Fields of a topic, the word of their parameters and the field of their device in _SELECTION.
 _CORRECTED: dict[str, tuple[tuple[str, str, str], ...]] = {
@@ -81,7 +82,8 @@ def read_ulog(
     keep = keeps_corrections(corrections, path.name)
     with refuse_damage(path, "a ULog file", COPY_AGAIN):
         topics = scan_topics(path)
-        used = wanted_topics(wanted, topics, _DEFAULT_TOPICS, path.name)
+        defaults = _DEFAULT_TOPICS if topics.keys() & set(_DEFAULT_TOPICS) else _JOINED_TOPICS
+        used = wanted_topics(wanted, topics, defaults, path.name)
         size = sum(topics[topic] for topic in used)
         refuse_too_many_values(size, most_values, path.name)
         names = {topic.partition("[")[0] for topic in used}
