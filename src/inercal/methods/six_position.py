@@ -1,8 +1,7 @@
 """Six-position test of accelerometers: each input axis up, then down, in local gravity.
 
 Source: IEEE Std 1293, static multipoint test reduced to six points; closed formulas of Ferraris
-et al. 1995. Gyros, where there are, are read at the same rests: their biases, and their sensitivity
-to gravity where it is asked for.
+et al. 1995.
 """
 
 from inercal.benches import Hand
@@ -14,8 +13,8 @@ from inercal.plan import six_positions
 METHOD = Method(
     name="six_position",
     bench=Hand,
-    default_coefficients={"f": ("bias", "scale", "misalignment"), "w": ("bias",)},
-    also={"f": ("temperature",), "w": ("g",)},
+    default_coefficients={"f": ("bias", "scale", "misalignment")},
+    also={"f": ("temperature",)},
     needs=("f",),
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},
