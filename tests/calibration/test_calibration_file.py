@@ -289,10 +289,11 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path: Path):
             load(path)
 
 
-def test_a_missing_folder_is_refused_and_not_created(tmp_path: Path):
-    with refused(file="a.json"):
-        save(calibration(), tmp_path / "none" / "a.json")
-    assert list(tmp_path.iterdir()) == []
+def test_a_missing_folder_is_made_and_a_file_is_no_folder(tmp_path: Path):
+    save(calibration(), tmp_path / "new" / "a.json")
+    with refused(file="b.json"):
+        save(calibration(), tmp_path / "new" / "a.json" / "b.json")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["a.json"]
 
 
 def test_a_disk_that_fills_up_leaves_the_old_file_and_nothing_else(

@@ -53,9 +53,9 @@ def test_what_is_no_journal_is_refused_in_one_line(path: Path, tmp_path: Path):
         Journal.create(path, "", ("", "", ""), 0.02, 0)
     with refused(file="none.sqlite", key=None):
         Journal(tmp_path / "none.sqlite")
-    with refused(file="run.sqlite"):
-        Journal.create(tmp_path / "none" / "run.sqlite", "", ("", "", ""), 0.02, 0)
     (tmp_path / "text").write_text("no database at all, but longer than a hundred bytes " * 4)
+    with refused(file="run.sqlite"):
+        Journal.create(tmp_path / "text" / "run.sqlite", "", ("", "", ""), 0.02, 0)
     with refused(file="text", key=None):
         Journal(tmp_path / "text")
     db = sqlite3.connect(tmp_path / "other.sqlite")

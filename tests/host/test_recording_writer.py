@@ -89,9 +89,10 @@ def test_a_log_without_a_section_leaves_nothing_behind(run: Run, tmp_path: Path)
 
 
 def test_a_recording_is_written_whole_or_not_at_all(run: Run, folder: Path, tmp_path: Path):
+    (tmp_path / "file").touch()
     with refused(file=run.data.file):
-        write_recording(run, LAYOUT, folder / "log", tmp_path / "nowhere")
-    assert not list(tmp_path.iterdir())
+        write_recording(run, LAYOUT, folder / "log", tmp_path / "file")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 @pytest.mark.parametrize(
