@@ -7,8 +7,8 @@ by its default method (trf) and its fastest (lm), at its default tolerances and 
 it takes all rows of a trial at once and the root by its closed formula. Both whiten by the noise
 that belongs to the coefficients of the step.
 
-With k3 and non-orthogonality there are 15 coefficients, in attitudes all round; a limit is given. Of
-nine coefficients the limit is centrifuge.cpp, where a compiler is.
+With k3 and non-orthogonality there are 15 coefficients, in attitudes all round; a limit is given.
+Of nine coefficients the limit is centrifuge.cpp, where a compiler is.
 """
 
 import ctypes

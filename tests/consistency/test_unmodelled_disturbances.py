@@ -166,6 +166,7 @@ def test_classical_takes_the_earth_for_sensitivity_to_gravity_and_ml_does_not():
     assert np.abs(own.mean(0) / own.std(0, ddof=1)).max() < 4 / len(own) ** 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_tilt", [0.5 * DEGREE, 0.0])
 def test_faces_of_half_a_degree_leave_every_coefficient_unbiased_and_covered(turn_tilt: float):
     """What bare hands do: at this size the second order of a tilt is as large as the noise.

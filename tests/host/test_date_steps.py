@@ -25,7 +25,7 @@ from inercal.host.run_log import read_frames
 
 FAKETIME = shutil.which("faketime")
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.evidence,
     pytest.mark.skipif(FAKETIME is None, reason="faketime is not installed"),
 ]
 PATH = SHORT.replace("0,0,0,22", "0,0,0,6").replace("outer,90,30", "outer,360,30")

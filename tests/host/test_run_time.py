@@ -134,7 +134,7 @@ def test_a_frozen_encoder_is_found_within_a_second_of_a_step_of_the_date(
     expect_detection(tmp_path / "run", bench, run, [jump], seed=1)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_frozen_encoder_is_found_after_each_of_twenty_steps_of_the_date(
     tmp_path: Path, bench: InProcessBench, run: Run
 ):

@@ -271,6 +271,7 @@ def test_who_reads_sees_whole_calibrations_while_another_writes(
     assert seen[-1] == FEW
 
 
+@pytest.mark.slow
 def test_a_server_that_breaks_off_between_two_writes_is_reached_again(database: str, folder: Path):
     paths = sorted(folder.iterdir())[:2]
     with Register(database) as register:

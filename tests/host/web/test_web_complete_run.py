@@ -40,6 +40,9 @@ class Whole(NamedTuple):
         return [one for one in self.heard if one["kind"] == kind]
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     folder = tmp_path_factory.mktemp("served")
