@@ -83,7 +83,7 @@ class ColumnRoles:
 
 
 def recognise_columns(table: Table, reader: str = "text") -> ColumnRoles:
-    """Return the roles of a table's columns; the formats of some readers state units and samples."""
+    """Return the roles of a table's columns; some formats state units, and hold samples alone."""
     numbers = [name for name in table.names if table.columns[name].dtype.kind != "U"]
     texts = [name for name in table.names if table.columns[name].dtype.kind == "U"]
     rows = next(iter(table.columns.values())).size
