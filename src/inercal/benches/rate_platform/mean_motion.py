@@ -85,9 +85,10 @@ def across_directions(axis: str) -> tuple[Array, Array]:
 
 def tilt_directions(up: Array) -> tuple[Array, Array]:
     """Return two unit vectors at right angles to a unit vector, (3,) each."""
-    first = np.cross(up, _UNITS[1] if abs(up[0]) > _STEEP else _UNITS[0])
+    reference: Array = _UNITS[1] if abs(up[0]) > _STEEP else _UNITS[0]
+    first = skew(up) @ reference
     first = first / np.linalg.norm(first)
-    return first, np.cross(up, first)
+    return first, skew(up) @ first
 
 
 def _dwell(

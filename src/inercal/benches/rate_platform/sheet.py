@@ -3,7 +3,7 @@
 from math import degrees
 
 from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
-from inercal.benches.rate_platform.sections import Pose, RateDwell
+from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.data import Source
 from inercal.plan import describe_direction
@@ -19,7 +19,7 @@ def sheet(run: Source[RatePlatformData]) -> Sheet:
         [data] does not name the columns of a section.
     """
     data = run.data
-    steps = [step for step in run.steps if isinstance(step, RateDwell | Pose)]
+    steps: list[PlatformStep] = [s for s in run.steps if isinstance(s, RateDwell | Pose)]
     _require_columns(run, steps)
     columns = (data.axis, data.table_rate, data.roll, data.pitch, data.setting, data.seconds)
     rows: list[SheetRow] = []
@@ -55,10 +55,14 @@ def sheet(run: Source[RatePlatformData]) -> Sheet:
     )
 
 
-def _require_columns(run: Source[RatePlatformData], steps: list[RateDwell | Pose]) -> None:
-    for kind, names in ((RateDwell, ("axis", "table_rate")), (Pose, ("roll", "pitch"))):
+def _require_columns(run: Source[RatePlatformData], steps: list[PlatformStep]) -> None:
+    poses = [step for step in steps if isinstance(step, Pose)]
+    for own, names in (
+        (len(steps) - len(poses), ("axis", "table_rate")),
+        (len(poses), ("roll", "pitch")),
+    ):
         for name in names:
-            if getattr(run.data, name) is None and any(isinstance(s, kind) for s in steps):
+            if own and getattr(run.data, name) is None:
                 raise key_error(
                     f"[data] {name}", "is missing: name the column of the worksheet", run.path
                 )

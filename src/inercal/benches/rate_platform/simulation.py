@@ -60,7 +60,8 @@ def simulate_sections(
         n = max(round(step.seconds * rate_hz), _LEAST)
         f, w = (np.repeat(one[..., k : k + 1, :], n, axis=-2) for one in (base.f, base.w))
         if isinstance(step, RateDwell):
-            w = w + _level_earth_rate(step, drawn, (np.arange(n) + 0.5) / rate_hz)
+            middle: Array = (np.arange(n, dtype=np.float64) + 0.5) / rate_hz
+            w = w + _level_earth_rate(step, drawn, middle)
         parts.append(Motion(f, w))
         labels += [step.label] * n
     time = np.arange(len(labels)) / rate_hz

@@ -28,7 +28,7 @@ def plan(
     reverse: bool = False,
     attitudes: str = "none",
 ) -> tuple[PlatformStep, ...]:
-    """Return a rest, each speed in both senses, and a rest, in every setting; then the poses.
+    """Return rests and each speed in both senses in every setting; then the poses.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def plan(
     rates : tuple of float
         Speeds, rad/s, each positive.
     reverse : bool
-        Whether each setting also goes back through the speeds, to show a hysteresis.
+        Whether each sense also goes back through the speeds, to show a hysteresis.
     attitudes : str
         Poses at the end: "none", "faces", six of them, or "tilted", 24 about two axes.
 
@@ -63,9 +63,7 @@ def plan(
             "rates has a speed that is not positive; give speeds, each is turned in both senses",
             key="[method] rates",
         )
-    both = [signed for rate in rates for signed in (rate, -rate)]
-    back = [signed for rate in rates[::-1] for signed in (rate, -rate)] if reverse else []
-    of_setting = [0.0, *both, *back, *([0.0] if both else [])]
+    of_setting = _rates_of_setting(rates, reverse)
     dwells = [(axis, rate) for axis in _SETTINGS[positions] for rate in of_setting]
     names = number_repeated_names([dwell_label(axis, rate) for axis, rate in dwells])
     turns = [
@@ -74,3 +72,13 @@ def plan(
     ]
     angles = [(roll * pi / 180, pitch * pi / 180) for roll, pitch in _POSES[attitudes]]
     return (*turns, *(Pose(pose_label(*each), *each, seconds) for each in angles))
+
+
+def _rates_of_setting(rates: tuple[float, ...], reverse: bool) -> list[float]:
+    """Return the rates of one setting in their order, rests included."""
+    if not rates:
+        return [0.0]
+    if not reverse:
+        return [0.0, *(signed for rate in rates for signed in (rate, -rate)), 0.0]
+    through = [*rates, *rates[-2::-1]]
+    return [0.0, *through, 0.0, *(-rate for rate in through), 0.0]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import PlatformStep
+from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
 from inercal.estimate import Problem
 from inercal.sensors import G0, Sensor
 
@@ -24,9 +24,13 @@ _NOTHING = 1e-6  # of g, or of 1 rad/s
 def readings_without_input(
     sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> NDArray[np.bool_]:
-    """Return whether each reading, row after row, (r m,), has no nominal input."""
-    motion = bench.without_earth_rate().mean_motion(steps, {}).motion
-    inputs = {"f": motion.f / G0, "w": motion.w}
+    """Return whether each reading, row after row, (r m,), has no nominal input.
+
+    In a pose a gyro senses the earth's rate alone, whose level part is unknown: that is none.
+    """
+    motion = bench.mean_motion(steps, {}).motion
+    dwells = np.array([isinstance(step, RateDwell) for step in steps])
+    inputs = {"f": motion.f / G0, "w": motion.w * dwells[:, None]}
     sensed = [inputs[axis.measures] @ np.array(axis.i) for axis in sensor.axes]
     return (np.abs(np.stack(sensed, axis=-1)) < _NOTHING).ravel()
 
