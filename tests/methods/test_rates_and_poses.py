@@ -127,7 +127,7 @@ def test_errors_are_as_stated(seed: int):
     assert 0.75 < np.mean(found.chi2) / found.dof < 1.25
 
 
-# Root-mean-square errors in the units of reports: bias in °/h, scale and κ′ in ppm, misalignment
+# Root-mean-square errors by plain numpy, in the units of reports: bias in °/h, scale and κ′ in ppm, misalignment
 # in ″, κ₂ in ppm/(rad/s), κ₃ in ppm/(rad/s)².
 EXPECTED: Mapping[tuple[str, str, str], Mapping[str, float]] = {
     ("short", "T", "plain"): {"bias": 0.47, "scale": 503, "delta_o": 180},
@@ -149,7 +149,7 @@ EXPECTED: Mapping[tuple[str, str, str], Mapping[str, float]] = {
         "bias": 0.15, "scale": 5.4, "delta_o": 71, "scale2": 0.8, "scale_prime": 4.5, "scale3": 0.16
     },
     ("full", "C", "read"): {
-        "bias": 0.66, "scale": 9.6, "delta_o": 72, "scale2": 3.4, "scale_prime": 19, "scale3": 0.68
+        "bias": 0.66, "scale": 7.6, "delta_o": 72, "scale2": 3.4, "scale_prime": 19, "scale3": 0.68
     },
 }  # fmt: skip
 PLANS = {"short": (SHORT, LINEAR), "mid": (MID, ALL), "full": (FULL, ALL)}
@@ -159,7 +159,7 @@ PLANS = {"short": (SHORT, LINEAR), "mid": (MID, ALL), "full": (FULL, ALL)}
 @pytest.mark.parametrize(("name", "grade", "table"), EXPECTED)
 def test_errors_of_the_plans_are_those_of_the_table(name: str, grade: str, table: str, seed: int):
     rows, terms = PLANS[name]
-    n = 100 if name == "full" else 300
+    n = 200 if name == "full" else 300
     made = devices(rows, grade, TABLES[table], terms, n, np.random.default_rng(seed))
     found = estimated(made, bench(TABLES[table]), terms)
     assert found.converged.all()
