@@ -127,8 +127,8 @@ def test_errors_are_as_stated(seed: int):
     assert 0.75 < np.mean(found.chi2) / found.dof < 1.25
 
 
-# Root-mean-square errors by plain numpy, in the units of reports: bias in °/h, scale and κ′ in ppm, misalignment
-# in ″, κ₂ in ppm/(rad/s), κ₃ in ppm/(rad/s)².
+# Root-mean-square errors by plain numpy, in the units of reports: bias in °/h, scale and κ′ in
+# ppm, misalignment in ″, κ₂ in ppm/(rad/s), κ₃ in ppm/(rad/s)².
 EXPECTED: Mapping[tuple[str, str, str], Mapping[str, float]] = {
     ("short", "T", "plain"): {"bias": 0.47, "scale": 503, "delta_o": 180},
     ("short", "T", "read"): {"bias": 0.39, "scale": 5.6, "delta_o": 70},

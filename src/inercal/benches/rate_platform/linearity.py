@@ -115,8 +115,10 @@ def _asymmetry(rate: Array, read: Array) -> float:
 def _hysteresis(rate: Array, read: Array, places: Sequence[str]) -> float:
     """Return the largest difference of readings at one rate of a setting; NaN without any."""
     same: dict[tuple[str, float], list[float]] = {}
+    least = _REST * float(np.abs(rate).max())
     for place, x, y in zip(places, rate.tolist(), read.tolist(), strict=True):
-        same.setdefault((place, round(x, 9)), []).append(y)
+        if abs(x) > least:
+            same.setdefault((place, round(x, 9)), []).append(y)
     spans = [max(own) - min(own) for own in same.values() if len(own) > 1]
     return max(spans) if spans else float("nan")
 
@@ -129,10 +131,15 @@ def linearity_notes(
     for fit in line_fits(observations, sensor, bench, steps):
         text = (
             f"{fit.channel}, straight line up to {degrees(fit.full_scale):.4g} °/s (IEEE Std 528): "
-            f"linearity error {1e6 * fit.linearity:.3g} ppm of full scale"
+            f"linearity error {_ppm(fit.linearity)} of full scale"
         )
         for word, value in (("asymmetry", fit.asymmetry), ("hysteresis", fit.hysteresis)):
             if np.isfinite(value):
-                text += f", {word} {1e6 * value:.3g} ppm"
+                text += f", {word} {_ppm(value)}"
         notes.append(text.replace("-", "−"))
     return tuple(notes)
+
+
+def _ppm(value: float) -> str:
+    """Return three digits of a ratio, without an exponent."""
+    return f"{float(f'{1e6 * value:.3g}'):g} ppm"
