@@ -10,7 +10,7 @@ from tests.refusals import refused
 
 from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.kind import KIND
-from inercal.benches.rate_platform.linearity import line_fits
+from inercal.benches.rate_platform.linearity import straight_lines
 from inercal.benches.rate_platform.sections import (
     Pose,
     RateDwell,
@@ -140,7 +140,7 @@ def test_line_of_a_cubic_gyro_has_the_linearity_error_of_the_standard():
         channels=sensor.channels,
         timed=False,
     )
-    (fit,) = line_fits(seen, sensor, bench, steps)
+    (fit,) = straight_lines(seen, sensor, bench, steps)
     w = np.radians(rates)
     y = w + 60e-6 * w**3 + 150e-6 * np.abs(w)
     slope = np.sum((w - w.mean()) * y) / np.sum((w - w.mean()) ** 2)

@@ -34,7 +34,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion, require_possible_values
-from inercal.benches.rate_platform.mean_motion import level_part, sensed_motion
+from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
 from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
@@ -212,7 +212,9 @@ class RatePlatform:
         turning = [step for step in dwells if step.rate != 0] if gyros else []
         poses = [step.label for step in steps if isinstance(step, Pose)]
         settings = list(dict.fromkeys(step.place for step in dwells))
-        earth = [step.place for step in dwells if gyros and abs(level_part(step)[0]) > _WHOLE]
+        earth = [
+            step.place for step in dwells if gyros and abs(level_rate_factor(step)[0]) > _WHOLE
+        ]
         places: dict[str, Sequence[str]] = {
             "rate_scale": [""] if turning else [],
             "rate_asymmetry": [""] if turning else [],
@@ -223,7 +225,7 @@ class RatePlatform:
             "turn_on": settings if gyros and len(settings) > 1 else [],
             "attitude": poses,
             "mounting": [""] if poses else [],
-            "earth": list(dict.fromkeys(earth)),
+            "earth": list(dict.fromkeys(step.place for step in partly)) if gyros else [],
             "pose_earth": poses if gyros else [],
         }
         declared: dict[str, list[Parameter]] = {name: self._components(name) for name in STATED}

@@ -60,7 +60,7 @@ class LineFit:
         return float(np.abs(self.residual).max())
 
 
-def line_fits(
+def straight_lines(
     observations: Observations, sensor: Sensor, bench: RatePlatform, steps: Sequence[PlatformStep]
 ) -> tuple[LineFit, ...]:
     """Return the line of each gyro that was turned about at two rates or more and a rest."""
@@ -128,7 +128,7 @@ def linearity_notes(
 ) -> tuple[str, ...]:
     """Return the figures of each gyro's line in words."""
     notes: list[str] = []
-    for fit in line_fits(observations, sensor, bench, steps):
+    for fit in straight_lines(observations, sensor, bench, steps):
         text = (
             f"{fit.channel}, straight line up to {degrees(fit.full_scale):.4g} °/s (IEEE Std 528): "
             f"linearity error {_ppm(fit.linearity)} of full scale"

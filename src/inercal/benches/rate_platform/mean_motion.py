@@ -54,7 +54,7 @@ def sensed_motion(
         return np.asarray(q[name], dtype=float) + zero if name in q else zero
 
     rows = [
-        _dwell(step, value, g, up_rate, level_part(step))
+        _dwell(step, value, g, up_rate, level_rate_factor(step))
         if isinstance(step, RateDwell)
         else _pose(step.label, np.array(step.up), value, g, up_rate)
         for step in steps
@@ -67,7 +67,7 @@ def sensed_motion(
     )
 
 
-def level_part(step: RateDwell) -> tuple[float, float]:
+def level_rate_factor(step: RateDwell) -> tuple[float, float]:
     """Return what a dwell senses of the level earth's rate: sinc(Θ/2), and Θ/2 in rad."""
     if step.rate == 0:
         return 1.0, 0.0
@@ -77,7 +77,7 @@ def level_part(step: RateDwell) -> tuple[float, float]:
     return float(np.sinc(half / pi)), half
 
 
-def across_directions(axis: str) -> tuple[Array, Array]:
+def perpendicular_axes(axis: str) -> tuple[Array, Array]:
     """Return the two case axes after an axis in the cycle x, y, z."""
     j = "xyz".index(axis[-1])
     return _UNITS[(j + 1) % 3], _UNITS[(j + 2) % 3]
@@ -95,7 +95,7 @@ def _dwell(
     step: RateDwell, value: Value, g: Array, up_rate: float, level: tuple[float, float]
 ) -> _RowMotion:
     place, rate = step.place, step.rate
-    up, across = np.array(step.up), across_directions(step.axis)
+    up, across = np.array(step.up), perpendicular_axes(step.axis)
     tilts = [value(f"setting_{k}[{place}]")[..., None] for k in (1, 2)]
     axis = up + tilts[0] * across[0] + tilts[1] * across[1]
     length = np.linalg.norm(axis, axis=-1, keepdims=True)

@@ -9,8 +9,8 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
-from inercal.benches.rate_platform.checks import require_axes_up, require_rates
 from inercal.benches.rate_platform.linearity import linearity_notes
+from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates
 from inercal.benches.rate_platform.sections import (
     PlatformStep,
     Pose,

@@ -3,7 +3,7 @@
 import numpy as np
 
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.linearity import LineFit, line_fits
+from inercal.benches.rate_platform.linearity import LineFit, straight_lines
 from inercal.benches.rate_platform.sections import Pose, RateDwell
 from inercal.benches.report_data import (
     MeasuredDirection,
@@ -23,7 +23,7 @@ def plots(shown: ReportInput) -> tuple[Plot, ...]:
     steps = [step for step in shown.steps if isinstance(step, RateDwell | Pose)]
     if not isinstance(bench, RatePlatform):
         return ()
-    fits = line_fits(shown.observations, shown.calibration.sensor, bench, steps)
+    fits = straight_lines(shown.observations, shown.calibration.sensor, bench, steps)
     if not fits:
         return ()
     return (

@@ -11,7 +11,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.contract import SensorSimulation, SimulatedMotion, concatenate_motions
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.mean_motion import across_directions, sensed_motion
+from inercal.benches.rate_platform.mean_motion import perpendicular_axes, sensed_motion
 from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
 from inercal.motion import Motion
 from inercal.sensors import Sensor
@@ -75,5 +75,5 @@ def _level_earth_rate(step: RateDwell, drawn: dict[str, Array], time: Array) -> 
     h1, h2 = (drawn.get(name, np.zeros(1))[..., None, None] for name in names)
     angle = step.rate * time * (-1 if step.axis.startswith("-") else 1)
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    first, second = across_directions(step.axis)
+    first, second = perpendicular_axes(step.axis)
     return (c * h1 + s * h2) * first + (c * h2 - s * h1) * second
