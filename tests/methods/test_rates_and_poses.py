@@ -225,6 +225,7 @@ def test_what_a_plan_leaves_open_is_refused_by_name(name: str):
     names = [f"g{axis}.{term}" for axis in "xyz" for term in touched]
     with refused(NotObserved, names=names) as refusal:
         estimated(made, stated, terms)
+    assert isinstance(refusal.value, NotObserved)
     assert len(refusal.value.directions) == 3  # one a gyro
 
 

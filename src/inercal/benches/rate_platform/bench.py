@@ -212,9 +212,7 @@ class RatePlatform:
         turning = [step for step in dwells if step.rate != 0] if gyros else []
         poses = [step.label for step in steps if isinstance(step, Pose)]
         settings = list(dict.fromkeys(step.place for step in dwells))
-        earth = [
-            step.place for step in dwells if gyros and abs(level_rate_factor(step)[0]) > _WHOLE
-        ]
+        partly = [step for step in dwells if abs(level_rate_factor(step)[0]) > _WHOLE]
         places: dict[str, Sequence[str]] = {
             "rate_scale": [""] if turning else [],
             "rate_asymmetry": [""] if turning else [],
