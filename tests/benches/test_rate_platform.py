@@ -12,6 +12,7 @@ from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.kind import KIND
 from inercal.benches.rate_platform.linearity import straight_lines
 from inercal.benches.rate_platform.sections import (
+    KnownTurn,
     Pose,
     RateDwell,
     dwell_label,
@@ -269,6 +270,31 @@ def test_an_error_that_is_not_stated_is_refused(tmp_path: Path, key: str):
 def test_an_error_that_acts_nowhere_is_refused(tmp_path: Path, key: str, text: str):
     with refused(key=f"[bench] {key}"):
         KIND.observe(run_of(tmp_path, table(), ERRORS | {key: text}))
+
+
+def test_turns_by_an_angle_are_rows_without_a_rate(tmp_path: Path):
+    rows: Table = []
+    for k, axis in enumerate("xyz"):
+        for angle in ("", "360", "", "-361.5", ""):
+            read = [0.01, -0.02, 0.03]
+            read[k] += float(angle or 0) / 5
+            cells = {"axis": axis, "rate": "" if angle else "0", "turn": angle, "seconds": "5"}
+            cells |= zip(("gx", "gy", "gz"), (f"{x:g}" for x in read), strict=True)
+            rows.append({**cells})
+    stated = {"turn_angle": "0.01 °", "setting": "0.05 °"}
+    run = run_of(tmp_path, rows, stated, turn="turn", seconds="seconds")
+    found = KIND.observe(run)
+    step = found.steps[3]
+    assert isinstance(step, KnownTurn)
+    assert step.label == "x turn -361.5°"
+    assert np.degrees(step.angle) == pytest.approx(-361.5)
+    again = step_of_label(step.label, 5.0)
+    assert isinstance(again, KnownTurn)
+    assert again.rate == pytest.approx(step.rate)
+    with refused(key="[bench] turn_angle"):
+        KIND.observe(run_of(tmp_path, rows, {"setting": "0.05 °"}, turn="turn", seconds="seconds"))
+    with refused(key="[data] seconds"):
+        KIND.observe(run_of(tmp_path, rows, stated, turn="turn"))
 
 
 def test_an_angle_read_back_needs_durations(tmp_path: Path):

@@ -39,6 +39,7 @@ class Table:
     rate_stability: float
     angle_reading: float
     setting: float
+    turn_angle: float = 0.0
 
     def stated(self) -> dict[str, float]:
         return dict(self.__dict__)
@@ -52,13 +53,14 @@ TABLES = {"plain": PLAIN, "read": READ}
 
 @dataclass(frozen=True)
 class Row:
-    """A section: setting, case axis up with its sign, rate in rad/s, seconds."""
+    """A section: setting, case axis up with its sign, rate in rad/s, seconds, turn by an angle."""
 
     setting: str
     axis: int
     sign: int
     rate: float
     seconds: float
+    turn: bool = False
 
     @property
     def name(self) -> str:
@@ -76,6 +78,19 @@ def plan(rates: Sequence[float], *, six: bool = False, seconds: float = 36.0) ->
                 lasting = seconds if rate == 0 or turns == 0 else turns * 360 / abs(rate)
                 setting = f"{'-' if sign < 0 else ''}{'xyz'[axis]}"
                 rows.append(Row(setting, axis, sign, float(np.radians(rate)), lasting))
+    return rows
+
+
+def turns(angles: Sequence[float], *, rate: float = 75.0, rest: float = 10.0) -> list[Row]:
+    """Return turns by angles, °, with each axis up, and a rest before, between and after them."""
+    rows: list[Row] = []
+    for axis in range(3):
+        still = Row("xyz"[axis], axis, 1, 0.0, rest)
+        rows.append(still)
+        for angle in angles:
+            seconds = abs(angle) / rate
+            signed = float(np.radians(angle)) / seconds
+            rows += [Row("xyz"[axis], axis, 1, signed, seconds, turn=True), still]
     return rows
 
 
@@ -125,7 +140,9 @@ def devices(
     for k, row in enumerate(rows):
         rate = row.rate * (1 + scale + table.rate_stability * rng.standard_normal(n))
         rate = rate + abs(row.rate) * asymmetry
-        if row.rate:
+        if row.turn:
+            rate = row.rate + table.turn_angle * rng.standard_normal(n) / row.seconds
+        elif row.rate:
             rate = rate + table.angle_reading * rng.standard_normal(n) / row.seconds
         w, up = _rates_in_case(row, rate, tilts[row.setting], azimuth[row.setting], latitude)
         reading[:, k] = _gyros(w, G * up, truth)

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.methods.platform_devices import (
-    ARCSEC,
     DEG_PER_H,
     EXACT,
     FULL,
@@ -26,11 +25,12 @@ from tests.methods.platform_devices import (
     Table,
     devices,
     plan,
+    turns,
 )
 from tests.refusals import refused
 
 from inercal.benches.rate_platform import RatePlatform
-from inercal.benches.rate_platform.sections import RateDwell
+from inercal.benches.rate_platform.sections import KnownTurn, RateDwell
 from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.keys import CoefficientName
@@ -52,7 +52,9 @@ def bench(table: Table, **more: float) -> RatePlatform:
 
 def steps_of(rows: Sequence[Row]) -> list[RateDwell]:
     return [
-        RateDwell(f"{k} {row.name}", row.name, row.rate, row.seconds, row.setting)
+        (KnownTurn if row.turn else RateDwell)(
+            f"{k} {row.name}", row.name, row.rate, row.seconds, row.setting
+        )
         for k, row in enumerate(rows)
     ]
 
@@ -319,4 +321,46 @@ def test_the_level_part_of_the_earths_rate_is_sensed_but_over_whole_turns(seed: 
     rows = [replace(row, seconds=37.3) for row in plan(rates)]
     made = devices(rows, "T", READ, LINEAR, 100, np.random.default_rng(seed))
     assert 0.9 < nees(made, estimated(made, bench(READ)), LINEAR) < 1.1
-    assert ARCSEC > 0
+
+
+TURNED = Table(0.0, 0.0, 0.0, 0.0, float(np.radians(0.05)), float(np.radians(0.01)))
+BOTH_WAYS = (*LINEAR, "scale_prime")
+TURNS = {  # angles, terms, and rms of scale and κ′, ppm, by grade: each after and before a rest
+    "one way": ([364.0], LINEAR, {"T": {"scale": 31}, "C": {"scale": 49}}),
+    "both ways": (
+        [364.0, -363.0],
+        BOTH_WAYS,
+        {"T": {"scale": 21, "scale_prime": 40}, "C": {"scale_prime": 61}},
+    ),
+}
+
+
+@pytest.mark.parametrize("grade", ["T", "C"])
+@pytest.mark.parametrize("name", TURNS)
+def test_turns_by_known_angles_give_the_scale_factor_as_well_as_the_angle(name: str, grade: str):
+    angles, terms, expected = TURNS[name]
+    made = devices(turns(angles), grade, TURNED, terms, 60, np.random.default_rng(7))
+    found = estimated(made, bench(TURNED), terms)
+    assert found.converged.all()
+    assert 0.85 < nees(made, found, terms) < 1.15
+    stated = {
+        t: np.sqrt(np.mean(sd**2)) / UNIT[t] for t, (_, sd) in errors(made, found, terms).items()
+    }
+    assert {t: stated[t] for t in expected[grade]} == pytest.approx(expected[grade], rel=0.1)
+
+
+def test_the_error_of_a_turns_angle_shows_in_no_residual_and_must_be_stated():
+    made = devices(turns([364.0]), "T", TURNED, LINEAR, 100, np.random.default_rng(8))
+    found = estimated(made, bench(TURNED, turn_angle=0.0))
+    assert nees(made, found, LINEAR) > 2.5
+    assert 0.8 < np.mean(found.chi2) / found.dof < 1.2
+    with refused(key="[bench] turn_angle"):
+        estimated(made, replace(bench(TURNED), turn_angle=None))
+
+
+def test_turns_of_one_way_leave_the_asymmetry_open_and_no_turn_shows_the_nonlinearity():
+    made = devices(turns([364.0]), "T", TURNED, LINEAR, 1, np.random.default_rng(9))
+    with refused(NotObserved):
+        estimated(made, bench(TURNED), BOTH_WAYS)
+    with refused(key="[method]", names=[f"g{a}.scale3" for a in "xyz"]):
+        estimated(made, bench(TURNED), (*LINEAR, "scale3"))

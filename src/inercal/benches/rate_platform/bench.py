@@ -7,11 +7,12 @@ A dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂
 
 ρ is the relative error of all rates of the run, the clocks of table and sensor included, γ its
 asymmetry (+ and −), r that of each dwell, α the error of the angle read back in each dwell of T
-seconds; t are the two angles of the axis in the case and p the place of the sensor from the axis,
-of each setting. φ is the latitude. h is the level part of the earth's rate at the start of a dwell:
-of unknown azimuth, each component has the deviation ω_ie cos φ/√2. The table starts all dwells of a
-setting at one azimuth. Over whole turns h is not sensed; without a known T turns are whole. β is
-what the gyros' biases differ by from setting to setting.
+seconds. A turn by a known angle θ has Ω = θ/T, and α of its angle in place of ρ, γ and r. t are the
+two angles of the axis in the case and p the place of the sensor from the axis, of each setting. φ
+is the latitude. h is the level part of the earth's rate at the start of a dwell: of unknown
+azimuth, each component has the deviation ω_ie cos φ/√2. The table starts all dwells of a setting at
+one azimuth. Over whole turns h is not sensed; without a known T turns are whole. β is what the
+gyros' biases differ by from setting to setting.
 
 A pose with up direction u, and c₁, c₂ across it, senses::
 
@@ -35,7 +36,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion, require_possible_values
 from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
-from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.keys import ErrorName
@@ -67,6 +68,7 @@ STATED: Mapping[str, StatedError] = {
     "rate_asymmetry": StatedError("1", "run", "100 ppm", "rates of both senses, relative"),
     "rate_stability": StatedError("1", "position", "100 ppm", "rate of a dwell, relative"),
     "angle_reading": StatedError("°", "position", "5 ″", "angle read back in a dwell"),
+    "turn_angle": StatedError("°", "position", "0.01 °", "angle of a turn"),
     "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", ("1", "2")),
     "arm": StatedError("m", "mounting", "5 mm", "sensor from the axis", ("1", "2")),
     "turn_on": StatedError(
@@ -101,6 +103,8 @@ class RatePlatform:
         Of each tilt of a pose, rad.
     mounting : float or None
         Of each angle of the mounting, rad.
+    turn_angle : float or None
+        Of the angle of each turn, rad.
 
     Raises
     ------
@@ -120,6 +124,7 @@ class RatePlatform:
     turn_on: float | None = None
     attitude: float | None = None
     mounting: float | None = None
+    turn_angle: float | None = None
 
     def __post_init__(self) -> None:
         if self.latitude is not None:
@@ -171,20 +176,22 @@ class RatePlatform:
         forces = bool(sensor.select_axes("f").axes)
         if gyros and self.latitude is None:
             raise _missing("latitude", "48.1 °", "gyros sense the earth's rate")
-        turning = gyros and any(isinstance(s, RateDwell) and s.rate != 0 for s in steps)
         by_force = gyros and sensor.select_axes("w").uses("fi", "fp", "fo")
-        self._require_stated(steps, turning, by_force)
+        self._require_stated(steps, gyros, by_force)
         acting = {"g": local_gravity(self.gravity)} if forces or by_force else {}
         acting |= dict(self._acting_places(steps, gyros, by_force))
         return acting
 
-    def _require_stated(self, steps: Sequence[PlatformStep], turning: bool, by_force: bool) -> None:
+    def _require_stated(self, steps: Sequence[PlatformStep], gyros: bool, by_force: bool) -> None:
         needed: dict[str, str] = {}
-        if turning:
-            text = "it shows in no residual, so that it must be stated"
+        rates, turns = _turning(steps) if gyros else ([], [])
+        text = "it shows in no residual, so that it must be stated"
+        if rates:
             needed |= dict.fromkeys(("rate_scale", "rate_asymmetry", "rate_stability"), text)
-            if by_force:
-                needed["arm"] = "the sensitivity to acceleration senses the centripetal one"
+        if turns:
+            needed["turn_angle"] = text
+        if (rates or turns) and by_force:
+            needed["arm"] = "the sensitivity to acceleration senses the centripetal one"
         if any(isinstance(step, RateDwell) for step in steps):
             needed["setting"] = "misalignments are known no better than the axis in the case"
         if any(isinstance(step, Pose) for step in steps):
@@ -193,9 +200,8 @@ class RatePlatform:
         for name, reason in needed.items():
             if self.deviation(name) is None:
                 raise _missing(name, STATED[name].example, reason)
-        dwells = [step for step in steps if isinstance(step, RateDwell) and step.rate != 0]
-        unknown = tuple(step.label for step in dwells if not step.seconds)
-        if turning and self.angle_reading and unknown:
+        unknown = tuple(step.label for step in rates if not step.seconds)
+        if self.angle_reading and unknown:
             key = "[data] seconds"
             raise InputError(
                 f"{key} is missing: [bench] angle_reading is of the angle of a dwell, whose "
@@ -209,17 +215,18 @@ class RatePlatform:
     ) -> Iterator[tuple[ErrorName, Parameter]]:
         """Yield the parameters other than gravity, in the order of their declaration."""
         dwells = [step for step in steps if isinstance(step, RateDwell)]
-        turning = [step for step in dwells if step.rate != 0] if gyros else []
+        rates, turns = _turning(steps) if gyros else ([], [])
         poses = [step.label for step in steps if isinstance(step, Pose)]
         settings = list(dict.fromkeys(step.place for step in dwells))
         partly = [step for step in dwells if abs(level_rate_factor(step)[0]) > _WHOLE]
         places: dict[str, Sequence[str]] = {
-            "rate_scale": [""] if turning else [],
-            "rate_asymmetry": [""] if turning else [],
-            "rate_stability": [step.label for step in turning],
-            "angle_reading": [step.label for step in turning],
+            "rate_scale": [""] if rates else [],
+            "rate_asymmetry": [""] if rates else [],
+            "rate_stability": [step.label for step in rates],
+            "angle_reading": [step.label for step in rates],
+            "turn_angle": [step.label for step in turns],
             "setting": settings,
-            "arm": list(dict.fromkeys(step.place for step in turning)) if by_force else [],
+            "arm": list(dict.fromkeys(s.place for s in (*rates, *turns))) if by_force else [],
             "turn_on": settings if gyros and len(settings) > 1 else [],
             "attitude": poses,
             "mounting": [""] if poses else [],
@@ -247,6 +254,13 @@ class RatePlatform:
     def without_earth_rate(self) -> "RatePlatform":
         """Return the bench on an earth that does not turn."""
         return replace(self, latitude=None)
+
+
+def _turning(steps: Sequence[PlatformStep]) -> tuple[list[RateDwell], list[RateDwell]]:
+    """Return the dwells at a rate, and the turns by a known angle."""
+    dwells = [step for step in steps if isinstance(step, RateDwell) and step.rate != 0]
+    turns = [step for step in dwells if isinstance(step, KnownTurn)]
+    return [step for step in dwells if step not in turns], turns
 
 
 def _missing(name: str, example: str, reason: str) -> InputError:

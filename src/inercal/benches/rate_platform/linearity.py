@@ -16,7 +16,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.recording import Observations
 from inercal.sensors import Sensor
 
@@ -72,7 +72,9 @@ def straight_lines(
         rows = [
             r
             for r, s in enumerate(steps)
-            if isinstance(s, RateDwell) and abs(np.array(s.up) @ np.array(axis.i)) > 0.5
+            if isinstance(s, RateDwell)
+            and not isinstance(s, KnownTurn)
+            and abs(np.array(s.up) @ np.array(axis.i)) > 0.5
         ]
         dwells = [s for s in steps if isinstance(s, RateDwell)]
         rate = motion.w[rows] @ np.array(axis.i)

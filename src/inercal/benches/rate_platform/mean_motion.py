@@ -11,7 +11,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.contract import MeanMotion, stack_derivatives
-from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.earth import earth_rate_up_north
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
@@ -108,10 +108,8 @@ def _dwell(
     by_earth = (c * beside[0] - s * beside[1], s * beside[0] + c * beside[1])
     h1, h2 = (value(f"earth_{k}[{place}]")[..., None] for k in (1, 2))
     in_case = (c * h1 + s * h2, c * h2 - s * h1)
-    read_back = 1 / step.seconds if rate and step.seconds else 0.0
-    turned = rate * (1 + value("rate_scale") + value(f"rate_stability[{step.label}]"))
-    turned = turned + abs(rate) * value("rate_asymmetry")
-    turned = turned + read_back * value(f"angle_reading[{step.label}]")
+    by_turning = _slopes_of_rate(step)
+    turned = rate + sum((slope * value(name) for name, slope in by_turning.items()), value(""))
     along = (turned + up_rate)[..., None]
     turn_on = np.stack([value(f"turn_on_{a}[{place}]") for a in "xyz"], axis=-1)
     w = along * axis + in_case[0] * beside[0] + in_case[1] * beside[1] + turn_on
@@ -127,10 +125,24 @@ def _dwell(
     if rate:
         for k in (1, 2):
             df[f"arm_{k}[{place}]"] = np.broadcast_to(-(rate**2) * across[k - 1], f.shape)
-        dw["rate_scale"] = dw[f"rate_stability[{step.label}]"] = rate * axis
-        dw["rate_asymmetry"] = abs(rate) * axis
-        dw[f"angle_reading[{step.label}]"] = read_back * axis
+        dw |= {name: slope * axis for name, slope in by_turning.items()}
     return _RowMotion(f, w, df, dw)
+
+
+def _slopes_of_rate(step: RateDwell) -> dict[str, float]:
+    """Return the derivatives of a section's rate about the table's axis by the table's errors."""
+    rate, label = step.rate, step.label
+    inverse = 1 / step.seconds if step.seconds else 0.0
+    if isinstance(step, KnownTurn):
+        return {f"turn_angle[{label}]": inverse}
+    if rate == 0:
+        return {}
+    return {
+        "rate_scale": rate,
+        f"rate_stability[{label}]": rate,
+        "rate_asymmetry": abs(rate),
+        f"angle_reading[{label}]": inverse,
+    }
 
 
 def _pose(label: str, up: Array, value: Value, g: Array, up_rate: float) -> _RowMotion:

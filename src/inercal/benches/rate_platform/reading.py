@@ -12,6 +12,7 @@ from inercal.benches.rate_platform.bench import STATED, RatePlatform
 from inercal.benches.rate_platform.linearity import linearity_notes
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates
 from inercal.benches.rate_platform.sections import (
+    KnownTurn,
     PlatformStep,
     Pose,
     RateDwell,
@@ -19,6 +20,7 @@ from inercal.benches.rate_platform.sections import (
     parse_axis,
     pose_label,
     step_of_label,
+    turn_label,
 )
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.data import EstimatorInput, Source
@@ -75,16 +77,11 @@ def _table(run: Source[RatePlatformData]) -> EstimatorInput:
     data, path, wanted = run.data, run.file(run.data.file), reader_columns(run)
     columns = {
         name: str(column)
-        for name in ("axis", "table_rate", "setting", "roll", "pitch", "seconds")
+        for name in ("axis", "table_rate", "turn", "setting", "roll", "pitch", "seconds")
         if (column := getattr(data, name)) is not None
     }
     require_distinct_columns(run, *columns.values())
-    for one, other in (("axis", "table_rate"), ("roll", "pitch")):
-        for name, partner in ((one, other), (other, one)):
-            if name in columns and partner not in columns:
-                raise key_error(
-                    f"[data] {partner}", f"is missing: {name} needs it; name its column", run.path
-                )
+    _require_partners(run, columns)
     if not {"axis", "roll"} & set(columns):
         raise key_error(
             "[data] axis",
@@ -108,6 +105,19 @@ def _table(run: Source[RatePlatformData]) -> EstimatorInput:
         durations if "seconds" in columns else np.ones(rows),
     )
     return EstimatorInput(None, (), observations, steps, steps, ())
+
+
+def _require_partners(run: Source[RatePlatformData], columns: dict[str, str]) -> None:
+    """Refuse columns that lack another one."""
+    needed = [("table_rate", "axis"), ("turn", "axis"), ("turn", "seconds")]
+    needed += [("roll", "pitch"), ("pitch", "roll")]
+    if "turn" not in columns:
+        needed.append(("axis", "table_rate"))
+    for name, partner in needed:
+        if name in columns and partner not in columns:
+            raise key_error(
+                f"[data] {partner}", f"is missing: {name} needs it; name its column", run.path
+            )
 
 
 def _step(
@@ -148,6 +158,13 @@ def _step(
     axis = parse_axis(cell("axis"))
     if axis is None:
         raise refuse("axis", f"is {cell('axis')!r}; name the case axis that is up, such as x or -x")
+    if cell("turn"):
+        if cell("table_rate"):
+            raise refuse("turn", "has the angle of a turn, and the row has a rate; keep one")
+        angle = _number(cell("turn"), lambda text: refuse("turn", text)) * data.angle_size
+        if not seconds > 0:
+            raise refuse("seconds", "has no duration above 0, which a turn needs")
+        return KnownTurn(turn_label(axis, angle), axis, angle / seconds, seconds, cell("setting"))
     rate = _number(cell("table_rate"), lambda text: refuse("table_rate", text)) * data.rate_size
     if "setting" in columns and not cell("setting"):
         raise refuse("setting", "is empty; give the setting's name")

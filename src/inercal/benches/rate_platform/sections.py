@@ -1,4 +1,4 @@
-"""Sections of a run on a rate platform: rests and constant rates in a setting, and poses.
+"""Sections of a run on a rate platform: rests, constant rates and turns in a setting, and poses.
 
 The table's axis is vertical. A setting is one way to fix the case on it: a case axis points up.
 The rate is positive counter-clockwise seen from above: with −z up the z gyro reads its negative.
@@ -22,6 +22,7 @@ from inercal.plan import AXES, Vector, describe_direction
 _NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e-?\d+)?"
 _COUNT = r"(?:\s*\(\d+\))?"
 _DWELL = re.compile(rf"([-+−]?[xyz])\s+(?:(rest)|({_NUMBER})\s*(?:°/s)?){_COUNT}")
+_TURN = re.compile(rf"([-+−]?[xyz])\s+turn\s+({_NUMBER})\s*°?{_COUNT}")
 _POSE = re.compile(rf"roll\s+({_NUMBER})\s*°?,?\s+pitch\s+({_NUMBER})\s*°?{_COUNT}")
 
 
@@ -67,6 +68,23 @@ class RateDwell:
 
 
 @dataclass(frozen=True)
+class KnownTurn(RateDwell):
+    """Turn the table by a known angle, from rest to rest, with a case axis up.
+
+    The rate is the mean rate, angle over seconds.
+    """
+
+    @property
+    def angle(self) -> float:
+        """Angle of the turn, rad, positive counter-clockwise seen from above."""
+        return self.rate * self.seconds
+
+    def describe(self) -> str:
+        """Return what to do: "+z up, turn by −360°"."""
+        return f"{describe_direction(self.up)} up, turn by {_signed(degrees(self.angle))}°"
+
+
+@dataclass(frozen=True)
 class Pose:
     """Rest at known angles from level.
 
@@ -106,6 +124,11 @@ def dwell_label(axis: str, rate: float) -> str:
     return f"{axis} rest" if rate == 0 else f"{axis} {degrees(rate):+.6g} °/s"
 
 
+def turn_label(axis: str, angle: float) -> str:
+    """Return the label of a turn by an angle, rad: "x turn +360°"."""
+    return f"{axis} turn {degrees(angle):+.6g}°"
+
+
 def pose_label(roll: float, pitch: float) -> str:
     """Return the label of a pose: "roll 90° pitch 0°"."""
     return f"roll {degrees(roll) + 0.0:.6g}° pitch {degrees(pitch) + 0.0:.6g}°"
@@ -126,7 +149,8 @@ def step_of_label(label: str, seconds: float) -> PlatformStep:
     Parameters
     ----------
     label : str
-        "x +50 °/s", "-y rest" or "roll 90° pitch 0°", with a number for a repetition: "x rest (2)".
+        "x +50 °/s", "-y rest", "x turn +360°" or "roll 90° pitch 0°", with a number for a
+        repetition: "x rest (2)".
     seconds : float
 
     Raises
@@ -139,11 +163,15 @@ def step_of_label(label: str, seconds: float) -> PlatformStep:
         axis = parse_axis(found[1])
         assert axis is not None
         return RateDwell(label, axis, 0.0 if found[2] else radians(_number(found[3])), seconds)
+    if (found := _TURN.fullmatch(text)) is not None:
+        axis = parse_axis(found[1])
+        assert axis is not None
+        return KnownTurn(label, axis, radians(_number(found[2])) / seconds, seconds)
     if (found := _POSE.fullmatch(text)) is not None:
         return Pose(label, radians(_number(found[1])), radians(_number(found[2])), seconds)
     raise InputError(
         f"label {label!r} names no section; write the axis that is up and the rate in °/s, "
-        '"x +50", a rest, "-y rest", or a pose, "roll 90 pitch 0"',
+        '"x +50", a rest, "-y rest", a turn, "x turn +360", or a pose, "roll 90 pitch 0"',
         names=(label,),
     )
 

@@ -27,6 +27,7 @@ class RatePlatformSection(BenchSection):
     rate_asymmetry: str | None = Field(None, examples=["100 ppm"])
     rate_stability: str | None = Field(None, examples=["100 ppm"])
     angle_reading: str | None = Field(None, examples=["5 ″"])
+    turn_angle: str | None = Field(None, examples=["0.01 °"])
     setting: str | None = Field(None, examples=["0.05 °"])
     arm: str | None = Field(None, examples=["5 mm"])
     turn_on: str | None = Field(None, examples=["60 °/h"])
@@ -50,6 +51,9 @@ class RatePlatformData(DataSection):
         None, description="of means: column of the table's rate", examples=["rate"]
     )
     table_rate_unit: str = Field("°/s", examples=["rad/s"])
+    turn: str | int | None = Field(
+        None, description="of means: column of the angle of a turn", examples=["turn"]
+    )
     setting: str | int | None = Field(
         None, description="of means: column of settings; otherwise each axis is one"
     )
@@ -59,7 +63,7 @@ class RatePlatformData(DataSection):
     pitch: str | int | None = Field(
         None, description="of means: column of a pose's pitch", examples=["pitch"]
     )
-    angle_unit: str = Field("°", description="unit of roll and pitch", examples=["rad"])
+    angle_unit: str = Field("°", description="unit of roll, pitch and turn", examples=["rad"])
 
     @property
     def rate_size(self) -> float:
@@ -68,7 +72,7 @@ class RatePlatformData(DataSection):
 
     @property
     def angle_size(self) -> float:
-        """The SI size of the unit of roll and pitch."""
+        """The SI size of the unit of roll, pitch and turn."""
         return unit_size(self.angle_unit, "°", "angle_unit")
 
 

@@ -1,9 +1,10 @@
 """Gyros by constant rates and rests, accelerometers by poses of known attitude, in one likelihood.
 
-Sections of all kinds are mixed at will: dwells at constant rates and rests on a vertical axis, in
-settings with several case axes up, and poses of known angles. The errors of the table are nuisances
-whose deviations must be stated: most of them are like an error of the sensor, and show in no
-residual. Accelerometers are used at rest alone, where the place of each in the case is not sensed.
+Sections of all kinds are mixed at will: rests, dwells at constant rates and turns by known angles
+about a vertical axis, in settings with several case axes up, and poses of known angles. The errors
+of the table are nuisances whose deviations must be stated: most of them are like an error of the
+sensor, and show in no residual. Accelerometers are used at rest alone, where the place of each in
+the case is not sensed.
 
 What a plan does not determine is refused by name, whatever residual excitation by the earth's rate
 or by errors of the bench there is (`inercal.methods.rates_and_poses.plan_structure`).
@@ -19,8 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
+from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem
+from inercal.keys import CoefficientName
 from inercal.methods import mean_problem, trial_blocks
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import require_matching_rows
@@ -64,6 +67,7 @@ def ml(
     done = [by_label[label] for label in observations.labels if label in by_label]
     require_matching_rows(observations, sensor, done)
     declared = bench.nuisances(done, sensor)
+    _refuse_profiles(sensor, done)
     used = _used_readings(sensor, done)
     require_determined(observations, sensor, bench, done, priors, used)
     unsigned = readings_without_input(sensor, bench, done)
@@ -90,6 +94,20 @@ def _used_readings(sensor: Sensor, steps: Sequence[PlatformStep]) -> NDArray[np.
     turning = np.array([isinstance(step, RateDwell) and step.rate != 0 for step in steps])
     forces = np.array([axis.measures == "f" for axis in sensor.axes])
     return np.flatnonzero(~(turning[:, None] & forces))
+
+
+def _refuse_profiles(sensor: Sensor, steps: Sequence[PlatformStep]) -> None:
+    """Refuse terms of a turn's profile: a mean does not hold the mean of squares of the rate."""
+    terms = tuple(
+        name for name in sensor.coefficients if CoefficientName(name).term in ("scale2", "scale3")
+    )
+    if terms and any(isinstance(step, KnownTurn) for step in steps):
+        raise InputError(
+            f"[method] {', '.join(terms)}: a turn by an angle has no one rate, so that a mean does "
+            "not determine them; remove these coefficients, or turn at constant rates alone",
+            key="[method]",
+            names=terms,
+        )
 
 
 METHOD = Method(
