@@ -65,6 +65,7 @@ def estimated(
     terms: Sequence[str] = LINEAR,
     priors: Sequence[Gaussian] = (),
     device: int | None = None,
+    temperature: np.ndarray | None = None,
 ) -> Estimate:
     steps, r = steps_of(made.rows), len(made.rows)
     sensor = triad("t", "w", "g").with_coefficients(*terms)
@@ -78,6 +79,7 @@ def estimated(
             time=np.arange(r, dtype=float),
             channels=sensor.channels,
             timed=False,
+            temperature=temperature,
         ),
         sensor,
         stated,
@@ -239,6 +241,20 @@ def test_squares_of_acceleration_cannot_be_told_from_the_bias():
     assert set(refusal.value.names) == {
         f"g{axis}.{term}" for axis in "xyz" for term in ("bias", "g_ii", "g_pp", "g_oo")
     }
+
+
+def test_a_temperature_that_varies_shows_its_coefficients():
+    rows = [*plan([0, 50, -50]), *plan([0, 50, -50])]
+    made = devices(rows, "T", READ, LINEAR, 1, np.random.default_rng(6))
+    warm = np.where(np.arange(len(rows)) < len(rows) // 2, 293.15, 323.15)
+    made.reading += 2.0 * DEG_PER_H * (warm - 293.15)[:, None]
+    terms = (*LINEAR, "bias_dT", "scale_dT")
+    found = estimated(made, bench(READ), terms, device=0, temperature=warm)
+    at = [found.names.index(f"g{a}.bias_dT") for a in "xyz"]
+    off = found.value[at] - 2.0 * DEG_PER_H
+    assert np.abs(off / np.sqrt(np.diagonal(found.covariance)[at])).max() < 4
+    with refused(NotObserved):
+        estimated(made, bench(READ), terms, device=0, temperature=np.full(len(rows), 300.0))
 
 
 def test_a_prior_on_the_asymmetry_widens_the_scale_of_rates_in_one_sense():

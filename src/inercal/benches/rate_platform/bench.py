@@ -259,7 +259,7 @@ class RatePlatform:
 def _turning(steps: Sequence[PlatformStep]) -> tuple[list[RateDwell], list[RateDwell]]:
     """Return the dwells at a rate, and the turns by a known angle."""
     dwells = [step for step in steps if isinstance(step, RateDwell) and step.rate != 0]
-    turns = [step for step in dwells if isinstance(step, KnownTurn)]
+    turns: list[RateDwell] = [step for step in dwells if isinstance(step, KnownTurn)]
     return [step for step in dwells if step not in turns], turns
 
 

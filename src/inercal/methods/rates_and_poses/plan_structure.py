@@ -106,9 +106,10 @@ def _remedy(names: Sequence[str], steps: Sequence[PlatformStep]) -> str:
     terms = {CoefficientName(name).term for name in names}
     rates = [step.rate for step in steps if isinstance(step, RateDwell) and step.rate != 0]
     advice: list[str] = []
-    if terms & {"scale_prime", "scale2"} and len(set(np.sign(rates).tolist())) < 2:
+    one_sense = "scale_prime" in terms and len(set(np.sign(rates).tolist())) < 2
+    if one_sense:
         advice.append("turn in both senses")
-    if terms & {"scale3", "scale2", "scale_prime"}:
+    if terms & {"scale3", "scale2"} or ("scale_prime" in terms and not one_sense):
         advice.append("turn at a further speed and rest in each setting")
     if any(term.startswith("g_") for term in terms):
         advice.append("set the case with each axis up and down")
