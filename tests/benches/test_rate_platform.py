@@ -21,7 +21,9 @@ from inercal.benches.rate_platform.sections import (
     whole_turns,
 )
 from inercal.earth import EARTH_RATE
+from inercal.io.write import write_recording
 from inercal.motion import Motion
+from inercal.pipeline import apply_data_columns, simulate
 from inercal.recording import Observations
 from inercal.runfile import Run, read
 from inercal.sensors import imu, triad
@@ -270,6 +272,30 @@ def test_an_error_that_is_not_stated_is_refused(tmp_path: Path, key: str):
 def test_an_error_that_acts_nowhere_is_refused(tmp_path: Path, key: str, text: str):
     with refused(key=f"[bench] {key}"):
         KIND.observe(run_of(tmp_path, table(), ERRORS | {key: text}))
+
+
+RECORDED = RUN.replace('kind = "means"', 'rate = "20 Hz"\nlabel = "label"\nmarks = "labels"')
+RECORDED = RECORDED.replace('[data.sd]\ngyro = "1 °/h"\n', "").replace("table.csv", "log.npz")
+
+
+def test_a_section_with_a_ramp_in_it_is_refused_with_its_name(tmp_path: Path):
+    path = tmp_path / "run.toml"
+    stated = "\n".join(f'{key} = "{value}"' for key, value in ERRORS.items())
+    path.write_text(
+        RECORDED.format(sensor='white = "0.1 °/√h"', bench=stated, data="", sd="", method=""),
+        encoding="utf-8",
+    )
+    run = read(path)
+    made = simulate(run, 1)
+    write_recording(apply_data_columns(run, made), run.file(run.data.file))
+    found = KIND.observe(run)
+    assert found.observations.labels[1] == "x +50 °/s"
+    assert made.labels is not None
+    own = np.flatnonzero(made.labels == "x +50 °/s")[:20]
+    made.data[own, made.channels.index("gx")] *= np.linspace(0.9, 1.0, own.size)
+    write_recording(apply_data_columns(run, made), run.file(run.data.file))
+    with refused(names=("x +50 °/s",)):
+        KIND.observe(run)
 
 
 def test_turns_by_an_angle_are_rows_without_a_rate(tmp_path: Path):

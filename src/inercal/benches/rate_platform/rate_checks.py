@@ -1,16 +1,17 @@
 """Checks of sections against the readings: unit, sign and axis of the rates, and what is up."""
 
 from collections.abc import Sequence
+from math import sqrt
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import RatePlatform
-from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.benches.rate_platform.settings import RatePlatformData
 from inercal.data import Source
 from inercal.errors import InputError
-from inercal.recording import Observations
+from inercal.recording import Mark, Observations, Recording
 from inercal.section_settings import key_error
 from inercal.units import si_factor
 
@@ -20,6 +21,10 @@ _USABLE = (0.67, 1.5)  # times nominal: scale factors that a run file states cor
 _NEAR = 0.1  # relative, of the ratio of two units
 _UNITS = ("rad/s", "rpm", "rev/s", "°/s")
 _STEEPEST = 0.7  # cosine of 45°
+_BLOCKS = 20  # of a section, in two halves
+_SIGMAS = 6.0
+_STEADY = 2e-4  # of the rate
+_NORMAL_MEDIAN = 0.6745  # of the magnitude of a standard normal number
 
 
 def require_rates(
@@ -96,6 +101,52 @@ def _refuse_unit(run: Source[RatePlatformData], ratio: float) -> None:
         "and scale in [sensor.gyro]",
         run.path,
     )
+
+
+def require_steady(
+    run: Source[RatePlatformData],
+    recording: Recording,
+    marks: Sequence[Mark],
+    steps: Sequence[PlatformStep],
+) -> None:
+    """Refuse dwells whose rate about the table's axis changes within the section.
+
+    The means of both halves differ by more than 6σ and 2e-4 of the rate; σ is that of means of
+    blocks, by the median of the differences of neighbours. A turn by an angle has no steady rate.
+
+    Raises
+    ------
+    InputError
+        Naming the section.
+    """
+    for mark, step in zip(marks, steps, strict=True):
+        if isinstance(step, KnownTurn) or not isinstance(step, RateDwell):
+            continue
+        for axis in run.sensor.select_axes("w").axes:
+            if abs(np.array(axis.i) @ np.array(step.up)) < _CLEAR:
+                continue
+            column = recording.channels.index(axis.name)
+            read = recording.data[mark.start : mark.stop, column] / axis.readout.scale
+            change, sd = _change_between_halves(read)
+            if abs(change) > _SIGMAS * sd + _STEADY * abs(step.rate):
+                where = f"section {mark.label} ({recording.where(mark.start)})"
+                raise InputError(
+                    f"{recording.source}: {where}: the rate that {axis.name} reads changes by "
+                    f"{np.degrees(change):.3g} °/s from the first half to the second; label the "
+                    "steady part alone",
+                    names=(mark.label,),
+                )
+
+
+def _change_between_halves(read: Array) -> tuple[float, float]:
+    """Return how the mean of the second half differs from that of the first, and its deviation."""
+    size = len(read) // _BLOCKS
+    if not size:
+        return 0.0, 0.0
+    blocks = read[: size * _BLOCKS].reshape(_BLOCKS, size).mean(axis=1)
+    sd = float(np.median(np.abs(np.diff(blocks)))) / _NORMAL_MEDIAN / sqrt(2)
+    first, second = blocks.reshape(2, -1).mean(axis=1).tolist()
+    return second - first, sd * sqrt(4 / _BLOCKS)
 
 
 def require_axes_up(

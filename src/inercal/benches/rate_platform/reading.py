@@ -10,7 +10,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
 from inercal.benches.rate_platform.linearity import linearity_notes
-from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates
+from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
 from inercal.benches.rate_platform.sections import (
     KnownTurn,
     PlatformStep,
@@ -196,6 +196,7 @@ def _recording(run: Source[RatePlatformData]) -> EstimatorInput:
     steps = tuple(
         step_of_label(mark.label, recording.span(mark.start, mark.stop)) for mark in marks
     )
+    require_steady(run, recording, marks, steps)
     # Sections that turn are steady too: their scatter is noise.
     means = averaged(recording, run.sensor, marks, steps, found=True)
     return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
