@@ -17,7 +17,13 @@ from inercal.errors import InputError
 _SETTINGS = {3: ("x", "y", "z"), 6: ("x", "-x", "y", "-y", "z", "-z")}
 _SPEEDS = (radians(50), radians(200))
 _FACES = ((0, 0), (180, 0), (90, 0), (-90, 0), (0, 90), (0, -90))  # roll and pitch, °
-_TILTED = (*product(range(0, 360, 45), (0, 35, -35)),)
+# Three circles in steps of 45°, with x, y and z level, and poses with all axes inclined.
+_TILTED = (
+    *((roll, 0) for roll in range(0, 360, 45)),
+    *((0, pitch) for pitch in (45, 90, 135, -135, -90, -45)),
+    *((90, pitch) for pitch in (45, 135, -135, -45)),
+    *product((45, -45, 135), (35, -35)),
+)
 _POSES = {"none": (), "faces": _FACES, "tilted": _TILTED}
 
 
@@ -41,7 +47,8 @@ def plan(
     reverse : bool
         Whether each sense also goes back through the speeds, to show a hysteresis.
     attitudes : str
-        Poses at the end: "none", "faces", six of them, or "tilted", 24 about two axes.
+        Poses at the end: "none", "faces", six of them, or "tilted", 24 in all
+        directions.
 
     Raises
     ------
