@@ -109,8 +109,9 @@ def _dwell(
     h1, h2 = (value(f"earth_{k}[{place}]")[..., None] for k in (1, 2))
     in_case = (c * h1 + s * h2, c * h2 - s * h1)
     by_turning = _slopes_of_rate(step)
-    turned = rate + sum((slope * value(name) for name, slope in by_turning.items()), value(""))
-    along = (turned + up_rate)[..., None]
+    along = np.full_like(g, rate + up_rate)[..., None]
+    for name, slope in by_turning.items():
+        along = along + slope * value(name)[..., None]
     turn_on = np.stack([value(f"turn_on_{a}[{place}]") for a in "xyz"], axis=-1)
     w = along * axis + in_case[0] * beside[0] + in_case[1] * beside[1] + turn_on
     arms = [value(f"arm_{k}[{place}]")[..., None] for k in (1, 2)]
