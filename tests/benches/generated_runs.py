@@ -21,6 +21,12 @@ BENCHES: Mapping[str, tuple[str, ...]] = {
     "centrifuge": ('rate_error = "1 ppm"', 'tilt = "2 ″"', 'dwell_rate = "0.5 ppm"'),
     "dividing_head": ('autocollimation = "every"', 'autocollimator = "0.1 ″"', 'lean = "20 ″"'),
     "rate_table": ('pose = "0.02 °"', 'speed = "0.05 %"'),
+    "rate_platform": (
+        'rate_scale = "5 ppm"',
+        'rate_asymmetry = "5 ppm"',
+        'rate_stability = "2 ppm"',
+        'setting = "0.02 °"',
+    ),
     "turntable": ('square = "2 ″"', 'lean = "5 ″"', 'harmonics = ["2 ″", "1 ″"]'),
 }
 TURNS = ('turn_angle = "0.02 °"', 'turn_tilt = "0.02 °"')
@@ -29,12 +35,16 @@ HAND: Mapping[str, tuple[str, ...]] = {
     "ferraris": ('tilt = "0.02 °"', *TURNS),
 }
 # Columns that a kind names by default, and whose names a simulation takes from the run file.
-COLUMNS: Mapping[str, tuple[str, ...]] = {"turntable": ('table = ["outer", "middle", "inner"]',)}
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "turntable": ('table = ["outer", "middle", "inner"]',),
+    "rate_platform": ('axis = "axis"', 'table_rate = "rate"'),
+}
 AXES: Mapping[str, tuple[str, ...]] = {"dual_orthogonal": ("a", "b"), "tumble": ("a",)}
 PRIORS: Mapping[str, tuple[str, ...]] = {
     "dual_orthogonal": ('prior."a.kip" = "0 ± 20 µg/g²"', 'prior."b.kip" = "0 ± 20 µg/g²"')
 }
 WHITE = 'white = "20 µg/√Hz"'
+GYRO_WHITE = 'white = "0.1 °/√h"'
 SMALL = 1e-4  # of coefficients' natural sizes: what closed formulas leave out is then nothing
 
 
@@ -58,7 +68,7 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         "[sensor.accelerometer]",
         'unit = "g"',
         WHITE,
-        *(("[sensor.gyro]", 'unit = "°/s"', 'white = "0.1 °/√h"') if gyros else ()),
+        *(("[sensor.gyro]", 'unit = "°/s"', GYRO_WHITE) if gyros else ()),
         "[bench]",
         f'kind = "{kind.name}"',
         'gravity = "9.8073 m/s² ± 0.1 mm/s²"',

@@ -26,6 +26,18 @@ NEEDED: Mapping[str, Mapping[str, Any]] = {
     "centrifuge": {"radius": Measured(1.0, 1e-5), "indexing": 1e-4},
     "dividing_head": {"harmonics": (1e-5,), "division": 1e-5, "creep": 1e-6, "lean": 1e-4},
     "rate_table": {"radius": Measured(0.25, 1e-4)},
+    "rate_platform": {
+        "latitude": 0.8,
+        "rate_scale": 5e-4,
+        "rate_asymmetry": 1e-4,
+        "rate_stability": 1e-4,
+        "angle_reading": 2e-5,
+        "setting": 9e-4,
+        "arm": 5e-3,
+        "turn_on": 3e-4,
+        "attitude": 9e-4,
+        "mounting": 2e-3,
+    },
     "turntable": {"latitude": 0.8, "harmonics": (1e-5, 1e-5)},
 }
 

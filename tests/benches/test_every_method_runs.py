@@ -12,7 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.special import chdtri
-from tests.benches.generated_runs import WHITE, calibrate_run, kind_for, simulate_run, write_run
+from tests.benches.generated_runs import (
+    GYRO_WHITE,
+    WHITE,
+    calibrate_run,
+    kind_for,
+    simulate_run,
+    write_run,
+)
 from tests.external_bench import register_example_bench
 from tests.refusals import refused
 
@@ -29,6 +36,7 @@ from inercal.units import parse_quantity
 OWN = "tilt_means"
 METHOD = pytest.mark.parametrize("method", [*METHODS, OWN])
 SD = "5 µg"  # of a mean, from the white noise of a sample and some seconds
+GYRO_SD = "1 °/h"
 DEVICES, FOLLOWED = 8, 2  # the latter where every sample is followed
 FITTED = pytest.mark.parametrize(
     "method",
@@ -50,7 +58,8 @@ def read_off(run: Run, rng: np.random.Generator) -> dict[str, list[float]]:
     motion = run.bench.mean_motion(run.steps, off).motion
     c = np.array([run.truth[name] for name in run.sensor.coefficients])
     si = run.sensor.forward(motion, c)
-    si += parse_quantity(SD, "g").value * rng.standard_normal(si.shape)
+    sd = {"f": parse_quantity(SD, "g").value, "w": parse_quantity(GYRO_SD, "°/s").value}
+    si += [sd[axis.measures] for axis in run.sensor.axes] * rng.standard_normal(si.shape)
     return {
         step.label: row
         for step, row in zip(run.steps, run.sensor.to_output(si).tolist(), strict=True)
@@ -105,6 +114,9 @@ def test_a_filled_worksheet_is_a_table_of_means(method: str, tmp_path: Path):
     with (tmp_path / "sheet.csv").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([header, *rows])
     text = run.path.read_text(encoding="utf-8")
+    deviations = f'accelerometer = "{SD}"'
+    if run.sensor.select_axes("w").axes:
+        deviations += f'\ngyro = "{GYRO_SD}"'
     for old, new in (
         ("made.npz", "sheet.csv"),
         (WHITE, ""),
@@ -113,7 +125,8 @@ def test_a_filled_worksheet_is_a_table_of_means(method: str, tmp_path: Path):
         *(() if "label" in header else (('label = "label"', ""),)),
         ('rate = "50 Hz"', ""),
         ('time = "time"', ""),
-        ("[method]", f'[data.sd]\naccelerometer = "{SD}"\n[method]'),
+        (GYRO_WHITE, ""),
+        ("[method]", f"[data.sd]\n{deviations}\n[method]"),
     ):
         text = text.replace(old, new)
     run.path.write_text(text, encoding="utf-8")

@@ -40,6 +40,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[bench], on a centrifuge": KINDS["centrifuge"].section,
     "[bench], on a dividing head": KINDS["dividing_head"].section,
     "[bench], on a rate table": KINDS["rate_table"].section,
+    "[bench], on a rate platform": KINDS["rate_platform"].section,
     "[bench], on a turntable": KINDS["turntable"].section,
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
@@ -60,6 +61,7 @@ KEYS = {heading: dict(section.model_fields) for heading, section in SECTIONS.ite
         ("centrifuge", "on a centrifuge"),
         ("dividing_head", "on a dividing head"),
         ("rate_table", "on a rate table"),
+        ("rate_platform", "on a rate platform"),
         ("turntable", "on a turntable"),
     )
 }

@@ -7,7 +7,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.benches import Bench, Centrifuge, DividingHead, Hand, MeanBench, RateTable, Turntable
+from inercal.benches import (
+    Bench,
+    Centrifuge,
+    DividingHead,
+    Hand,
+    MeanBench,
+    RatePlatform,
+    RateTable,
+    Turntable,
+)
 from inercal.benches.dividing_head.bench import mounted_sensor
 from inercal.benches.turntable.attitude import ideal_readback, motion
 from inercal.benches.turntable.simulation import path_profile
@@ -27,6 +36,7 @@ BENCHES: tuple[Bench, ...] = (
     ),
     DividingHead(G, (1e-6, 2e-6), 1e-6, autocollimator=1e-6, collimated="every", base=5e-5),
     RateTable(G, Measured(0.25, 1e-4), pose=1e-4, rate=1e-5, speed=1e-6),
+    RatePlatform(G, 0.8, 1e-5, 1e-6, 1e-6, setting=1e-5),
     Turntable(
         G,
         0.7,

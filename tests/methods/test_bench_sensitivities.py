@@ -35,6 +35,7 @@ ERRORS = {
     ("dual_orthogonal", "single"): ("g", "base"),
     ("tumble", "least_squares"): ("g", "base"),
     ("tumble", "fourier"): ("g", "base"),
+    ("rates_and_poses", "ml"): ("g", "rate_scale", "rate_asymmetry"),
     ("turntable_discrete", "least_squares"): TABLE,
     ("turntable_kalman", "full"): TABLE,
     ("turntable_kalman", "drift"): ("g", "lean_x", "lean_y", "azimuth"),

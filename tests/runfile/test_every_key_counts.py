@@ -98,6 +98,8 @@ SLOW = {
     "ship_planar": recording(
         "rate_table/ship_recording.toml", "50 Hz", of("ship_planar"), seconds("12 s")
     ),
+    "rates_and_poses of means": Case("rate_platform/imu.toml"),
+    "rates_and_poses of gyros alone": Case("rate_platform/gyros.toml"),
     "centrifuge_norm of means": Case("centrifuge/lab.toml"),
     "ship_multi_angle": recording("rate_table/ship_recording.toml", "50 Hz", seconds("3 s")),
     "turntable_kalman": recording(TABLE, "50 Hz"),

@@ -36,10 +36,12 @@ EVERYTHING = [f"{a}.{c.name}" for a in ("ax", "ay", "az") for c in ACCELEROMETER
 ]
 # Natural sizes give effects of 1 g at 1 g; ω and dω/dt above are tens, so their terms get less.
 LARGE = {"nonlinearity": 1e-3, "rotation": 1e-5, "arm": 1e-4, "temperature": 1e-3, "cross": 1e-3}
+LARGE_ALONE = {"scale3": 1e-5}  # of ω³
 
 
 def coefficients(sensor: Sensor, seed: int = 7) -> np.ndarray:
-    sizes = [LARGE.get(sensor.coefficient(n).group, 5e-3) for n in sensor.coefficients]
+    lines = [sensor.coefficient(n) for n in sensor.coefficients]
+    sizes = [LARGE_ALONE.get(line.name, LARGE.get(line.group, 5e-3)) for line in lines]
     draw = np.random.default_rng(seed).normal(size=len(sensor.coefficients))
     return draw * sizes * sensor.unit_scale
 

@@ -4,6 +4,7 @@ from inercal.benches.centrifuge import Centrifuge
 from inercal.benches.contract import Bench, MeanBench, MeanMotion
 from inercal.benches.dividing_head import DividingHead
 from inercal.benches.hand import Hand
+from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_table import RateTable
 from inercal.benches.turntable import Turntable
 
@@ -14,6 +15,7 @@ __all__ = [
     "Hand",
     "MeanBench",
     "MeanMotion",
+    "RatePlatform",
     "RateTable",
     "Turntable",
 ]

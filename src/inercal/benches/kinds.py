@@ -15,7 +15,14 @@ KINDS: Registry[Kind[Any, Any]] = Registry(
     "kind of bench",
     {
         name: f"inercal.benches.{name}.kind:KIND"
-        for name in ("hand", "centrifuge", "dividing_head", "rate_table", "turntable")
+        for name in (
+            "hand",
+            "centrifuge",
+            "dividing_head",
+            "rate_table",
+            "rate_platform",
+            "turntable",
+        )
     },
 )
 

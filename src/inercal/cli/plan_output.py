@@ -78,9 +78,11 @@ def print_plan(
     print_written_files(files)
     if files:
         name = files["sheet"].name
+        kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
+        stated = " and ".join({"f": "accelerometer", "w": "gyro"}[kind] for kind in kinds)
         print(
             f'fill {name}, then calibrate it with [data] file = "{name}", kind = "means" and '
-            "[data.sd] accelerometer, the standard deviation of a mean"
+            f"[data.sd] {stated}, the standard deviation of a mean"
         )
 
 

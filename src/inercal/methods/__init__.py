@@ -26,6 +26,7 @@ METHODS: Registry[Method[Any, Any]] = Registry(
             "tumble",
             "ship_planar",
             "ship_multi_angle",
+            "rates_and_poses",
             "turntable_kalman",
             "turntable_discrete",
             "turntable_trajectory",

@@ -51,7 +51,7 @@ class SensorSection(Section):
         None, description="'reference', but 'tilted' on a dividing head"
     )
     frame: Literal["mount", "symmetric"] = "mount"
-    accelerometer: ReadoutSection
+    accelerometer: ReadoutSection | None = None
     gyro: ReadoutSection | None = None
     truth: dict[str, str | float] = Field(
         default_factory=dict, examples=[{"ax.k0": "32 mg"}], json_schema_extra=DESCRIPTION

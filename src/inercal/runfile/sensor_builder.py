@@ -31,11 +31,27 @@ def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: 
     InputError
         An unknown unit, a scale that is not possible, or axes that this bench does not take.
     """
-    accelerometer = _build_readout("accelerometer", section.accelerometer)
+    _require_same_axes(section, columns)
+    accelerometer = (Readout(), Noise())  # of no axis
+    if section.accelerometer is not None:
+        accelerometer = _build_readout("accelerometer", section.accelerometer)
     gyro = None if section.gyro is None else _build_readout("gyro", section.gyro)
     sensor = parts(section.name, columns, accelerometer, gyro)
     form = section.form or sensor.form
     return Sensor(sensor.name, sensor.axes, (), form, frame=section.frame)
+
+
+def _require_same_axes(section: SensorSection, columns: tuple[str | int, ...]) -> None:
+    """Refuse accelerometers that [sensor] or [data] alone states."""
+    key = "[sensor.accelerometer]"
+    if columns and section.accelerometer is None:
+        raise InputError(f"{key} is missing", key=key)
+    if section.accelerometer is not None and not columns:
+        raise InputError(
+            f"[data] accelerometer names no columns; name those of the accelerometers, or remove "
+            f"{key}",
+            key="[data] accelerometer",
+        )
 
 
 def _build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:

@@ -111,6 +111,7 @@ GYRO: tuple[ErrorTerm, ...] = _table(
     ("g_io", "D_IO", "°/h/g²", _DEG_PER_H / G0**2, "fi fo", "g2", "g²-sensitivity I–O"),
     ("g_po", "D_PO", "°/h/g²", _DEG_PER_H / G0**2, "fp fo", "g2", "g²-sensitivity P–O"),
     ("scale2", "κ₂", "ppm/(rad/s)", _PPM, "wi wi", "nonlinearity", "second-order nonlinearity"),
+    ("scale3", "κ₃", "ppm/(rad/s)²", _PPM, "wi wi wi", "nonlinearity", "third-order nonlinearity"),
     ("scale_prime", "κ′", "ppm", _PPM, "0.5 swi wi", "asymmetry", "scale-factor asymmetry"),
     ("bias_dT", "ε_T", "°/h/K", _DEG_PER_H, "dT", "temperature", "bias temperature coefficient"),
     ("scale_dT", "κ_T", "ppm/K", _PPM, "wi dT", "temperature", "scale temperature coefficient"),
@@ -133,6 +134,7 @@ SI_UNITS = {  # of the units as printed
     "°/h/g": "(rad/s)/(m/s²)",
     "°/h/g²": "(rad/s)/(m/s²)²",
     "ppm/(rad/s)": "(rad/s)⁻¹",
+    "ppm/(rad/s)²": "(rad/s)⁻²",
     "°/h/K": "(rad/s)/K",
 }
 TABLES = {"f": ACCELEROMETER, "w": GYRO}

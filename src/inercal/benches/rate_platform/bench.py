@@ -1,0 +1,268 @@
+"""A rate platform as a bench: a rate table with a vertical axis, and a platform of known angles.
+
+A dwell at the rate Ω, in setting s with the case direction e up and a₁, a₂ across it, senses::
+
+    ω = (Ω (1 + ρ + γ sgn Ω + r) + α/T + ω_ie sin φ) U + sinc(Θ/2) R_U(−Θ/2) (h₁b₁ + h₂b₂) + β
+    f = g U − Ω² (p₁a₁ + p₂a₂),     U = unit(e + t₁a₁ + t₂a₂),  b_i = a_i − t_i e,  Θ = Ω T
+
+ρ is the relative error of all rates of the run, the clocks of table and sensor included, γ its
+asymmetry (+ and −), r that of each dwell, α the error of the angle read back in each dwell of T
+seconds. A turn by a known angle θ has Ω = θ/T, and α of its angle in place of ρ, γ and r. t are the
+two angles of the axis in the case and p the place of the sensor from the axis, of each setting. φ
+is the latitude. h is the level part of the earth's rate at the start of a dwell: of unknown
+azimuth, each component has the deviation ω_ie cos φ/√2. The table starts all dwells of a setting at
+one azimuth. Over whole turns h is not sensed; without a known T turns are whole. β is what the
+gyros' biases differ by from setting to setting.
+
+A pose with up direction u, and c₁, c₂ across it, senses::
+
+    f = g M R u,   ω = M (ω_ie sin φ R u + h₁c₁ + h₂c₂),   R = exp(t₁c₁ + t₂c₂),  M = exp(m)
+
+m are three angles of the mounting, of the run, and t two tilts of each pose.
+
+An error that acts and is not stated is refused: taken as zero, most of them would show in no
+residual.
+
+Sources: IEEE Std 952 and 1431 (rate tests), 1293 (multipoint tests), 1554 (test equipment).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.contract import MeanMotion, require_possible_values
+from inercal.benches.rate_platform.mean_motion import level_rate_factor, sensed_motion
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose, RateDwell
+from inercal.earth import earth_rate_up_north
+from inercal.errors import InputError
+from inercal.keys import ErrorName
+from inercal.parameters import Parameter, Scope, local_gravity
+from inercal.sensors import Sensor
+from inercal.units import Measured
+
+_EXACT = 1e-15  # rad/s: the level earth's rate at a pole
+_WHOLE = 1e-9  # of sinc: whole turns
+
+
+class StatedError(NamedTuple):
+    """An error that [bench] states: its unit, scope, example, meaning and components."""
+
+    like: str
+    scope: Scope
+    example: str
+    meaning: str
+    components: tuple[str, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """The unit of its parameters, SI."""
+        return {"°": "rad", "°/s": "rad/s"}.get(self.like, self.like)
+
+
+STATED: Mapping[str, StatedError] = {
+    "rate_scale": StatedError("1", "run", "500 ppm", "rates of the table and clocks, relative"),
+    "rate_asymmetry": StatedError("1", "run", "100 ppm", "rates of both senses, relative"),
+    "rate_stability": StatedError("1", "position", "100 ppm", "rate of a dwell, relative"),
+    "angle_reading": StatedError("°", "position", "5 ″", "angle read back in a dwell"),
+    "turn_angle": StatedError("°", "position", "0.01 °", "angle of a turn"),
+    "setting": StatedError("°", "mounting", "0.05 °", "table's axis in the case", ("1", "2")),
+    "arm": StatedError("m", "mounting", "5 mm", "sensor from the axis", ("1", "2")),
+    "turn_on": StatedError(
+        "°/s", "mounting", "60 °/h", "gyros' bias in a setting", ("x", "y", "z")
+    ),
+    "attitude": StatedError("°", "position", "0.05 °", "tilt of a pose", ("1", "2")),
+    "mounting": StatedError("°", "run", "0.1 °", "mounting of the case", ("x", "y", "z")),
+}
+
+
+@dataclass(frozen=True)
+class RatePlatform:
+    """The bench of a rate platform. An error that is None is not stated.
+
+    Parameters
+    ----------
+    gravity : Measured
+        Local gravity, m/s².
+    latitude : float or None
+        rad, positive in the north; gyros need it.
+    rate_scale, rate_asymmetry, rate_stability : float or None
+        Standard deviations of ρ, γ and r.
+    angle_reading : float or None
+        Of α, rad; not stated is 0: the rate is not measured by an angle.
+    setting : float or None
+        Of each of t₁, t₂ of a setting, rad.
+    arm : float or None
+        Of each of p₁, p₂, m.
+    turn_on : float or None
+        Of each component of β, rad/s; not stated is 0: the gyros stay switched on.
+    attitude : float or None
+        Of each tilt of a pose, rad.
+    mounting : float or None
+        Of each angle of the mounting, rad.
+    turn_angle : float or None
+        Of the angle of each turn, rad.
+
+    Raises
+    ------
+    InputError
+        A gravity that is not positive, an impossible latitude, a deviation that is negative or not
+        finite.
+    """
+
+    gravity: Measured
+    latitude: float | None = None
+    rate_scale: float | None = None
+    rate_asymmetry: float | None = None
+    rate_stability: float | None = None
+    angle_reading: float | None = None
+    setting: float | None = None
+    arm: float | None = None
+    turn_on: float | None = None
+    attitude: float | None = None
+    mounting: float | None = None
+    turn_angle: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.latitude is not None:
+            earth_rate_up_north(self.latitude)  # refuses an impossible latitude
+        deviations = {"gravity": self.gravity.sd} | {
+            name: value for name in STATED if (value := self.deviation(name)) is not None
+        }
+        require_possible_values("rate platform", {"gravity": self.gravity.value}, deviations)
+
+    def deviation(self, name: str) -> float | None:
+        """Return a stated deviation by the name of its key; None where it is not stated."""
+        return getattr(self, name)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The imperfections that are stated, as data."""
+        stated = [one for name in STATED for one in self._components(name)]
+        return (local_gravity(self.gravity), *stated, *self._earth())
+
+    def _components(self, name: str) -> list[Parameter]:
+        sd, one = self.deviation(name), STATED[name]
+        if sd is None:
+            return []
+        names = [f"{name}_{k}" for k in one.components] or [name]
+        return [Parameter(full, one.unit, sd, one.scope, 0.0, one.meaning) for full in names]
+
+    def _earth(self) -> list[Parameter]:
+        if self.latitude is None:
+            return []
+        _, level = earth_rate_up_north(self.latitude)
+        sd = level / sqrt(2) if level > _EXACT else 0.0
+        text = "level part of the earth's rate"
+        scopes: dict[str, Scope] = {"earth": "mounting", "pose_earth": "position"}
+        return [
+            Parameter(f"{name}_{k}", "rad/s", sd, scope, 0.0, f"{text}, component {k}")
+            for name, scope in scopes.items()
+            for k in (1, 2)
+        ]
+
+    def nuisances(self, steps: Sequence[PlatformStep], sensor: Sensor) -> dict[str, Parameter]:
+        """Return the parameters that act on these sections, by full name "setting_1[x]".
+
+        Raises
+        ------
+        InputError
+            An error that acts and is not stated; it names the key.
+        """
+        gyros = bool(sensor.select_axes("w").axes)
+        forces = bool(sensor.select_axes("f").axes)
+        if gyros and self.latitude is None:
+            raise _missing("latitude", "48.1 °", "gyros sense the earth's rate")
+        by_force = gyros and sensor.select_axes("w").uses("fi", "fp", "fo")
+        self._require_stated(steps, gyros, by_force)
+        acting = {"g": local_gravity(self.gravity)} if forces or by_force else {}
+        acting |= dict(self._acting_places(steps, gyros, by_force))
+        return acting
+
+    def _require_stated(self, steps: Sequence[PlatformStep], gyros: bool, by_force: bool) -> None:
+        needed: dict[str, str] = {}
+        rates, turns = _turning(steps) if gyros else ([], [])
+        text = "it shows in no residual, so that it must be stated"
+        if rates:
+            needed |= dict.fromkeys(("rate_scale", "rate_asymmetry", "rate_stability"), text)
+        if turns:
+            needed["turn_angle"] = text
+        if (rates or turns) and by_force:
+            needed["arm"] = "the sensitivity to acceleration senses the centripetal one"
+        if any(isinstance(step, RateDwell) for step in steps):
+            needed["setting"] = "misalignments are known no better than the axis in the case"
+        if any(isinstance(step, Pose) for step in steps):
+            needed["attitude"] = "scale factors and misalignments are known no better"
+            needed["mounting"] = "misalignments are known no better than the mounting"
+        for name, reason in needed.items():
+            if self.deviation(name) is None:
+                raise _missing(name, STATED[name].example, reason)
+        unknown = tuple(step.label for step in rates if not step.seconds)
+        if self.angle_reading and unknown:
+            key = "[data] seconds"
+            raise InputError(
+                f"{key} is missing: [bench] angle_reading is of the angle of a dwell, whose "
+                f"duration {unknown[0]} lacks; name the column of durations",
+                key=key,
+                names=unknown,
+            )
+
+    def _acting_places(
+        self, steps: Sequence[PlatformStep], gyros: bool, by_force: bool
+    ) -> Iterator[tuple[ErrorName, Parameter]]:
+        """Yield the parameters other than gravity, in the order of their declaration."""
+        dwells = [step for step in steps if isinstance(step, RateDwell)]
+        rates, turns = _turning(steps) if gyros else ([], [])
+        poses = [step.label for step in steps if isinstance(step, Pose)]
+        settings = list(dict.fromkeys(step.place for step in dwells))
+        partly = [step for step in dwells if abs(level_rate_factor(step)[0]) > _WHOLE]
+        places: dict[str, Sequence[str]] = {
+            "rate_scale": [""] if rates else [],
+            "rate_asymmetry": [""] if rates else [],
+            "rate_stability": [step.label for step in rates],
+            "angle_reading": [step.label for step in rates],
+            "turn_angle": [step.label for step in turns],
+            "setting": settings,
+            "arm": list(dict.fromkeys(s.place for s in (*rates, *turns))) if by_force else [],
+            "turn_on": settings if gyros and len(settings) > 1 else [],
+            "attitude": poses,
+            "mounting": [""] if poses else [],
+            "earth": list(dict.fromkeys(step.place for step in partly)) if gyros else [],
+            "pose_earth": poses if gyros else [],
+        }
+        declared: dict[str, list[Parameter]] = {name: self._components(name) for name in STATED}
+        for one in self._earth():
+            declared.setdefault(one.name.rpartition("_")[0], []).append(one)
+        for name, at in places.items():
+            for place in at:
+                for one in declared.get(name, []):
+                    yield ErrorName.at(one.name, place) if place else ErrorName(one.name), one
+
+    def mean_motion(self, steps: Sequence[PlatformStep], q: Mapping[str, Array]) -> MeanMotion:
+        """Return the mean motion of each section; see `inercal.benches.contract.MeanBench`."""
+        return sensed_motion(self, steps, q)
+
+    def reading_offsets(
+        self, steps: Sequence[PlatformStep], sensor: Sensor, q: Mapping[str, Array]
+    ) -> Array:
+        """Return zero: no error of the bench adds to readings."""
+        return np.zeros(())
+
+    def without_earth_rate(self) -> "RatePlatform":
+        """Return the bench on an earth that does not turn."""
+        return replace(self, latitude=None)
+
+
+def _turning(steps: Sequence[PlatformStep]) -> tuple[list[RateDwell], list[RateDwell]]:
+    """Return the dwells at a rate, and the turns by a known angle."""
+    dwells = [step for step in steps if isinstance(step, RateDwell) and step.rate != 0]
+    turns: list[RateDwell] = [step for step in dwells if isinstance(step, KnownTurn)]
+    return [step for step in dwells if step not in turns], turns
+
+
+def _missing(name: str, example: str, reason: str) -> InputError:
+    key = f"[bench] {name}"
+    return InputError(f'{key} is missing: state it, such as "{example}"; {reason}', key=key)

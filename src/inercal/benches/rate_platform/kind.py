@@ -1,0 +1,47 @@
+"""A rate platform, as a kind of bench."""
+
+from inercal.benches.kind_definition import (
+    Kind,
+    Output,
+    Vocabulary,
+    import_when_called,
+    three_axis_sensor,
+)
+from inercal.benches.rate_platform.bench import RatePlatform
+from inercal.benches.rate_platform.platform_sheet import sheet
+from inercal.benches.rate_platform.report import directions, plots
+from inercal.benches.rate_platform.sections import Pose, RateDwell
+from inercal.benches.rate_platform.settings import RatePlatformData, RatePlatformSection, build
+from inercal.benches.rate_platform.simulation import simulate_sections
+from inercal.section_settings import key_error
+from inercal.sensors import Sensor, triad
+
+
+def _sensor(
+    name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
+) -> Sensor:
+    """Return three accelerometers, three gyros, or both."""
+    if columns:
+        return three_axis_sensor(name, columns, accelerometer, gyro)
+    if gyro is None:
+        raise key_error(
+            "[sensor]", "has neither accelerometers nor gyros; state [sensor.gyro], or both"
+        )
+    return triad(name, "w", "g", *gyro)
+
+
+KIND = Kind(
+    "rate_platform",
+    RatePlatform,
+    RatePlatformSection,
+    RatePlatformData,
+    build,
+    (RateDwell, Pose),
+    import_when_called("inercal.benches.rate_platform.reading", "observe"),
+    simulate_sections,
+    words=Vocabulary(row="section", turning_device="table", rows="sections"),
+    sensor=_sensor,
+    sheet=sheet,
+    directions=directions,
+    plots=plots,
+)

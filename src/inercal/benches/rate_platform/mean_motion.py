@@ -1,0 +1,173 @@
+"""The mean motion of sections on a rate platform, with its derivatives.
+
+The equations and symbols are those of `inercal.benches.rate_platform.bench`.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from math import cos, pi, sin
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.contract import MeanMotion, stack_derivatives
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
+from inercal.earth import earth_rate_up_north
+from inercal.frames import exp_so3, left_jacobian, skew
+from inercal.motion import Motion
+
+if TYPE_CHECKING:
+    from inercal.benches.rate_platform.bench import RatePlatform
+
+_UNITS = np.eye(3)
+_STEEP = 0.9  # of a unit vector: x is then too near to up to be a reference
+Value = Callable[[str], Array]
+
+
+class _RowMotion(NamedTuple):
+    """Specific force and rate of one section, (..., 3), and their derivatives by full name."""
+
+    f: Array
+    w: Array
+    df: dict[str, Array]
+    dw: dict[str, Array]
+
+
+def sensed_motion(
+    bench: "RatePlatform", steps: Sequence[PlatformStep], q: Mapping[str, Array]
+) -> MeanMotion:
+    """Return the mean motion of each section, with its derivatives.
+
+    Parameters
+    ----------
+    bench : RatePlatform
+    steps : sequence of r RateDwell or Pose
+    q : mapping of str to (...) array
+        Errors by full name, SI; those missing are as stated.
+    """
+    shape = np.broadcast_shapes(*(np.shape(one) for one in q.values()))
+    zero = np.zeros(shape)
+    g = np.broadcast_to(np.asarray(q.get("g", bench.gravity.value), dtype=float), shape)
+    up_rate = 0.0 if bench.latitude is None else earth_rate_up_north(bench.latitude)[0]
+
+    def value(name: str) -> Array:
+        return np.asarray(q[name], dtype=float) + zero if name in q else zero
+
+    rows = [
+        _dwell(step, value, g, up_rate, level_rate_factor(step))
+        if isinstance(step, RateDwell)
+        else _pose(step.label, np.array(step.up), value, g, up_rate)
+        for step in steps
+    ]
+    f, w = (np.stack([getattr(row, name) for row in rows], axis=-2) for name in ("f", "w"))
+    return MeanMotion(
+        Motion(f, w),
+        stack_derivatives([row.df for row in rows], (*shape, 3)),
+        stack_derivatives([row.dw for row in rows], (*shape, 3)),
+    )
+
+
+def level_rate_factor(step: RateDwell) -> tuple[float, float]:
+    """Return what a dwell senses of the level earth's rate: sinc(Θ/2), and Θ/2 in rad."""
+    if step.rate == 0:
+        return 1.0, 0.0
+    half = step.rate * step.seconds / 2
+    if half == 0:
+        return 0.0, 0.0  # an unknown number of whole turns
+    return float(np.sinc(half / pi)), half
+
+
+def perpendicular_axes(axis: str) -> tuple[Array, Array]:
+    """Return the two case axes after an axis in the cycle x, y, z."""
+    j = "xyz".index(axis[-1])
+    return _UNITS[(j + 1) % 3], _UNITS[(j + 2) % 3]
+
+
+def tilt_directions(up: Array) -> tuple[Array, Array]:
+    """Return two unit vectors at right angles to a unit vector, (3,) each."""
+    reference: Array = _UNITS[1] if abs(up[0]) > _STEEP else _UNITS[0]
+    first = skew(up) @ reference
+    first = first / np.linalg.norm(first)
+    return first, skew(up) @ first
+
+
+def _dwell(
+    step: RateDwell, value: Value, g: Array, up_rate: float, level: tuple[float, float]
+) -> _RowMotion:
+    place, rate = step.place, step.rate
+    up, across = np.array(step.up), perpendicular_axes(step.axis)
+    tilts = [value(f"setting_{k}[{place}]")[..., None] for k in (1, 2)]
+    axis = up + tilts[0] * across[0] + tilts[1] * across[1]
+    length = np.linalg.norm(axis, axis=-1, keepdims=True)
+    axis = axis / length
+    by_tilt = [(a - axis * (axis @ a)[..., None]) / length for a in across]
+    # (a₁, a₂, up) is right-handed where the axis up is positive.
+    angle = -level[1] if step.axis.startswith("-") else level[1]
+    c, s = level[0] * cos(angle), level[0] * sin(angle)
+    beside = [a - t * up for a, t in zip(across, tilts, strict=True)]
+    by_earth = (c * beside[0] - s * beside[1], s * beside[0] + c * beside[1])
+    h1, h2 = (value(f"earth_{k}[{place}]")[..., None] for k in (1, 2))
+    in_case = (c * h1 + s * h2, c * h2 - s * h1)
+    by_turning = _slopes_of_rate(step)
+    along = np.full_like(g, rate + up_rate)[..., None]
+    for name, slope in by_turning.items():
+        along = along + slope * value(name)[..., None]
+    turn_on = np.stack([value(f"turn_on_{a}[{place}]") for a in "xyz"], axis=-1)
+    w = along * axis + in_case[0] * beside[0] + in_case[1] * beside[1] + turn_on
+    arms = [value(f"arm_{k}[{place}]")[..., None] for k in (1, 2)]
+    f = g[..., None] * axis - rate**2 * (arms[0] * across[0] + arms[1] * across[1])
+    df, dw = {"g": axis}, dict[str, Array]()
+    for k in (1, 2):
+        df[f"setting_{k}[{place}]"] = g[..., None] * by_tilt[k - 1]
+        dw[f"setting_{k}[{place}]"] = along * by_tilt[k - 1] - in_case[k - 1] * up
+        dw[f"earth_{k}[{place}]"] = by_earth[k - 1]
+    for a, unit in zip("xyz", _UNITS, strict=True):
+        dw[f"turn_on_{a}[{place}]"] = np.broadcast_to(unit, w.shape)
+    if rate:
+        for k in (1, 2):
+            df[f"arm_{k}[{place}]"] = np.broadcast_to(-(rate**2) * across[k - 1], f.shape)
+        dw |= {name: slope * axis for name, slope in by_turning.items()}
+    return _RowMotion(f, w, df, dw)
+
+
+def _slopes_of_rate(step: RateDwell) -> dict[str, float]:
+    """Return the derivatives of a section's rate about the table's axis by the table's errors."""
+    rate, label = step.rate, step.label
+    inverse = 1 / step.seconds if step.seconds else 0.0
+    if isinstance(step, KnownTurn):
+        return {f"turn_angle[{label}]": inverse}
+    if rate == 0:
+        return {}
+    return {
+        "rate_scale": rate,
+        f"rate_stability[{label}]": rate,
+        "rate_asymmetry": abs(rate),
+        f"angle_reading[{label}]": inverse,
+    }
+
+
+def _pose(label: str, up: Array, value: Value, g: Array, up_rate: float) -> _RowMotion:
+    across = tilt_directions(up)
+    t1, t2 = (value(f"attitude_{k}[{label}]")[..., None] for k in (1, 2))
+    tilt = t1 * across[0] + t2 * across[1]
+    vertical = exp_so3(tilt) @ up
+    jacobian = -skew(vertical) @ left_jacobian(tilt)
+    mounting = np.stack([value(f"mounting_{a}") for a in "xyz"], axis=-1)
+    turn, by_mounting = exp_so3(mounting), left_jacobian(mounting)
+    h1, h2 = (value(f"pose_earth_{k}[{label}]")[..., None] for k in (1, 2))
+    f = g[..., None] * _turned(turn, vertical)
+    w = _turned(turn, up_rate * vertical + h1 * across[0] + h2 * across[1])
+    df, dw = {"g": _turned(turn, vertical)}, dict[str, Array]()
+    for k, c in zip((1, 2), across, strict=True):
+        by_tilt = _turned(turn, jacobian @ c)
+        df[f"attitude_{k}[{label}]"] = g[..., None] * by_tilt
+        dw[f"attitude_{k}[{label}]"] = up_rate * by_tilt
+        dw[f"pose_earth_{k}[{label}]"] = turn @ c
+    for k, a in enumerate("xyz"):
+        df[f"mounting_{a}"] = (-skew(f) @ by_mounting)[..., k]
+        dw[f"mounting_{a}"] = (-skew(w) @ by_mounting)[..., k]
+    return _RowMotion(f, w, df, dw)
+
+
+def _turned(matrix: Array, vector: Array) -> Array:
+    return (matrix @ vector[..., None])[..., 0]

@@ -1,0 +1,76 @@
+"""The worksheet of a run on a rate platform: its sections, setting by setting."""
+
+from math import degrees
+
+from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.benches.rate_platform.sections import PlatformStep, Pose, RateDwell
+from inercal.benches.rate_platform.settings import RatePlatformData
+from inercal.data import Source
+from inercal.plan import describe_direction
+from inercal.section_settings import key_error
+
+
+def sheet(run: Source[RatePlatformData]) -> Sheet:
+    """Return the sections of a run's plan.
+
+    Raises
+    ------
+    InputError
+        [data] does not name the columns of a section.
+    """
+    data = run.data
+    steps: list[PlatformStep] = [s for s in run.steps if isinstance(s, RateDwell | Pose)]
+    _require_columns(run, steps)
+    columns = (data.axis, data.table_rate, data.roll, data.pitch, data.setting, data.seconds)
+    rows: list[SheetRow] = []
+    for k, step in enumerate(steps, start=1):
+        if isinstance(step, RateDwell):
+            given = (step.axis, f"{step.rate / data.rate_size:.12g}", "", "", step.place)
+            up, set_to = (
+                f"{describe_direction(step.up)} up",
+                f"{degrees(step.rate):.6g} °/s".replace("-", "−"),
+            )
+            group = step.place
+        else:
+            angles = (f"{a / data.angle_size:.12g}" for a in (step.roll, step.pitch))
+            given, up, set_to, group = (
+                ("", "", *angles, ""),
+                "pose",
+                step.describe().replace("-", "−"),
+                "poses",
+            )
+        cells = (str(k), up, set_to, f"{step.seconds:.6g} s")
+        told = (*given, f"{step.seconds:.12g}")
+        stated = tuple(t for t, column in zip(told, columns, strict=True) if column is not None)
+        rows.append(SheetRow(step.label, cells, step.seconds, group, stated))
+    gyro = data.gyro if run.sensor.select_axes("w").axes else ()
+    return Sheet(
+        f"{len(rows)} sections, {sum(step.seconds for step in steps) / 60:.3g} min in all",
+        (
+            Heading("row", align_right=True),
+            Heading("up"),
+            Heading("set to", align_right=True),
+            Heading("for", align_right=True),
+        ),
+        tuple(rows),
+        (
+            "A positive rate is counter-clockwise seen from above.",
+            "Begin each section of a setting at one azimuth, and take the mean over whole turns.",
+            "Keep a setting for all its rates: the axis in the case must not change.",
+            "Remove the row of a failed section from the file.",
+        ),
+        (*columns, *data.accelerometer, *gyro),
+    )
+
+
+def _require_columns(run: Source[RatePlatformData], steps: list[PlatformStep]) -> None:
+    poses = [step for step in steps if isinstance(step, Pose)]
+    for own, names in (
+        (len(steps) - len(poses), ("axis", "table_rate")),
+        (len(poses), ("roll", "pitch")),
+    ):
+        for name in names:
+            if own and getattr(run.data, name) is None:
+                raise key_error(
+                    f"[data] {name}", "is missing: name the column of the worksheet", run.path
+                )

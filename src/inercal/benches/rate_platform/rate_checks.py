@@ -1,0 +1,181 @@
+"""Checks of sections against the readings: unit, sign and axis of the rates, and what is up."""
+
+from collections.abc import Sequence
+from math import sqrt
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.rate_platform.bench import RatePlatform
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
+from inercal.benches.rate_platform.settings import RatePlatformData
+from inercal.data import Source
+from inercal.errors import InputError
+from inercal.recording import Mark, Observations, Recording
+from inercal.section_settings import key_error
+from inercal.units import si_factor
+
+_LEAST_RATE = 1e-3  # rad/s: slower rates may be less than a bias
+_CLEAR = 0.5  # of the stated rate: a reading on another axis, or of the other sign
+_USABLE = (0.67, 1.5)  # times nominal: scale factors that a run file states correctly
+_NEAR = 0.1  # relative, of the ratio of two units
+_UNITS = ("rad/s", "rpm", "rev/s", "°/s")
+_STEEPEST = 0.7  # cosine of 45°
+_BLOCKS = 20  # of a section, in two halves
+_SIGMAS = 6.0
+_STEADY = 2e-4  # of the rate
+_NORMAL_MEDIAN = 0.6745  # of the magnitude of a standard normal number
+
+
+def require_rates(
+    run: Source[RatePlatformData],
+    observations: Observations,
+    bench: RatePlatform,
+    steps: Sequence[PlatformStep],
+) -> None:
+    """Refuse rates of another unit, sign or axis than the gyros read.
+
+    Raises
+    ------
+    InputError
+        Naming the unit that fits, or the row and the gyro.
+    """
+    gyros = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "w"]
+    turning = [
+        k for k, s in enumerate(steps) if isinstance(s, RateDwell) and abs(s.rate) > _LEAST_RATE
+    ]
+    if len(gyros) != len("xyz") or not turning:
+        return
+    nominal = bench.without_earth_rate().mean_motion(steps, {}).w
+    read = observations.mean[:, gyros] - _rough_bias(observations.mean[:, gyros], nominal)
+    own = np.argmax(np.abs(nominal), axis=1)
+    along = np.array([read[k, own[k]] / nominal[k, own[k]] for k in turning])
+    ratio = float(np.median(np.abs(along)))
+    names = [run.sensor.channels[k] for k in gyros]
+    for k, one in zip(turning, along.tolist(), strict=True):
+        most = int(np.argmax(np.abs(read[k])))
+        if most != own[k] and abs(read[k, most]) > 2 * abs(read[k, own[k]]):
+            _refuse_row(run, steps[k], f"{names[most]} reads most of it, not {names[own[k]]}")
+        if one < -_CLEAR * ratio:
+            text = f"{names[own[k]]} reads it with the other sign"
+            _refuse_row(run, steps[k], text)
+    if not _USABLE[0] < ratio < _USABLE[1]:
+        _refuse_unit(run, ratio)
+
+
+def _rough_bias(read: Array, nominal: Array) -> Array:
+    """Return each gyro's median reading where it senses nothing, or 0, (3,)."""
+    bias = np.zeros(read.shape[1])
+    for k in range(read.shape[1]):
+        still = np.abs(nominal[:, k]) < 1e-6 * np.abs(nominal).max(initial=1.0)
+        if still.any():
+            bias[k] = np.median(read[still, k])
+    return bias
+
+
+def _refuse_row(run: Source[RatePlatformData], step: PlatformStep, text: str) -> None:
+    raise InputError(
+        f"{run.path}: row {step.label} is {step.describe()}, but {text}; correct axis or sign of "
+        "the rate in the table, or the order and signs of the gyros' columns",
+        file=run.path,
+        names=(step.label,),
+    )
+
+
+def _refuse_unit(run: Source[RatePlatformData], ratio: float) -> None:
+    given = run.data.rate_size
+    for unit in _UNITS:
+        factor = si_factor(unit, "rad/s") / given
+        if abs(ratio / factor - 1) < _NEAR:
+            raise key_error(
+                "[data] table_rate_unit",
+                f"by the gyros the rates are {factor:.4g} times as large: in {unit}, not in "
+                f'{run.data.table_rate_unit}; state table_rate_unit = "{unit}", or correct the '
+                "unit in [sensor.gyro]",
+                run.path,
+                (unit,),
+            )
+    raise key_error(
+        "[data] table_rate_unit",
+        f"the gyros read {ratio:.4g} times the stated rates; check the unit of the rates, and unit "
+        "and scale in [sensor.gyro]",
+        run.path,
+    )
+
+
+def require_steady(
+    run: Source[RatePlatformData],
+    recording: Recording,
+    marks: Sequence[Mark],
+    steps: Sequence[PlatformStep],
+) -> None:
+    """Refuse dwells whose rate about the table's axis changes within the section.
+
+    The means of both halves differ by more than 6σ and 2e-4 of the rate; σ is that of means of
+    blocks, by the median of the differences of neighbours. A turn by an angle has no steady rate.
+
+    Raises
+    ------
+    InputError
+        Naming the section.
+    """
+    for mark, step in zip(marks, steps, strict=True):
+        if isinstance(step, KnownTurn) or not isinstance(step, RateDwell):
+            continue
+        for axis in run.sensor.select_axes("w").axes:
+            if abs(np.array(axis.i) @ np.array(step.up)) < _CLEAR:
+                continue
+            column = recording.channels.index(axis.name)
+            read = recording.data[mark.start : mark.stop, column] / axis.readout.scale
+            change, sd = _change_between_halves(read)
+            if abs(change) > _SIGMAS * sd + _STEADY * abs(step.rate):
+                where = f"section {mark.label} ({recording.where(mark.start)})"
+                raise InputError(
+                    f"{recording.source}: {where}: the rate that {axis.name} reads changes by "
+                    f"{np.degrees(change):.3g} °/s from the first half to the second; label the "
+                    "steady part alone",
+                    names=(mark.label,),
+                )
+
+
+def _change_between_halves(read: Array) -> tuple[float, float]:
+    """Return how the mean of the second half differs from that of the first, and its deviation."""
+    size = len(read) // _BLOCKS
+    if not size:
+        return 0.0, 0.0
+    blocks = read[: size * _BLOCKS].reshape(_BLOCKS, size).mean(axis=1)
+    sd = float(np.median(np.abs(np.diff(blocks)))) / _NORMAL_MEDIAN / sqrt(2)
+    first, second = blocks.reshape(2, -1).mean(axis=1).tolist()
+    return second - first, sd * sqrt(4 / _BLOCKS)
+
+
+def require_axes_up(
+    run: Source[RatePlatformData],
+    observations: Observations,
+    bench: RatePlatform,
+    steps: Sequence[PlatformStep],
+) -> None:
+    """Refuse rests and poses whose accelerometers show another direction up.
+
+    Raises
+    ------
+    InputError
+        Naming the row.
+    """
+    forces = [k for k, axis in enumerate(run.sensor.axes) if axis.measures == "f"]
+    if len(forces) != len("xyz"):
+        return
+    nominal = bench.mean_motion(steps, {}).f
+    for k, step in enumerate(steps):
+        if isinstance(step, RateDwell) and step.rate != 0:
+            continue
+        read = observations.mean[k, forces]
+        cosine = read @ nominal[k] / (np.linalg.norm(read) * np.linalg.norm(nominal[k]))
+        if cosine < _STEEPEST:
+            shown = ", ".join(f"{x / bench.gravity.value:+.2f}" for x in read.tolist())
+            raise InputError(
+                f"{run.path}: row {step.label} is {step.describe()}, but the accelerometers read "
+                f"({shown}) g; correct the row, or the order and signs of the columns",
+                file=run.path,
+                names=(step.label,),
+            )

@@ -1,0 +1,220 @@
+"""From a table of means, or a recording of labelled sections, to observations."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.rate_platform.bench import STATED, RatePlatform
+from inercal.benches.rate_platform.linearity import linearity_notes
+from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
+from inercal.benches.rate_platform.sections import (
+    KnownTurn,
+    PlatformStep,
+    Pose,
+    RateDwell,
+    dwell_label,
+    parse_axis,
+    pose_label,
+    step_of_label,
+    turn_label,
+)
+from inercal.benches.rate_platform.settings import RatePlatformData
+from inercal.data import EstimatorInput, Source
+from inercal.data.recording_loader import (
+    load_recording,
+    number_repeated_names,
+    position_name,
+    reader_columns,
+    require_distinct_columns,
+    stated_deviations,
+)
+from inercal.errors import InputError
+from inercal.io.column_table import Table
+from inercal.io.mean_tables import observations_from_table, read_columns
+from inercal.section_settings import key_error
+from inercal.segments import marks_from_labels
+from inercal.segments import observe as averaged
+from inercal.units import format_quantity
+
+
+def observe(run: Source[RatePlatformData]) -> EstimatorInput:
+    """Return the observations of a run on a rate platform.
+
+    Raises
+    ------
+    InputError
+        The data cannot be used, or an error of the bench is stated that acts in no section.
+    """
+    bench: RatePlatform = run.bench
+    result = _table(run) if run.data.kind == "means" else _recording(run)
+    steps = [step for step in result.steps if isinstance(step, RateDwell | Pose)]
+    _refuse_unused_errors(run, bench, steps)
+    require_rates(run, result.observations, bench, steps)
+    require_axes_up(run, result.observations, bench, steps)
+    notes = linearity_notes(result.observations, run.sensor, bench, steps)
+    return replace(result, conditions=_conditions(bench, steps), notes=notes)
+
+
+def _refuse_unused_errors(
+    run: Source[RatePlatformData], bench: RatePlatform, steps: Sequence[PlatformStep]
+) -> None:
+    names = {p.name for p in bench.nuisances(steps, run.sensor).values()}
+    for name, one in STATED.items():
+        own = {f"{name}_{k}" for k in one.components} or {name}
+        if bench.deviation(name) is not None and not own & names:
+            raise key_error(
+                f"[bench] {name}",
+                "no section and no coefficient of this run depends on it; remove the key",
+                run.path,
+            )
+
+
+def _table(run: Source[RatePlatformData]) -> EstimatorInput:
+    data, path, wanted = run.data, run.file(run.data.file), reader_columns(run)
+    columns = {
+        name: str(column)
+        for name in ("axis", "table_rate", "turn", "setting", "roll", "pitch", "seconds")
+        if (column := getattr(data, name)) is not None
+    }
+    require_distinct_columns(run, *columns.values())
+    _require_partners(run, columns)
+    if not {"axis", "roll"} & set(columns):
+        raise key_error(
+            "[data] axis",
+            "is missing: name the columns axis and table_rate of rests and rates, or roll and "
+            "pitch of poses",
+            run.path,
+        )
+    table = read_columns(path, wanted, list(columns.values()))
+    rows = len(next(iter(table.columns.values())))
+    durations = table.numbers(columns["seconds"]) if "seconds" in columns else np.zeros(rows)
+    made = [_step(data, path, table, columns, k, float(durations[k])) for k in range(rows)]
+    labels = tuple(number_repeated_names([step.label for step in made]))
+    steps = tuple(replace(step, label=label) for step, label in zip(made, labels, strict=True))
+    observations = observations_from_table(
+        path,
+        table,
+        labels,
+        wanted,
+        run.sensor,
+        stated_deviations(run),
+        durations if "seconds" in columns else np.ones(rows),
+    )
+    return EstimatorInput(None, (), observations, steps, steps, ())
+
+
+def _require_partners(run: Source[RatePlatformData], columns: dict[str, str]) -> None:
+    """Refuse columns that lack another one."""
+    needed = [("table_rate", "axis"), ("turn", "axis"), ("turn", "seconds")]
+    needed += [("roll", "pitch"), ("pitch", "roll")]
+    if "turn" not in columns:
+        needed.append(("axis", "table_rate"))
+    for name, partner in needed:
+        if name in columns and partner not in columns:
+            raise key_error(
+                f"[data] {partner}", f"is missing: {name} needs it; name its column", run.path
+            )
+
+
+def _step(
+    data: RatePlatformData,
+    path: Path,
+    table: Table,
+    columns: dict[str, str],
+    row: int,
+    seconds: float,
+) -> PlatformStep:
+    """Return the section of one row of a table."""
+    line = table.first_line + row
+
+    def cell(name: str) -> str:
+        if name not in columns:
+            return ""
+        text = position_name(table.columns[columns[name]].tolist()[row])
+        return "" if text == "nan" else text
+
+    def refuse(name: str, text: str) -> InputError:
+        return InputError(
+            f"{path} line {line}: column {columns.get(name, name)!r} {text}",
+            file=path,
+            line=line,
+            names=(columns.get(name, name),),
+        )
+
+    if cell("axis") and (cell("roll") or cell("pitch")):
+        raise refuse("axis", "names the axis of a rate, and the row has angles of a pose; keep one")
+    if not cell("axis"):
+        if "roll" not in columns:
+            raise refuse("axis", "is empty; name the case axis that is up, such as x or -x")
+        roll, pitch = (
+            _number(cell(name), lambda text, n=name: refuse(n, text)) * data.angle_size
+            for name in ("roll", "pitch")
+        )
+        return Pose(pose_label(roll, pitch), roll, pitch, seconds)
+    axis = parse_axis(cell("axis"))
+    if axis is None:
+        raise refuse("axis", f"is {cell('axis')!r}; name the case axis that is up, such as x or -x")
+    if cell("turn"):
+        if cell("table_rate"):
+            raise refuse("turn", "has the angle of a turn, and the row has a rate; keep one")
+        angle = _number(cell("turn"), lambda text: refuse("turn", text)) * data.angle_size
+        if not seconds > 0:
+            raise refuse("seconds", "has no duration above 0, which a turn needs")
+        return KnownTurn(turn_label(axis, angle), axis, angle / seconds, seconds, cell("setting"))
+    rate = _number(cell("table_rate"), lambda text: refuse("table_rate", text)) * data.rate_size
+    if "setting" in columns and not cell("setting"):
+        raise refuse("setting", "is empty; give the setting's name")
+    return RateDwell(dwell_label(axis, rate), axis, rate, seconds, cell("setting"))
+
+
+def _number(text: str, refuse: Callable[[str], InputError]) -> float:
+    try:
+        value = float(text.replace("−", "-"))
+    except ValueError:
+        value = float("nan")
+    if not np.isfinite(value):
+        raise refuse(f"is {text!r}; give a number" if text else "is empty; give a number")
+    return value
+
+
+def _recording(run: Source[RatePlatformData]) -> EstimatorInput:
+    if run.data.seconds is not None:
+        raise key_error("[data] seconds", "is of a table of means; remove the key", run.path)
+    recording = load_recording(run)
+    if run.data.marks != "labels":
+        raise key_error(
+            "[data] marks",
+            'sections of a recording are not detected here; label them, such as "x +50" and '
+            '"x rest", and state marks = "labels"',
+            run.path,
+        )
+    marks = marks_from_labels(recording)
+    steps = tuple(
+        step_of_label(mark.label, recording.span(mark.start, mark.stop)) for mark in marks
+    )
+    require_steady(run, recording, marks, steps)
+    # Sections that turn are steady too: their scatter is noise.
+    means = averaged(recording, run.sensor, marks, steps, found=True)
+    return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
+
+
+def _conditions(bench: RatePlatform, steps: Sequence[PlatformStep]) -> dict[str, str]:
+    dwells = [step for step in steps if isinstance(step, RateDwell)]
+    result = {"gravity": format_quantity(bench.gravity.value, bench.gravity.sd, "m/s²")}
+    if bench.latitude is not None:
+        result["latitude"] = f"{bench.latitude * 180 / np.pi:.6g} °"
+    if dwells:
+        rates: Array = np.array([step.rate for step in dwells]) * 180 / np.pi
+        result["rates"] = f"{rates.min():.6g} to {rates.max():.6g} °/s".replace("-", "−")
+        result["settings"] = ", ".join(dict.fromkeys(step.place for step in dwells))
+    result["sections"] = f"{len(dwells)} at rates and rests, {len(steps) - len(dwells)} poses"
+    for name, one in STATED.items():
+        value: Any = bench.deviation(name)
+        if value is not None:
+            unit = {"1": "ppm", "m": "mm", "°/s": "°/h"}.get(one.like, one.like)
+            result[f"{one.meaning} (k = 1)"] = format_quantity(value, 0.0, unit)
+    return result

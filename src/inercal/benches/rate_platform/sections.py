@@ -1,0 +1,195 @@
+"""Sections of a run on a rate platform: rests, constant rates and turns in a setting, and poses.
+
+The table's axis is vertical. A setting is one way to fix the case on it: a case axis points up.
+The rate is positive counter-clockwise seen from above: with −z up the z gyro reads its negative.
+
+A pose is at rest, at known angles from level: the case turns right-handed about its x axis by the
+roll, then about the level y axis by the pitch. Up is then::
+
+    u = (−sin pitch, cos pitch sin roll, cos pitch cos roll)
+"""
+
+import re
+from dataclasses import dataclass
+from math import cos, degrees, pi, radians, sin
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.plan import AXES, Vector, describe_direction
+
+_NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e-?\d+)?"
+_COUNT = r"(?:\s*\(\d+\))?"
+_DWELL = re.compile(rf"([-+−]?[xyz])\s+(?:(rest)|({_NUMBER})\s*(?:°/s)?){_COUNT}")
+_TURN = re.compile(rf"([-+−]?[xyz])\s+turn\s+({_NUMBER})\s*°?{_COUNT}")
+_POSE = re.compile(rf"roll\s+({_NUMBER})\s*°?,?\s+pitch\s+({_NUMBER})\s*°?{_COUNT}")
+
+
+@dataclass(frozen=True)
+class RateDwell:
+    """Turn the table at a constant rate, or rest, with a case axis up.
+
+    Parameters
+    ----------
+    label : str
+    axis : str
+        Case axis that points up: "x", "-x", "y", "-y", "z" or "-z".
+    rate : float
+        rad/s about the upward vertical; 0 is a rest.
+    seconds : float
+        Duration; 0 is an unknown number of whole turns.
+    setting : str
+        Name of the setting; dwells of one setting share its errors. Empty is the axis.
+    """
+
+    label: str
+    axis: str
+    rate: float
+    seconds: float = 0.0
+    setting: str = ""
+
+    @property
+    def place(self) -> str:
+        """Name of the setting."""
+        return self.setting or self.axis
+
+    @property
+    def up(self) -> Vector:
+        """Case direction that points up."""
+        x, y, z = AXES[self.axis[-1]]
+        sign = -1.0 if self.axis.startswith("-") else 1.0
+        return (sign * x, sign * y, sign * z)
+
+    def describe(self) -> str:
+        """Return what to do: "+z up, turn at −50°/s"."""
+        turn = "rest" if self.rate == 0 else f"turn at {_signed(degrees(self.rate))}°/s"
+        return f"{describe_direction(self.up)} up, {turn}"
+
+
+@dataclass(frozen=True)
+class KnownTurn(RateDwell):
+    """Turn the table by a known angle, from rest to rest, with a case axis up.
+
+    The rate is the mean rate, angle over seconds.
+    """
+
+    @property
+    def angle(self) -> float:
+        """Angle of the turn, rad, positive counter-clockwise seen from above."""
+        return self.rate * self.seconds
+
+    def describe(self) -> str:
+        """Return what to do: "+z up, turn by −360°"."""
+        return f"{describe_direction(self.up)} up, turn by {_signed(degrees(self.angle))}°"
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Rest at known angles from level.
+
+    Parameters
+    ----------
+    label : str
+    roll, pitch : float
+        rad, as of the module.
+    seconds : float
+        Duration; 0 where nothing depends on it.
+    """
+
+    label: str
+    roll: float
+    pitch: float
+    seconds: float = 0.0
+
+    @property
+    def up(self) -> Vector:
+        """Case direction that points up."""
+        return (
+            -sin(self.pitch),
+            cos(self.pitch) * sin(self.roll),
+            cos(self.pitch) * cos(self.roll),
+        )
+
+    def describe(self) -> str:
+        """Return what to do: "roll 90°, pitch 0°"."""
+        return f"roll {degrees(self.roll):.6g}°, pitch {degrees(self.pitch):.6g}°"
+
+
+PlatformStep = RateDwell | Pose
+
+
+def dwell_label(axis: str, rate: float) -> str:
+    """Return the label of a dwell: "x +50 °/s", "-y rest"."""
+    return f"{axis} rest" if rate == 0 else f"{axis} {degrees(rate):+.6g} °/s"
+
+
+def turn_label(axis: str, angle: float) -> str:
+    """Return the label of a turn by an angle, rad: "x turn +360°"."""
+    return f"{axis} turn {degrees(angle):+.6g}°"
+
+
+def pose_label(roll: float, pitch: float) -> str:
+    """Return the label of a pose: "roll 90° pitch 0°"."""
+    return f"roll {degrees(roll) + 0.0:.6g}° pitch {degrees(pitch) + 0.0:.6g}°"
+
+
+def parse_axis(text: str) -> str | None:
+    """Return a case axis, "x" or "-x"; None where the text is none."""
+    found = re.fullmatch(r"([-+−]?)([xyz])", text.strip().lower())
+    if found is None:
+        return None
+    sign, axis = found.groups()
+    return ("-" if sign in ("-", "−") else "") + axis
+
+
+def step_of_label(label: str, seconds: float) -> PlatformStep:
+    """Return the section that a label names, as labels of a plan do.
+
+    Parameters
+    ----------
+    label : str
+        "x +50 °/s", "-y rest", "x turn +360°" or "roll 90° pitch 0°", with a number for a
+        repetition: "x rest (2)".
+    seconds : float
+
+    Raises
+    ------
+    InputError
+        Another text.
+    """
+    text = label.strip()
+    if (found := _DWELL.fullmatch(text)) is not None:
+        axis = parse_axis(found[1])
+        assert axis is not None
+        return RateDwell(label, axis, 0.0 if found[2] else radians(_number(found[3])), seconds)
+    if (found := _TURN.fullmatch(text)) is not None:
+        axis = parse_axis(found[1])
+        assert axis is not None
+        return KnownTurn(label, axis, radians(_number(found[2])) / seconds, seconds)
+    if (found := _POSE.fullmatch(text)) is not None:
+        return Pose(label, radians(_number(found[1])), radians(_number(found[2])), seconds)
+    raise InputError(
+        f"label {label!r} names no section; write the axis that is up and the rate in °/s, "
+        '"x +50", a rest, "-y rest", a turn, "x turn +360", or a pose, "roll 90 pitch 0"',
+        names=(label,),
+    )
+
+
+def up_directions(steps: "tuple[PlatformStep, ...] | list[PlatformStep]") -> Array:
+    """Return the case direction that points up in each section, (r, 3)."""
+    return np.array([step.up for step in steps]).reshape(-1, 3)
+
+
+def whole_turns(rate: float, seconds: float) -> float:
+    """Return the longest time, s, of whole turns within a time; the time itself at rest."""
+    turns = abs(rate) * seconds // (2 * pi)
+    return seconds if rate == 0 or turns == 0 else turns * 2 * pi / abs(rate)
+
+
+def _number(text: str) -> float:
+    return float(text.replace("−", "-"))
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.6g}".replace("-", "−")

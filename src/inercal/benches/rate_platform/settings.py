@@ -1,0 +1,89 @@
+"""[bench] and [data] of a rate platform: its keys, and the bench in SI."""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from inercal.benches.rate_platform.bench import STATED, RatePlatform
+from inercal.data.data_section import DataSection, unit_size
+from inercal.section_settings import (
+    SMALL_ANGLE,
+    BenchSection,
+    measured_constant,
+    section_deviation,
+    section_gravity,
+)
+
+
+class RatePlatformSection(BenchSection):
+    """[bench]: a table of constant rates, and a platform of known angles.
+
+    Errors have no default: one that acts and is not stated is refused.
+    """
+
+    kind: Literal["rate_platform"]
+    rate_scale: str | None = Field(None, examples=["500 ppm"])
+    rate_asymmetry: str | None = Field(None, examples=["100 ppm"])
+    rate_stability: str | None = Field(None, examples=["100 ppm"])
+    angle_reading: str | None = Field(None, examples=["5 ″"])
+    turn_angle: str | None = Field(None, examples=["0.01 °"])
+    setting: str | None = Field(None, examples=["0.05 °"])
+    arm: str | None = Field(None, examples=["5 mm"])
+    turn_on: str | None = Field(None, examples=["60 °/h"])
+    attitude: str | None = Field(None, examples=["0.05 °"])
+    mounting: str | None = Field(None, examples=["0.1 °"])
+
+
+class RatePlatformData(DataSection):
+    """[data] of a rate platform: rows are rests, rates and poses.
+
+    A table of means has the columns; in a recording the label of a section says what it is.
+    """
+
+    accelerometer: tuple[str | int, ...] = Field(
+        (), description="columns; none for gyros alone", examples=[["ax", "ay", "az"]]
+    )
+    axis: str | int | None = Field(
+        None, description="of means: column of the case axis that is up", examples=["axis"]
+    )
+    table_rate: str | int | None = Field(
+        None, description="of means: column of the table's rate", examples=["rate"]
+    )
+    table_rate_unit: str = Field("°/s", examples=["rad/s"])
+    turn: str | int | None = Field(
+        None, description="of means: column of the angle of a turn", examples=["turn"]
+    )
+    setting: str | int | None = Field(
+        None, description="of means: column of settings; otherwise each axis is one"
+    )
+    roll: str | int | None = Field(
+        None, description="of means: column of a pose's roll", examples=["roll"]
+    )
+    pitch: str | int | None = Field(
+        None, description="of means: column of a pose's pitch", examples=["pitch"]
+    )
+    angle_unit: str = Field("°", description="unit of roll, pitch and turn", examples=["rad"])
+
+    @property
+    def rate_size(self) -> float:
+        """The SI size of the unit of the table's rate."""
+        return unit_size(self.table_rate_unit, "rad/s", "table_rate_unit")
+
+    @property
+    def angle_size(self) -> float:
+        """The SI size of the unit of roll, pitch and turn."""
+        return unit_size(self.angle_unit, "°", "angle_unit")
+
+
+def build(section: RatePlatformSection, folder: Path) -> RatePlatform:
+    """Return the bench in SI; files that it names lie in `folder`."""
+    latitude = None
+    if section.latitude is not None:
+        latitude = measured_constant(section.latitude, "°", "[bench] latitude").value
+    stated = {
+        name: section_deviation(section, name, one.like, SMALL_ANGLE if one.like == "°" else None)
+        for name, one in STATED.items()
+        if getattr(section, name) is not None
+    }
+    return RatePlatform(section_gravity(section), latitude, **stated)

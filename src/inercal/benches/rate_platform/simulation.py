@@ -1,0 +1,79 @@
+"""A rate platform in simulation: section after section.
+
+Each section begins at the azimuth of its setting, and its rate is constant. The earth's rate turns
+against the case while the table turns. The recording omits the time between sections.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.contract import SensorSimulation, SimulatedMotion, concatenate_motions
+from inercal.benches.rate_platform.bench import RatePlatform
+from inercal.benches.rate_platform.mean_motion import perpendicular_axes, sensed_motion
+from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
+from inercal.motion import Motion
+from inercal.sensors import Sensor
+
+_LEAST = 2  # samples of a section
+
+
+def simulate_sections(
+    bench: RatePlatform,
+    steps: Sequence[PlatformStep],
+    rate_hz: float,
+    rng: np.random.Generator,
+    trials: int,
+    sensor: Sensor,
+    carried: bool,
+) -> SensorSimulation:
+    """Return the motion of each trial, and the sensor.
+
+    Parameters
+    ----------
+    bench : RatePlatform
+        Its errors are drawn from normal distributions of their stated deviations.
+    steps : sequence of RateDwell or Pose
+    rate_hz : float
+        Samples per second.
+    rng : Generator
+    trials : int
+        Length of the leading axis of what is drawn and of the motion.
+    sensor : Sensor
+        Its axes and coefficients say which errors act.
+    carried : bool
+        Not used: a fixture holds the sensor.
+
+    Raises
+    ------
+    InputError
+        An error of the bench that acts and is not stated.
+    """
+    declared = bench.nuisances(steps, sensor)
+    drawn = {n: p.value + p.sd * rng.standard_normal(trials) for n, p in declared.items()}
+    still = {n: one for n, one in drawn.items() if not n.startswith("earth_")}
+    base = sensed_motion(bench, steps, still).motion
+    parts: list[Motion] = []
+    labels: list[str] = []
+    for k, step in enumerate(steps):
+        n = max(round(step.seconds * rate_hz), _LEAST)
+        f, w = (np.repeat(one[..., k : k + 1, :], n, axis=-2) for one in (base.f, base.w))
+        if isinstance(step, RateDwell):
+            middle: Array = (np.arange(n, dtype=np.float64) + 0.5) / rate_hz
+            w = w + _level_earth_rate(step, drawn, middle)
+        parts.append(Motion(f, w))
+        labels += [step.label] * n
+    time = np.arange(len(labels)) / rate_hz
+    done = SimulatedMotion(time, concatenate_motions(parts), np.array(labels), drawn)
+    return SensorSimulation(done, sensor)
+
+
+def _level_earth_rate(step: RateDwell, drawn: dict[str, Array], time: Array) -> Array:
+    """Return the level part of the earth's rate in the case, (trials, n, 3) rad/s."""
+    names = [f"earth_{k}[{step.place}]" for k in (1, 2)]
+    h1, h2 = (drawn.get(name, np.zeros(1))[..., None, None] for name in names)
+    angle = step.rate * time * (-1 if step.axis.startswith("-") else 1)
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    first, second = perpendicular_axes(step.axis)
+    return (c * h1 + s * h2) * first + (c * h2 - s * h1) * second

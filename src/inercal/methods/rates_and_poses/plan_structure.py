@@ -1,0 +1,120 @@
+"""Whether sections determine the coefficients: the rank of a plan, whatever its noise.
+
+The derivatives of the nominal readings by the coefficients, without errors of the bench and on an
+earth that does not turn, each column of norm one. A direction whose singular value is below 2e-3 of
+the largest one is refused: what would determine it is the earth's rate, or the scatter of rates
+about one speed.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.rate_platform.bench import RatePlatform
+from inercal.benches.rate_platform.sections import PlatformStep, RateDwell
+from inercal.errors import NotObserved
+from inercal.estimate import Gaussian
+from inercal.estimate.nullspace import row_echelon_form
+from inercal.keys import CoefficientName
+from inercal.methods import temperature
+from inercal.methods.observability import direction_in_words
+from inercal.motion import Motion
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+TOLERANCE = 2e-3  # of the largest scaled singular value
+_NAMED = 1e-6  # of the largest weight of a direction
+
+
+def require_determined(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RatePlatform,
+    steps: Sequence[PlatformStep],
+    priors: Sequence[Gaussian],
+    used: NDArray[np.int64],
+) -> None:
+    """Refuse coefficients that the sections do not determine. Those with a prior count as known.
+
+    Parameters
+    ----------
+    observations : Observations
+        For the temperatures.
+    sensor : Sensor
+        With p coefficients.
+    bench : RatePlatform
+    steps : sequence of r RateDwell or Pose
+        Of the rows.
+    priors : sequence of Gaussian
+    used : (k,) array of int
+        Places of the used readings, row after row.
+
+    Raises
+    ------
+    NotObserved
+        Naming the coefficients, the directions, and what would determine them.
+    """
+    design = _nominal_design(observations, sensor, bench, steps)[..., used, :]
+    # Only temperatures differ from trial to trial.
+    design = design.reshape(-1, *design.shape[-2:])[0]
+    known = {name for prior in priors for name in prior.names}
+    free = [k for k, name in enumerate(sensor.coefficients) if name not in known]
+    names = [sensor.coefficients[k] for k in free]
+    null = null_directions(design[:, free])
+    if not len(null):
+        return
+    weights = row_echelon_form(null / sensor.unit_scale[free])
+    large = np.abs(weights) > _NAMED * np.abs(weights).max(axis=1, keepdims=True)
+    touched = tuple(names[k] for k in np.flatnonzero(large.any(axis=0)).tolist())
+    words = tuple(direction_in_words(row, names) for row in weights)
+    raise NotObserved(
+        f"not observed: {', '.join(touched)} (free directions, in units of g and rad/s: "
+        f"{'; '.join(words)}); {_remedy(touched, steps)}choose fewer coefficients, or give a prior",
+        words,
+        names=touched,
+    )
+
+
+def null_directions(design: Array) -> Array:
+    """Return an orthogonal basis of the directions, (k, p), that a design (m, p) leaves open."""
+    size = np.linalg.norm(design, axis=0)
+    absent = size <= _NAMED * size.max(initial=0.0)
+    size = np.where(absent, 1.0, size)
+    _, s, v = np.linalg.svd(np.where(absent, 0.0, design / size))
+    rank = int(np.sum(s > TOLERANCE * s.max(initial=0.0)))
+    return v[rank:] / size
+
+
+def _nominal_design(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RatePlatform,
+    steps: Sequence[PlatformStep],
+) -> Array:
+    """Return the derivatives of the nominal readings by the coefficients, (..., r m, p)."""
+    nominal = bench.without_earth_rate().mean_motion(steps, {}).motion
+    offsets = temperature.row_offsets(observations, sensor)
+    motion = Motion(nominal.f, nominal.w, dT=offsets) if offsets.ndim else nominal
+    natural = sensor.design(motion, np.zeros(len(sensor.coefficients)))
+    return natural.reshape(*natural.shape[:-3], -1, natural.shape[-1])
+
+
+def _remedy(names: Sequence[str], steps: Sequence[PlatformStep]) -> str:
+    """Return what sections would determine coefficients, as part of a sentence."""
+    terms = {CoefficientName(name).term for name in names}
+    rates = [step.rate for step in steps if isinstance(step, RateDwell) and step.rate != 0]
+    advice: list[str] = []
+    one_sense = "scale_prime" in terms and len(set(np.sign(rates).tolist())) < 2
+    if one_sense:
+        advice.append("turn in both senses")
+    if terms & {"scale3", "scale2"} or ("scale_prime" in terms and not one_sense):
+        advice.append("turn at a further speed and rest in each setting")
+    if any(term.startswith("g_") for term in terms):
+        advice.append("set the case with each axis up and down")
+    if terms & {"k0", "k1", "delta_o", "delta_p"}:
+        advice.append("rest with each axis up and down")
+    if not advice:
+        advice.append("rest and turn with each axis up")
+    return "; ".join(advice) + "; "
