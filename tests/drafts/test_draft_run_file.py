@@ -261,3 +261,10 @@ def test_logs_of_seconds_support_no_method(log: str, data_dir: Path, tmp_path: P
     with pytest.raises(InputError) as caught:
         draft_run_file([data_dir / "logs" / log], tmp_path / "run.toml")
     assert caught.value.names == ("method",)
+
+
+@pytest.mark.parametrize("table", ["gyros.csv", "imu.csv"])
+def test_what_only_the_user_can_state_of_a_rate_table_is_not_guessed(table: str, tmp_path: Path):
+    with pytest.raises(InputError) as caught:
+        draft_run_file([EXAMPLES / "rate_platform" / table], tmp_path / "run.toml")
+    assert caught.value.names == ("rates_and_poses",)

@@ -184,6 +184,14 @@ def _recognise(logs: Sequence[Path]) -> tuple[Table, Table | None, ColumnRoles]:
 
 def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate, ...]:
     """Return the methods that may fit; refuse columns without accelerometers, or of no method."""
+    if {"axis", "arm_rate"} <= roles.single.keys() and roles.triads:
+        raise InputError(
+            f"{log}: columns {roles.single['axis']} and {roles.single['arm_rate']} fit method "
+            "rates_and_poses, whose table has errors that only you can state: begin with its "
+            "example, examples/rate_platform",
+            file=log,
+            names=("rates_and_poses",),
+        )
     if "accelerometer" not in roles.triads:
         known = ", ".join(roles.triads) or "no triad"
         raise InputError(

@@ -24,6 +24,7 @@ _NAMES = {
     ),
     "temperature": re.compile(r"(imu_?|chip_?|sensor_?)?temp\w*|t_?c(elsius)?"),
     "arm_rate": re.compile(r"rpm|arm_?rate|rate|speed_?rpm|omega_over_pi|table_?rate"),
+    "axis": re.compile(r"axis|up"),
     "angle": re.compile(r"angle|head|head_?angle"),
     "autocollimator": re.compile(r"autocollimator|collimator"),
     "level": re.compile(r"level"),
