@@ -14,14 +14,15 @@ SIDE_BY_SIDE := --numprocesses auto --dist worksteal
 ONE_MORE := --numprocesses $(shell expr $$(nproc) + 1) --dist worksteal
 
 # What the core does, without the host, the page, the studies, Monte Carlo and what takes long to
-# compile: the filters of the turntable and the positions by hand.
+# compile: the filters of the turntable, the positions by hand and the norms of a centrifuge.
 QUICK := tests/benches tests/calibration tests/design tests/estimate tests/io tests/methods \
   tests/observe tests/recipes tests/runfile tests/segments tests/sensors tests/uncertainty \
   $(wildcard tests/test_*.py)
 NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
   $(foreach name,turntable multi_position dual_orthogonal ship tumble_uncertainty sequential every \
-  centrifuge_omitted bench_sensitivities,tests/methods/test_$(name)*.py) \
-  tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py
+  centrifuge bench_sensitivities rates poses,tests/methods/test_$(name)*.py) \
+  tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py \
+  tests/observe/test_norm*.py tests/test_kernel_cache.py
 
 .PHONY: help demo quick test slow check bench evidence architecture glossary lock format clean
 help:
