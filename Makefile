@@ -48,7 +48,7 @@ test: $(INSTALLED)  ## all tests but the slow ones
 	$(BIN)/python -m pytest $(ONE_MORE)
 
 slow: $(INSTALLED)  ## the big Monte Carlo runs
-	$(BIN)/python -m pytest -m "slow and not evidence" $(SIDE_BY_SIDE) tests
+	$(BIN)/python -m pytest -m "slow and not evidence" $(ONE_MORE) tests
 
 check: $(INSTALLED)  ## format, lint, types, layers, tests, doctests, examples
 	$(BIN)/ruff format --check .
