@@ -22,7 +22,7 @@ NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
   $(foreach name,turntable multi_position dual_orthogonal ship tumble_uncertainty sequential every \
   centrifuge bench_sensitivities rates poses,tests/methods/test_$(name)*.py) \
   tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py \
-  tests/observe/test_norm*.py tests/test_kernel_cache.py
+  tests/observe/test_norm*.py tests/design/test_path*.py tests/test_kernel_cache.py
 
 .PHONY: help demo quick test slow check bench evidence architecture glossary lock format clean
 help:

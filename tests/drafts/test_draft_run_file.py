@@ -107,11 +107,11 @@ SHARED = {
 
 @pytest.mark.parametrize("case", SHARED)
 def test_shared_recordings_need_one_answer_at_most(case: str, data_dir: Path, tmp_path: Path):
-    files, told, question, expected = SHARED[case]
+    files, stated, question, expected = SHARED[case]
     logs = [data_dir / file for file in files]
     first = draft_run_file(logs, tmp_path / "run.toml")
     assert [f"{one.section}.{one.key}" for one in first.questions] == [question][: bool(question)]
-    draft = draft_run_file(logs, tmp_path / "run.toml", told) if told else first
+    draft = draft_run_file(logs, tmp_path / "run.toml", stated) if stated else first
     assert not draft.questions
     assert expected.items() <= chosen(draft).items()
     assert calibrated(draft).method == expected.get("method.name", "multi_position")
@@ -147,8 +147,8 @@ def test_gyros_alone_are_refused(data_dir: Path, tmp_path: Path):
 )
 def test_tables_of_the_examples_are_recognised(table: str, run_file: str, tmp_path: Path):
     content = tomllib.loads((EXAMPLES / run_file).read_text(encoding="utf-8"))
-    told = {"bench.radius": content["bench"]["radius"]} if "centrifuge" in table else {}
-    draft = draft_run_file([EXAMPLES / table], tmp_path / "run.toml", told)
+    stated = {"bench.radius": content["bench"]["radius"]} if "centrifuge" in table else {}
+    draft = draft_run_file([EXAMPLES / table], tmp_path / "run.toml", stated)
     found = chosen(draft)
     for key in ("kind", "accelerometer", "label", "angle", "arm_rate", "mounting", "attitude"):
         if key in content["data"]:
@@ -229,9 +229,9 @@ def test_the_unit_of_time_follows_from_likely_rates(step: float, unit: str, tmp_
 
 def test_what_is_told_replaces_a_guess(tmp_path: Path):
     log = still_log(tmp_path / "log.csv", "time,ax,ay,az", 9.81)
-    told = {"bench.latitude": "48.1 °", "sensor.name": 'SN "7"', "bench.height": "520 m"}
-    found = chosen(draft_run_file([log], tmp_path / "run.toml", told))
-    assert told.items() <= found.items()
+    stated = {"bench.latitude": "48.1 °", "sensor.name": 'SN "7"', "bench.height": "520 m"}
+    found = chosen(draft_run_file([log], tmp_path / "run.toml", stated))
+    assert stated.items() <= found.items()
     assert "bench.gravity" not in found
 
 

@@ -22,7 +22,7 @@ def run(
     out: Path | None = typer.Option(
         None, "--out", "-o", help="Run file to write; by default the log's name with .toml."
     ),
-    told: list[str] = typer.Option(
+    stated: list[str] = typer.Option(
         [], "--set", metavar="KEY=VALUE", help='What you know: --set "data.rate=100 Hz".'
     ),
     yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing: decide, and say so."),
@@ -43,7 +43,7 @@ def run(
     page = path.with_suffix(".draft.html")
     kinds = {path: RUN_FILE} | ({page: PAGE} if report else {})
     check_outputs(kinds, logs, force=force)
-    known = dict(_key_and_value(text) for text in told)
+    known = dict(_key_and_value(text) for text in stated)
     with progress_status(f"reading {', '.join(map(str, logs))}"):
         draft = draft_run_file(logs, path, known)
     if draft.questions and not yes and sys.stdin.isatty() and sys.stdout.isatty():
@@ -102,7 +102,7 @@ def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft"
 
 
 def _unasked(draft: "Draft", known: dict[str, str]) -> "list[DraftKey]":
-    """Return the questions that were not asked yet; an empty answer leaves a key open."""
+    """Return the questions that are still open; an empty answer leaves a key open."""
     return [one for one in draft.questions if f"{one.section}.{one.key}" not in known]
 
 

@@ -100,7 +100,7 @@ class Draft:
 
 
 def draft_run_file(
-    logs: Sequence[Path], path: Path, told: Mapping[str, str] | None = None
+    logs: Sequence[Path], path: Path, stated: Mapping[str, str] | None = None
 ) -> Draft:
     """Return the run file that fits a recording, or two: accelerometers, then gyros.
 
@@ -110,7 +110,7 @@ def draft_run_file(
         One or two files, of any format that is read.
     path : Path
         Of the run file.
-    told : mapping of str to str, optional
+    stated : mapping of str to str, optional
         Values that the user states, by key: "data.rate", "bench.gravity".
 
     Raises
@@ -118,7 +118,7 @@ def draft_run_file(
     InputError
         A file cannot be read, has no columns of a sensor, or no method fits its columns.
     """
-    told = dict(told or {})
+    stated = dict(stated or {})
     table, gyros, roles = _recognise(logs)
     candidates = _candidates(logs[0], table, roles)
     readings = {
@@ -128,12 +128,12 @@ def draft_run_file(
         )
         for kind, columns in roles.triads.items()
     }
-    time, clock = clock_keys(table, roles, told)
+    time, clock = clock_keys(table, roles, stated)
     bench = candidates[0][0]
     rests, turns = (None, ()) if roles.means else find_rest_means(table, roles, readings, time)
-    stated = told.get("bench.radius")
+    radius_text = stated.get("bench.radius")
     length = partial(measured_constant, like="m", key="[bench] radius", last_digit=False)
-    radius = None if stated is None else length(stated).value
+    radius = None if radius_text is None else length(radius_text).value
     readouts, radius = guess_readouts(table, readings, roles, rests, turns, time, radius)
     noise = noise_keys(readings, readouts, rests, time) if bench == "turntable" else {}
     entries = (
@@ -148,9 +148,9 @@ def draft_run_file(
         *suggest_rate(clock, readouts.get("gyro")),
         *((deviation_key(start_deviation(roles), "a guess"),) if roles.means else ()),
     )
-    entries = _with_told(entries, told)
+    entries = _with_stated(entries, stated)
     trials = try_methods(entries, candidates, path.parent)
-    if roles.means and "data.sd.accelerometer" not in told:
+    if roles.means and "data.sd.accelerometer" not in stated:
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
@@ -273,17 +273,17 @@ def _with_scatter(
     return given
 
 
-def _with_told(entries: tuple[DraftKey, ...], told: Mapping[str, str]) -> tuple[DraftKey, ...]:
-    """Return the entries with the values that the user told, which may be new keys."""
+def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, str]) -> tuple[DraftKey, ...]:
+    """Return the entries with the values that the user states, which may be new keys."""
     known = {f"{entry.section}.{entry.key}": entry for entry in entries}
-    for key, value in told.items():
+    for key, value in stated.items():
         section, _, name = key.rpartition(".")
         if not section:
             raise InputError(f"{key} has no section: name it as data.rate", key=key)
         known[key] = replace(
-            known.get(key, DraftKey(section, name, value)), value=value, reason="as told"
+            known.get(key, DraftKey(section, name, value)), value=value, reason="as stated"
         )
-    if "bench.latitude" in told:
+    if "bench.latitude" in stated:
         known.pop("bench.gravity", None)
     return tuple(known.values())
 

@@ -36,7 +36,7 @@ _MEAN_DEVIATION = 1e-4  # of gravity: of means whose scatter nobody stated
 
 
 def clock_keys(
-    table: Table, roles: ColumnRoles, told: Mapping[str, str]
+    table: Table, roles: ColumnRoles, stated: Mapping[str, str]
 ) -> tuple[Array | None, tuple[DraftKey, ...]]:
     """Return the times, s, where they are known, and the keys of the clock."""
     if roles.means:
@@ -44,12 +44,12 @@ def clock_keys(
     name = roles.single.get("time")
     ask = 'the rate of the samples, such as "100 Hz"'
     count = next(iter(table.columns.values())).size
-    rate = told.get("data.rate")
+    rate = stated.get("data.rate")
     hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
     by_rate = None if hertz is None else np.arange(count) / hertz
-    stated = DraftKey("data", "rate", rate or UNKNOWN, "as told" if rate else "", ask)
+    rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
     if name is None:
-        return by_rate, (stated,)
+        return by_rate, (rate_key,)
     entry = DraftKey("data", "time", _column(name), roles.reasons.get("time", ""))
     column = table.columns[name]
     if column.dtype.kind == "U":
@@ -59,7 +59,7 @@ def clock_keys(
     step = float(np.median(np.diff(stamps)))
     if step == 1.0 and np.all(stamps == np.rint(stamps)):
         counter = DraftKey("data", "time_unit", "sample", "its steps are 1: it counts samples")
-        return by_rate, (entry, counter, stated)
+        return by_rate, (entry, counter, rate_key)
     unit = roles.units.get("time") or next(
         (one for one in _TIME_UNITS if _RATES[0] <= 1 / (step * si_factor(one)) <= _RATES[1]), "s"
     )
