@@ -69,6 +69,6 @@ def one_thread(folder: Path) -> Row:
     run = folder / "ferraris" / "run.toml"
     shutil.copytree(ROOT / "examples" / "ferraris_simulated", run.parent)
     processor_time("simulate", run)
-    verb = ("calibrate", run, "--out", folder, "--no-report")
+    verb = ("calibrate", run, "--out", run.parent, "--no-report")
     single = least(*verb, OPENBLAS_NUM_THREADS="1")
     return Row("calibrate six positions and three turns", least(*verb), single, "one BLAS thread")
