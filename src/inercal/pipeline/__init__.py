@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from os import PathLike, fspath
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,8 +18,7 @@ from inercal.calibration import Calibration
 from inercal.calibration.display import to_html
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
-from inercal.data import EstimatorInput, recording_loader
-from inercal.data.recording_loader import readback_columns, reader_columns
+from inercal.data import EstimatorInput
 from inercal.errors import InercalError, InputError, NotObserved
 from inercal.estimate import Estimate
 from inercal.methods import Fit
@@ -28,12 +26,12 @@ from inercal.methods.temperature import temperature_coefficients
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.pipeline.calibration_record import (
-    KEPT_CORRECTIONS,
     provenance,
     run_conditions,
     shared_errors,
     validity,
 )
+from inercal.pipeline.correction import apply, load_recording
 from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
 from inercal.pipeline.stated_values import (
@@ -51,8 +49,6 @@ from inercal.units import ZERO_CELSIUS
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchHistory
-
-_ALL = 3  # axes that measure every component
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -327,92 +323,6 @@ def _add_rounding_noise(sensor: Sensor, recording: Recording | None) -> Sensor:
     assert recording is not None
     axes = (replace(a, noise=a.noise.rounded(recording.rate_hz)) for a in sensor.axes)
     return replace(sensor, axes=tuple(axes))
-
-
-def load_recording(run: Run) -> Recording:
-    """Read and audit the run's recording.
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or the audit refuses it.
-    """
-    return run.kind.audit(recording_loader.load_recording(run), run.sensor, run.bench)
-
-
-def _require_same_corrections(calibration: Calibration, recording: Recording, run: Run) -> None:
-    """Refuse readings that hold other corrections than those the calibration was made from."""
-    made_from = calibration.conditions.get(KEPT_CORRECTIONS, "")
-    if recording.kept_corrections == made_from:
-        return
-    raise InputError(
-        f"{run.path}: the readings of {recording.source} hold the corrections "
-        f"({recording.kept_corrections or 'none'}), and the calibration is for readings with "
-        f"({made_from or 'none'}): one of them would be made twice or not at all; state "
-        "[data] corrections as in the run of the calibration",
-        file=run.path,
-        key="[data] corrections",
-    )
-
-
-def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
-    """Correct the recording that a run file names.
-
-    Returns
-    -------
-    Recording
-        Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), as far as the sensor has them; with one
-        or two accelerometers specific force across them is taken as zero. Labels and readback
-        columns keep their names and units.
-
-    Raises
-    ------
-    InercalError
-        The recording cannot be used, or has another readout than the calibration.
-    """
-    run = run if isinstance(run, Run) else read(run)
-    if run.data.kind == "means":
-        raise InputError(
-            f"{run.path}: [data] kind is means; give the run file of a recording: only a recording "
-            "can be corrected",
-            file=run.path,
-            key="[data] kind",
-        )
-    stated = {axis.name: axis.readout for axis in run.sensor.axes}
-    for axis in calibration.sensor.axes:
-        here = stated.get(axis.name, axis.readout)
-        if here.unit == axis.readout.unit and not np.allclose(
-            [here.scale, here.offset], [axis.readout.scale, axis.readout.offset]
-        ):
-            raise InputError(
-                f"{run.path}: {axis.name} has scale {here.scale:.6g} and offset {here.offset:g} "
-                f"{here.unit} per SI unit; the calibration is for {axis.readout.scale:.6g} and "
-                f"{axis.readout.offset:g}; state these in [sensor]",
-                file=run.path,
-                names=(axis.name,),
-            )
-    recording = load_recording(run)
-    _require_same_corrections(calibration, recording, run)
-    axes = calibration.sensor.axes
-    count = {kind: sum(axis.measures == kind for axis in axes) for kind in ("f", "w")}
-    # Motion across one sensor axis, or across two, is unknown and taken as zero.
-    zero = np.zeros((1, 3))
-    motion = calibration.correct(
-        recording,
-        f=zero if 0 < count["f"] < _ALL else None,
-        w=zero if 0 < count["w"] < _ALL else None,
-    )
-    named = readback_columns(run)
-    sensed = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
-    present = [(kind, unit, values[..., : count[kind]]) for kind, unit, values in sensed]
-    return replace(
-        recording,
-        data=np.concatenate([values for _, _, values in present], axis=-1),
-        channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"[: count[kind]]),
-        units=tuple(unit for kind, unit, _ in present for _ in "xyz"[: count[kind]]),
-        readback={named[name]: values for name, values in recording.readback.items()},
-        label_name=reader_columns(run).label or recording.label_name,
-    )
 
 
 __all__ = [
