@@ -58,7 +58,7 @@ class BenchUsage:
 class Section(BaseModel):
     """A section of a run file: a key that it does not declare is refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class BenchSection(Section):

@@ -6,18 +6,20 @@ A bench returns numbers and words; the report draws and prints them.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import acos, nan
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.calibration import Calibration
-from inercal.estimate import Estimate
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 from inercal.plan import Step
 from inercal.recording import Mark, Observations, Recording
 from inercal.sensors import G0
+
+if TYPE_CHECKING:  # what is estimated loads after the run file is checked
+    from inercal.calibration import Calibration
+    from inercal.estimate import Estimate
 
 Columns = Mapping[str, Sequence[str] | Sequence[float] | Sequence[int]]
 
@@ -26,12 +28,12 @@ class ReportInput(Protocol):
     """The calibration that a bench reports; the outcome of the pipeline has this type."""
 
     @property
-    def calibration(self) -> Calibration:
+    def calibration(self) -> "Calibration":
         """The result."""
         ...
 
     @property
-    def estimate(self) -> Estimate:
+    def estimate(self) -> "Estimate":
         """With the bench's nuisances and the residuals."""
         ...
 

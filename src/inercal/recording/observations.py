@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.estimate import ModelTest
 from inercal.recording.samples import Indices
+
+if TYPE_CHECKING:
+    from inercal.estimate import ModelTest
 
 TEMPERATURE_VARIATION = 0.5  # K; a smaller variation counts as constant temperature
 
@@ -276,7 +278,7 @@ class Observations:
     transitions: Transitions | None = None
     halves: HalfSectionChanges | None = None
     track: Track | None = None
-    tests: tuple[ModelTest, ...] = ()
+    tests: tuple["ModelTest", ...] = ()
     notes: tuple[str, ...] = ()
     timed: bool = True
     temperature: Array | None = None

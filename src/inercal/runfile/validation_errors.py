@@ -28,6 +28,7 @@ _RESERVED: Mapping[str, str] = {  # sections of later versions, and what they ar
     "version does not take",
 }
 _LONGEST = 60  # characters of a value that are printed
+_MISSPELT = 0.85  # likeness, of `difflib`, to a possible key from which one is taken for it
 _NO_SCALAR: Mapping[type, str] = {dict: "a section", list: "a list"}
 _SCALAR: Mapping[type, str] = {
     str: "text",
@@ -118,7 +119,12 @@ def _unknown_key_error(
         return InputError(
             f"section [{name}] is reserved for {_RESERVED[name]}: remove it", key=f"[{name}]"
         )
-    owners = _kinds_with_key(names)
+    possible = tuple(model.model_fields)
+    if place.names == ("data",):
+        possible += tuple(known_options())
+    # Other kinds of bench take 80 ms to load: a misspelt key is not searched in them.
+    is_misspelt = bool(get_close_matches(name, possible, n=1, cutoff=_MISSPELT))
+    owners = [] if is_misspelt else _kinds_with_key(names)
     default = "; [bench] kind is missing, so kind is hand" * (
         bool(owners) and "kind" not in content.get("bench", {})
     )
@@ -127,9 +133,6 @@ def _unknown_key_error(
         text = f"{key} exists only with {benches}{default}: remove {name} or change kind"
         return InputError(text, key=key)
     text = f"unknown section {key}" if is_section else f"unknown key {dotted}"
-    possible = tuple(model.model_fields)
-    if place.names == ("data",):
-        possible += tuple(known_options())
     if near := get_close_matches(name, possible, n=1):
         text += f"; did you mean {near[0]}?"
     text += f"; possible here: {', '.join(possible)}{default}"
