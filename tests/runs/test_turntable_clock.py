@@ -9,6 +9,7 @@ import pytest
 from tests.accuracy import turntable as tt
 
 from inercal.benches.turntable.bench import Turntable
+from inercal.benches.turntable.reading import dropped_samples
 from inercal.benches.turntable.reading.dropped_samples import (
     dropped_sample_findings,
     find_dropped_samples,
@@ -211,3 +212,24 @@ def test_a_gap_in_time_is_no_slip():
     kept = np.arange(one.time.size) != sample
     noticed = Track(one.time[kept], one.reading[kept], one.angles[kept], one.hold[kept])
     assert find_dropped_samples(noticed, SENSOR, BENCH) == ()
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("size", [4_000, 9_000])
+def test_a_long_run_is_searched_piece_by_piece(
+    monkeypatch: pytest.MonkeyPatch, path: str, size: int
+):
+    made = draw_recording(path, SEEDS[0])
+    whole = make_track(made)
+    row, alone = sample_places(made, "turn")[[300, -300]].tolist()
+    odd = track_without_sample(whole, row, readback=True)
+    odd = track_without_sample(odd, alone, readback=False)
+    at_once = find_dropped_samples(odd, SENSOR, BENCH)
+    monkeypatch.setattr(dropped_samples, "_PIECE", size)
+    assert find_dropped_samples(whole, SENSOR, BENCH) == ()
+    found = find_dropped_samples(odd, SENSOR, BENCH)
+    assert [one.row for one in found] == [one.row for one in at_once] == [True, False]
+    # The largest change of rate, which says what a change is, is that of a piece.
+    for one, other in zip(found, at_once, strict=True):
+        assert (one.first, one.last) == pytest.approx((other.first, other.last), abs=2)
+        assert one.samples == pytest.approx(other.samples, abs=0.05)

@@ -31,6 +31,7 @@ from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
 _GRAVITY = "g"  # the parameter of each bench
+_BLOCK = 1 << 16  # samples
 KEPT_CORRECTIONS = "corrections that the readings hold"
 
 
@@ -103,8 +104,10 @@ def _readings(sensor: Sensor, inputs: EstimatorInput, kind: str) -> Iterator[Arr
     at = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
     track, transitions = observations.track, observations.transitions
     if track is not None:
-        samples = np.ones(track.time.size, dtype=bool) if kind == "w" else track.hold >= 0
-        yield track.reading[..., samples, :][..., at]
+        for start in range(0, track.time.size, _BLOCK):
+            part = slice(start, start + _BLOCK)
+            reading = track.reading[..., part, :]
+            yield (reading if kind == "w" else reading[..., track.hold[part] >= 0, :])[..., at]
         return
     yield observations.mean[..., at]
     if transitions is not None and kind == "w":

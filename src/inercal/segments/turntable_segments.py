@@ -26,6 +26,7 @@ _COARSEST = 5e-4  # rad, 0.03°, step of a readback
 _DUST = 1e-9  # rad; smaller steps come from rounding
 _SPAN = 0.1  # s before and after a sample, over which its rate is computed
 _SLOWEST = 9e-4  # rad/s, 0.05 °/s
+_BLOCK = 1 << 16  # samples
 _HALF = 3.15  # rad; an unlabelled turn is larger than a move between two positions
 _SETTLES = 0.02  # rad, 1°; a labelled turn is larger than the overshoot of a servo
 
@@ -123,7 +124,7 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
         return ()
     rate = _rates(time, angles)
     least = np.maximum(_SLOWEST, hold_limits(angles) / _SPAN)
-    sense = np.sign(rate) * (np.abs(rate) > least)
+    sense = (rate > least).astype(np.int8) - (rate < -least)
     cut = np.flatnonzero((sense[1:] != sense[:-1]).any(axis=1)) + 1
     start, stop = np.append(0, cut), np.append(cut, time.size)
     alone = (sense[start] != 0).sum(axis=1) == 1
@@ -141,7 +142,7 @@ def find_turns(time: Array, angles: Array, labels: NDArray[np.str_] | None) -> t
     return tuple(turns)
 
 
-def _extend_to_rest(sense: Array, start: int, stop: int, most: int) -> tuple[int, int]:
+def _extend_to_rest(sense: NDArray[np.int8], start: int, stop: int, most: int) -> tuple[int, int]:
     """Return a turn extended to rest, where another axis starts soon after or has just stopped.
 
     A rate over a span begins too early and ends too late, so the rest is halfway between the axes.
@@ -158,9 +159,12 @@ def _extend_to_rest(sense: Array, start: int, stop: int, most: int) -> tuple[int
 def _rates(time: Array, angles: Array) -> Array:
     """Return the rate of each axis about each sample, (n, k) rad/s."""
     n, reach = time.size, _samples(time, _SPAN)
-    after = np.minimum(np.arange(n) + reach, n - 1)
-    before = np.maximum(np.arange(n) - reach, 0)
-    return (angles[after] - angles[before]) / (time[after] - time[before])[:, None]
+    rate = np.empty_like(angles)
+    for start in range(0, n, _BLOCK):
+        at = np.arange(start, min(start + _BLOCK, n))
+        after, before = np.minimum(at + reach, n - 1), np.maximum(at - reach, 0)
+        rate[at] = (angles[after] - angles[before]) / (time[after] - time[before])[:, None]
+    return rate
 
 
 def _samples(time: Array, seconds: float) -> int:

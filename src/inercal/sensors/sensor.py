@@ -133,7 +133,9 @@ class Sensor:
 
     def to_si(self, output: Array) -> Array:
         """Return nominal readings in SI, (..., n, m), from output units."""
-        return (output - self._readout("offset")) / self._readout("scale")
+        reading = output - self._readout("offset")
+        reading /= self._readout("scale")  # in place: a recording is long
+        return reading
 
     def to_output(self, reading: Array) -> Array:
         """Return output units from readings in SI, (..., n, m)."""

@@ -33,6 +33,8 @@ from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.parameters import Parameter
 
+_BLOCK = 1 << 15  # samples
+
 
 @dataclass(frozen=True, eq=False)
 class Misalignment:
@@ -176,6 +178,22 @@ def motion(
     if lever.any():
         f = f + _cross(dw, lever) + _cross(w, _cross(w, lever))
     return Motion(f, w, dw)
+
+
+def body_rates(bench: Turntable, angles: Array, rates: Array) -> Array:
+    """Return ω of the bench as declared, (n, 3) rad/s, in the memory of a block of samples.
+
+    Parameters
+    ----------
+    bench : Turntable
+    angles, rates : (n, k) arrays
+        As of `motion`.
+    """
+    result = np.empty((len(angles), 3))
+    for start in range(0, len(angles), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        result[part] = motion(bench, angles[part], rates[part], np.zeros_like(rates[part]), {}).w
+    return result
 
 
 def _attitude_and_axes(

@@ -188,8 +188,8 @@ class GyroFilter(Filter[AttitudeState]):
         """Return as `Filter.advance`."""
         samples, readback, tail = self._pair_readback(state.pending_samples, track)
         stamps, variance, angles = readback[:, 0], readback[:, 1], readback[:, 2:]
-        # With one memory layout, or Numba would compile the kernel for each layout.
-        after = state._replace(pending_samples=np.ascontiguousarray(tail))
+        # A copy: a view would keep the piece. In one memory layout, for one compiled kernel.
+        after = state._replace(pending_samples=tail.copy())
         # An epoch waits for the first sample with usable angles, so that pieces of any length have
         # the same epochs.
         usable = np.where(np.isfinite(variance), 0, -1)

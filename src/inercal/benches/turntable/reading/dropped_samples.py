@@ -16,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.attitude import body_rates
 from inercal.benches.turntable.bench import Turntable
 from inercal.benches.turntable.reading.implied_rates import (
+    LocalOffsets,
     RateRegression,
-    fit_rates,
+    fit_track_rates,
     gyro_rates,
     half_window,
     local_offsets,
@@ -29,6 +30,9 @@ from inercal.benches.turntable.reading.implied_rates import (
 from inercal.recording import GAP_FACTOR, Finding, Track
 from inercal.sensors import Sensor
 
+_PIECE = 1 << 19  # samples
+_MARGIN = 60.0  # s beside a piece: a change of rate is shorter
+_FEWEST_SAMPLES = 100
 _ALONE = 10.0  # times the usual difference between readback and gyros over one step
 _CLEAR = 6.0  # standard deviations of a step between local offsets
 _NORMAL = 1.4826  # standard deviations of a normal distribution in its median absolute one
@@ -79,32 +83,76 @@ def dropped_sample_findings(track: Track, sensor: Sensor, bench: Turntable) -> t
 
 
 def find_dropped_samples(track: Track, sensor: Sensor, bench: Turntable) -> tuple[SampleDrop, ...]:
-    """Return the losses of which `dropped_sample_findings` warns, in their order."""
+    """Return the losses of which `dropped_sample_findings` warns, in their order.
+
+    A long track is searched piece by piece, in the memory of a piece with its margins.
+    """
     gyros = [axis.measures == "w" for axis in sensor.axes]
-    if sum(gyros) != 3 or track.time.size < 100:
+    n = track.time.size
+    if sum(gyros) != 3 or n < _FEWEST_SAMPLES:
         return ()
-    reading = track.reading[:, gyros]
-    table, read = table_rates(bench, track.time, track.angles), gyro_rates(track.time, reading)
-    known = fit_rates(read.rate, table.rate)
+    known = fit_track_rates(bench, track.time, track.angles, track.reading[:, gyros])
+    margin = round(_MARGIN / float(np.median(np.diff(track.time[:_PIECE]))))
+    rows: list[SampleDrop] = []
+    offsets: list[LocalOffsets] = []
+    for start in range(0, n, _PIECE):
+        first, stop = max(start - margin, 0), min(start + _PIECE, n)
+        piece = track.slice(first, min(stop + margin, n))
+        if n > _PIECE and not _turns(piece):
+            continue
+        drops, local = _search_piece(piece, piece.reading[:, gyros], bench, known)
+        rows += [
+            row._replace(first=row.first + first, last=row.last + first)
+            for row in drops
+            if start <= row.first + first < stop
+        ]
+        spans = local.spans + first
+        own = (spans[:, 0] >= start) & (spans[:, 0] < stop)
+        offsets.append(LocalOffsets(local.time[own], local.value[own], local.sd[own], spans[own]))
+    if not offsets:
+        return ()
+    local = LocalOffsets(*map(np.concatenate, zip(*offsets, strict=True)))
+    steps = _offset_steps(local, track.time[:_PIECE])
+    # The loss may be within one of the two changes.
+    alone = [
+        SampleDrop(int(local.spans[k, 0]), int(local.spans[j, 1]), count, False)
+        for k, j, count in steps
+    ]
+    return tuple(sorted([*rows, *alone]))
+
+
+def _turns(piece: Track) -> bool:
+    """Return whether the table turns within a piece."""
+    rates = np.diff(piece.angles, axis=0) / np.diff(piece.time)[:, None]
+    return float(np.abs(rates).max()) > _MOVING
+
+
+def _search_piece(
+    piece: Track, reading: Array, bench: Turntable, known: RateRegression
+) -> tuple[list[SampleDrop], LocalOffsets]:
+    """Return the rows that a piece lost, and its local offsets; samples count from its first."""
+    table, read = table_rates(bench, piece.time, piece.angles), gyro_rates(piece.time, reading)
     fastest = float(np.percentile(np.linalg.norm(table.change, axis=-1), 99.9))
-    rows = _dropped_rows(track.time, reading, track.angles, bench, known, fastest)
+    rows = _dropped_rows(piece.time, reading, piece.angles, bench, known, fastest)
+    local = local_offsets(table, read, known)
+    h = half_window(piece.time)
+    spans = local.spans + h
     turning = np.linalg.norm(table.rate, axis=-1) > _MOVING
     residual = np.linalg.norm(known.residual_rates(read.rate, table.rate)[turning], axis=-1)
     speed = np.linalg.norm(table.rate[turning], axis=-1)
-    if turning.any() and np.median(residual / speed) > _SHAPED:
-        return tuple(rows)  # the two motions differ: their offsets in time have no meaning
-    local = local_offsets(table, read, known)
-    h = half_window(track.time)
+    # Where the two motions differ, their offsets in time have no meaning.
+    alike = not turning.any() or float(np.median(residual / speed)) <= _SHAPED
     # A row lost within a change of rate disturbs only the offset of this change.
-    disturbed = [
-        any(first - h <= row.first - h <= last + h for row in rows) for first, last in local.spans
-    ]
-    usable = ~np.array(disturbed, dtype=np.bool_)
-    steps = _offset_steps(local.time[usable], local.value[usable], local.sd[usable], track.time)
-    spans = local.spans[usable] + h
-    # The loss may be within one of the two changes.
-    sensor_alone = [SampleDrop(int(spans[k, 0]), int(spans[j, 1]), n, False) for k, j, n in steps]
-    return tuple(sorted([*rows, *sensor_alone]))
+    usable = np.array(
+        [
+            alike and not any(first - 2 * h <= row.first - h <= last for row in rows)
+            for first, last in spans
+        ],
+        dtype=np.bool_,
+    )
+    return rows, LocalOffsets(
+        local.time[usable], local.value[usable], local.sd[usable], spans[usable]
+    )
 
 
 def _dropped_rows(
@@ -120,7 +168,7 @@ def _dropped_rows(
     usual = float(np.median(dt))
     turned = np.diff(angles, axis=0) / dt[:, None]
     middle = (angles[1:] + angles[:-1]) / 2
-    v = motion(bench, middle, turned, np.zeros_like(turned), {}).w @ known.matrix.T
+    v = body_rates(bench, middle, turned) @ known.matrix.T
     w = (reading[1:] + reading[:-1]) / 2 - known.bias
     size = np.linalg.norm(w, axis=-1)
     more = (np.sum(v * w, axis=-1) / np.maximum(size, 1e-12) - size) * dt  # rad
@@ -145,10 +193,9 @@ def _dropped_rows(
     return [SampleDrop(int(k), int(k) + 1, float(n), True) for k, n in zip(at, share, strict=True)]
 
 
-def _offset_steps(
-    time: Array, value: Array, sd: Array, sampled: Array
-) -> list[tuple[int, int, float]]:
+def _offset_steps(local: LocalOffsets, sampled: Array) -> list[tuple[int, int, float]]:
     """Return the pairs of local offsets between which samples are lost, and their number."""
+    time, value, sd, _ = local
     if time.size < 3:
         return []
     span, jump = np.diff(time), np.diff(value)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.benches.turntable.attitude import earth_rate_level_frame, reference_attitude
 from inercal.benches.turntable.bench import Turntable
-from inercal.benches.turntable.reading.implied_rates import fit_rates, gyro_rates, table_rates
+from inercal.benches.turntable.reading.implied_rates import fit_track_rates
 from inercal.earth import EARTH_RATE
 from inercal.errors import InputError
 from inercal.recording import Finding, Track
@@ -108,9 +108,7 @@ def _measured_earth_rate(
     )
     middles = [int(np.median(np.flatnonzero(track.hold == k))) for k in range(count.size)]
     back = np.swapaxes(reference_attitude(bench, track.angles[middles]), -1, -2)
-    turned = fit_rates(
-        gyro_rates(track.time, reading).rate, table_rates(bench, track.time, track.angles).rate
-    ).matrix
+    turned = fit_track_rates(bench, track.time, track.angles, reading).matrix
     if np.abs(turned - np.eye(_AXES)).max() < _NEAR_UNIT:
         mean = mean @ np.linalg.inv(turned).T
     noise = [axis.noise for axis in sensor.axes if axis.measures == "w"]

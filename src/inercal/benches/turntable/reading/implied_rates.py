@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.benches.turntable.attitude import motion
+from inercal.benches.turntable.attitude import body_rates
 from inercal.benches.turntable.bench import Turntable
 from inercal.recording import GAP_FACTOR
 
@@ -23,6 +23,7 @@ _HALF = 0.02  # s, half a window
 _CHANGING = 0.1  # of the largest change of rate
 _NEAR = 0.1  # s: stretches nearer than this are one
 _FEWEST = 3  # samples of a stretch
+_BLOCK = 1 << 16  # samples
 
 
 class WindowedRates(NamedTuple):
@@ -51,18 +52,24 @@ def table_rates(bench: Turntable, time: Array, angles: Array) -> WindowedRates:
         rad.
     """
     h = half_window(time)
-    turned = (angles[2 * h :] - angles[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
-    rate = motion(bench, angles[h:-h], turned, np.zeros_like(turned), {}).w
-    return _differentiate_rates(time, rate, h)
+    return _differentiate_rates(time, _mean_table_rates(bench, time, angles, h), h)
 
 
 def gyro_rates(time: Array, reading: Array) -> WindowedRates:
     """Return the gyros' readings (n, 3), rad/s, as means over the same windows."""
     h = half_window(time)
+    return _differentiate_rates(time, _mean_gyro_rates(time, reading, h), h)
+
+
+def _mean_table_rates(bench: Turntable, time: Array, angles: Array, h: int) -> Array:
+    turned = (angles[2 * h :] - angles[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
+    return body_rates(bench, angles[h:-h], turned)
+
+
+def _mean_gyro_rates(time: Array, reading: Array, h: int) -> Array:
     part = np.diff(time)[:, None] * (reading[1:] + reading[:-1]) / 2
     whole = np.concatenate([np.zeros((1, reading.shape[-1])), np.cumsum(part, axis=0)])
-    rate = (whole[2 * h :] - whole[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
-    return _differentiate_rates(time, rate, h)
+    return (whole[2 * h :] - whole[: -2 * h]) / (time[2 * h :] - time[: -2 * h])[:, None]
 
 
 def _differentiate_rates(time: Array, rate: Array, h: int) -> WindowedRates:
@@ -96,6 +103,33 @@ def fit_rates(reading: Array, rate: Array) -> RateRegression:
     matrix = np.asarray((y.T @ p) @ back, dtype=float)
     bias = np.asarray(means[0] - matrix @ means[1], dtype=float)
     return RateRegression(matrix, bias, float(np.std(y - p @ matrix.T)))
+
+
+def fit_track_rates(bench: Turntable, time: Array, angles: Array, reading: Array) -> RateRegression:
+    """Return `fit_rates` of the windowed rates of a track, in the memory of a block.
+
+    Parameters
+    ----------
+    bench : Turntable
+    time, angles, reading : (n,), (n, k) and (n, 3) arrays
+        s, rad and rad/s.
+    """
+    h, n = half_window(time), time.size
+    total, squares = np.zeros(6), np.zeros((6, 6))
+    for start in range(0, n - 2 * h, _BLOCK):
+        part = slice(start, start + _BLOCK + 2 * h)  # its windows begin where the last ones ended
+        gyros = _mean_gyro_rates(time[part], reading[part], h)
+        table = _mean_table_rates(bench, time[part], angles[part], h)
+        both = np.concatenate([gyros, table], axis=1)
+        total += both.sum(axis=0)
+        squares += both.T @ both
+    mean = total / (n - 2 * h)
+    squares = squares / (n - 2 * h) - np.outer(mean, mean)
+    back = np.asarray(np.linalg.pinv(squares[3:, 3:], rcond=1e-6, hermitian=True), dtype=float)
+    matrix = np.asarray(squares[:3, 3:] @ back, dtype=float)
+    left = np.trace(squares[:3, :3] - matrix @ squares[3:, :3])
+    bias = np.asarray(mean[:3] - matrix @ mean[3:], dtype=float)
+    return RateRegression(matrix, bias, float(np.sqrt(max(left, 0.0) / 3)))
 
 
 class LocalOffsets(NamedTuple):

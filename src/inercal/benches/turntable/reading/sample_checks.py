@@ -26,6 +26,7 @@ _JUMP = radians(10)  # of a readback beyond both neighbours
 _REPEATED = 0.6  # of the steps while the table turns
 _NORMAL = 1.4826
 _NAMED = 3  # spikes
+_BLOCK = 1 << 16  # samples
 
 
 def require_range(where: str, recording: Recording, track: Track, sensor: Sensor) -> None:
@@ -170,10 +171,14 @@ def _largest_axis_rate(track: Track) -> Array:
     """Return the fastest axis' speed by readback over half a second about each sample, rad/s."""
     step = float(np.median(np.diff(track.time)))
     h = max(round(0.25 / step), 1)
-    at = np.arange(track.time.size)
-    low, high = np.maximum(at - h, 0), np.minimum(at + h, track.time.size - 1)
-    turned = np.abs(track.angles[high] - track.angles[low]).max(axis=-1)
-    return turned / (track.time[high] - track.time[low])
+    n = track.time.size
+    rate = np.zeros(n)
+    for start in range(0, n, _BLOCK):
+        at = np.arange(start, min(start + _BLOCK, n))
+        low, high = np.maximum(at - h, 0), np.minimum(at + h, n - 1)
+        turned = np.abs(track.angles[high] - track.angles[low]).max(axis=-1)
+        rate[at] = turned / (track.time[high] - track.time[low])
+    return rate
 
 
 def _isolated_samples(column: Array, least: float) -> NDArray[np.int64]:

@@ -1,0 +1,71 @@
+"""A turntable's calibration of 26 minutes and of 260, at 100 Hz: time, and memory beside the data.
+
+The recording and the result grow with the length; what else the calibration takes must not. The
+allocations of NumPy are counted, so that pages which the process keeps do not enter.
+"""
+
+import csv
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from benchmarks import ROOT, Duration, Row
+from benchmarks.start_up import processor_time
+
+LENGTHENED = (12, 128)  # times the rests of the example: 26 and 260 minutes
+LIMIT = 150.0  # MB
+GROWTH = 1.2  # times the length
+MEASURE = """
+import sys, tracemalloc
+import inercal, inercal.pipeline
+tracemalloc.start()
+kept = inercal.calibrate(sys.argv[1])
+held, most = tracemalloc.get_traced_memory()
+print((most - held) / 1e6, kept.observations.track.time.size)
+"""
+
+
+def lengthened_run(folder: Path, times: int) -> Path:
+    """Return the run file of the example whose rests last longer, with its recording."""
+    shutil.copytree(ROOT / "examples" / "turntable", folder)
+    path, run = folder / "path.csv", folder / "mimu.toml"
+    with path.open(encoding="utf-8", newline="") as file:
+        steps = list(csv.DictReader(file))
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(steps[0]))
+        writer.writeheader()
+        for step in steps:
+            seconds = step["seconds [s]"]
+            writer.writerow(step | {"seconds [s]": seconds and f"{times * float(seconds):g}"})
+    text = run.read_text(encoding="utf-8").replace("mimu.csv", "mimu.npz")
+    run.write_text(text, encoding="utf-8")
+    processor_time("simulate", run)
+    return run
+
+
+def memory(run: Path) -> tuple[float, int]:
+    """Return the most memory beside recording and result, MB, and the number of samples."""
+    command = [sys.executable, "-c", MEASURE, str(run)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    most, samples = done.stdout.split()
+    return float(most), int(samples)
+
+
+def rows() -> list[Row]:
+    """Measure both lengths."""
+    found: list[tuple[float, int, Duration]] = []
+    with TemporaryDirectory() as folder:
+        for times in LENGTHENED:
+            run = lengthened_run(Path(folder) / str(times), times)
+            verb = ("calibrate", run, "--out", folder, "--no-report")
+            processor_time(*verb)  # the first may compile
+            found.append((*memory(run), processor_time(*verb)))
+    (_, few, short), (most, many, long) = found
+    name = f"turntable, {many / 6000:.0f} min at 100 Hz"
+    return [
+        Row(f"{name}: calibrate", long, short * many / few, f"{few / 6000:.0f} min, to scale",
+            to_reach=1 / GROWTH),
+        Row(f"{name}: beside data and result", most, LIMIT, "limit", "MB"),
+    ]  # fmt: skip
