@@ -39,6 +39,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "turntable": ('table = ["outer", "middle", "inner"]',),
     "rate_platform": ('axis = "axis"', 'table_rate = "rate"'),
 }
+TURN_COLUMNS: Mapping[str, tuple[str, ...]] = {"ferraris": ('seconds = "seconds"',)}
 AXES: Mapping[str, tuple[str, ...]] = {"dual_orthogonal": ("a", "b"), "tumble": ("a",)}
 PRIORS: Mapping[str, tuple[str, ...]] = {
     "dual_orthogonal": ('prior."a.kip" = "0 ± 20 µg/g²"', 'prior."b.kip" = "0 ± 20 µg/g²"')
@@ -84,7 +85,7 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         f"accelerometer = {list(axes)}",
         *(('gyro = ["gx", "gy", "gz"]',) if gyros else ()),
         *(f'{key} = "{key}"' for key in columns),
-        *COLUMNS.get(kind.name, ()),
+        *COLUMNS.get(kind.name, TURN_COLUMNS.get(method, ())),
         "[method]",
         f'name = "{method}"',
         *PRIORS.get(method, ()),

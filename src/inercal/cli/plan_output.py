@@ -55,7 +55,9 @@ def print_plan(
     run = read(run_file, keys)
     files: dict[str, Path] = {}
     with progress_status(f"computing the uncertainties of {run.method.name}"):
-        if run.kind.sheet is not None:
+        if run.method.unknown_attitudes:
+            plan, files = _hand_plan(run, out, executor, force=force)
+        elif not run.kind.sampled:
             plan, files = _worksheet_plan(run, out, force=force)
         elif out is not None:
             raise InputError(
@@ -63,7 +65,7 @@ def print_plan(
                 key="--out",
             )
         else:
-            plan = _path_plan(run) if run.kind.sampled else _hand_plan(run, executor)
+            plan = _path_plan(run)
     if json:
         expected = [_uncertainty_as_object(each) for each in plan.expected[0]]
         content: dict[str, Any] = {
@@ -77,22 +79,43 @@ def print_plan(
     _print(run, plan)
     print_written_files(files)
     if files:
-        name = files["sheet"].name
-        kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
-        stated = " and ".join({"f": "accelerometer", "w": "gyro"}[kind] for kind in kinds)
-        print(
-            f'fill {name}, then calibrate it with [data] file = "{name}", kind = "means" and '
-            f"[data.sd] {stated}, the standard deviation of a mean"
-        )
+        print(_next_step(run, files["sheet"]))
 
 
-def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
+def _next_step(run: "Run", sheet: Path) -> str:
+    """Return what to do with the table: fill it, and calibrate by it."""
+    fill = f"fill {sheet.name}, by hand or position by position with inercal measure {run.path}"
+    if run.data.kind == "means" and run.file(run.data.file).resolve() == sheet.resolve():
+        return f"{fill}; next: inercal calibrate {run.path}"
+    kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
+    stated = " and ".join({"f": "accelerometer", "w": "gyro"}[kind] for kind in kinds)
+    return (
+        f'{fill}; then calibrate it with [data] file = "{sheet.name}", kind = "means" and '
+        f"[data.sd] {stated}, the standard deviation of a mean"
+    )
 
+
+def _hand_plan(
+    run: "Run", out: Path | None, executor: "Executor", *, force: bool
+) -> tuple[_Plan, dict[str, Path]]:
+    """Return the plan of unknown attitudes, and the files that were written."""
     from inercal.cli.tables import make_table
     from inercal.design import rehearse_plan
     from inercal.design.expected_uncertainty import coefficient_uncertainties
+    from inercal.design.worksheet import rows_as_csv, run_sheet, table_rows
+    from inercal.errors import InputError
+    from inercal.io.atomic_files import write_text
 
+    files, text = {}, ""
+    if out is not None:
+        try:
+            text = rows_as_csv(table_rows(run, run_sheet(run)))
+        except InputError as error:
+            raise error.located("--out") from None
+        files = _output_files(out, run.input_files(), page=False, force=force)
     result = rehearse_plan(run, executor=executor)
+    if files:
+        write_text(files["sheet"], text)
     title = f"{len(result.steps)} rests, {result.seconds:.0f} s in all"
     table = make_table("rest", "attitude", "hold for", title=title)
     for step in result.steps:
@@ -109,7 +132,7 @@ def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
         for step in result.steps
     ]
     expected = coefficient_uncertainties(result.sensor, std)
-    return _Plan(steps, result.seconds, table, (expected,), notes, {})
+    return _Plan(steps, result.seconds, table, (expected,), notes, {}), files
 
 
 def _path_plan(run: "Run") -> _Plan:
