@@ -165,8 +165,8 @@ def _check_files(run: "Run", files: Sequence[Path]) -> None:
     """Refuse files that cannot be written, or that are inputs of the run besides its table."""
     from inercal.cli.outputs import WORKSHEET, check_outputs
 
-    own = files[0].resolve()
-    inputs = [path for path in run.input_files() if path.resolve() != own]
+    table = run.file(run.data.file)
+    inputs = [path for path in run.input_files() if path != table]
     # What a table holds is not lost: the measurement goes on in it.
     check_outputs(dict.fromkeys(files, WORKSHEET), inputs, force=True)
 

@@ -186,7 +186,8 @@ class GuidedMeasurement:
         texts: list[str] = []
         for name, value in row.mean().items():
             more = [f"s {scatter(row.readings, name):.2g}"] * (n > 1)
-            more += [f"expected {expected[name]:+.4g}"] * (name in expected)
+            if name in expected:
+                more.append(f"expected {expected[name]:+.4g}")
             texts.append(f"{name} {value:.9g}" + f" ({', '.join(more)})" * bool(more))
         return f"mean of {n}: " * (n > 1) + ", ".join(texts)
 
