@@ -11,7 +11,6 @@ from math import inf, radians
 
 import numpy as np
 
-from inercal.arrays import Array
 from inercal.benches import MeanBench
 from inercal.data.recording_loader import reader_columns, stated_deviations
 from inercal.errors import InputError, NotObserved
@@ -63,13 +62,21 @@ class ReadingCheck:
             for name, value in zip(prior.names, prior.mean, strict=True)
         }
         c = np.array([known.get(name, 0.0) for name in run.sensor.coefficients])
-        output = run.sensor.to_output(run.sensor.forward(motion, c))
+        output = np.broadcast_to(
+            run.sensor.to_output(run.sensor.forward(motion, c)),
+            (len(run.steps), len(run.sensor.axes)),
+        )
+        # A component that is the same in all steps may be in one row.
+        sizes = {
+            kind: np.broadcast_to(np.linalg.norm(vectors, axis=-1), len(run.steps)).tolist()
+            for kind, vectors in (("f", motion.f), ("w", motion.w))
+        }
         place = {axis.name: k for k, axis in enumerate(run.sensor.axes)}
         for k, step in enumerate(run.steps):
             self._expected[step.label] = {
                 column: float(output[k, place[axis.name]]) for column, axis in self.axes.items()
             }
-            self._size[step.label] = {"f": _norm(motion.f, k), "w": _norm(motion.w, k)}
+            self._size[step.label] = {kind: size[k] for kind, size in sizes.items()}
 
     def expected(self, label: str) -> Mapping[str, float]:
         """Return what an ideal sensor reads in a step, output units, by column; maybe empty."""
@@ -130,7 +137,3 @@ def scatter(readings: Sequence[Mapping[str, float]], column: str) -> float:
     """Return the standard deviation of single readings; 0 of fewer than two."""
     values = [one[column] for one in readings]
     return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-
-
-def _norm(vectors: Array, k: int) -> float:
-    return float(np.linalg.norm(vectors[k]))
