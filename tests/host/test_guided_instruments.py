@@ -13,7 +13,7 @@ from tests.refusals import refused
 
 from inercal import errors
 from inercal.errors import InputError
-from inercal.host.guided.instruments import Instrument, numbers_in_reply, read_once
+from inercal.host.guided.instruments import Instrument, numbers_in_reply, read_instruments
 from inercal.host.link import LinkLost
 from inercal.pipeline import calibrate
 
@@ -169,7 +169,7 @@ def test_what_is_no_reading_is_refused(reply: str):
 def test_another_number_of_values_than_columns_is_refused():
     device = Instrument("tcp://x:1", "", 1.0, lambda _: Pieces(b"1.0,2.0\n"))
     with refused(InputError, names=("tcp://x:1",)):
-        read_once([device], ("ax", "ay", "az"))
+        read_instruments([device], ("ax", "ay", "az"))
 
 
 def test_a_line_without_an_end_is_refused():

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.host.guided_runs import LABELS, lines, measure, readings, six_positions
+from tests.host.guided_runs import LABELS, Terminal, lines, measure, readings, six_positions
 from tests.program import run_program
 from tests.refusals import refused
 
@@ -132,6 +132,28 @@ def test_a_killed_terminal_goes_on_where_it_was(run_file: Path, tmp_path: Path):
     again = measure(run_file, given=given[3:])
     assert "3 of 6 rows are measured" in again.output
     assert sheet(run_file).read_bytes() == whole.read_bytes()
+
+
+class Interrupted(Terminal):
+    """Somebody who presses Ctrl-C after the lines."""
+
+    def readline(self, size: int = -1, /) -> str:
+        line = super().readline(size)
+        if not line:
+            raise KeyboardInterrupt
+        return line
+
+
+def test_an_interruption_by_the_keyboard_says_how_to_go_on(
+    run_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    given = lines(readings(run_file))
+    monkeypatch.setattr("sys.stdin", Interrupted("".join(given[:2])))
+    done = run_program("measure", run_file)
+    assert done.status == 130
+    assert f"2 of 6 rows are measured; to go on: inercal measure {run_file}" in done.error
+    assert done.error.endswith("inercal: stopped\n")
+    assert measure(run_file, given=given[2:]).status == 0
 
 
 def test_undo_takes_back_the_last_reading_and_repeat_those_of_a_row(run_file: Path):

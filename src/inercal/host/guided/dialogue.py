@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 
 from inercal.errors import InercalError, InputError
-from inercal.host.guided.instruments import Instrument, read_once
+from inercal.host.guided.instruments import Instrument, read_instruments
 from inercal.host.guided.measurement_table import MeasuredRow, MeasurementTable, Reading
 from inercal.host.guided.reading_check import ReadingCheck, scatter
 
@@ -107,7 +107,7 @@ class GuidedMeasurement:
             for one in self._instruments:
                 one.begin()
             wanted = self._count - len(row.readings)
-            found = [by_hand | read_once(self._instruments, columns) for _ in range(wanted)]
+            found = [by_hand | read_instruments(self._instruments, columns) for _ in range(wanted)]
         for one in found:
             if beyond := self._check.out_of_range(one):
                 raise InputError("; ".join(beyond) + ": change the range, or correct full_scale")
@@ -128,9 +128,9 @@ class GuidedMeasurement:
             self._say(f"{row.planned.label}: reading {len(row.readings)} of {self._count}")
             return
         self._say(f"{row.planned.label}: {self._summary(row)}")
-        if loose := self._check.loose_columns(row.readings):
+        if scattered := self._check.columns_of_large_scatter(row.readings):
             self._say(
-                f"{', '.join(loose)}: the scatter of the mean is more than three times [data.sd]; "
+                f"{', '.join(scattered)}: the scatter of the mean is more than three times [data.sd]; "
                 "wait until the readings are steady, and repeat, or state a larger one"
             )
 

@@ -159,7 +159,7 @@ def numbers_in_reply(reply: str, address: str) -> list[float]:
     return found
 
 
-def read_once(instruments: Sequence[Instrument], columns: Sequence[str]) -> dict[str, float]:
+def read_instruments(instruments: Sequence[Instrument], columns: Sequence[str]) -> dict[str, float]:
     """Return one reading of all instruments, by column, in order.
 
     Raises

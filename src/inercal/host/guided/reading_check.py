@@ -122,7 +122,7 @@ class ReadingCheck:
                 found.append(f"{column} reads {reading[column]:+.6g}, at or beyond full_scale")
         return found
 
-    def loose_columns(self, readings: Sequence[Mapping[str, float]]) -> list[str]:
+    def columns_of_large_scatter(self, readings: Sequence[Mapping[str, float]]) -> list[str]:
         """Return the columns whose scatter is far more than [data.sd] states of a mean."""
         found: list[str] = []
         for column, axis in self.axes.items():
