@@ -55,17 +55,19 @@ def print_plan(
     run = read(run_file, keys)
     files: dict[str, Path] = {}
     with progress_status(f"computing the uncertainties of {run.method.name}"):
-        if run.method.unknown_attitudes:
-            plan, files = _hand_plan(run, out, executor, force=force)
-        elif not run.kind.sampled:
+        recorded = run.kind.sampled or (
+            run.method.unknown_attitudes and run.data.kind == "recording"
+        )
+        if not recorded:
             plan, files = _worksheet_plan(run, out, force=force)
         elif out is not None:
             raise InputError(
-                f"--out: a plan of {run.method.name} has no table to fill; remove --out",
+                f"--out: a plan of {run.method.name} for a recording has no table to fill; remove "
+                "--out",
                 key="--out",
             )
         else:
-            plan = _path_plan(run)
+            plan = _path_plan(run) if run.kind.sampled else _hand_plan(run, executor)
     if json:
         expected = [_uncertainty_as_object(each) for each in plan.expected[0]]
         content: dict[str, Any] = {
@@ -95,27 +97,13 @@ def _next_step(run: "Run", sheet: Path) -> str:
     )
 
 
-def _hand_plan(
-    run: "Run", out: Path | None, executor: "Executor", *, force: bool
-) -> tuple[_Plan, dict[str, Path]]:
-    """Return the plan of unknown attitudes, and the files that were written."""
+def _hand_plan(run: "Run", executor: "Executor") -> _Plan:
+
     from inercal.cli.tables import make_table
     from inercal.design import rehearse_plan
     from inercal.design.expected_uncertainty import coefficient_uncertainties
-    from inercal.design.worksheet import rows_as_csv, run_sheet, table_rows
-    from inercal.errors import InputError
-    from inercal.io.atomic_files import write_text
 
-    files, text = {}, ""
-    if out is not None:
-        try:
-            text = rows_as_csv(table_rows(run, run_sheet(run)))
-        except InputError as error:
-            raise error.located("--out") from None
-        files = _output_files(out, run.input_files(), page=False, force=force)
     result = rehearse_plan(run, executor=executor)
-    if files:
-        write_text(files["sheet"], text)
     title = f"{len(result.steps)} rests, {result.seconds:.0f} s in all"
     table = make_table("rest", "attitude", "hold for", title=title)
     for step in result.steps:
@@ -132,7 +120,7 @@ def _hand_plan(
         for step in result.steps
     ]
     expected = coefficient_uncertainties(result.sensor, std)
-    return _Plan(steps, result.seconds, table, (expected,), notes, {}), files
+    return _Plan(steps, result.seconds, table, (expected,), notes, {})
 
 
 def _path_plan(run: "Run") -> _Plan:

@@ -130,8 +130,8 @@ class GuidedMeasurement:
         self._say(f"{row.planned.label}: {self._summary(row)}")
         if scattered := self._check.columns_of_large_scatter(row.readings):
             self._say(
-                f"{', '.join(scattered)}: the scatter of the mean is more than three times [data.sd]; "
-                "wait until the readings are steady, and repeat, or state a larger one"
+                f"{', '.join(scattered)}: the scatter of the mean is more than three times "
+                "[data.sd]; wait until the readings are steady, and repeat, or state a larger one"
             )
 
     def _take_back(self, k: int | None, *, last: bool) -> None:
