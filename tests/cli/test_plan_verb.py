@@ -252,7 +252,7 @@ def test_a_run_file_is_planned_by_its_own_method(program: Program, tmp_path: Pat
     assert (k0["name"], k0["std"]) == ("ax.k0", pytest.approx(30e-6 * 9.80665 / 2**0.5, rel=0.02))
     status, printed, _ = program(SIX, "--out", tmp_path / "sheet.csv")
     assert status == 0
-    assert f"inercal measure {SIX}" in printed
+    assert f"inercal measure {tmp_path / 'sheet.csv'} --run {SIX}" in printed
     assert table(tmp_path / "sheet.csv")[:2] == [
         ["position", "acc_x", "acc_y", "acc_z"],
         ["x_p", "", "", ""],

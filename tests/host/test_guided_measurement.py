@@ -134,6 +134,25 @@ def test_a_killed_terminal_goes_on_where_it_was(run_file: Path, tmp_path: Path):
     assert sheet(run_file).read_bytes() == whole.read_bytes()
 
 
+def test_a_reading_that_the_disk_does_not_take_is_not_counted(
+    run_file: Path, monkeypatch: pytest.MonkeyPatch
+):
+    given, write = lines(readings(run_file, count=2)), measurement_table.write_text
+    full = [False, False, True]
+
+    def write_to_full_disk(path: Path, text: str) -> Path:
+        if full and full.pop(0):
+            raise InputError(f"{path} cannot be written: No space left on device")
+        return write(path, text)
+
+    monkeypatch.setattr(measurement_table, "write_text", write_to_full_disk)
+    told = measure(run_file, "-n", "2", given=[*given[:2], *given[1:]], typed=True)
+    assert told.status == 0
+    assert told.output.count("No space left") == 1
+    single = run_file.with_name("sheet.readings.csv").read_text(encoding="utf-8").splitlines()
+    assert len(single) == 1 + len(given)
+
+
 class Interrupted(Terminal):
     """Somebody who presses Ctrl-C after the lines."""
 

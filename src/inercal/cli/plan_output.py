@@ -86,9 +86,12 @@ def print_plan(
 
 def _next_step(run: "Run", sheet: Path) -> str:
     """Return what to do with the table: fill it, and calibrate by it."""
-    fill = f"fill {sheet.name}, by hand or position by position with inercal measure {run.path}"
-    if run.data.kind == "means" and run.file(run.data.file).resolve() == sheet.resolve():
-        return f"{fill}; next: inercal calibrate {run.path}"
+    fill = f"fill {sheet.name}"
+    if run.data.kind == "means":
+        if run.file(run.data.file).resolve() == sheet.resolve():
+            command = f"inercal measure {run.path}"
+            return f"{fill}, by hand or by {command}; next: inercal calibrate {run.path}"
+        fill += f", by hand or by inercal measure {sheet} --run {run.path}"
     kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
     stated = " and ".join({"f": "accelerometer", "w": "gyro"}[kind] for kind in kinds)
     return (

@@ -7,7 +7,8 @@ row without a mean whose readings are all there gets its mean when the table is 
 """
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from math import fsum
 from pathlib import Path
@@ -128,30 +129,33 @@ class MeasurementTable:
     def add(self, k: int, readings: Sequence[Reading]) -> bool:
         """Add readings to row `k` and store them; return whether the row is complete by them."""
         row = self.rows[k]
-        row.readings += readings
-        if self._count > 1:
-            self._write_readings()
-        if len(row.readings) < self._count:
-            return False
-        self._fill(row)
-        self._write_table()
+        with _unchanged_on_failure(row):
+            row.readings = [*row.readings, *readings]
+            if self._count > 1:
+                self._write_readings()
+            if len(row.readings) < self._count:
+                return False
+            self._fill(row)
+            self._write_table()
         return True
 
     def remove(self, k: int, *, last: bool) -> None:
         """Take readings of row `k` back: the last, or all; its means are emptied."""
         row = self.rows[k]
-        row.cells |= dict.fromkeys(row.columns, "")
-        row.readings = row.readings[:-1] if last else []
-        self._write_table()
-        if self._count > 1 or self._readings_path.exists():
-            self._write_readings()
+        with _unchanged_on_failure(row):
+            row.cells = {**row.cells, **dict.fromkeys(row.columns, "")}
+            row.readings = row.readings[:-1] if last else []
+            self._write_table()
+            if self._count > 1 or self._readings_path.exists():
+                self._write_readings()
 
     def _fill(self, row: MeasuredRow) -> None:
         digits = "" if len(row.readings) == 1 else ".12g"
-        row.cells |= {
+        found = {
             name: format(value, digits) if digits else repr(value)
             for name, value in row.mean().items()
         }
+        row.cells = {**row.cells, **found}
 
     def _row(self, planned: SheetRow, cells: dict[str, str]) -> MeasuredRow:
         return MeasuredRow(planned, self.sheet.entry_columns(planned), cells)
@@ -159,11 +163,9 @@ class MeasurementTable:
     def _read_rows(self, run: Run, names: Sequence[str]) -> list[MeasuredRow]:
         lines = self._lines(self.path)
         self._comments = [text for _, text in lines if text.startswith("#")]
-        header, *found = [
-            (number, next(csv.reader([text])))
-            for number, text in lines
-            if text[:1] not in ("", "#")
-        ] or [(1, [])]
+        header, *found = self._cells(
+            self.path, [(number, text) for number, text in lines if text[:1] not in ("", "#")]
+        )
         self._columns = [name.strip() for name in header[1]]
         for name in names:
             if self._columns.count(name) != 1:
@@ -209,7 +211,7 @@ class MeasurementTable:
                     )
                 return row
         raise InputError(
-            f"{self.path} line {number}: {', '.join(cells)[:60]!r} is no row of the worksheet of "
+            f"{self.path} line {number}: {','.join(cells)[:60]!r} is no row of the worksheet of "
             f"{run.path}; correct it, name another table with --out, or begin anew with --force",
             file=self.path,
             line=number,
@@ -221,7 +223,7 @@ class MeasurementTable:
             return
         path, by_label = self._readings_path, {row.planned.label: row for row in self.rows}
         lines = [(number, text) for number, text in self._lines(path) if text]
-        header, *found = [(number, next(csv.reader([text]))) for number, text in lines] or [(1, [])]
+        header, *found = self._cells(path, lines)
         for number, cells in found:
             one = dict(zip(header[1], cells, strict=False))
             row = by_label.get(one.get(_STEP, ""))
@@ -250,6 +252,16 @@ class MeasurementTable:
             ) from None
         return [(k, line.strip()) for k, line in enumerate(text.splitlines(), start=1)]
 
+    def _cells(self, path: Path, lines: Sequence[tuple[int, str]]) -> list[tuple[int, list[str]]]:
+        """Return the cells of lines; of no line, an empty header."""
+        try:
+            found = [(number, next(csv.reader([text]))) for number, text in lines]
+        except csv.Error as error:
+            raise InputError(
+                f"{path} is no table: {error}; name another table with --out", file=path
+            ) from None
+        return found or [(1, [])]
+
     def _write_table(self) -> None:
         rows = [[row.cells[name] for name in self._columns] for row in self.rows]
         comments = "".join(f"{text}\n" for text in self._comments)
@@ -263,6 +275,17 @@ class MeasurementTable:
                 cells = [repr(one[name]) if name in one else "" for name in names]
                 lines.append([row.planned.label, str(k), *cells])
         write_text(self._readings_path, rows_as_csv(lines))
+
+
+@contextmanager
+def _unchanged_on_failure(row: MeasuredRow) -> Generator[None]:
+    """Leave a row as it was where its change cannot be stored."""
+    before = row.cells, row.readings
+    try:
+        yield
+    except BaseException:
+        row.cells, row.readings = before
+        raise
 
 
 def _same_cell(found: str, stated: str) -> bool:
