@@ -175,6 +175,8 @@ def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
     say(table.sheet.title)
     for note in table.sheet.notes:
         say(f"· {note}")
+    if sys.stdin.isatty():
+        say("· Type the readings of a row; commands are undo, repeat, keep and quit.")
     if table.left_out:
         say(f"· The table has no row of {', '.join(table.left_out)}.")
     if table.measured:

@@ -58,7 +58,10 @@ def run(
             positions = _POSITIONS if positions is None else positions
             seconds = _SECONDS if seconds is None else seconds
     if run_file is None:
-        raise InputError(f"a plan of {method} needs a run file: add --run FILE", key="--run")
+        raise InputError(
+            f"a plan of {method} needs a run file: add --run FILE; only multi-position has its own",
+            key="--run",
+        )
     keys |= _method_keys(positions, seconds)
     with open_executor(workers) as executor:
         print_plan(run_file, keys, out, executor, force=force, json=json)
