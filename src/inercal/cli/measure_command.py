@@ -56,6 +56,8 @@ def run(
     Readings are typed, piped (one line each), or taken from instruments. Each is stored at once,
     and a measurement that was left goes on where it was. Commands: undo, repeat, keep, quit.
     """
+    planned, path = _run_and_table(plan, run_file, out)
+    # The modules of the work load after the run file was checked.
     from inercal.cli.console import print_json
     from inercal.host.guided.dialogue import GuidedMeasurement
     from inercal.host.guided.instruments import Instrument
@@ -63,7 +65,6 @@ def run(
     from inercal.host.guided.reading_check import ReadingCheck
     from inercal.io.atomic_files import keep_previous
 
-    planned, path = _run_and_table(plan, run_file, out)
     say = _printer(to_errors=json)
     with ExitStack() as opened:
         files = measurement_files(path)
