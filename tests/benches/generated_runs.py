@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from inercal.benches import MeanBench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS
 from inercal.data import DataSection
@@ -14,6 +15,7 @@ from inercal.io.write import write_recording
 from inercal.methods import METHODS
 from inercal.pipeline import Outcome, calibrate, simulate_files
 from inercal.runfile import Run, read
+from inercal.units import parse_quantity
 
 # What a laboratory states beside the keys that a kind of bench cannot do without: so little that
 # what errors do to the means is linear in them.
@@ -39,12 +41,15 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     "turntable": ('table = ["outer", "middle", "inner"]',),
     "rate_platform": ('axis = "axis"', 'table_rate = "rate"'),
 }
+TURN_COLUMNS: Mapping[str, tuple[str, ...]] = {"ferraris": ('seconds = "seconds"',)}
 AXES: Mapping[str, tuple[str, ...]] = {"dual_orthogonal": ("a", "b"), "tumble": ("a",)}
 PRIORS: Mapping[str, tuple[str, ...]] = {
     "dual_orthogonal": ('prior."a.kip" = "0 ± 20 µg/g²"', 'prior."b.kip" = "0 ± 20 µg/g²"')
 }
 WHITE = 'white = "20 µg/√Hz"'
 GYRO_WHITE = 'white = "0.1 °/√h"'
+SD = "5 µg"  # of a mean, from the white noise of a sample and some seconds
+GYRO_SD = "1 °/h"
 SMALL = 1e-4  # of coefficients' natural sizes: what closed formulas leave out is then nothing
 
 
@@ -84,7 +89,7 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         f"accelerometer = {list(axes)}",
         *(('gyro = ["gx", "gy", "gz"]',) if gyros else ()),
         *(f'{key} = "{key}"' for key in columns),
-        *COLUMNS.get(kind.name, ()),
+        *COLUMNS.get(kind.name, TURN_COLUMNS.get(method, ())),
         "[method]",
         f'name = "{method}"',
         *PRIORS.get(method, ()),
@@ -116,3 +121,42 @@ def calibrate_run(run: Run) -> tuple[Outcome, float]:
     error = found.calibration.values - [run.truth[n] for n in found.calibration.sensor.coefficients]
     weighed = error @ np.linalg.solve(found.calibration.covariance, error)
     return found, float(weighed) / len(error)
+
+
+def read_off(run: Run, rng: np.random.Generator) -> dict[str, list[float]]:
+    """Return the mean readings of each step, output units, on a bench with errors as stated."""
+    off = {
+        name: np.array(one.value + one.sd * rng.standard_normal())
+        for name, one in run.bench.nuisances(run.steps, run.sensor).items()
+    }
+    assert isinstance(run.bench, MeanBench)
+    motion = run.bench.mean_motion(run.steps, off).motion
+    c = np.array([run.truth[name] for name in run.sensor.coefficients])
+    si = run.sensor.forward(motion, c)
+    sd = {"f": parse_quantity(SD, "g").value, "w": parse_quantity(GYRO_SD, "°/s").value}
+    si += [sd[axis.measures] for axis in run.sensor.axes] * rng.standard_normal(si.shape)
+    return {
+        step.label: row
+        for step, row in zip(run.steps, run.sensor.to_output(si).tolist(), strict=True)
+    }
+
+
+def state_means(run: Run, table: str, *, labelled: bool) -> None:
+    """Let the run file of a recording be that of a table of means, with or without labels."""
+    text = run.path.read_text(encoding="utf-8")
+    deviations = f'accelerometer = "{SD}"'
+    if run.sensor.select_axes("w").axes:
+        deviations += f'\ngyro = "{GYRO_SD}"'
+    for old, new in (
+        ("made.npz", table),
+        (WHITE, ""),
+        ("[data]", '[data]\nkind = "means"'),
+        ('marks = "labels"', ""),
+        *(() if labelled else (('label = "label"', ""),)),
+        ('rate = "50 Hz"', ""),
+        ('time = "time"', ""),
+        (GYRO_WHITE, ""),
+        ("[method]", f"[data.sd]\n{deviations}\n[method]"),
+    ):
+        text = text.replace(old, new)
+    run.path.write_text(text, encoding="utf-8")

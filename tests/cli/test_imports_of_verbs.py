@@ -62,7 +62,7 @@ def test_a_report_of_six_means_adds_the_plots_alone(table: Path, tmp_path: Path)
     assert heavy_imports("report", table, "--out", tmp_path / "page.html") == used
 
 
-@pytest.mark.parametrize("verb", ["calibrate", "report", "simulate", "budget"])
+@pytest.mark.parametrize("verb", ["calibrate", "report", "simulate", "budget", "measure"])
 def test_a_mistyped_run_file_is_refused_before_anything_heavy_is_imported(verb: str, table: Path):
     text = table.read_text(encoding="utf-8")
     table.write_text(text.replace("latitude", "lattitude"), encoding="utf-8")

@@ -13,6 +13,7 @@ from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SENSOR = "triad 3"
+READ = ("run.toml", "head.toml", "means.toml", "run.calibration.json", "register.db")
 # Verbs that write one file, by --out; the inputs that each reads.
 FILE_VERBS = {
     "report": (("report", "run.toml"), ("run.toml", "log.csv")),
@@ -22,6 +23,7 @@ FILE_VERBS = {
     ),
     "simulate": (("simulate", "run.toml", "--force"), ("run.toml",)),
     "plan": (("plan", "dual-orthogonal", "--run", "head.toml", "--force"), ("head.toml",)),
+    "measure": (("measure", "means.toml", "--force"), ("means.toml",)),
     "history": (("store", "history", SENSOR, "--register", "register.db"), ("register.db",)),
 }
 # Verbs that write files of their own names to a folder, and what they write first.
@@ -41,10 +43,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with chdir(folder):
         run_file(folder, SIX_POSITIONS)
         shutil.copy(EXAMPLES / "dividing_head" / "pair.toml", "head.toml")
+        shutil.copy(EXAMPLES / "six_position" / "run.toml", "means.toml")
         shutil.copy(EXAMPLES / "turntable" / "filter_keys.toml", "table.toml")
         assert run_program("simulate", "run.toml").status == 0
         assert run_program("calibrate", "run.toml", "--register", "register.db").status == 0
-        for name in ("run.toml", "log.csv", "run.calibration.json", "head.toml", "register.db"):
+        for name in (*READ, "log.csv"):
             os.link(name, f"hard-{name}")
             Path(f"soft-{name}").symlink_to(name)
         Path("photo.html").write_text("<html>mine</html>")
@@ -123,7 +126,7 @@ def test_nothing_is_written_where_the_working_directory_was_deleted(
     folder: Path, tmp_path: Path, verb: str
 ):
     arguments, inputs = FILE_VERBS[verb]
-    names = (*inputs, "run.toml", "head.toml", "run.calibration.json", "register.db")
+    names = (*inputs, *READ)
     gone = tmp_path / "gone"
     gone.mkdir()
     before = content(folder)

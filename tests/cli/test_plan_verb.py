@@ -14,6 +14,10 @@ from inercal.cli.app import main
 EXAMPLES = Path(__file__).parents[2] / "examples"
 EXAMPLE = EXAMPLES / "dividing_head" / "pair.toml"
 SHIP = EXAMPLES / "rate_table" / "ship.toml"
+SIX = EXAMPLES / "six_position" / "run.toml"
+TURNS = EXAMPLES / "ferraris_simulated" / "run.toml"
+ARM = EXAMPLES / "centrifuge" / "lab.toml"
+RATES = ('name = "centrifuge_norm"', 'name = "centrifuge_norm"\nrates = ["60 rpm", "-90 rpm"]')
 
 Program = Callable[..., tuple[int, str, str]]
 
@@ -224,3 +228,111 @@ def test_refusals_of_a_rate_table_are_one_line(
     status, printed, errors = program(*arguments)
     assert (status, printed, errors.count("\n")) == (2, "", 1)
     assert where in errors
+
+
+def table(path: Path) -> list[list[str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_a_run_file_is_planned_by_its_own_method(program: Program, tmp_path: Path):
+    content = json.loads(program(SIX, "--json")[1])
+    assert content == json.loads(program("six-position", "--run", SIX, "--json")[1])
+    assert [step["label"] for step in content["steps"]] == [
+        "x_p",
+        "x_a",
+        "y_p",
+        "y_a",
+        "z_p",
+        "z_a",
+    ]
+    assert content["steps"][1]["what"] == "−x up"
+    k0 = content["expected"][0]
+    # 30 µg of each of two means, and what tilt takes from them.
+    assert (k0["name"], k0["std"]) == ("ax.k0", pytest.approx(30e-6 * 9.80665 / 2**0.5, rel=0.02))
+    status, printed, _ = program(SIX, "--out", tmp_path / "sheet.csv")
+    assert status == 0
+    assert f"inercal measure {tmp_path / 'sheet.csv'} --run {SIX}" in printed
+    assert table(tmp_path / "sheet.csv")[:2] == [
+        ["position", "acc_x", "acc_y", "acc_z"],
+        ["x_p", "", "", ""],
+    ]
+
+
+def test_the_duration_of_a_turn_by_hand_is_left_to_the_operator(program: Program, tmp_path: Path):
+    run = changed(
+        Path(shutil.copy(TURNS, tmp_path)), ('label = "label"', 'label = "label"\nseconds = "T"')
+    )
+    status, printed, _ = program(run, "--out", tmp_path / "sheet.csv")
+    assert status == 0
+    assert "6 positions and 3 turns, 90 s in all" in printed
+    header, *rows = table(tmp_path / "sheet.csv")
+    assert header == ["label", "T", *(f"{a}_{b}" for a in ("acc", "gyr") for b in "xyz")]
+    assert [row[:2] for row in rows[5:7]] == [["z_a", "12"], ["x_rot", ""]]
+
+
+def test_dwells_on_the_arm_are_grouped_by_attitude(program: Program, tmp_path: Path):
+    run = changed(Path(shutil.copy(ARM, tmp_path)), RATES)
+    status, printed, _ = program(run, "--out", tmp_path / "sheet.csv")
+    assert status == 0
+    assert "40 dwells in 20 attitudes" in printed
+    header, *rows = table(tmp_path / "sheet.csv")
+    assert header == ["position", "psi", "theta", "rpm", "ax", "ay", "az"]
+    assert rows[:3] == [
+        ["p01", "10", "20", "60", "", "", ""],
+        ["p01", "10", "20", "-90", "", "", ""],
+        ["p02", "10", "110", "60", "", "", ""],
+    ]
+    first = json.loads(program(run, "--json")[1])["steps"][0]
+    # The arm turns clockwise: outwards, less the centripetal acceleration; gravity along up.
+    a = 1.5 * (60 * 3.14159265 / 30) ** 2
+    assert sum(x**2 for x in first["felt"]) == pytest.approx(a**2 + 9.81262**2, rel=1e-4)
+
+
+def test_a_table_by_hand_of_accelerometers_alone_is_written(program: Program, tmp_path: Path):
+    run = changed(
+        Path(shutil.copy(SIX, tmp_path)),
+        ("six_position", "multi_position"),
+        ('tilt = "0.1 °"', ""),
+    )
+    status, printed, _ = program(run, "--out", tmp_path / "sheet.csv", "--json")
+    assert status == 0
+    header, *rows = table(tmp_path / "sheet.csv")
+    assert header == ["position", "acc_x", "acc_y", "acc_z"]
+    assert len({row[0] for row in rows}) == len(rows)
+    # 30 µg of each mean; a bias is seen by the third of the rows in which its axis is level or so.
+    k0 = json.loads(printed)["expected"][0]
+    sd = 30e-6 * 9.80665
+    assert sd / len(rows) ** 0.5 < k0["std"] < 3 * sd / len(rows) ** 0.5
+
+
+@pytest.mark.parametrize(
+    ("example", "changes", "where"),
+    [
+        (ARM, (), "[method] rates"),
+        (ARM, (RATES, ('sense = "clockwise"', 'platform = "counter-rotating"')), "platform"),
+        (TURNS, (), "[data] seconds"),
+        (SIX, (('label = "position"\n', ""),), "[data] label"),
+    ],
+)
+def test_a_table_that_calibrate_could_not_read_is_not_written(
+    program: Program,
+    tmp_path: Path,
+    example: Path,
+    changes: tuple[tuple[str, str], ...],
+    where: str,
+):
+    run = changed(Path(shutil.copy(example, tmp_path / "run.toml")), *changes)
+    status, printed, errors = program(run, "--out", tmp_path / "sheet.csv")
+    assert (status, printed, errors.count("\n")) == (2, "", 1)
+    assert where in errors
+    assert [path.name for path in tmp_path.iterdir()] == ["run.toml"]
+
+
+def test_a_column_of_temperature_is_in_the_table(program: Program, tmp_path: Path):
+    run = changed(
+        Path(shutil.copy(EXAMPLE, tmp_path / "run.toml")),
+        ('angle = "angle"', 'angle = "angle"\ntemperature = "T"'),
+    )
+    assert program(run, "--out", tmp_path / "sheet.csv")[0] == 0
+    assert table(tmp_path / "sheet.csv")[0][-1] == "T"

@@ -243,7 +243,7 @@ def test_the_demonstration_says_its_normalised_error(tmp_path: Path, said: Calla
     assert 0 < float(line.split(": ")[1].split(" ")[0]) < 2
 
 
-def test_plan_says_whose_plans_it_makes(
+def test_plan_says_whose_plan_needs_no_run_file(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr("sys.argv", ["inercal", "plan", "centrifuge-norm"])

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from inercal.errors import InputError
+
 
 @dataclass(frozen=True)
 class Heading:
@@ -69,10 +71,18 @@ class SheetRow:
 
 @dataclass(frozen=True)
 class EntryField:
-    """A box of the printed page that the operator fills in: its name and unit."""
+    """A box of the printed page that the operator fills in.
+
+    Parameters
+    ----------
+    name, unit : str
+    column : str
+        Of the table to be filled; empty where the table has none.
+    """
 
     name: str
     unit: str
+    column: str = ""
 
 
 @dataclass(frozen=True)
@@ -97,6 +107,10 @@ class Sheet:
         The bench's stated errors, in words: the expected uncertainties follow from them.
     sums : bool
         Whether sums of coefficients, which are known far better than their terms, are listed too.
+    units : mapping of str to str
+        Units of columns that the operator fills in besides the sensor's, where no box has them.
+    table_error : InputError or None
+        Why there is no table to be filled; None where there is one.
     """
 
     title: str
@@ -108,6 +122,19 @@ class Sheet:
     facts: tuple[str, ...] = ()
     stated: str = "the bench"
     sums: bool = False
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    table_error: InputError | None = None
+
+    @property
+    def entry_units(self) -> dict[str, str]:
+        """Units of the columns that the operator fills in, as far as the sheet states them."""
+        return {box.column: box.unit for box in self.boxes if box.column} | dict(self.units)
+
+    def entry_columns(self, row: SheetRow) -> tuple[str, ...]:
+        """Return the columns that the operator fills in for a row, in the order of the table."""
+        idle = {self.boxes[k].column for k in row.idle}
+        columns = [str(column) for column in self.columns if column is not None]
+        return tuple(name for name in columns[len(row.given) :] if name not in idle)
 
     @property
     def seconds(self) -> float:

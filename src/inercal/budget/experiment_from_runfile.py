@@ -16,8 +16,14 @@ from inercal.sensors import Axis
 _SECTION = {"f": "accelerometer", "w": "gyro"}
 
 
-def experiment_from_run(run: Run) -> Experiment:
+def experiment_from_run(run: Run, *, free_attitudes: bool = False) -> Experiment:
     """Return the experiment that a run file describes.
+
+    Parameters
+    ----------
+    run : Run
+    free_attitudes : bool
+        Whether the method may estimate the attitudes, from means.
 
     The noise of a mean is its stated deviation ([data.sd]), else the white noise of the axis over
     the step. A coefficient with a prior and no [sensor.truth] truly has the value of the prior.
@@ -27,7 +33,7 @@ def experiment_from_run(run: Run) -> Experiment:
     InputError
         A method without a plan of attitudes, or no noise.
     """
-    if run.method.unknown_attitudes:
+    if run.method.unknown_attitudes and not free_attitudes:
         raise InputError(
             f"{run.path}: a budget needs a plan with attitudes; method {run.method.name} estimates "
             "attitudes from the recording; use inercal plan, which simulates a recording",

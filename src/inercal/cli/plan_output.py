@@ -55,11 +55,15 @@ def print_plan(
     run = read(run_file, keys)
     files: dict[str, Path] = {}
     with progress_status(f"computing the uncertainties of {run.method.name}"):
-        if run.kind.sheet is not None:
+        recorded = run.kind.sampled or (
+            run.method.unknown_attitudes and run.data.kind == "recording"
+        )
+        if not recorded:
             plan, files = _worksheet_plan(run, out, force=force)
         elif out is not None:
             raise InputError(
-                f"--out: a plan of {run.method.name} has no table to fill; remove --out",
+                f"--out: a plan of {run.method.name} for a recording has no table to fill; remove "
+                "--out",
                 key="--out",
             )
         else:
@@ -77,13 +81,23 @@ def print_plan(
     _print(run, plan)
     print_written_files(files)
     if files:
-        name = files["sheet"].name
-        kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
-        stated = " and ".join({"f": "accelerometer", "w": "gyro"}[kind] for kind in kinds)
-        print(
-            f'fill {name}, then calibrate it with [data] file = "{name}", kind = "means" and '
-            f"[data.sd] {stated}, the standard deviation of a mean"
-        )
+        print(_next_step(run, files["sheet"]))
+
+
+def _next_step(run: "Run", sheet: Path) -> str:
+    """Return what to do with the table: fill it, and calibrate by it."""
+    fill = f"fill {sheet.name}"
+    if run.data.kind == "means":
+        if run.file(run.data.file).resolve() == sheet.resolve():
+            command = f"inercal measure {run.path}"
+            return f"{fill}, by hand or by {command}; next: inercal calibrate {run.path}"
+        fill += f", by hand or by inercal measure {sheet} --run {run.path}"
+    kinds = dict.fromkeys(axis.measures for axis in run.sensor.axes)
+    stated = " and ".join({"f": "accelerometer", "w": "gyro"}[kind] for kind in kinds)
+    return (
+        f'{fill}; then calibrate it with [data] file = "{sheet.name}", kind = "means" and '
+        f"[data.sd] {stated}, the standard deviation of a mean"
+    )
 
 
 def _hand_plan(run: "Run", executor: "Executor") -> _Plan:

@@ -44,7 +44,7 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
     Parameters
     ----------
     run : Run
-        Of a method with known attitudes.
+        Of a method with known attitudes, or of means.
     rows : str
         Name of the rows of the plan, "positions" or "states".
 
@@ -55,7 +55,7 @@ def estimate_of_plan(run: Run, rows: str) -> Estimate:
     NotObserved
         Coefficients that the plan leaves open.
     """
-    experiment = experiment_from_run(run)
+    experiment = experiment_from_run(run, free_attitudes=run.data.kind == "means")
     try:
         estimate = experiment.estimate()
     except NotObserved as error:

@@ -1,7 +1,9 @@
 """The worksheet of a run: steps for the operator, the table to fill, expected uncertainties."""
 
 import csv
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from io import StringIO
 
 from inercal.benches.operator_sheet import Sheet
@@ -51,7 +53,11 @@ def run_sheet(run: Run) -> Sheet:
             file=run.path,
             key="[bench] kind",
         )
-    return run.kind.sheet(run)
+    sheet, temperature = run.kind.sheet(run), run.data.temperature
+    if temperature is None or temperature in sheet.columns:
+        return sheet
+    units = {**sheet.units, str(temperature): run.data.temperature_unit}
+    return replace(sheet, columns=(*sheet.columns, temperature), units=units)
 
 
 def build_worksheet(run: Run) -> Worksheet:
@@ -78,24 +84,50 @@ def worksheet_csv(made: Worksheet) -> str:
     Raises
     ------
     InputError
-        A column that is given by its number.
+        A column that is given by its number or for two quantities, or a run whose means in a table
+        would not suffice.
     """
-    columns = [column for column in made.sheet.columns if column is not None]
+    return rows_as_csv(table_rows(made.run, made.sheet))
+
+
+def rows_as_csv(rows: Iterable[Sequence[str]]) -> str:
+    """Return rows of cells as CSV."""
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def table_rows(run: Run, sheet: Sheet) -> list[list[str]]:
+    """Return the header and the rows of the table to be filled, cells to be filled empty.
+
+    Raises
+    ------
+    InputError
+        As of `worksheet_csv`.
+    """
+    if sheet.table_error is not None:
+        raise sheet.table_error
+    columns = [column for column in sheet.columns if column is not None]
     for column in columns:
         if isinstance(column, int):
             raise InputError(
-                f"{made.run.path}: [data] gives column {column} by its number; a worksheet needs "
+                f"{run.path}: [data] gives column {column} by its number; a worksheet needs "
                 "names: replace the number by a name",
-                file=made.run.path,
+                file=run.path,
                 key="[data]",
                 names=(str(column),),
             )
-    text = StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(columns)
-    for row in made.sheet.rows:
-        lines.writerow([*row.given, *[""] * (len(columns) - len(row.given))])
-    return text.getvalue()
+    names = [str(column) for column in columns]
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise InputError(
+            f"{run.path}: [data] names column {twice[0]!r} for two quantities; name a different "
+            "column for each",
+            file=run.path,
+            key="[data]",
+            names=(twice[0],),
+        )
+    rows = [[*row.given, *[""] * (len(columns) - len(row.given))] for row in sheet.rows]
+    return [names, *rows]
 
 
 def _sum_uncertainties(

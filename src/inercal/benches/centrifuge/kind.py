@@ -6,6 +6,7 @@ from math import degrees
 import numpy as np
 
 from inercal.benches.centrifuge.arm_motion import sensed_motion
+from inercal.benches.centrifuge.arm_sheet import sheet
 from inercal.benches.centrifuge.bench import Centrifuge
 from inercal.benches.centrifuge.settings import CentrifugeData, CentrifugeSection, build
 from inercal.benches.centrifuge.simulation import arm_plan_duration, simulate_arm_motion
@@ -63,6 +64,7 @@ KIND = Kind(
     ),
     refuses_budget=_refuses_budget,
     rows_of_table=True,
+    sheet=sheet,
     directions=directions,
     row=describe_spin,
 )

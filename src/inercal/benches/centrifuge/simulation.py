@@ -70,7 +70,7 @@ def simulate_arm_motion(
         swept = azimuth + bench.sense / rate_hz * turned
         parts.append(_sensed_motion(bench, own, drawn, rate, which, swept, 1 / rate_hz))
         azimuth = float(swept[-1])
-        head = _attitude_angles(own[0])
+        head = head_angles_of_attitude(own[0])
         readbacks.append(np.stack([rate, *(np.full(rate.size, angle) for angle in head)]))
         labels += [name] * rate.size
     time = np.arange(len(labels)) / rate_hz
@@ -84,7 +84,7 @@ def arm_plan_duration(bench: Centrifuge, steps: Sequence[Spin]) -> float:
     return sum(step.seconds + _SETTLING + 2 * (_REST + abs(step.rate) / SPIN_UP) for step in steps)
 
 
-def _attitude_angles(step: Spin) -> tuple[float, float]:
+def head_angles_of_attitude(step: Spin) -> tuple[float, float]:
     """Return ψ and θ of the two-axis head."""
     (out,), (up,) = outward_and_up_directions([step])
     theta = atan2(up[0], -up[2])

@@ -106,13 +106,14 @@ def _entry_fields(
 ) -> tuple[EntryField, ...]:
     """Return the fields that the operator fills in."""
     found = [
-        EntryField(str(name), axis.readout.unit)
+        EntryField(str(name), axis.readout.unit, str(name))
         for name, axis in zip(data.accelerometer, sensor.axes, strict=True)
     ]
     if collimated:
-        found.append(EntryField("autocollimator", data.autocollimator_unit))
+        column = "" if data.autocollimator is None else str(data.autocollimator)
+        found.append(EntryField("autocollimator", data.autocollimator_unit, column))
     if data.level is not None:
-        found.append(EntryField("level", data.level_unit))
+        found.append(EntryField("level", data.level_unit, str(data.level)))
     return tuple(found)
 
 

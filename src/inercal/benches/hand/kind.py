@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.hand_sheet import sheet
 from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import (
@@ -77,6 +78,7 @@ KIND = Kind(
         Effect("earth's rate", "latitude", 0.0, "° of latitude", degrees(1), affects_rates=True),
     ),
     audit=import_when_called(_READING, "audit"),
+    sheet=sheet,
     rests=import_when_called(_READING, "refused_recording_rests"),
     directions=directions,
 )

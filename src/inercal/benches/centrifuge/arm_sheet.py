@@ -1,0 +1,101 @@
+"""The worksheet of a run on a centrifuge: its dwells, attitude by attitude, in each by rate."""
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+
+from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
+from inercal.benches.centrifuge.settings import CentrifugeData
+from inercal.benches.centrifuge.simulation import head_angles_of_attitude
+from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.data import Source
+from inercal.data.recording_loader import readback_units
+from inercal.plan import Spin, describe_direction
+from inercal.section_settings import key_error
+from inercal.sensors import G0
+
+
+def sheet(run: Source[CentrifugeData]) -> Sheet:
+    """Return the dwells of a run's plan.
+
+    Raises
+    ------
+    InputError
+        A plan that the run file does not state, or a platform that turns against the arm.
+    """
+    data, bench = run.data, run.bench
+    if bench.platform != "locked":
+        raise key_error(
+            "[bench] platform",
+            f"{bench.platform!r} needs a recording instead of a table of means: over a dwell the "
+            "mean of the arm's acceleration is zero",
+            run.path,
+        )
+    if not run.has_plan_keys:
+        raise key_error(
+            "[method] rates",
+            'is missing: state the rates of the arm, such as rates = ["60 rpm", "120 rpm"]',
+            run.path,
+        )
+    steps, sizes = _by_attitude(run), readback_units(run)
+    positions = attitude_names(steps)
+    names = {step.label: positions[step.attitude].removesuffix("_r1") for step in steps}
+    stated = {name: np.array(p.value) for name, p in bench.acting_parameters(steps).items()}
+    rows: list[SheetRow] = []
+    for k, (step, f) in enumerate(
+        zip(steps, sensed_motion(bench, steps, stated).f, strict=True), start=1
+    ):
+        assert step.attitude is not None
+        name, rpm = names[step.label], step.rate * 30 / pi
+        angles = head_angles_of_attitude(step)
+        out, up = (describe_direction(one) for one in (step.attitude.out, step.attitude.up))
+        reads = [f"{x + 0.0:+.3f}".replace("-", "−") for x in np.asarray(f / G0).round(3).tolist()]
+        head = [f"{round(angle / sizes[key], 9) + 0.0:.12g}" for key, angle in _head(data, angles)]
+        given = [name] * (data.label is not None) + head
+        rows.append(
+            SheetRow(
+                step.label,
+                (str(k), name, *head, out, up, f"{rpm:.6g}", f"{step.seconds:.6g} s", *reads),
+                step.seconds,
+                name,
+                (*given, f"{step.rate / sizes['arm_rate']:.12g}"),
+                {"position": name, "out": out, "up": up, "rpm": rpm, "felt": f.tolist()},
+            )
+        )
+    head_units = [f"{name}, {data.attitude_unit}" for name in ("ψ", "θ")]
+    return Sheet(
+        f"{len(rows)} dwells in {len(positions)} attitudes, "
+        f"{sum(step.seconds for step in steps) / 60:.3g} min in all",
+        (
+            Heading("row", align_right=True),
+            Heading("position"),
+            *[Heading(text, align_right=True) for text in head_units if data.attitude is not None],
+            Heading("outwards"),
+            Heading("up"),
+            Heading("r/min", align_right=True),
+            Heading("for", align_right=True),
+            *(Heading(f"{axis}, g", align_right=True) for axis in run.sensor.channels),
+        ),
+        tuple(rows),
+        (
+            "Keep an attitude for all its rates.",
+            "At each rate wait until it is steady, then take the mean over whole turns.",
+            "The printed readings are those of a sensor without errors: compare the axes and "
+            "signs.",
+            "Remove the row of a failed dwell from the file.",
+        ),
+        (data.label, *(data.attitude or ()), data.arm_rate, *data.accelerometer),
+    )
+
+
+def _by_attitude(run: Source[CentrifugeData]) -> list[Spin]:
+    """Return the dwells of the plan, those of one attitude together, in the order of the plan."""
+    steps = [step for step in run.steps if isinstance(step, Spin)]
+    order = {attitude: k for k, attitude in enumerate(attitude_names(steps))}
+    return sorted(steps, key=lambda step: order[step.attitude])
+
+
+def _head(data: CentrifugeData, angles: Sequence[float]) -> list[tuple[str, float]]:
+    """Return the angles of the two-axis head by name, rad, where the table has them."""
+    return [] if data.attitude is None else list(zip(("psi", "theta"), angles, strict=True))

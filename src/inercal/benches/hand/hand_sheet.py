@@ -1,0 +1,87 @@
+"""The worksheet of a run by hand: its holds and turns.
+
+A turn by hand lasts as long as it lasts: the operator fills in its duration, which the mean rate
+needs. That of a hold changes nothing, and is stated.
+"""
+
+from inercal.benches.operator_sheet import Heading, Sheet, SheetRow
+from inercal.data import RestsSection, Source
+from inercal.errors import InputError
+from inercal.plan import HandStep, Hold, Turn
+from inercal.section_settings import key_error
+
+
+def sheet(run: Source[RestsSection]) -> Sheet:
+    """Return the holds and turns of a run's plan."""
+    data = run.data
+    steps: list[HandStep] = [step for step in run.steps if isinstance(step, Hold | Turn)]
+    rows = tuple(
+        SheetRow(
+            step.label,
+            (str(k), step.label, _words(step), f"{step.seconds:g} s"),
+            step.seconds,
+            "turns" if isinstance(step, Turn) else "holds",
+            (step.label, *_stated_duration(step, data)),
+            {"what": _words(step)},
+        )
+        for k, step in enumerate(steps, start=1)
+    )
+    turns = sum(isinstance(step, Turn) for step in steps)
+    kinds = f"{len(steps) - turns} positions" + f" and {turns} turns" * bool(turns)
+    gyro = data.gyro if run.sensor.select_axes("w").axes else ()
+    return Sheet(
+        f"{kinds}, {sum(step.seconds for step in steps):.0f} s in all",
+        (
+            Heading("row", align_right=True),
+            Heading("label"),
+            Heading("set to"),
+            Heading("for", align_right=True),
+        ),
+        rows,
+        _operator_notes(run, turns=bool(turns)),
+        (data.label, data.seconds, *data.accelerometer, *gyro),
+        units={} if data.seconds is None else {str(data.seconds): "s"},
+        table_error=_table_error(run, turns=bool(turns)),
+    )
+
+
+def _words(step: HandStep) -> str:
+    return step.describe().replace("-", "−")
+
+
+def _stated_duration(step: HandStep, data: RestsSection) -> tuple[str, ...]:
+    if data.seconds is None or isinstance(step, Turn):
+        return ()
+    return (f"{step.seconds:.12g}",)
+
+
+def _operator_notes(run: Source[RestsSection], *, turns: bool) -> tuple[str, ...]:
+    found = [
+        "Up is the direction in which an axis reads plus 1 g at rest.",
+        "Take the mean of the readings at rest, hands off.",
+    ]
+    if turns:
+        found.append(
+            "A turn begins and ends at rest, its axis up; take its duration and the means of all "
+            "axes from rest to rest. A positive angle is counter-clockwise seen from above."
+        )
+    if run.method.unknown_attitudes:
+        found.append("Attitudes may differ from those of the plan.")
+    return (*found, "The order is free.")
+
+
+def _table_error(run: Source[RestsSection], *, turns: bool) -> InputError | None:
+    """Return why means in a table do not suffice, or lack a column."""
+    if run.method.unknown_attitudes and run.sensor.select_axes("w").axes:
+        return key_error(
+            "[sensor.gyro]",
+            f"a table of means has no rotations, which {run.method.name} needs for the gyros; "
+            "remove [sensor.gyro], or make a recording",
+            run.path,
+        )
+    for key, needed in (("label", True), ("seconds", turns)):
+        if needed and getattr(run.data, key) is None:
+            return key_error(
+                f"[data] {key}", "is missing: name the column of the worksheet", run.path
+            )
+    return None

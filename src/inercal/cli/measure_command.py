@@ -1,0 +1,227 @@
+"""`inercal measure`: a worksheet filled position by position, and what to do next."""
+
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import typer
+
+if TYPE_CHECKING:
+    from inercal.host.guided.measurement_table import MeasurementTable
+    from inercal.runfile import Run
+
+NAME = "measure"
+_OPEN = 130  # the exit status: interrupted, and resumable
+
+
+def run(
+    plan: Path = typer.Argument(
+        help="The run file (.toml), or the worksheet that inercal plan wrote (.csv)."
+    ),
+    run_file: Path | None = typer.Option(
+        None, "--run", "-r", help="Run file of a worksheet, where none beside it names it."
+    ),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="The table to fill (.csv); by default [data] file."
+    ),
+    readings: int = typer.Option(1, "--readings", "-n", min=1, max=10_000, help="Of each mean."),
+    instrument: list[str] = typer.Option(
+        [],
+        "--instrument",
+        "-i",
+        help="Address of an instrument that reads the sensor: tcp://HOST:PORT, or "
+        "serial:PATH?baud=9600; several in the order of the columns.",
+    ),
+    query: str = typer.Option(
+        "READ?",
+        help='What asks an instrument for a reading; "" for a device that sends lines by itself.',
+    ),
+    timeout: float = typer.Option(10.0, min=0.01, help="Time that a reading may take, s."),
+    tolerance: float = typer.Option(
+        20.0,
+        min=0.0,
+        help="Difference from what an ideal sensor reads, in % of the specific force or rate, "
+        "beyond which a reading is asked for again.",
+    ),
+    force: bool = typer.Option(
+        False, "--force", help="Begin anew; the earlier table is kept as .previous."
+    ),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object at the end."),
+) -> None:
+    """Fill a worksheet position by position: what to set, the reading, its scatter, the next.
+
+    Readings are typed, piped (one line each), or taken from instruments. Each is stored at once,
+    and a measurement that was left goes on where it was. Commands: undo, repeat, keep, quit.
+    """
+    planned, path = _run_and_table(plan, run_file, out)
+    # The modules of the work load after the run file was checked.
+    from inercal.cli.console import print_json
+    from inercal.host.guided.dialogue import GuidedMeasurement
+    from inercal.host.guided.instruments import Instrument
+    from inercal.host.guided.measurement_table import MeasurementTable, measurement_files
+    from inercal.host.guided.reading_check import ReadingCheck
+    from inercal.io.atomic_files import keep_previous
+
+    say = _printer(to_errors=json)
+    with ExitStack() as opened:
+        files = measurement_files(path)
+        _check_files(planned, files)
+        check = ReadingCheck(planned, tolerance / 100)
+        table = MeasurementTable(planned, path, readings, anew=force)
+        devices = [
+            opened.enter_context(Instrument(address, query, timeout)) for address in instrument
+        ]
+        if force:
+            for file in files:
+                keep_previous(file)
+        table.begin()
+        _introduce(table, say)
+        units = {name: axis.readout.unit for name, axis in check.axes.items()}
+        dialogue = GuidedMeasurement(
+            table, check, devices, readings, table.sheet.entry_units | units,
+            _line_reader(to_errors=json), say, asked_again=sys.stdin.isatty(),
+        )  # fmt: skip
+        try:
+            complete = dialogue.run()
+        except KeyboardInterrupt:
+            print(file=sys.stderr)
+            print(_how_to_go_on(table), file=sys.stderr)
+            raise
+    after = _next_command(planned, path) if complete else _how_to_go_on(table)
+    if json:
+        content = {"table": str(path), "measured": table.measured, "rows": len(table.rows)}
+        print_json(content | {"complete": complete, "next": after})
+    else:
+        print(f"wrote {path}")
+        print(after)
+    if not complete:
+        raise typer.Exit(_OPEN)
+
+
+def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tuple[Run, Path]":
+    """Return the run and the table to fill.
+
+    Raises
+    ------
+    InputError
+        No run file, or one of a recording; a table that is no .csv.
+    """
+    from inercal.errors import InputError
+    from inercal.runfile import read
+    from inercal.section_settings import key_error
+
+    is_table = plan.suffix.lower() == ".csv"
+    if is_table and out is not None:
+        raise InputError(f"--out: {plan} is the table already; remove --out", key="--out")
+    if not is_table and run_file is not None:
+        raise InputError(f"--run: {plan} is the run file already; remove --run", key="--run")
+    run = read((run_file or _run_file_of(plan)) if is_table else plan)
+    if run.data.kind != "means":
+        raise key_error(
+            "[data] kind",
+            'must be "means" for a guided measurement: state kind = "means", and the table to fill '
+            "as file",
+            run.path,
+        )
+    for axis in run.sensor.axes:
+        section = {"f": "accelerometer", "w": "gyro"}[axis.measures]
+        if section not in run.data.sd:
+            raise key_error(
+                f"[data.sd] {section}",
+                "is missing: state the standard deviation of a mean",
+                run.path,
+            )
+    path = plan if is_table else out or run.file(run.data.file)
+    if path.suffix.lower() != ".csv":
+        key = "--out" if out is not None else "[data] file"
+        raise InputError(f"{key} {path}: give the name of a .csv file", key=key)
+    return run, path
+
+
+def _run_file_of(table: Path) -> Path:
+    """Return the one run file beside a table whose [data] names it."""
+    from inercal.errors import InputError
+    from inercal.small_files import read_toml
+
+    found: list[Path] = []
+    for path in sorted(table.parent.glob("*.toml")):
+        try:
+            data: Any = read_toml(path, "run file").get("data")
+        except InputError:
+            continue
+        if isinstance(data, dict) and cast(dict[str, Any], data).get("file") == table.name:
+            found.append(path)
+    if len(found) != 1:
+        what = f"{', '.join(map(str, found))} name" if found else "no run file beside it names"
+        raise InputError(
+            f"{table}: {what} it as [data] file; give the run file by --run FILE", key="--run"
+        )
+    return found[0]
+
+
+def _check_files(run: "Run", files: Sequence[Path]) -> None:
+    """Refuse files that cannot be written, or that are inputs of the run besides its table."""
+    from inercal.cli.outputs import WORKSHEET, check_outputs
+
+    table = run.file(run.data.file)
+    inputs = [path for path in run.input_files() if path != table]
+    # What a table holds is not lost: the measurement goes on in it.
+    check_outputs(dict.fromkeys(files, WORKSHEET), inputs, force=True)
+
+
+def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
+    say(table.sheet.title)
+    for note in table.sheet.notes:
+        say(f"· {note}")
+    if sys.stdin.isatty():
+        say("· Type the readings of a row; commands are undo, repeat, keep and quit.")
+    if table.left_out:
+        say(f"· The table has no row of {', '.join(table.left_out)}.")
+    if table.measured:
+        say(f"· {table.measured} of {len(table.rows)} rows are measured: the others follow.")
+
+
+def _line_reader(*, to_errors: bool) -> Callable[[str], str | None]:
+    """Return the function that reads a line; it prompts a terminal alone."""
+
+    def read_line(prompt: str) -> str | None:
+        from inercal.errors import InputError
+
+        if sys.stdin.isatty():
+            print(
+                _visible(prompt), end="", flush=True, file=sys.stderr if to_errors else sys.stdout
+            )
+        try:
+            return sys.stdin.readline() or None
+        except UnicodeDecodeError:
+            raise InputError("standard input is no text; give readings as text") from None
+
+    return read_line
+
+
+def _printer(*, to_errors: bool) -> Callable[[str], None]:
+    def say(text: str) -> None:
+        print(_visible(text), file=sys.stderr if to_errors else sys.stdout, flush=True)
+
+    return say
+
+
+def _visible(text: str) -> str:
+    from inercal.visible_text import visible_text
+
+    return visible_text(text)
+
+
+def _how_to_go_on(table: "MeasurementTable") -> str:
+    command = shlex.join(["inercal", *(word for word in sys.argv[1:] if word != "--force")])
+    return f"{table.measured} of {len(table.rows)} rows are measured; to go on: {command}"
+
+
+def _next_command(run: "Run", path: Path) -> str:
+    command = f"inercal calibrate {run.path}"
+    if run.file(run.data.file).resolve() == path.resolve():
+        return f"next: {command}"
+    return f'next: state [data] file = "{path.name}" in {run.path}, then {command}'

@@ -1,0 +1,1 @@
+"""Guided measurement: an operator fills the worksheet of a bench that no host drives."""

@@ -1,0 +1,217 @@
+"""The dialogue of a guided measurement: what to set, the reading, its scatter, and the next row.
+
+A line is a reading or a command. A reading far from what is expected is asked for again: the same
+once more, or `keep`, accepts it. In lines that a file or another program gives, what cannot be used
+ends the measurement: the following lines would be taken for another position.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+
+from inercal.errors import InercalError, InputError
+from inercal.host.guided.instruments import Instrument, read_instruments
+from inercal.host.guided.measurement_table import MeasuredRow, MeasurementTable, Reading
+from inercal.host.guided.reading_check import ReadingCheck, scatter
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_MOST = 1e100  # as of tables of means
+_COMMANDS = "undo, repeat or quit"
+
+
+class GuidedMeasurement:
+    """A measurement, row by row.
+
+    Parameters
+    ----------
+    table : MeasurementTable
+    check : ReadingCheck
+    instruments : sequence of Instrument
+        They read the sensor's columns; without any, all is typed.
+    count : int
+        Readings of a mean.
+    units : mapping of str to str
+        Of the columns that are filled in.
+    read_line : callable
+        From a prompt to the line; None at the end of the input.
+    say : callable
+        Prints a line.
+    asked_again : bool
+        Whether somebody can correct a line; otherwise it ends the measurement.
+    """
+
+    def __init__(
+        self,
+        table: MeasurementTable,
+        check: ReadingCheck,
+        instruments: Sequence[Instrument],
+        count: int,
+        units: Mapping[str, str],
+        read_line: Callable[[str], str | None],
+        say: Callable[[str], None],
+        *,
+        asked_again: bool,
+    ):
+        self._table, self._check, self._instruments = table, check, instruments
+        self._count, self._units = count, units
+        self._read_line, self._say, self._asked_again = read_line, say, asked_again
+        self._doubtful: list[Reading] = []  # far from expected, and not accepted yet
+        self._lines = 0
+        self._shown: int | None = None  # the row whose setting was said last
+
+    def run(self) -> bool:
+        """Measure the rows that are open; return whether all are measured.
+
+        Raises
+        ------
+        InputError
+            A line that cannot be used, where nobody is asked again.
+        LinkLost
+            An instrument does not answer, where nobody is asked again.
+        """
+        while True:
+            k = self._table.open_row
+            self._describe(k)
+            line = self._read_line(self._prompt(k))
+            self._lines += 1
+            word = "quit" if line is None else line.strip().lower()
+            if word == "quit" or (k is None and not word):
+                return self._table.open_row is None
+            try:
+                self._answer(k, word)
+            except InercalError as error:
+                if not self._asked_again:
+                    raise error.located(f"standard input line {self._lines}") from None
+                self._say(str(error))
+
+    def _answer(self, k: int | None, word: str) -> None:
+        if word in ("undo", "repeat"):
+            self._take_back(k, last=word == "undo")
+        elif k is None:
+            raise InputError(f"{word[:40]!r}: all rows are measured; possible are {_COMMANDS}")
+        elif word == "keep":
+            if not self._doubtful:
+                raise InputError("there is no reading to keep; give one first")
+            self._accept(k, self._doubtful)
+        else:
+            self._take(k, word)
+
+    def _take(self, k: int, line: str) -> None:
+        """Take the reading of a line, or of the instruments with what the line adds."""
+        row, before = self._table.rows[k], self._doubtful
+        typed = self._typed_columns(row)
+        by_hand = _typed_numbers(line, typed, self._units)
+        if not self._instruments:
+            found: list[Reading] = [by_hand]
+        else:
+            columns = [name for name in row.columns if name not in typed]
+            for one in self._instruments:
+                one.begin()
+            wanted = self._count - len(row.readings)
+            found = [by_hand | read_instruments(self._instruments, columns) for _ in range(wanted)]
+        for one in found:
+            if beyond := self._check.out_of_range(one):
+                raise InputError("; ".join(beyond) + ": change the range, or correct full_scale")
+        mean = MeasuredRow(row.planned, row.columns, {}, found).mean()
+        far = self._check.far_readings(row.planned.label, mean)
+        if not far or found == before:
+            return self._accept(k, found)
+        words = f"{row.planned.label}: {'; '.join(far)}: check the setting, the axes and the digits"
+        if before and not self._asked_again:
+            raise InputError(f"{words}; a line of keep after the reading accepts it")
+        self._doubtful = found
+        again = "Enter reads again" if self._instruments else "give the reading again"
+        self._say(f"{words}; {again}, keep accepts it")
+
+    def _accept(self, k: int, readings: Sequence[Reading]) -> None:
+        row, self._doubtful = self._table.rows[k], []
+        if not self._table.add(k, readings):
+            self._say(f"{row.planned.label}: reading {len(row.readings)} of {self._count}")
+            return
+        self._say(f"{row.planned.label}: {self._summary(row)}")
+        if scattered := self._check.columns_of_large_scatter(row.readings):
+            self._say(
+                f"{', '.join(scattered)}: the scatter of the mean is more than three times "
+                "[data.sd]; wait until the readings are steady, and repeat, or state a larger one"
+            )
+
+    def _take_back(self, k: int | None, *, last: bool) -> None:
+        """Take back the readings of this row, or where it has none of the row before."""
+        self._shown, rows = None, self._table.rows
+        if self._doubtful:
+            self._doubtful = []
+            return self._say("the reading is dropped")
+        if k is None or not rows[k].readings:
+            k = (len(rows) if k is None else k) - 1
+        if k < 0:
+            raise InputError("there is no reading to take back")
+        self._table.remove(k, last=last)
+        self._say(f"{rows[k].planned.label}: {'last reading' if last else 'readings'} taken back")
+
+    def _describe(self, k: int | None) -> None:
+        if k == self._shown:
+            return
+        self._shown, rows = k, self._table.rows
+        if k is None:
+            self._say(f"all {len(rows)} rows are measured")
+            return
+        planned = rows[k].planned
+        cells = [
+            f"{heading.text}: {cell}"
+            for heading, cell in zip(self._table.sheet.headings, planned.cells, strict=True)
+            if cell and heading.text != "row"
+        ]
+        self._say(f"[{k + 1}/{len(rows)}] {', '.join(cells)}")
+        expected = self._check.expected(planned.label)
+        if expected:
+            texts = (f"{name} {value:+.4g}" for name, value in expected.items())
+            self._say(f"      expected about {', '.join(texts)}")
+
+    def _prompt(self, k: int | None) -> str:
+        if k is None:
+            return "Enter ends, undo or repeat goes back> "
+        typed = self._typed_columns(self._table.rows[k])
+        names = ", ".join(f"{name} [{self._units.get(name, '')}]" for name in typed)
+        if self._instruments:
+            return f"{names}, then Enter reads> " if names else "Enter reads> "
+        return f"{names}> "
+
+    def _typed_columns(self, row: MeasuredRow) -> tuple[str, ...]:
+        if not self._instruments:
+            return row.columns
+        return tuple(name for name in row.columns if name not in self._check.axes)
+
+    def _summary(self, row: MeasuredRow) -> str:
+        """Return means and scatters in words."""
+        n, expected = len(row.readings), self._check.expected(row.planned.label)
+        texts: list[str] = []
+        for name, value in row.mean().items():
+            more = [f"s {scatter(row.readings, name):.2g}"] * (n > 1)
+            if name in expected:
+                more.append(f"expected {expected[name]:+.4g}")
+            texts.append(f"{name} {value:.9g}" + f" ({', '.join(more)})" * bool(more))
+        return f"mean of {n}: " * (n > 1) + ", ".join(texts)
+
+
+def _typed_numbers(line: str, columns: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
+    """Return the numbers of a line by column.
+
+    Raises
+    ------
+    InputError
+        Another count of numbers, or what is no number.
+    """
+    words = [word for word in re.split(r"[,;\s]+", line.replace("−", "-").strip()) if word]
+    wanted = ", ".join(f"{name} in {units[name]}" if units.get(name) else name for name in columns)
+    for word in words:
+        if not _NUMBER.fullmatch(word) or abs(float(word)) >= _MOST:
+            raise InputError(
+                f"{word[:40]!r} is no number and no command; type {wanted or 'nothing'}, or "
+                f"{_COMMANDS}",
+                names=(word,),
+            )
+    if len(words) != len(columns):
+        raise InputError(
+            f"{len(words)} numbers, but {len(columns)} are wanted: type {wanted or 'nothing'}, "
+            "with decimal points and spaces between"
+        )
+    return dict(zip(columns, map(float, words), strict=True))

@@ -1,0 +1,181 @@
+"""Readings of instruments: SCPI over TCP or a serial port, or a device that sends lines by itself.
+
+A reply, or a line, holds one number or several between commas, semicolons or spaces. 9.9E37 is the
+overload of SCPI.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from math import isfinite
+from time import monotonic
+
+from inercal.errors import InputError
+from inercal.host.closeable import Closeable
+from inercal.host.link import Link, LinkLost, open_link
+
+_OVERLOAD = 9e36
+_LONGEST = 4096  # bytes of a reply
+_MOST_PIECES = 1000  # that are discarded: a fast device never ends
+_WORD = re.compile(r"[A-Za-zµμΩ°/²%]*")  # a unit after a number is no reading
+
+
+class Instrument(Closeable):
+    """An instrument at an address.
+
+    Parameters
+    ----------
+    address : str
+        As `open_link` takes it.
+    query : str
+        What is sent for a reading; empty for a device that sends lines by itself.
+    timeout : float
+        s that a reading may take.
+    opener : callable
+        Opens a link to an address.
+
+    Raises
+    ------
+    InputError
+        An address that is none, or pyserial is not installed.
+    LinkLost
+        Nobody is there.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        query: str,
+        timeout: float,
+        opener: Callable[[str], Link] = open_link,
+    ):
+        self.address = address
+        self._query, self._timeout, self._opener = query.encode(), timeout, opener
+        self._buffer = b""
+        self._link: Link | None = self._open()
+
+    def begin(self) -> None:
+        """Discard what came before: the next reading is taken from now on."""
+        link = self._link = self._link or self._open()
+        data = self._buffer
+        try:
+            for _ in range(_MOST_PIECES):
+                if not (piece := link.read(_LONGEST, 0.0)):
+                    break
+                data += piece
+        except LinkLost:
+            self.close()
+            raise
+        if data:
+            # The rest of a line that began before now is no reading of now.
+            _, ended, rest = data.rpartition(b"\n")
+            self._cut = bool(rest) or (self._cut and not ended)
+            self._buffer = b""
+
+    def read(self) -> list[float]:
+        """Return the numbers of one reading.
+
+        Raises
+        ------
+        InputError
+            A reply without numbers, or an overload.
+        LinkLost
+            No reply in time; the next reading opens the link anew.
+        """
+        link = self._link = self._link or self._open()
+        try:
+            if self._query:
+                link.write(self._query + b"\n")
+            line = self._line(link)
+            if self._cut and not self._query:
+                line = self._line(link)
+            self._cut = False
+        except LinkLost:
+            self.close()
+            raise
+        return numbers_in_reply(line, self.address)
+
+    def close(self) -> None:
+        """Close the link; a later reading opens it anew."""
+        if self._link is not None:
+            self._link.close()
+            self._link = None
+
+    def _open(self) -> Link:
+        self._buffer = b""
+        # A serial device may be in the middle of a line; a server begins with a new one.
+        self._cut = self.address.startswith("serial:")
+        return self._opener(self.address)
+
+    def _line(self, link: Link) -> str:
+        end = monotonic() + self._timeout
+        while b"\n" not in self._buffer:
+            left = end - monotonic()
+            data = link.read(_LONGEST, left) if left > 0 else b""
+            if not data and end <= monotonic():
+                what = f"reply to {self._query.decode()!r}" if self._query else "line"
+                raise LinkLost(
+                    f"{self.address}: no {what} within {self._timeout:g} s; check the cable, the "
+                    "address, --query and --timeout",
+                    names=(self.address,),
+                )
+            self._buffer += data
+            if len(self._buffer) > _LONGEST:
+                raise LinkLost(
+                    f"{self.address}: {_LONGEST} bytes without the end of a line; check the baud "
+                    "rate",
+                    names=(self.address,),
+                )
+        line, _, self._buffer = self._buffer.partition(b"\n")
+        return line.decode("utf-8", "replace").strip()
+
+
+def numbers_in_reply(reply: str, address: str) -> list[float]:
+    """Return the numbers of a reply.
+
+    Raises
+    ------
+    InputError
+        There is none, a word among them is no unit, or one is not finite or an overload.
+
+    Examples
+    --------
+    >>> numbers_in_reply("+1.25E-03,-2.0 V", "tcp://10.0.0.5:5025")
+    [0.00125, -2.0]
+    """
+    found: list[float] = []
+    for word in re.split(r"[,;\s]+", reply.strip()):
+        try:
+            found.append(float(word))
+        except ValueError:
+            if not found or not _WORD.fullmatch(word):
+                found.clear()
+                break
+    if not found or not all(isfinite(value) and abs(value) < _OVERLOAD for value in found):
+        raise InputError(
+            f"{address}: {reply[:60]!r} is no reading: numbers between commas are expected; check "
+            "the range of the instrument and --query",
+            names=(address,),
+        )
+    return found
+
+
+def read_instruments(instruments: Sequence[Instrument], columns: Sequence[str]) -> dict[str, float]:
+    """Return one reading of all instruments, by column, in order.
+
+    Raises
+    ------
+    InputError
+        Another number of values than columns.
+    LinkLost
+        An instrument does not answer.
+    """
+    values = [value for one in instruments for value in one.read()]
+    if len(values) != len(columns):
+        addresses = ", ".join(one.address for one in instruments)
+        raise InputError(
+            f"{addresses}: {len(values)} numbers in a reading, but the table has {len(columns)} "
+            f"columns to read, {', '.join(columns)}; give an instrument for each, or one that "
+            "reads them all",
+            names=tuple(one.address for one in instruments),
+        )
+    return dict(zip(columns, values, strict=True))

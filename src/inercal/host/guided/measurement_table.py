@@ -1,0 +1,298 @@
+"""The table of a guided measurement: a worksheet that is filled row by row, and never half-written.
+
+The table is on disk after each change, and is all that a later session needs. Where several
+readings make a mean, a second file `NAME.readings.csv` has each of them. A reading is written there
+first, and a reading that is taken back is removed from the table first: whatever is interrupted, a
+row without a mean whose readings are all there gets its mean when the table is opened again.
+"""
+
+import csv
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from math import fsum
+from pathlib import Path
+
+from inercal.benches.operator_sheet import Sheet, SheetRow
+from inercal.design.worksheet import rows_as_csv, run_sheet, table_rows
+from inercal.errors import InputError
+from inercal.io.atomic_files import write_text
+from inercal.runfile import Run
+from inercal.small_files import read_small_file
+
+Reading = Mapping[str, float]  # by column of the table
+_STEP, _NUMBER = "step", "reading"  # columns of the single readings
+
+
+@dataclass(eq=False)
+class MeasuredRow:
+    """A row of the table.
+
+    Parameters
+    ----------
+    planned : SheetRow
+        What is set, and the stated cells.
+    columns : tuple of str
+        Those that are measured.
+    cells : dict of str to str
+        Of all columns of the table, as written.
+    readings : list of Reading
+        The single readings, as far as they are known.
+    """
+
+    planned: SheetRow
+    columns: tuple[str, ...]
+    cells: dict[str, str]
+    readings: list[Reading] = field(default_factory=list[Reading])
+
+    @property
+    def complete(self) -> bool:
+        """Whether all its means are in the table."""
+        return all(self.cells[name].strip() for name in self.columns)
+
+    def mean(self) -> dict[str, float]:
+        """Return the mean of the single readings, by column."""
+        n = len(self.readings)
+        return {name: fsum(one[name] for one in self.readings) / n for name in self.columns}
+
+
+def measurement_files(table: Path) -> tuple[Path, Path]:
+    """Return the files of a measurement: the table, and that of its single readings."""
+    return table, table.with_name(f"{table.stem}.readings.csv")
+
+
+class MeasurementTable:
+    """The table, its rows and its file.
+
+    Parameters
+    ----------
+    run : Run
+    path : Path
+        A table of this run's worksheet, whose filled rows stay as they are, or no file yet.
+    count : int
+        Readings of a mean.
+    anew : bool
+        Begin with an empty table, whatever the file holds.
+
+    Attributes
+    ----------
+    sheet : Sheet
+    rows : list of MeasuredRow
+        In the order of the table.
+    left_out : tuple of str
+        Steps of the plan that the table has no row of.
+
+    Raises
+    ------
+    InputError
+        The run has no worksheet, or the file is another table, or has a row that is filled in part.
+    """
+
+    def __init__(self, run: Run, path: Path, count: int, *, anew: bool = False):
+        self._count = count
+        self.path, self._readings_path = measurement_files(path)
+        self._comments: list[str] = []
+        self.sheet: Sheet = run_sheet(run)
+        names, *cells = table_rows(run, self.sheet)
+        self._columns, self.left_out = names, tuple[str, ...]()
+        if not anew and self._readings_path.exists() and not path.exists():
+            raise InputError(
+                f"{self._readings_path} exists without its table {path}: move it, or begin anew "
+                "with --force",
+                file=self._readings_path,
+            )
+        if anew or not path.exists():
+            self.rows = [
+                self._row(planned, dict(zip(names, own, strict=True)))
+                for planned, own in zip(self.sheet.rows, cells, strict=True)
+            ]
+        else:
+            self.rows = self._read_rows(run, names)
+            self._read_single_readings()
+
+    @property
+    def open_row(self) -> int | None:
+        """Place of the first row that is to be measured; None where all are."""
+        return next((k for k, row in enumerate(self.rows) if not row.complete), None)
+
+    @property
+    def measured(self) -> int:
+        """Number of rows that are complete."""
+        return sum(row.complete for row in self.rows)
+
+    def begin(self) -> None:
+        """Write the table as it is; single readings that are not of it go."""
+        if not any(row.readings for row in self.rows):
+            self._readings_path.unlink(missing_ok=True)
+        self._write_table()
+
+    def add(self, k: int, readings: Sequence[Reading]) -> bool:
+        """Add readings to row `k` and store them; return whether the row is complete by them."""
+        row = self.rows[k]
+        with _unchanged_on_failure(row):
+            row.readings = [*row.readings, *readings]
+            if self._count > 1:
+                self._write_readings()
+            if len(row.readings) < self._count:
+                return False
+            self._fill(row)
+            self._write_table()
+        return True
+
+    def remove(self, k: int, *, last: bool) -> None:
+        """Take readings of row `k` back: the last, or all; its means are emptied."""
+        row = self.rows[k]
+        with _unchanged_on_failure(row):
+            row.cells = {**row.cells, **dict.fromkeys(row.columns, "")}
+            row.readings = row.readings[:-1] if last else []
+            self._write_table()
+            if self._count > 1 or self._readings_path.exists():
+                self._write_readings()
+
+    def _fill(self, row: MeasuredRow) -> None:
+        digits = "" if len(row.readings) == 1 else ".12g"
+        found = {
+            name: format(value, digits) if digits else repr(value)
+            for name, value in row.mean().items()
+        }
+        row.cells = {**row.cells, **found}
+
+    def _row(self, planned: SheetRow, cells: dict[str, str]) -> MeasuredRow:
+        return MeasuredRow(planned, self.sheet.entry_columns(planned), cells)
+
+    def _read_rows(self, run: Run, names: Sequence[str]) -> list[MeasuredRow]:
+        lines = self._lines(self.path)
+        self._comments = [text for _, text in lines if text.startswith("#")]
+        header, *found = self._cells(
+            self.path, [(number, text) for number, text in lines if text[:1] not in ("", "#")]
+        )
+        self._columns = [name.strip() for name in header[1]]
+        for name in names:
+            if self._columns.count(name) != 1:
+                raise InputError(
+                    f"{self.path} is no worksheet of {run.path}: it has no column {name!r} or two; "
+                    "name another table with --out, or begin anew with --force",
+                    file=self.path,
+                    line=header[0],
+                    names=(name,),
+                )
+        unused = list(self.sheet.rows)
+        rows: list[MeasuredRow] = []
+        for number, cells in found:
+            rows.append(self._matched_row(run, names, unused, number, cells))
+        self.left_out = tuple(row.label for row in unused)
+        return rows
+
+    def _matched_row(
+        self,
+        run: Run,
+        names: Sequence[str],
+        unused: list[SheetRow],
+        number: int,
+        cells: Sequence[str],
+    ) -> MeasuredRow:
+        """Return a row of the file with its step, which is taken out of `unused`."""
+        given = dict.fromkeys(self._columns, "") | dict(zip(self._columns, cells, strict=False))
+        for planned in unused:
+            stated = dict(zip(names, planned.given, strict=False))
+            if len(cells) <= len(self._columns) and all(
+                _same_cell(given[name], text) for name, text in stated.items()
+            ):
+                unused.remove(planned)
+                row = self._row(planned, given)
+                filled = [name for name in row.columns if given[name].strip()]
+                if filled and not row.complete:
+                    raise InputError(
+                        f"{self.path} line {number}: {planned.label} is filled in part; fill in or "
+                        "empty the whole row",
+                        file=self.path,
+                        line=number,
+                        names=(planned.label,),
+                    )
+                return row
+        raise InputError(
+            f"{self.path} line {number}: {','.join(cells)[:60]!r} is no row of the worksheet of "
+            f"{run.path}; correct it, name another table with --out, or begin anew with --force",
+            file=self.path,
+            line=number,
+        )
+
+    def _read_single_readings(self) -> None:
+        """Read the single readings, and give a row that has all of its readings its mean."""
+        if not self._readings_path.exists():
+            return
+        path, by_label = self._readings_path, {row.planned.label: row for row in self.rows}
+        lines = [(number, text) for number, text in self._lines(path) if text]
+        header, *found = self._cells(path, lines)
+        for number, cells in found:
+            one = dict(zip(header[1], cells, strict=False))
+            row = by_label.get(one.get(_STEP, ""))
+            try:
+                if row is None:
+                    raise ValueError
+                row.readings.append({name: float(one[name]) for name in row.columns})
+            except (KeyError, ValueError):
+                raise InputError(
+                    f"{path} line {number}: no reading of a row of {self.path}; remove the line, "
+                    "or begin anew with --force",
+                    file=path,
+                    line=number,
+                ) from None
+        for row in self.rows:
+            if not row.complete and len(row.readings) >= self._count:
+                self._fill(row)
+
+    def _lines(self, path: Path) -> list[tuple[int, str]]:
+        """Return the lines of a file, without spaces at their ends, by their numbers."""
+        try:
+            text = read_small_file(path, "table").decode("utf-8-sig")
+        except UnicodeDecodeError:
+            raise InputError(
+                f"{path} is no text in UTF-8; name another table with --out", file=path
+            ) from None
+        return [(k, line.strip()) for k, line in enumerate(text.splitlines(), start=1)]
+
+    def _cells(self, path: Path, lines: Sequence[tuple[int, str]]) -> list[tuple[int, list[str]]]:
+        """Return the cells of lines; of no line, an empty header."""
+        try:
+            found = [(number, next(csv.reader([text]))) for number, text in lines]
+        except csv.Error as error:
+            raise InputError(
+                f"{path} is no table: {error}; name another table with --out", file=path
+            ) from None
+        return found or [(1, [])]
+
+    def _write_table(self) -> None:
+        rows = [[row.cells[name] for name in self._columns] for row in self.rows]
+        comments = "".join(f"{text}\n" for text in self._comments)
+        write_text(self.path, comments + rows_as_csv([self._columns, *rows]))
+
+    def _write_readings(self) -> None:
+        names = list(dict.fromkeys(name for row in self.rows for name in row.columns))
+        lines = [[_STEP, _NUMBER, *names]]
+        for row in self.rows:
+            for k, one in enumerate(row.readings, start=1):
+                cells = [repr(one[name]) if name in one else "" for name in names]
+                lines.append([row.planned.label, str(k), *cells])
+        write_text(self._readings_path, rows_as_csv(lines))
+
+
+@contextmanager
+def _unchanged_on_failure(row: MeasuredRow) -> Generator[None]:
+    """Leave a row as it was where its change cannot be stored."""
+    before = row.cells, row.readings
+    try:
+        yield
+    except BaseException:
+        row.cells, row.readings = before
+        raise
+
+
+def _same_cell(found: str, stated: str) -> bool:
+    """Return whether cells agree; a spreadsheet writes 30 as 30.0."""
+    if found.strip() == stated:
+        return True
+    try:
+        return float(found) == float(stated)
+    except ValueError:
+        return False

@@ -1,0 +1,139 @@
+"""What a sensor without errors reads in each step, and readings that are far from it.
+
+Far is beyond a share of the size of the sensed specific force or rate, for gyros beyond a bias of
+6 °/s too: a bias of 0.1 g with a scale factor 10 % beside passes at 1 g, another axis, a wrong sign
+or a shifted decimal point does not. Coefficients with a prior are taken at its mean. A method that
+estimates the attitudes has the norm of the specific force compared alone.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import inf, radians
+
+import numpy as np
+
+from inercal.benches import MeanBench
+from inercal.data.recording_loader import reader_columns, stated_deviations
+from inercal.errors import InputError, NotObserved
+from inercal.runfile import Run
+from inercal.sensors import Axis
+
+_GYRO_BIAS = radians(6.0)  # rad/s, of a consumer's gyro
+
+
+class ReadingCheck:
+    """The expected readings of a run's steps.
+
+    Parameters
+    ----------
+    run : Run
+    tolerance : float
+        Share of the sensed size by which a reading may differ.
+
+    Attributes
+    ----------
+    axes : dict of str to Axis
+        By the column of the table.
+    """
+
+    def __init__(self, run: Run, tolerance: float):
+        self._tolerance = tolerance
+        by_name = {axis.name: axis for axis in run.sensor.axes}
+        self.axes: dict[str, Axis] = {
+            column: by_name[name] for name, column, _ in reader_columns(run).channels
+        }
+        self._sd = stated_deviations(run)
+        self._free = run.method.unknown_attitudes
+        self._duration = str(run.data.seconds)
+        self._seconds = {step.label: step.seconds for step in run.steps}
+        self._gravity = float(run.bench.gravity.value)
+        self._size: dict[str, dict[str, float]] = {}  # sensed, SI, by step and quantity
+        self._expected: dict[str, dict[str, float]] = {}  # output, by step and column
+        if not self._free and isinstance(run.bench, MeanBench):
+            self._compute(run, run.bench)
+
+    def _compute(self, run: Run, bench: MeanBench) -> None:
+        try:
+            motion = bench.mean_motion(run.steps, {}).motion
+        except (InputError, NotObserved):
+            return  # attitudes that the plan does not state
+        known = {
+            name: float(value)
+            for prior in run.priors
+            for name, value in zip(prior.names, prior.mean, strict=True)
+        }
+        c = np.array([known.get(name, 0.0) for name in run.sensor.coefficients])
+        output = np.broadcast_to(
+            run.sensor.to_output(run.sensor.forward(motion, c)),
+            (len(run.steps), len(run.sensor.axes)),
+        )
+        # A component that is the same in all steps may be in one row.
+        sizes = {
+            kind: np.broadcast_to(np.linalg.norm(vectors, axis=-1), len(run.steps)).tolist()
+            for kind, vectors in (("f", motion.f), ("w", motion.w))
+        }
+        place = {axis.name: k for k, axis in enumerate(run.sensor.axes)}
+        for k, step in enumerate(run.steps):
+            self._expected[step.label] = {
+                column: float(output[k, place[axis.name]]) for column, axis in self.axes.items()
+            }
+            self._size[step.label] = {kind: size[k] for kind, size in sizes.items()}
+
+    def expected(self, label: str) -> Mapping[str, float]:
+        """Return what an ideal sensor reads in a step, output units, by column; maybe empty."""
+        return self._expected.get(label, {})
+
+    def far_readings(self, label: str, reading: Mapping[str, float]) -> list[str]:
+        """Return what of a reading is far from what is expected, in words."""
+        if self._free:
+            return self._far_norm(reading)
+        found: list[str] = []
+        # The mean rate of a turn by hand is that of its own duration.
+        faster = self._seconds.get(label, 0.0) / reading.get(self._duration, inf) or 1.0
+        for column, value in self.expected(label).items():
+            axis, size = self.axes[column], self._size[label]
+            if axis.measures == "w":
+                value, size = value * faster, {"w": size["w"] * faster}
+            allowed = self._tolerance * size[axis.measures]
+            allowed += _GYRO_BIAS * (axis.measures == "w")
+            if abs(value - reading[column]) > allowed * abs(axis.readout.scale):
+                found.append(
+                    f"{column} reads {reading[column]:+.6g}, but {value:+.4g} {axis.readout.unit} "
+                    "is expected"
+                )
+        return found
+
+    def _far_norm(self, reading: Mapping[str, float]) -> list[str]:
+        si = [
+            (reading[column] - axis.readout.offset) / axis.readout.scale
+            for column, axis in self.axes.items()
+            if axis.measures == "f"
+        ]
+        norm = float(np.linalg.norm(si))
+        if abs(norm - self._gravity) <= self._tolerance * self._gravity:
+            return []
+        return [f"the norm is {norm:.4g} m/s², but {self._gravity:.4g} m/s² is expected"]
+
+    def out_of_range(self, reading: Mapping[str, float]) -> list[str]:
+        """Return what of a reading is at or beyond the stated full scale, in words."""
+        found: list[str] = []
+        for column, axis in self.axes.items():
+            reach = axis.readout.full_scale
+            if reach is not None and abs(reading[column] - axis.readout.offset) >= reach:
+                found.append(f"{column} reads {reading[column]:+.6g}, at or beyond full_scale")
+        return found
+
+    def columns_of_large_scatter(self, readings: Sequence[Mapping[str, float]]) -> list[str]:
+        """Return the columns whose scatter is far more than [data.sd] states of a mean."""
+        found: list[str] = []
+        for column, axis in self.axes.items():
+            stated = self._sd.get(axis.measures)
+            of_mean = scatter(readings, column) / np.sqrt(len(readings))
+            if stated is not None and of_mean > 3 * stated * abs(axis.readout.scale):
+                found.append(column)
+        return found
+
+
+def scatter(readings: Sequence[Mapping[str, float]], column: str) -> float:
+    """Return the standard deviation of single readings; 0 of fewer than two."""
+    values = [one[column] for one in readings]
+    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
