@@ -1,11 +1,13 @@
 """Every example runs, and gives what the pages say of it."""
 
+import ast
 import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -267,3 +269,28 @@ def test_a_coefficient_left_out_is_the_suspect_and_estimated_the_data_agree(exam
     # The size that the suspect was given is that which comes out.
     (size,), (sd,) = verdict.suspect.sizes, verdict.suspect.sds
     assert abs(outcome.calibration.value("a.k2") - size) < sd
+
+
+def test_a_session_in_python_takes_as_few_statements_as_imucal_and_gives_more(
+    examples: Path, data_dir: Path, capsys: pytest.CaptureFixture[str]
+):
+    if not (data_dir / "ferraris_imucal").is_dir():
+        pytest.skip("no shared data")
+    script = examples / "ferraris_recordings" / "in_python.py"
+    code = script.read_text(encoding="utf-8")
+    guide = (ROOT / "docs" / "how-to" / "ferraris.md").read_text(encoding="utf-8")
+    assert code.split('"""\n\n')[1] in guide
+    # imucal: readings, marks, regions, calibration, compute, calibrate.
+    kept = [line for line in ast.parse(code).body if isinstance(line, ast.Assign)]
+    assert len(kept) - len(["FOLDER"]) <= 6
+    text = code.replace('Path(__file__).parents[3] / "shared" / "data"', f"Path({str(data_dir)!r})")
+    made: dict[str, Any] = {}
+    exec(compile(text, script, "exec"), made)
+    outcome, motion = made["outcome"], made["motion"]
+    for coefficient, value in IMUCAL["session_a"].items():
+        error = outcome.calibration.value(coefficient) - value
+        assert abs(error) < 2 * outcome.calibration.uncertainty(coefficient), coefficient
+    assert set(outcome.calibration.sensor.coefficients) >= set(IMUCAL["session_a"])
+    assert capsys.readouterr().out.startswith("consistent\n33 coefficients")
+    start, end = made["marks"]["z_p"].values()
+    assert np.linalg.norm(motion.f[start:end].mean(axis=0)) == pytest.approx(9.81, abs=0.01)

@@ -144,3 +144,29 @@ def test_figures_are_drawn_on_axes(of_file: Outcome, tmp_path: Path) -> None:
 def test_the_package_lists_its_names() -> None:
     assert set(inercal.__all__) | {"__version__"} <= set(dir(inercal))
     assert inercal.__version__[0].isdigit()
+
+
+def test_marks_may_be_a_mapping_of_labels_to_samples():
+    rng = np.random.default_rng(3)
+    faces = {"x_p": (0, 1), "x_a": (0, -1), "y_p": (1, 1), "y_a": (1, -1), "z_p": (2, 1)}
+    faces |= {"z_a": (2, -1)}
+    f = np.zeros((6, 400, 3))
+    for k, (axis, sign) in enumerate(faces.values()):
+        f[k, :, axis] = sign
+    readings = (f + rng.normal(0, 1e-4, f.shape)).reshape(-1, 3)
+    pairs = {label: (400 * k + 20, 400 * k + 380) for k, label in enumerate(faces)}
+    named = {label: {"start": start, "end": stop} for label, (start, stop) in pairs.items()}
+    found = [
+        inercal.calibrate(
+            readings,
+            method="six_position",
+            sensor={"accelerometer": {"unit": "g"}},
+            bench={"gravity": "9.81 m/s² ± 0.001 m/s²", "tilt": "0.1 °"},
+            rate="100 Hz",
+            accelerometer=["1", "2", "3"],
+            marks=marks,
+        ).calibration
+        for marks in (pairs, named)
+    ]
+    np.testing.assert_array_equal(found[0].values, found[1].values)
+    assert abs(found[0].value("ax.k0")) < 2 * found[0].uncertainty("ax.k0")

@@ -184,6 +184,10 @@ class Verdict:
         """The name of the grade's colour: "good", "care" or "bad"."""
         return GRADE_TONES[self.grade]
 
+    def __str__(self) -> str:
+        """Return the word, and a line for each statement."""
+        return "\n· ".join(("\n".join((self.word, *self.lines[:1])), *self.lines[1:]))
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.lines)
 

@@ -138,7 +138,8 @@ def calibrate(
     sensor, bench : mapping
         The keys of [sensor] and [bench] of a run file.
     **data_keys
-        The keys of [data] of a run file, such as `rate`, `accelerometer`, `kind`.
+        The keys of [data] of a run file, such as `rate`, `accelerometer`, `kind`. `marks` may be a
+        mapping of each label to the samples of its section, (start, end).
 
     Raises
     ------

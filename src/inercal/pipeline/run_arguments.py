@@ -7,7 +7,7 @@ from json import dumps
 from os import PathLike, fspath
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from inercal.recording import Recording
 from inercal.runfile import Run, from_sections
 
 _CALL = "inercal.calibrate"  # what messages name in place of a run file
-_TABLE = "data.npz"
+_TABLE, _MARKS = "data.npz", "marks.json"
 
 
 @contextmanager
@@ -41,7 +41,7 @@ def stated_run(
     sensor, bench : mapping
         [sensor] and [bench].
     data_keys : mapping
-        Keys of [data] but `file`.
+        Keys of [data] but `file`; `marks` may be a mapping of labels to samples.
 
     Raises
     ------
@@ -62,6 +62,10 @@ def stated_run(
             columns = columns_in_memory(data)
             np.savez(folder / _TABLE, allow_pickle=False, **columns)
             keys["file"] = _TABLE
+        if isinstance(marks := keys.get("marks"), Mapping):
+            path = Path(name) / _MARKS
+            path.write_text(_marks_as_json(cast(Mapping[str, object], marks)), encoding="utf-8")
+            keys["marks"] = str(path)
         sections = {
             "sensor": _plain(sensor),
             "bench": _plain(bench or {}),
@@ -77,6 +81,18 @@ def stated_run(
                 for part in error.args
             )
             raise
+
+
+def _marks_as_json(marks: Mapping[str, object]) -> str:
+    """Return marks as the file of marks has them; samples may be a pair or `start` and `end`."""
+    return dumps(
+        {
+            str(label): dict(zip(("start", "end"), map(int, cast(Any, bounds)), strict=True))
+            if isinstance(bounds, tuple | list)
+            else bounds
+            for label, bounds in marks.items()
+        }
+    )
 
 
 def _plain(section: Mapping[str, object]) -> dict[str, Any]:
