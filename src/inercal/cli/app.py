@@ -19,6 +19,7 @@ from inercal.cli import (
     compare_command,
     compile_command,
     demo_command,
+    fleet_commands,
     init_command,
     measure_command,
     plan_command,
@@ -72,6 +73,7 @@ for verb in (
 ):
     app.command(verb.NAME)(verb.run)
 app.add_typer(bench_commands.app, name=bench_commands.NAME)
+app.add_typer(fleet_commands.app, name=fleet_commands.NAME)
 app.add_typer(store_commands.app, name=store_commands.NAME)
 
 

@@ -10,7 +10,7 @@ from inercal.cli.console import (
     print_written_files,
     progress_status,
 )
-from inercal.cli.worker_option import WORKERS
+from inercal.cli.worker_option import SCHEDULER, WORKERS
 
 if TYPE_CHECKING:
     from inercal.budget import Budget
@@ -23,6 +23,7 @@ def run(
     trials: int = typer.Option(1000, help="Monte Carlo trials of each imperfection."),
     seed: int = typer.Option(0, help="Seed of the trials."),
     workers: int | None = WORKERS,
+    scheduler: str | None = SCHEDULER,
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder to write to."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
 ) -> None:
@@ -41,7 +42,7 @@ def run(
         )
     if seed < 0:
         raise InputError(f"--seed {seed} is negative; give 0 or more", key="--seed")
-    executor = open_executor(workers)
+    executor = open_executor(workers, scheduler)
     plan = read(run_file)
     # The modules of the work load after the run file was checked.
     from inercal.budget import budget

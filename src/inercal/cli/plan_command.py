@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from inercal.cli.worker_option import WORKERS
+from inercal.cli.worker_option import SCHEDULER, WORKERS
 
 NAME = "plan"
 _POSITIONS, _SECONDS = 24, 3.0  # by hand
@@ -36,6 +36,7 @@ def run(
     ),
     force: bool = typer.Option(False, "--force", help="Write over an existing worksheet."),
     workers: int | None = WORKERS,
+    scheduler: str | None = SCHEDULER,
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Print the steps of a plan, one by one, and the uncertainties to expect."""
@@ -63,7 +64,7 @@ def run(
             key="--run",
         )
     keys |= _method_keys(positions, seconds)
-    with open_executor(workers) as executor:
+    with open_executor(workers, scheduler) as executor:
         print_plan(run_file, keys, out, executor, force=force, json=json)
 
 

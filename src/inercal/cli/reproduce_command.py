@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from inercal.cli.worker_option import WORKERS
+from inercal.cli.worker_option import SCHEDULER, WORKERS
 
 if TYPE_CHECKING:
     from inercal.studies import Study
@@ -29,6 +29,7 @@ def run(
     ),
     seed: int = typer.Option(0, help="Seed of the noise."),
     workers: int | None = WORKERS,
+    scheduler: str | None = SCHEDULER,
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
     """Recompute a source paper, and judge whether each of its claims holds."""
@@ -37,7 +38,7 @@ def run(
     from inercal.parallel import open_executor
     from inercal.studies import reproduce, results_as_list, write_study
 
-    executor = open_executor(workers)
+    executor = open_executor(workers, scheduler)
     written: Path | None = None
     folder = Path() if out is None and not json else out
     if folder is not None:

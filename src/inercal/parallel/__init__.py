@@ -37,6 +37,15 @@ class Task:
         return self.function(*self.arguments)
 
 
+@dataclass(frozen=True)
+class Settled:
+    """A task that has ended: its index, and its result or what it raised."""
+
+    index: int
+    result: Any
+    error: BaseException | None
+
+
 class Executor(ABC):
     """Runs tasks; a context manager that is closed at the end of its block."""
 
@@ -69,7 +78,36 @@ class Executor(ABC):
         self.close()
 
 
-class SerialExecutor(Executor):
+class TolerantExecutor(Executor):
+    """An executor that goes on after a task has failed, or a process was lost."""
+
+    @abstractmethod
+    def settled(self) -> Iterator[Settled]:
+        """Yield each task as it ends, until no task is left; a lost process is `WorkerLost`.
+
+        Tasks may be submitted meanwhile.
+        """
+
+    @abstractmethod
+    def forget_after(self, index: int) -> None:
+        """Drop the tasks of larger index that do not run yet."""
+
+    def completed(self) -> Iterator[tuple[int, Any]]:
+        """Yield index and result of each task as they come."""
+        failed: Settled | None = None
+        for one in self.settled():
+            if failed is not None and one.index > failed.index:
+                continue
+            if one.error is None:
+                yield one.index, one.result
+            else:
+                failed = one
+                self.forget_after(one.index)
+        if failed is not None and failed.error is not None:
+            raise failed.error
+
+
+class SerialExecutor(TolerantExecutor):
     """Runs each task in this process when its result is asked for."""
 
     def __init__(self):
@@ -87,6 +125,21 @@ class SerialExecutor(Executor):
         while self._tasks:
             task = self._tasks.popleft()
             yield task.index, task()
+
+    def settled(self) -> Iterator[Settled]:
+        """Yield each task, in order."""
+        while self._tasks:
+            task = self._tasks.popleft()
+            try:
+                result = task()
+            except Exception as error:
+                yield Settled(task.index, None, error)
+            else:
+                yield Settled(task.index, result, None)
+
+    def forget_after(self, index: int) -> None:
+        """Drop the tasks of larger index."""
+        self._tasks = deque(task for task in self._tasks if task.index <= index)
 
     def close(self) -> None:
         """Forget the tasks that are left."""
@@ -127,36 +180,79 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def open_executor(workers: int | None = None) -> Executor:
-    """Return an executor of so many workers, this process among them.
+def open_executor(workers: int | None = None, scheduler: str | None = None) -> Executor:
+    """Return an executor of so many workers, this process among them, or one on a Dask cluster.
 
     Parameters
     ----------
     workers : int, optional
         By default one for each core that this process may use.
+    scheduler : str, optional
+        Address of a Dask scheduler, "tcp://host:8786" or "tls://host:8786"; "local" starts a
+        cluster of so many workers on this machine.
 
     Raises
     ------
     InputError
-        No worker.
+        No worker, workers of a scheduler that has its own, or no scheduler at the address.
+    MissingExtra
+        Dask is not installed.
     """
-    if workers is None:
-        workers = available_cores()
-    elif workers < 1:
+    if workers is not None and workers < 1:
         raise InputError(f"--workers {workers}: give 1 or more", key="--workers")
+    if scheduler is not None:
+        from inercal.parallel.dask_executor import open_dask
+
+        return open_dask(scheduler, workers)
+    workers = _processes(workers)
     if workers == 1:
         return SerialExecutor()
     from inercal.parallel.process_executor import ProcessExecutor
 
-    return ProcessExecutor(min(workers, _MOST.get(sys.platform, workers)))
+    return ProcessExecutor(workers)
+
+
+def open_tolerant_executor(
+    workers: int | None = None, scheduler: str | None = None
+) -> TolerantExecutor:
+    """Return an executor whose tasks run in other processes, so that it survives their loss.
+
+    Parameters
+    ----------
+    workers, scheduler
+        As of `open_executor`; one worker runs tasks in this process.
+
+    Raises
+    ------
+    InputError, MissingExtra
+        As of `open_executor`.
+    """
+    if scheduler is not None or (workers is not None and workers < 1):
+        opened = open_executor(workers, scheduler)
+        assert isinstance(opened, TolerantExecutor)
+        return opened
+    workers = _processes(workers)
+    if workers == 1:
+        return SerialExecutor()
+    from inercal.parallel.isolated_executor import IsolatedExecutor
+
+    return IsolatedExecutor(workers)
+
+
+def _processes(workers: int | None) -> int:
+    wanted = available_cores() if workers is None else workers
+    return min(wanted, _MOST.get(sys.platform, wanted))
 
 
 __all__ = [
     "Executor",
     "SerialExecutor",
+    "Settled",
     "Task",
+    "TolerantExecutor",
     "WorkerLost",
     "available_cores",
     "in_order",
     "open_executor",
+    "open_tolerant_executor",
 ]

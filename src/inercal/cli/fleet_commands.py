@@ -1,0 +1,230 @@
+"""`inercal fleet`: the sensors of a production line, calibrated in batches and compared."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from inercal.cli.worker_option import SCHEDULER, WORKERS
+
+if TYPE_CHECKING:
+    from inercal.fleet.calibration import Counts
+    from inercal.fleet.line import Line
+    from inercal.parallel import TolerantExecutor
+
+NAME = "fleet"
+FAILED = 1  # exit status: some sensors have no result
+_SERIAL = 100  # sensors below which other processes cost more than they save
+_POLL = 0.5  # s
+app = typer.Typer(
+    help="Calibrate the sensors of a production line, and compare them.", no_args_is_help=True
+)
+
+_Line = Annotated[Path, typer.Argument(help="Folder of the line: run.toml and sensors.csv.")]
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+_Out = Annotated[
+    Path | None,
+    typer.Option("--results", help="Folder of the results (default: fleet in the line's folder)."),
+]
+
+
+@app.command()
+def calibrate(
+    line: _Line,
+    workers: int | None = WORKERS,
+    scheduler: str | None = SCHEDULER,
+    batch: Annotated[
+        int | None,
+        typer.Option("--batch", help="Sensors of a batch (default: as many as take 2 s)."),
+    ] = None,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Try sensors again that failed before.")
+    ] = False,
+    register: Annotated[
+        str | None, typer.Option("--register", help="Enter the calibrations in this register.")
+    ] = None,
+    watch: Annotated[
+        Path | None,
+        typer.Option("--watch", help="Calibrate each recording that arrives in this folder."),
+    ] = None,
+    count: Annotated[
+        int | None, typer.Option("--count", help="With --watch: end after so many recordings.")
+    ] = None,
+    out: _Out = None,
+    json: _Json = False,
+) -> None:
+    """Calibrate the sensors that have no result yet; a failed one is a row with its reason."""
+    from inercal.cli.console import print_json
+    from inercal.errors import InputError
+    from inercal.fleet import results
+    from inercal.fleet.line import read_line
+
+    for name, number in (("--batch", batch), ("--count", count)):
+        if number is not None and number < 1:
+            raise InputError(f"{name} {number}: give 1 or more", key=name)
+    if count is not None and watch is None:
+        raise InputError("--count: it ends --watch; give --watch, too", key="--count")
+    read = read_line(line)
+    results.schema()  # names what is not installed, before any work
+    folder = line / results.FOLDER if out is None else out
+    if watch is not None:
+        _watch(read, watch, folder, count)
+        return
+    counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed)
+    content: dict[str, Any] = {**vars(counts), "results": str(folder)}
+    if register is not None:
+        content["register"], content["entered"] = _enter(folder, register)
+    if json:
+        print_json(content)
+    else:
+        _print_counts(counts, content)
+    # Also those of earlier calls: a station reads the status of the line.
+    if _without_result(folder):
+        raise typer.Exit(FAILED)
+
+
+@app.command()
+def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
+    """Say how many sensors are calibrated, failed and missing, and why they failed."""
+    from inercal.cli.console import print_json
+    from inercal.fleet.line import read_line
+    from inercal.fleet.status import line_status
+
+    read = read_line(line)
+    found = line_status(read, out)
+    if json:
+        print_json(found.as_object())
+        return
+    print(f"{line}: {len(read.rows)} sensors")
+    for what, number in found.counts.items():
+        print(f"{number:>9}  {what}")
+    for reason, names in found.reasons:
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        print(f"{', '.join(names[:3])}{more}: {reason}")
+
+
+@app.command()
+def export(
+    line: _Line,
+    path: Annotated[Path, typer.Argument(help="The table to write: .csv or .parquet.")],
+    sensor: Annotated[
+        str | None,
+        typer.Option("--sensor", help="Write the calibration file of this sensor instead."),
+    ] = None,
+    out: _Out = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
+) -> None:
+    """Write the results as one table, or the calibration file of one sensor."""
+    from inercal.cli.outputs import CALIBRATION, check_outputs, table_kind
+    from inercal.fleet import results
+    from inercal.fleet.export import COLUMNS, export_table
+    from inercal.io.atomic_files import write_text
+
+    folder = line / results.FOLDER if out is None else out
+    kind = CALIBRATION if sensor is not None else table_kind("sensors", COLUMNS)
+    check_outputs({path: kind}, force=force or None)
+    if sensor is not None:
+        write_text(path, results.calibration_text(folder, sensor))
+        print(f"wrote {path}")
+        return
+    number = export_table(folder, path)
+    print(f"wrote {path}: {number} sensors")
+
+
+def _calibrate(
+    line: "Line",
+    folder: Path,
+    workers: int | None,
+    scheduler: str | None,
+    batch: int | None,
+    retry_failed: bool,
+) -> "Counts":
+    from inercal.cli.console import progress_status
+    from inercal.fleet.calibration import calibrate_line
+    from inercal.parallel import available_cores, open_tolerant_executor
+
+    if workers is None and scheduler is None and len(line.rows) < _SERIAL:
+        workers = 1
+    number = workers or available_cores()
+    with (
+        progress_status(f"{len(line.rows)} sensors") as update,
+        open_tolerant_executor(workers, scheduler) as executor,
+    ):
+        _name_dashboard(executor)
+        return calibrate_line(
+            line,
+            executor,
+            getattr(executor, "workers", number),
+            out=folder,
+            batch=batch,
+            retry_failed=retry_failed,
+            progress=lambda counts: update(_progress_text(counts)),
+        )
+
+
+def _name_dashboard(executor: "TolerantExecutor") -> None:
+    import sys
+    from importlib.util import find_spec
+
+    if find_spec("bokeh") and (link := getattr(executor, "dashboard", "")):
+        print(f"the cluster's page is {link}", file=sys.stderr)
+
+
+def _progress_text(counts: "Counts") -> str:
+    failed = f", {counts.failed + counts.lost} without a result" * bool(counts.failed + counts.lost)
+    return f"{counts.settled} of {counts.sensors} sensors{failed}"
+
+
+def _print_counts(counts: "Counts", content: dict[str, Any]) -> None:
+    print(f"{counts.sensors} sensors: {counts.done} calibrated, {counts.kept} kept as they were")
+    if counts.failed or counts.lost:
+        print(f"{counts.failed} failed, {counts.lost} lost; inercal fleet status says why")
+    if "entered" in content:
+        print(f"{content['entered']} calibrations are in {content['register']}")
+    print(f"wrote {content['results']}")
+
+
+def _without_result(folder: Path) -> int:
+    from inercal.fleet import results
+
+    found = results.read_results(folder, ("status",))["status"].to_pylist()
+    return sum(status != results.DONE for status in found)
+
+
+def _enter(folder: Path, address: str) -> tuple[str, int]:
+    from inercal.cli.console import progress_status
+    from inercal.fleet.registration import enter_results
+    from inercal.store import Register
+
+    with Register(address) as register, progress_status("entering calibrations") as update:
+        number = enter_results(folder, register, lambda k, n: update(f"entered {k} of {n}"))
+        return register.address, number
+
+
+def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
+    """Print a line for each recording that arrives; the status is 1 where one did not pass."""
+    import time
+
+    from inercal.errors import InputError
+    from inercal.fleet.station import arriving_files, calibrate_arrival
+
+    if not folder.is_dir():
+        raise InputError(f"--watch {folder}: no such folder", key="--watch")
+
+    def poll() -> bool:
+        time.sleep(_POLL)
+        return True
+
+    failed = done = 0
+    try:
+        for path in arriving_files(folder, poll):
+            result = calibrate_arrival(line, path, out)
+            print(f"{'PASS' if result.passed else 'FAIL'} {result.id}: {result.reason}", flush=True)
+            failed += not result.passed
+            done += 1
+            if done == count:
+                break
+    except KeyboardInterrupt:
+        pass  # the usual end of a station
+    if failed:
+        raise typer.Exit(FAILED)

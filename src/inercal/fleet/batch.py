@@ -1,0 +1,171 @@
+"""A batch of sensors: the task that a worker computes. One sensor that fails ends no batch."""
+
+import traceback
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+from inercal.errors import InercalError
+from inercal.fleet import results
+from inercal.fleet.line import TEMPLATE, SensorRow
+from inercal.fleet.recordings import Version, is_address, local_copy
+from inercal.io.column_table import file_sha256
+
+_ONE_LINE = 500  # characters of an error
+
+
+@dataclass(frozen=True)
+class Work:
+    """A sensor to calibrate.
+
+    Parameters
+    ----------
+    row : SensorRow
+    sections : mapping
+        Of its run file, as filled.
+    digest : str
+        Of the sections.
+    version : Version
+        Of its recording.
+    """
+
+    row: SensorRow
+    sections: Mapping[str, Any]
+    digest: str
+    version: Version
+
+
+@dataclass(frozen=True)
+class BatchDone:
+    """What a worker returns: counts, not coefficients.
+
+    Parameters
+    ----------
+    done, failed : int
+        Sensors.
+    seconds : float
+        Wall time of all of them.
+    """
+
+    done: int
+    failed: int
+    seconds: float
+
+
+def compute_batch(folder: Path, out: Path, work: Sequence[Work]) -> BatchDone:
+    """Calibrate sensors, and write their rows as one part.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the line.
+    out : Path
+        Of the parts.
+    work : sequence of Work
+
+    Raises
+    ------
+    InputError
+        The part cannot be written.
+    """
+    begin = perf_counter()
+    rows = [result_row(folder, one) for one in work]
+    results.write_part(out, rows)
+    done = sum(row["status"] == results.DONE for row in rows)
+    return BatchDone(done, len(rows) - done, perf_counter() - begin)
+
+
+def result_row(folder: Path, work: Work) -> dict[str, Any]:
+    """Return the row of a sensor, calibrated or failed."""
+    begin = process_time()
+    try:
+        found, recording = _calibrate(folder, work)
+    except Exception as error:  # of any sort: it is this sensor's alone
+        text = " ".join(str(error).split()) or type(error).__name__
+        kept = "" if isinstance(error, InercalError) else traceback.format_exc()
+        return failed_row(folder, work, text, type(error).__name__, kept)
+    used = process_time() - begin
+    return _common(work, recording) | found | {"status": results.DONE, "seconds": used}
+
+
+def failed_row(
+    folder: Path,
+    work: Work,
+    error: str,
+    error_type: str,
+    trace: str = "",
+    status: str = results.FAILED,
+) -> dict[str, Any]:
+    """Return the row of a sensor without a result."""
+    digest = ""
+    if not is_address(work.row.recording):
+        with suppress(OSError):  # the error says so
+            digest = file_sha256(folder / work.row.recording)
+    # One line, without the folder that is the same in all.
+    text = error.replace(f"{folder}/", "")[:_ONE_LINE]
+    return _common(work, digest) | {
+        "status": status,
+        "error": text,
+        "error_type": error_type,
+        "traceback": trace,
+    }
+
+
+def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
+    installed = version("inercal")
+    columns = dict(work.row.columns)
+    named = {name: columns.pop(name, None) for name in ("lot", "station", "measured")}
+    return {
+        "key": results.row_key(recording_sha256, work.digest, installed),
+        "id": work.row.id,
+        "recording": work.row.recording,
+        **named,
+        "table": list(columns.items()),
+        "recording_sha256": recording_sha256,
+        "sections_sha256": work.digest,
+        "inercal": installed,
+        "size": work.version.size,
+        "mark": work.version.mark,
+        "created": datetime.now(UTC).isoformat(timespec="microseconds"),
+    }
+
+
+def _calibrate(folder: Path, work: Work) -> tuple[dict[str, Any], str]:
+    """Return the result's columns, and the hash of the recording."""
+    # Methods and kernels load in the worker, not where work is handed out.
+    from inercal.calibration.files import as_object, canonical_text
+    from inercal.pipeline import calibrate
+    from inercal.runfile import from_sections
+
+    address = work.row.recording
+    sections: dict[str, Any] = dict(work.sections)
+    with local_copy(address) if is_address(address) else nullcontext() as copy:
+        if copy is not None:
+            sections["data"] = {**sections["data"], "file": str(copy)}
+        try:
+            outcome = calibrate(from_sections(folder / TEMPLATE, sections, work.digest))
+        except InercalError as error:
+            if copy is not None:
+                error.args = (str(error).replace(str(copy), address), *error.args[1:])
+            raise
+    calibration, estimate = outcome.calibration, outcome.estimate
+    found: dict[str, Any] = {
+        "method": calibration.method,
+        "estimator": calibration.estimator,
+        "grade": outcome.verdict.grade,
+        "verdict": "\n".join(outcome.verdict.lines),
+        "chi2": float(estimate.chi2),
+        "dof": float(estimate.dof),
+        "birge": float(estimate.birge),
+        "coefficients": " ".join(calibration.sensor.coefficients),
+        "value": calibration.values.tolist(),
+        "std": calibration.std.tolist(),
+        "covariance": results.lower_triangle(calibration.covariance),
+        "calibration": canonical_text(as_object(calibration)),
+    }
+    return found, calibration.provenance["recording sha256"]

@@ -1,0 +1,257 @@
+"""A production line in a folder: a template run file, and a table of sensors that fill it.
+
+::
+
+    line/  run.toml         a run file; "{lot}" in a text stands for column lot of the table
+           sensors.csv      id, recording, and further columns; or sensors.parquet
+           recordings/…     what the column recording names: paths, or addresses such as s3://…
+
+A column whose name has a dot, such as `bench.gravity`, is the value of that key for its sensor.
+"""
+
+import csv
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+from inercal.errors import InputError, require_extra
+from inercal.small_files import read_small_file, read_toml
+
+TEMPLATE, TABLES = "run.toml", ("sensors.csv", "sensors.parquet")
+ID, RECORDING = "id", "recording"
+_NEEDED = (ID, RECORDING)
+_PLACEHOLDER = re.compile(r"\{([A-Za-z_][\w.]*)(:number)?\}")
+_LARGEST_TABLE = 1 << 30  # bytes
+
+
+@dataclass(frozen=True)
+class SensorRow:
+    """A line of the table of sensors.
+
+    Parameters
+    ----------
+    id : str
+        Name of the sensor, once in the table.
+    recording : str
+        Its recording: a path relative to the line's folder, or an address.
+    columns : mapping of str to str
+        The further columns.
+    """
+
+    id: str
+    recording: str
+    columns: Mapping[str, str] = field(default_factory=dict[str, str])
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line, read and checked.
+
+    Parameters
+    ----------
+    folder : Path
+    template : mapping
+        The sections of its run file.
+    rows : tuple of SensorRow
+    """
+
+    folder: Path
+    template: Mapping[str, Any]
+    rows: tuple[SensorRow, ...]
+
+    @property
+    def path(self) -> Path:
+        """The template."""
+        return self.folder / TEMPLATE
+
+    @cached_property
+    def placeholders(self) -> frozenset[str]:
+        """The columns that the template names."""
+        return frozenset(name for name, _ in _PLACEHOLDER.findall(json.dumps(self.template)))
+
+    def sections(self, row: SensorRow) -> dict[str, Any]:
+        """Return the sections of a sensor's run file: values are substituted, not text.
+
+        The sensor's name is its id, and [data] file its recording, where the template states
+        neither by a placeholder.
+
+        Raises
+        ------
+        InputError
+            An override of a key below a value that is not a section.
+        """
+        values = {ID: row.id, RECORDING: row.recording, **row.columns}
+        filled = cast(dict[str, Any], _fill(self.template, values))
+        filled.setdefault("sensor", {}).setdefault("name", row.id)
+        filled.setdefault("data", {}).setdefault("file", row.recording)
+        for name, text in row.columns.items():
+            if "." in name and text:
+                _override(filled, name, text)
+        return filled
+
+
+def read_line(folder: str | Path) -> Line:
+    """Read a line's template and its table of sensors.
+
+    Parameters
+    ----------
+    folder : path
+
+    Raises
+    ------
+    InputError
+        No folder, no template, no table, a missing column, an id that comes twice, an empty cell,
+        or a placeholder without a column.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(
+            f"{folder}: no such folder; a line is a folder with {TEMPLATE} and {TABLES[0]}",
+            file=folder,
+        )
+    path = folder / TEMPLATE
+    template = read_toml(path, "run file")
+    table = next((folder / name for name in TABLES if (folder / name).is_file()), None)
+    if table is None:
+        raise InputError(f"{folder}: no {' or '.join(TABLES)}", file=folder)
+    rows = _read_rows(table)
+    line = Line(folder, template, tuple(rows))
+    known = {*_NEEDED, *(rows[0].columns if rows else ())}
+    if missing := sorted(line.placeholders - known):
+        raise InputError(
+            f"{path}: {{{missing[0]}}} names no column of {table.name}; its columns are "
+            f"{', '.join(sorted(known))}",
+            file=path,
+            names=tuple(missing),
+        )
+    return line
+
+
+def sections_digest(sections: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of filled sections."""
+    text = json.dumps(sections, sort_keys=True, ensure_ascii=False, default=str)
+    return sha256(text.encode()).hexdigest()
+
+
+def _read_rows(path: Path) -> list[SensorRow]:
+    lines = _csv_lines(path) if path.suffix == ".csv" else _parquet_lines(path)
+    rows: list[SensorRow] = []
+    seen: dict[str, str] = {}
+    for where, cells in lines:
+        name, recording = cells.pop(ID).strip(), cells.pop(RECORDING).strip()
+        if not (name and recording):
+            empty = ID if not name else RECORDING
+            raise InputError(f"{path}: {where}: column {empty} is empty", file=path, names=(empty,))
+        if name in seen:
+            raise InputError(
+                f"{path}: {where}: id {name!r} is that of {seen[name]}, too; each sensor has one "
+                "line",
+                file=path,
+                names=(name,),
+            )
+        seen[name] = where
+        rows.append(SensorRow(name, recording, cells))
+    if not rows:
+        raise InputError(f"{path}: no sensor in it", file=path)
+    return rows
+
+
+def _csv_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    try:
+        text = read_small_file(path, "table of sensors", _LARGEST_TABLE).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte {error.start} is not UTF-8; save the table as UTF-8", file=path
+        ) from None
+    reader = csv.reader(text.splitlines(), strict=True)
+    empty: list[str] = []
+    names = _checked_names(path, [name.strip() for name in next(reader, empty)])
+    try:
+        for cells in reader:
+            if not any(cells):
+                continue
+            where = f"line {reader.line_num}"
+            if len(cells) != len(names):
+                raise InputError(
+                    f"{path}: {where} has {len(cells)} cells; the table has {len(names)} columns",
+                    file=path,
+                )
+            yield where, dict(zip(names, cells, strict=True))
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num}: {error}", file=path) from None
+
+
+def _parquet_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    with require_extra("fleet", f"{path} needs pyarrow", ("pyarrow",)):
+        pa: Any = import_module("pyarrow")
+        pq: Any = import_module("pyarrow.parquet")
+    try:
+        table = pq.read_table(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise InputError(
+            f"{path}: not a Parquet file: {str(error).splitlines()[0]}", file=path
+        ) from None
+    names = _checked_names(path, table.column_names)
+    columns = [column.to_pylist() for column in table.columns]
+    for k, cells in enumerate(zip(*columns, strict=True)):
+        texts = ("" if cell is None else str(cell) for cell in cells)
+        yield f"row {k + 1}", dict(zip(names, texts, strict=True))
+
+
+def _checked_names(path: Path, names: Sequence[str]) -> Sequence[str]:
+    for needed in _NEEDED:
+        if needed not in names:
+            raise InputError(
+                f"{path}: no column {needed!r}; its columns are {', '.join(names) or 'none'}",
+                file=path,
+                names=(needed,),
+            )
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise InputError(f"{path}: column {twice[0]!r} comes twice", file=path, names=(twice[0],))
+    return names
+
+
+def _fill(value: object, columns: Mapping[str, str]) -> object:
+    """Return a value of the template with the columns in the place of placeholders."""
+    if isinstance(value, dict):
+        content = cast(dict[str, object], value)
+        return {key: _fill(one, columns) for key, one in content.items()}
+    if isinstance(value, list):
+        return [_fill(one, columns) for one in cast(list[object], value)]
+    if not isinstance(value, str):
+        return value
+    whole = _PLACEHOLDER.fullmatch(value)
+    if whole is not None and whole[2]:
+        return _number(columns[whole[1]], whole[1])
+    return _PLACEHOLDER.sub(lambda found: columns[found[1]], value)
+
+
+def _number(text: str, column: str) -> float | int:
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"column {column}: {text!r} is not a number", names=(column,)) from None
+
+
+def _override(sections: dict[str, Any], dotted: str, text: str) -> None:
+    *path, key = dotted.split(".")
+    section = sections
+    for name in path:
+        inner: object = section.setdefault(name, {})
+        if not isinstance(inner, dict):
+            raise InputError(
+                f"column {dotted}: [{'.'.join(path)}] is no section of the template",
+                names=(dotted,),
+            )
+        section = cast(dict[str, Any], inner)
+    section[key] = text

@@ -1,0 +1,68 @@
+"""How far a line is: sensors by status and grade, and the reasons of those without a result."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from inercal.calibration.grade import GRADE_WORDS
+from inercal.fleet import results
+from inercal.fleet.line import Line
+
+_NAMES = 1000  # of sensors with one reason that are listed
+
+
+@dataclass(frozen=True)
+class LineStatus:
+    """What became of the sensors of a line.
+
+    Parameters
+    ----------
+    counts : mapping of str to int
+        Sensors by what became of them, in words.
+    reasons : sequence of (str, sequence of str)
+        Each reason why sensors have no result, the commonest first, with their ids.
+    """
+
+    counts: Mapping[str, int]
+    reasons: Sequence[tuple[str, Sequence[str]]]
+
+    def as_object(self) -> dict[str, Any]:
+        """Return it as a JSON object."""
+        listed = [{"reason": reason, "sensors": list(names)} for reason, names in self.reasons]
+        return {"counts": dict(self.counts), "reasons": listed}
+
+
+def line_status(line: Line, out: Path | None = None) -> LineStatus:
+    """Return how far a line is.
+
+    Parameters
+    ----------
+    line : Line
+    out : Path, optional
+        Folder of the results; by default `fleet` in the line's folder.
+    """
+    folder = line.folder / results.FOLDER if out is None else out
+    wanted = {row.id for row in line.rows}
+    rows = results.read_results(folder, ("status", "error", "grade", "recording")).to_pylist()
+    rows = [row for row in rows if row["id"] in wanted]
+    counts: Counter[str] = Counter()
+    reasons: dict[str, list[str]] = {}
+    for row in rows:
+        if row["status"] == results.DONE:
+            counts[GRADE_WORDS[row["grade"]]] += 1
+            continue
+        counts[row["status"]] += 1
+        names = reasons.setdefault(_common_reason(row), [])
+        if len(names) < _NAMES:
+            names.append(row["id"])
+    counts["without a result yet"] = len(wanted) - len(rows)
+    ranked = sorted(reasons.items(), key=lambda item: -len(item[1]))
+    return LineStatus({what: n for what, n in counts.items() if n}, ranked)
+
+
+def _common_reason(row: Mapping[str, Any]) -> str:
+    """Return the reason without what names the sensor, so that equal reasons are one."""
+    text = str(row["error"]).replace(row["recording"], "…")
+    return text.replace(row["id"], "…")

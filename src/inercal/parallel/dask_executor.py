@@ -1,0 +1,182 @@
+"""Tasks on a Dask cluster: of this machine, or of others by the address of its scheduler."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from importlib import import_module
+from importlib.metadata import version
+from typing import Any
+
+from inercal.errors import InputError, require_installed
+from inercal.parallel import Settled, TolerantExecutor, WorkerLost, available_cores
+
+_TIMEOUT = 10.0  # s, for the answer of a scheduler
+_SETTINGS = {
+    # A task whose worker died is not tried again: who submitted it decides.
+    "distributed.scheduler.allowed-failures": 0,
+    # A worker holds one task beside those that it computes: few are lost with it.
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.worker.profile.enabled": False,
+}
+
+
+def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
+    """Return an executor on the cluster at an address, or on a new one of this machine.
+
+    Parameters
+    ----------
+    address : str
+        "tcp://host:8786", "tls://host:8786", or "local".
+    workers : int, optional
+        Of a new cluster, one for each core by default.
+
+    Raises
+    ------
+    InputError
+        No scheduler at the address, workers of another version of inercal, or a number of workers
+        for a cluster that has its own.
+    MissingExtra
+        Dask is not installed.
+    """
+    require_installed("fleet", "a Dask cluster needs distributed", ("distributed",))
+    dask: Any = import_module("dask.config")
+    distributed: Any = import_module("distributed")
+    if address == "local":
+        with dask.set(_SETTINGS):
+            cluster = distributed.LocalCluster(
+                n_workers=workers or available_cores(),
+                threads_per_worker=1,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",
+                silence_logs="CRITICAL",
+            )
+            return DaskExecutor(distributed.Client(cluster), cluster)
+    if not address.startswith(("tcp://", "tls://")):
+        raise InputError(
+            f"--scheduler {address}: give tcp://HOST:PORT, tls://HOST:PORT or local",
+            key="--scheduler",
+        )
+    if workers is not None:
+        raise InputError(
+            f"--workers {workers}: the cluster at {address} has its own workers; leave one of "
+            "--workers and --scheduler out",
+            key="--workers",
+        )
+    try:
+        with dask.set(_SETTINGS):
+            client = distributed.Client(address, timeout=_TIMEOUT, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(
+            f"--scheduler {address}: no Dask scheduler answers ({type(error).__name__}); start one "
+            "by `dask scheduler`",
+            key="--scheduler",
+        ) from None
+    executor = DaskExecutor(client, None)
+    executor.require_same_version(address)
+    return executor
+
+
+class DaskExecutor(TolerantExecutor):
+    """Runs tasks on the workers of a Dask cluster.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    cluster : distributed.LocalCluster or None
+        A cluster that ends with this executor.
+    """
+
+    def __init__(self, client: Any, cluster: Any):
+        distributed: Any = import_module("distributed")
+        self._client, self._cluster = client, cluster
+        self._futures = distributed.as_completed(loop=client.loop, raise_errors=False)
+        self._indices: dict[str, int] = {}  # by key of the future
+        self._open: dict[int, Any] = {}
+        self._count = 0
+
+    @property
+    def dashboard(self) -> str:
+        """Address of the cluster's page."""
+        return str(self._client.dashboard_link)
+
+    @property
+    def workers(self) -> int:
+        """Workers that the cluster has now, at least one."""
+        return max(len(self._client.scheduler_info()["workers"]), 1)
+
+    def require_same_version(self, address: str) -> None:
+        """Refuse workers of another version of inercal, and a cluster without workers.
+
+        Raises
+        ------
+        InputError
+            With the versions.
+        """
+        own = version("inercal")
+        found: dict[str, str] = self._client.run(_installed_version)
+        if not found:
+            self.close()
+            raise InputError(
+                f"--scheduler {address}: the cluster has no worker; start one by `dask worker "
+                f"{address}`",
+                key="--scheduler",
+            )
+        if other := sorted(set(found.values()) - {own}):
+            self.close()
+            raise InputError(
+                f"--scheduler {address}: its workers have inercal {', '.join(other)}, this is "
+                f"{own}; install the same version on all",
+                key="--scheduler",
+            )
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
+        """Accept a task; return its index."""
+        index = self._count
+        self._count += 1
+        future = self._client.submit(function, *arguments, pure=False)
+        self._indices[future.key] = index
+        self._open[index] = future
+        self._futures.add(future)
+        return index
+
+    def forget_after(self, index: int) -> None:
+        """Drop the tasks of larger index."""
+        for other in [k for k in self._open if k > index]:
+            self._open.pop(other).cancel()
+
+    def settled(self) -> Iterator[Settled]:
+        """Yield each task as it ends."""
+        killed: Any = import_module("distributed").KilledWorker
+        for future in self._futures:
+            index = self._indices.pop(future.key)
+            if self._open.pop(index, None) is None:
+                continue  # forgotten
+            if future.status == "finished":
+                result, error = future.result(), None
+            else:
+                result, error = None, _error_of(future)
+                if isinstance(error, killed):
+                    error = WorkerLost("the worker died")
+            # A future that is held is computed again when its worker dies.
+            future.release()
+            yield Settled(index, result, error)
+
+    def close(self) -> None:
+        """Drop what still runs, and end a cluster of its own."""
+        with suppress(Exception):  # of a scheduler that is gone
+            for future in self._open.values():
+                future.cancel()
+        self._client.close()
+        if self._cluster is not None:
+            self._cluster.close()
+
+
+def _error_of(future: Any) -> BaseException:
+    if future.status == "error":
+        return future.exception()
+    return WorkerLost(f"the scheduler has dropped the task ({future.status})")
+
+
+def _installed_version() -> str:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    return version("inercal")
