@@ -1,0 +1,178 @@
+"""`inercal fleet` as a user calls it."""
+
+import csv
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from tests.fleet.lines import make_line, readings, rows_of, write_recording, write_table
+from tests.program import run_program
+
+import inercal
+from inercal.fleet import results
+from inercal.fleet.line import read_line
+from inercal.fleet.station import arriving_files, calibrate_arrival
+
+pytest.importorskip("pyarrow")
+
+
+@pytest.fixture(scope="module")
+def line(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = make_line(tmp_path_factory.mktemp("line"), 6)
+    (folder / "recordings" / "S002.npz").write_bytes(b"")
+    return folder
+
+
+def test_a_line_is_calibrated_said_and_exported(line: Path, tmp_path: Path):
+    first = run_program("fleet", "calibrate", line, "--json")
+    assert first.status == 1  # a sensor has no result
+    content = json.loads(first.output)
+    assert (content["done"], content["failed"], content["kept"]) == (5, 1, 0)
+    again = json.loads(run_program("fleet", "calibrate", line, "--json").output)
+    assert (again["kept"], again["tasks"]) == (6, 0)
+    said = json.loads(run_program("fleet", "status", line, "--json").output)
+    assert said["counts"] == {"consistent": 5, "failed": 1}
+    assert [one["sensors"] for one in said["reasons"]] == [["S002"]]
+    for suffix in (".csv", ".parquet"):
+        table = tmp_path / f"sensors{suffix}"
+        assert run_program("fleet", "export", line, table).status == 0
+        assert table.is_file()
+    with (tmp_path / "sensors.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["id"] for row in rows] == [f"S{k:03d}" for k in range(6)]
+    bias, u = float(rows[1]["ax.k0 [µg]"]), float(rows[1]["U(ax.k0) [µg]"])
+    assert abs(bias - 1e6 * readings(1)[1][0]) < 2 * u
+    assert rows[2]["ax.k0 [µg]"] == "nan"
+
+
+def test_the_calibration_file_of_one_sensor_is_exported(line: Path, tmp_path: Path):
+    run_program("fleet", "calibrate", line)
+    path = tmp_path / "one.calibration.json"
+    assert run_program("fleet", "export", line, path, "--sensor", "S004").status == 0
+    assert inercal.load(path).sensor.name == "S004"
+    kept = path.read_bytes()
+    assert run_program("fleet", "export", line, path, "--sensor", "S002").status == 2
+    assert run_program("fleet", "export", line, path, "--sensor", "none").status == 2
+    assert path.read_bytes() == kept
+
+
+def test_calibrations_are_entered_once_in_the_register(line: Path, tmp_path: Path):
+    register = str(tmp_path / "register.db")
+    for _ in range(2):
+        ended = run_program("fleet", "calibrate", line, "--register", register, "--json")
+        assert json.loads(ended.output)["entered"] == 5
+    listed = json.loads(run_program("store", "list", "--register", register, "--json").output)
+    assert len(listed["sensors"]) == 5
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--workers", "0"),
+        ("--batch", "0"),
+        ("--count", "1"),
+        ("--scheduler", "here"),
+        ("--watch", "no/such/folder"),
+    ],
+)
+def test_an_option_that_is_not_possible_is_one_line(tmp_path: Path, options: tuple[str, ...]):
+    folder = make_line(tmp_path, 1)
+    assert run_program("fleet", "calibrate", folder, *options).status == 2
+    assert not (folder / results.FOLDER).exists()
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "status"])
+def test_a_folder_that_is_no_line_is_one_line(tmp_path: Path, verb: str):
+    assert run_program("fleet", verb, tmp_path).status == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_table_that_is_not_ours_is_kept(line: Path, tmp_path: Path):
+    path = tmp_path / "table.csv"
+    path.write_text("mine\n1\n", encoding="utf-8")
+    assert run_program("fleet", "export", line, path).status == 2
+    assert path.read_text(encoding="utf-8") == "mine\n1\n"
+    assert run_program("fleet", "export", line, tmp_path / "table.txt").status == 2
+
+
+def test_a_recording_that_arrives_is_judged_when_it_is_complete(tmp_path: Path):
+    folder = make_line(tmp_path / "line", 3)
+    write_table(
+        folder, [(f"S{k}", f"later/{k}.npz", f"0000{k}") for k in range(3)], more=("barcode",)
+    )
+    inbox = tmp_path / "inbox"
+    inbox.mkdir()
+    line = read_line(folder)
+    polls = 0
+
+    def poll() -> bool:
+        nonlocal polls
+        polls += 1
+        if polls == 1:
+            write_recording(inbox / "00001.npz", 1)
+            (inbox / ".hidden").write_bytes(b"x")
+            (inbox / "other.npz").write_bytes(b"half")
+        if polls == 2:
+            (inbox / "other.npz").write_bytes(b"half and the rest")
+        return polls < 6
+
+    arrived = list(arriving_files(inbox, poll))
+    assert [path.name for path in arrived] == ["00001.npz", "other.npz"]
+    good, bad = (calibrate_arrival(line, path, folder / results.FOLDER) for path in arrived)
+    assert (good.id, good.passed) == ("S1", True)
+    assert (bad.id, bad.passed) == ("other", False)
+    assert [(row["id"], row["status"]) for row in rows_of(folder)] == [
+        ("S1", "done"), ("other", "failed"),
+    ]  # fmt: skip
+
+
+def test_a_station_prints_pass_and_fail_and_ends_with_their_status(tmp_path: Path):
+    folder, inbox = make_line(tmp_path / "line", 1), tmp_path / "inbox"
+    write_recording(inbox / "S000.npz", 0)
+    watched = ("fleet", "calibrate", folder, "--watch", inbox, "--count", "1")
+    ended = run_program(*watched)
+    assert (ended.status, ended.output.split()[:2]) == (0, ["PASS", "S000:"])
+    (inbox / "S000.npz").write_bytes(b"nothing")
+    ended = run_program(*watched)
+    assert (ended.status, ended.output.split()[:2]) == (1, ["FAIL", "S000:"])
+
+
+def start_fleet(folder: Path) -> "subprocess.Popen[bytes]":
+    command = [sys.executable, "-c", "from inercal.cli.app import main; main()"]
+    return subprocess.Popen(
+        [*command, "fleet", "calibrate", str(folder), "--workers", "2", "--batch", "2"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+def child_processes(pid: int) -> list[int]:
+    listed = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(one) for one in listed.read_text().split()] if listed.exists() else []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are found as Linux lists them")
+@pytest.mark.parametrize("moment", range(10))
+def test_a_fleet_that_is_killed_goes_on_to_the_same_rows(tmp_path: Path, moment: int):
+    """Kill the client, or one of its workers, at a random moment; then run it again."""
+    unbroken = make_line(tmp_path / "unbroken", 24)
+    run_program("fleet", "calibrate", unbroken, "--batch", "2", "--workers", "1")
+    folder = make_line(tmp_path / "killed", 24)
+    rng = random.Random(moment)
+    process = start_fleet(folder)
+    try:
+        process.wait(timeout=rng.uniform(0.5, 5.0))
+    except subprocess.TimeoutExpired:
+        children = child_processes(process.pid)
+        victim = process.pid if moment % 2 or not children else rng.choice(children)
+        os.kill(victim, signal.SIGKILL)
+    process.wait()
+    assert run_program("fleet", "calibrate", folder, "--retry-failed").status == 0
+    assert rows_of(folder) == rows_of(unbroken)
