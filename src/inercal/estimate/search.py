@@ -7,8 +7,9 @@ the damping follows the gain of the last step (Nielsen 1999, IMM-REP-1999-05). T
 undamped, since calibrations are nearly linear.
 
 A trial has converged when the error that the next step would leave is negligible against the cost:
-with δ₀, δ the last two steps in standard deviations, δ²·min(1, δ²/δ₀²) < 10⁻¹⁵ cost + ε, ε the
-cost of rounding (δ² alone where weights are iterated); or when the step is below 10⁻¹² of every
+with δ₀, δ the last two steps in standard deviations, δ²·max(δ²/δ₀², 10⁻⁴) < 10⁻¹⁵ cost + ε, ε the
+cost of rounding (δ² alone where weights are iterated; the ratio is not the rate of the next step,
+which the residuals keep above zero); or when the step is below 10⁻¹² of every
 parameter or of its typical size. The last step is still taken. It is rejected only if it raises the
 cost and predicts a fall below rounding: where χ² is far below one, rounding is a large part of it.
 """
@@ -134,7 +135,7 @@ def _has_converged(
     system: Trials[P], x: Array, move: Array, predicted: Array, previous: Array, cost: Array
 ) -> Bools:
     """Return whether no error worth another step will be left after this one (trials,)."""
-    rate = predicted / np.maximum(previous, predicted + np.finfo(float).tiny)
+    rate = np.maximum(predicted / np.maximum(previous, predicted + np.finfo(float).tiny), 1e-4)
     size = 1e-12 * np.maximum(np.abs(x), system.problem.scale)
     tiny = np.all(np.abs(move) <= size, axis=-1)
     return tiny | (

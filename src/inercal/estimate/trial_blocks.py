@@ -18,11 +18,17 @@ from inercal.estimate.whitened_problem import WhitenedProblem
 
 # No power of two: arrays of equal places modulo the size of a cache way would displace one another.
 BLOCK_TRIALS = 1000
+_LEAST_BLOCK = 100  # trials
+_BLOCK_BYTES = 20e6  # of covariances and Jacobians: problems of many parameters have small blocks
 _RESULTS = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
 
 
 def least_squares_of_trials(
-    trials: int, problem_of: Callable[[slice], Problem], max_iterations: int = 200
+    trials: int,
+    problem_of: Callable[[slice], Problem],
+    max_iterations: int = 200,
+    *,
+    refined: Callable[[slice, Estimate], Problem | None] | None = None,
 ) -> Estimate:
     """Solve the problem of each trial.
 
@@ -36,30 +42,66 @@ def least_squares_of_trials(
         `least_squares`.
     max_iterations : int, optional
         Steps tried at most.
+    refined : callable, optional
+        From a slice and the estimate of these trials to the problem to solve next, such as with
+        another noise; its search begins at that estimate. None leaves the estimate as it is.
 
     Raises
     ------
     InputError, NotObserved
         As `least_squares`.
     """
-    first, *others = _blocks(trials)
-    one = WhitenedProblem(problem_of(slice(0, 1)))
-    structure = observability(one, one.first)
-    solved = _solve_block(problem_of(first), first, structure, max_iterations)
-    if solved.converged[0]:
-        # An accident at the solution, such as a parameter of zero, may hide what the start shows.
-        x = solved.value[:1]
-        at_solution = observability(one, one.point(x, *one.evaluate(x)))
-        structure = min(structure, at_solution, key=lambda s: s.rank)
-    solved = replace(solved, **structure._asdict())
+    stages = _Stage(max_iterations), _Stage(max_iterations)
+
+    def solve(part: slice) -> Estimate:
+        solved = stages[0].solve(part, problem_of)
+        if refined is None or (then := refined(part, solved)) is None:
+            return solved
+        begun = replace(then, start=solved.value)
+
+        def next_of(some: slice) -> Problem:
+            if some == part:
+                return begun
+            problem = refined(some, _selected(solved, some))
+            assert problem is not None
+            return problem
+
+        return stages[1].solve(part, next_of)
+
+    first, *others = _blocks(trials, problem_of(slice(0, 1)))
+    solved = solve(first)
     if not others:
         return solved
     whole = _with_room(solved, trials)
     _copy_results(solved, whole, first)
     del solved  # a block at a time is in memory
     for part in others:
-        _copy_results(_solve_block(problem_of(part), part, structure, max_iterations), whole, part)
+        _copy_results(solve(part), whole, part)
     return whole
+
+
+class _Stage:
+    """Solves problems of one structure, which the first trial decides, block by block."""
+
+    def __init__(self, max_iterations: int):
+        self._max_iterations = max_iterations
+        self._structure: Observability | None = None
+
+    def solve(self, part: slice, problem_of: Callable[[slice], Problem]) -> Estimate:
+        """Return the estimate of some trials; those of the first call begin with the first."""
+        if self._structure is not None:
+            return _solve_block(problem_of(part), part, self._structure, self._max_iterations)
+        one = WhitenedProblem(problem_of(slice(0, 1)))
+        structure = observability(one, one.first)
+        solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
+        if solved.converged[0]:
+            # An accident at the solution, such as a parameter of zero, may hide what the start
+            # shows.
+            x = solved.value[:1]
+            at_solution = observability(one, one.point(x, *one.evaluate(x)))
+            structure = min(structure, at_solution, key=lambda s: s.rank)
+        self._structure = structure
+        return replace(solved, **structure._asdict())
 
 
 def _solve_block(
@@ -73,6 +115,10 @@ def _solve_block(
     system = WhitenedProblem(problem)
     at, converged, iterations = search(LinearisedRows(system), max_iterations)
     return estimate_at_solution(system, at, structure, converged, iterations)
+
+
+def _selected(solved: Estimate, part: slice) -> Estimate:
+    return replace(solved, **{name: getattr(solved, name)[part] for name in _RESULTS})
 
 
 def _copy_results(solved: Estimate, whole: Estimate, part: slice) -> None:
@@ -89,8 +135,10 @@ def _with_room(solved: Estimate, trials: int) -> Estimate:
     return replace(solved, **arrays)
 
 
-def _blocks(trials: int) -> list[slice]:
+def _blocks(trials: int, problem: Problem) -> list[slice]:
     """Return slices of nearly equal lengths: a short rest would be solved another way."""
-    count = -(-trials // BLOCK_TRIALS)
+    m, p = problem.linearise(problem.start)[1].shape[-2:]
+    most = min(BLOCK_TRIALS, max(_LEAST_BLOCK, int(_BLOCK_BYTES / (8 * p * (p + m)))))
+    count = -(-trials // most)
     ends = [trials * k // count for k in range(count + 1)]
     return [slice(a, b) for a, b in pairwise(ends)]
