@@ -118,6 +118,10 @@ class PackedTrials:
             return tried, self.cost(tried)
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
 
+    def moved(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
+        """Return the point as of `inercal.estimate.search.Trials`."""
+        return point._replace(x=np.where(chosen[:, None], x, point.x))
+
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
         """Return the merged point as of `inercal.estimate.search.Trials`."""
         return tried if chosen.all() else PackedPoint(*merge(chosen, tried, point))

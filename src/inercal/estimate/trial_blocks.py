@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from inercal.arrays import Array
+from inercal.errors import InputError
 from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.estimate.least_squares import LinearisedRows, estimate_at_solution
 from inercal.estimate.nullspace import Observability, observability
@@ -18,6 +20,7 @@ from inercal.estimate.whitened_problem import WhitenedProblem
 
 # No power of two: arrays of equal places modulo the size of a cache way would displace one another.
 BLOCK_TRIALS = 1000
+_COMPARED = 16  # trials, of which the fits from two starts are compared
 _LEAST_BLOCK = 100  # trials
 _BLOCK_BYTES = 20e6  # of covariances and Jacobians: problems of many parameters have small blocks
 _RESULTS = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
@@ -52,19 +55,18 @@ def least_squares_of_trials(
         As `least_squares`.
     """
     stages = _Stage(max_iterations), _Stage(max_iterations)
+    next_problem = refined or _no_problem
 
     def solve(part: slice) -> Estimate:
         solved = stages[0].solve(part, problem_of)
-        if refined is None or (then := refined(part, solved)) is None:
+        then = next_problem(part, solved)
+        if then is None:
             return solved
         begun = replace(then, start=solved.value)
 
         def next_of(some: slice) -> Problem:
-            if some == part:
-                return begun
-            problem = refined(some, _selected(solved, some))
-            assert problem is not None
-            return problem
+            one = None if some == part else next_problem(some, _selected(solved, some))
+            return one or begun
 
         return stages[1].solve(part, next_of)
 
@@ -80,17 +82,22 @@ def least_squares_of_trials(
     return whole
 
 
+def _no_problem(part: slice, solved: Estimate) -> None:
+    """Leave an estimate as it is."""
+
+
 class _Stage:
     """Solves problems of one structure, which the first trial decides, block by block."""
 
     def __init__(self, max_iterations: int):
         self._max_iterations = max_iterations
         self._structure: Observability | None = None
+        self._start: Array | None = None
 
     def solve(self, part: slice, problem_of: Callable[[slice], Problem]) -> Estimate:
         """Return the estimate of some trials; those of the first call begin with the first."""
         if self._structure is not None:
-            return _solve_block(problem_of(part), part, self._structure, self._max_iterations)
+            return self._solve_from_others(part, problem_of(part), self._structure)
         one = WhitenedProblem(problem_of(slice(0, 1)))
         structure = observability(one, one.first)
         solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
@@ -101,7 +108,41 @@ class _Stage:
             at_solution = observability(one, one.point(x, *one.evaluate(x)))
             structure = min(structure, at_solution, key=lambda s: s.rank)
         self._structure = structure
+        self._start = _common_start(problem_of(part), solved)
         return replace(solved, **structure._asdict())
+
+    def _solve_from_others(
+        self, part: slice, problem: Problem, structure: Observability
+    ) -> Estimate:
+        """Return the estimate by a search from the mean of other trials, where it succeeds."""
+        if self._start is not None:
+            try:
+                solved = _solve_block(
+                    replace(problem, start=self._start), part, structure, self._max_iterations
+                )
+            except InputError:  # it is not possible there, in some trial
+                solved = None
+            if solved is not None and solved.converged.all():
+                return solved
+        return _solve_block(problem, part, structure, self._max_iterations)
+
+
+def _common_start(problem: Problem, solved: Estimate) -> Array | None:
+    """Return the mean solution if it fits some trials better than the start that all share.
+
+    Many sensors of one type, or one sensor with other noise in each trial, are nearer to one
+    another than to a perfect sensor. None where each trial has a start of its own.
+    """
+    if problem.normal_equations is None or problem.start.ndim > 1 or not solved.converged.all():
+        return None
+    mean = solved.value.mean(axis=0)
+    some = np.arange(min(len(solved.value), _COMPARED))
+    starts = (problem.start, mean)
+    costs = [
+        np.sum(problem.normal_equations(np.tile(x, (some.size, 1)), some).whitened ** 2, axis=-1)
+        for x in starts
+    ]
+    return mean if np.all(costs[1] < costs[0]) else None
 
 
 def _solve_block(

@@ -223,7 +223,9 @@ def _norm_kernel(
     warmth = np.broadcast_to(dT, (*np.shape(dT)[:-1], r))
     derivatives = stated.derivatives.reshape(len(stated.derivatives), stated.norm.size // r, r)
     found = NormalEquations(
-        *(np.empty((count, r)) for _ in range(3)),
+        np.empty((count, r)),
+        np.empty((count, r)),
+        np.empty((count, r)),
         np.empty((count, k * (k + 1) // 2)),
         np.empty((count, k)),
     )

@@ -104,7 +104,8 @@ def vector_normal_equations(
         residual -= x[:, p:] @ columns.T
     found = NormalEquations(
         residual,
-        *(np.empty((count, r * m)) for _ in range(2)),
+        np.empty((count, r * m)),
+        np.empty((count, r * m)),
         np.empty((count, (p + q) * (p + q + 1) // 2)),
         np.empty((count, p + q)),
     )
