@@ -15,13 +15,11 @@ from inercal.arrays import Array
 from inercal.benches import MeanBench, MeanMotion
 from inercal.errors import InputError
 from inercal.estimate import Candidate, Estimate, Gauge, Gaussian, Problem
-from inercal.estimate.lazy_value import LazyValue
-from inercal.estimate.problem import NormalEquations
 from inercal.methods import candidates, temperature, trial_blocks
 from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.row_comparison import ReadingNoise, RowComparison
 from inercal.observe import vector_residuals
-from inercal.observe.vector_equations import BenchDerivatives, Noise, vector_normal_equations
+from inercal.observe.vector_equations import StatedMotion, VectorEquations
 from inercal.parameters import Parameter
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -301,24 +299,28 @@ def compare_vectors(
         read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
         return float(np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))))
 
-    whitening = LazyValue(lambda: Noise.of(full, correlated=correlated))
-    readings = observations.mean.reshape(-1, *observations.mean.shape[-2:])
-
-    def normal_equations(x: Array, which: NDArray[np.intp]) -> NormalEquations:
+    def stated_motion(x: Array, which: NDArray[np.int64]) -> StatedMotion:
         own = offsets[which] if offsets.ndim == 2 and len(offsets) > 1 else offsets
-        if x.strides[0] == 0:
-            x = x[:1]  # the start that all trials share
         here = sensed_motion(x, own)
-        others = BenchDerivatives(nuisances, here.df, here.dw, added)
-        return vector_normal_equations(sensor, readings, x, here.motion, others, whitening(), which)
+        return StatedMotion(here.motion, here.df, here.dw)
 
+    equations = VectorEquations(
+        sensor,
+        observations.mean.reshape(-1, *observations.mean.shape[-2:]),
+        stated_motion,
+        nuisances,
+        added,
+        full,
+        correlated,
+        np.arange(len(observations.labels) * len(observations.channels), dtype=np.int64),
+    )
     return RowComparison(
         linearise,
         full if dwell_covariance is None else noise,
         correlated,
         tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
         relative_size,
-        normal_equations if dwell_covariance is None else None,
+        equations if dwell_covariance is None else None,
     )
 
 
@@ -334,6 +336,7 @@ def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:
     """
     assert not callable(whole.noise)
     places: list[int] = at.tolist()
+    equations = whole.normal_equations
 
     def linearise(x: Array) -> tuple[Array, Array]:
         residual, jacobian = whole.linearise(x)
@@ -348,7 +351,7 @@ def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:
         whole,
         linearise=linearise,
         noise=whole.noise[..., at[:, None], at],
-        normal_equations=None,
+        normal_equations=equations.subset(at) if isinstance(equations, VectorEquations) else None,
         observations=tuple(whole.observations[k] for k in places),
         candidates=candidates if whole.candidates else None,
     )

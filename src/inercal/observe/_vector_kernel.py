@@ -28,7 +28,8 @@ class Derivatives(NamedTuple):
     slope: Array  # (1 or s, 1 or r, m, 6), by f and ω
     f: Array  # (q, 1 or s, r, 3), of specific force by the other parameters
     w: Array  # (q or 0, 1 or s, r, 3), of the rate
-    readings: Array  # (r m, q), what a unit of a parameter adds to the readings
+    readings: Array  # (n, q), what a unit of a parameter adds to the observed readings
+    observed: Indices  # (n,), places of the observed readings, row after row
 
 
 class Whitening(NamedTuple):
@@ -54,24 +55,23 @@ class Scratch(NamedTuple):
 
 @njit(**INNER)
 def _set_rows(by: Derivatives, s: int, rows: Array) -> None:
-    """Write ∂h/∂(c, q) of trial s, (n, k)."""
+    """Write ∂h/∂(c, q) of trial s in the observed readings, (n, k)."""
     design = by.design[min(s, by.design.shape[0] - 1)]
     slope = by.slope[min(s, by.slope.shape[0] - 1)]
     at_f, at_w = min(s, by.f.shape[1] - 1), min(s, by.w.shape[1] - 1)
-    r, m, p = design.shape
-    for n in range(r):
-        at = min(n, slope.shape[0] - 1)
-        for i in range(m):
-            row, own, along = rows[n * m + i], design[n, i], slope[at, i]
-            for k in range(p):
-                row[k] = own[k]
-            for k in range(by.f.shape[0]):
-                one = by.f[k, at_f, n]
-                total = along[0] * one[0] + along[1] * one[1] + along[2] * one[2]
-                row[p + k] = total + by.readings[n * m + i, k]
-            for k in range(by.w.shape[0]):
-                one = by.w[k, at_w, n]
-                row[p + k] += along[3] * one[0] + along[4] * one[1] + along[5] * one[2]
+    _, m, p = design.shape
+    for place in range(by.observed.size):
+        n, i = by.observed[place] // m, by.observed[place] % m
+        row, own, along = rows[place], design[n, i], slope[min(n, slope.shape[0] - 1), i]
+        for k in range(p):
+            row[k] = own[k]
+        for k in range(by.f.shape[0]):
+            one = by.f[k, at_f, n]
+            total = along[0] * one[0] + along[1] * one[1] + along[2] * one[2]
+            row[p + k] = total + by.readings[place, k]
+        for k in range(by.w.shape[0]):
+            one = by.w[k, at_w, n]
+            row[p + k] += along[3] * one[0] + along[4] * one[1] + along[5] * one[2]
 
 
 @njit(**INNER)
@@ -102,6 +102,16 @@ def _set_sparse_normal(rows: Array, busy: Indices, normal: Array) -> None:
             place, value = k * (k + 1) // 2, row[k]
             for b in range(a + 1):
                 normal[place + busy[b]] += value * row[busy[b]]
+
+
+@njit(**INNER)
+def _is_dense(rows: Array) -> bool:
+    """Return whether products of whole columns take less time than those of single elements."""
+    count = 0
+    for i in range(rows.shape[0]):
+        for k in range(rows.shape[1]):
+            count += 1 if rows[i, k] != 0.0 else 0
+    return 3 * count > rows.size
 
 
 @njit(**INNER)
@@ -163,7 +173,7 @@ def vector_kernel(
                 normal[s, k] = normal[0, k]
             for k in range(columns.shape[0]):
                 gradient[s, k] = dot(columns[k], u)
-        elif full:
+        elif full and _is_dense(rows):
             set_normal(columns, u, normal[s], gradient[s])
         else:
             _set_sparse_normal(rows, busy, normal[s])

@@ -4,7 +4,9 @@
 trial.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,8 @@ from inercal.estimate.priors_and_gauges import cholesky
 from inercal.estimate.problem import NormalEquations
 from inercal.motion import Motion
 from inercal.sensors import Sensor
+
+Indices = NDArray[np.int64]
 
 
 class Noise(NamedTuple):
@@ -33,6 +37,9 @@ class Noise(NamedTuple):
             A covariance that is not positive definite.
         """
         n = noise.shape[-1]
+        variance = np.diagonal(noise, axis1=-2, axis2=-1) if correlated else noise
+        if correlated and np.count_nonzero(variance) == np.count_nonzero(noise):
+            noise, correlated = np.sqrt(variance), False
         if not correlated:
             with np.errstate(divide="ignore"):
                 return cls(1 / noise.reshape(-1, n), np.zeros((0, n, n)))
@@ -44,99 +51,123 @@ class Noise(NamedTuple):
         return cls(np.ones((1, n)), factor)
 
 
-class BenchDerivatives(NamedTuple):
-    """How the parameters that follow the coefficients act, by name.
+class StatedMotion(NamedTuple):
+    """The motion of r rows and how the parameters that follow the coefficients act on it.
 
     Parameters
     ----------
-    names : sequence of q str
+    motion : Motion
+        (..., r, 3).
     df, dw : mapping of str to (..., r, 3) array
-        Derivatives of f and ω.
-    readings : mapping of str to (r m,) array
-        What a unit of a parameter adds to the readings, in place of any motion.
+        Derivatives of f and ω by name.
     """
 
-    names: Sequence[str]
+    motion: Motion
     df: Mapping[str, Array]
     dw: Mapping[str, Array]
-    readings: Mapping[str, Array]
 
 
-def vector_normal_equations(
-    sensor: Sensor,
-    y: Array,
-    x: Array,
-    motion: Motion,
-    others: BenchDerivatives,
-    noise: Noise,
-    which: NDArray[np.intp],
-) -> NormalEquations:
-    """Return the normal equations of trials by the residuals of `vector_residuals`.
+@dataclass(frozen=True, eq=False)
+class VectorEquations:
+    """Normal equations of trials by the residuals of `inercal.observe.vector_residuals`.
 
     Parameters
     ----------
     sensor : Sensor
+        With p coefficients.
     y : (1 or trials, r, m) array
         Readings of all trials, SI.
-    x : (1 or s, p + q) array
-        Coefficients and the bench's parameters of these trials, SI.
-    motion : Motion
-        Of these trials, or shared by them, (..., r, 3).
-    others : BenchDerivatives
-    noise : Noise
-        Of all trials.
-    which : (s,) array of int
-        Places of these trials.
+    stated_motion : callable
+        From x (1 or s, p + q) and the places of these trials (s,) to their motion.
+    names : tuple of q str
+        The parameters that follow the coefficients.
+    readings : mapping of str to (r m,) array
+        What a unit of a parameter adds to the readings, in place of any motion.
+    noise : (..., n) or (..., n, n) array
+        Deviations, or if correlated the covariance, of the observed readings of all trials.
+    correlated : bool
+    observed : (n,) array of int
+        Places of the readings that are observed, row after row.
     """
-    from inercal.observe._vector_kernel import Derivatives, Scratch, Whitening, vector_kernel
 
-    p, q, names = len(sensor.coefficients), len(others.names), others.names
-    reading, design, slope = sensor.linearise(motion, x[:, :p])
-    count, (r, m) = len(which), y.shape[-2:]
-    residual = np.empty((count, r, m))
-    np.subtract(y if len(y) == 1 else y[which], reading, out=residual)
-    residual = residual.reshape(count, r * m)
-    columns = np.zeros((r * m, q))
-    if others.readings:
-        columns[:, [names.index(name) for name in others.readings]] = np.array(
-            [*others.readings.values()]
-        ).T
-        residual -= x[:, p:] @ columns.T
-    found = NormalEquations(
-        residual,
-        np.empty((count, r * m)),
-        np.empty((count, r * m)),
-        np.empty((count, (p + q) * (p + q + 1) // 2)),
-        np.empty((count, p + q)),
-    )
-    # Accelerometers alone see no rate.
-    by_rate = _stacked(others, others.dw, r) if slope[..., 3:].any() else np.zeros((0, 1, r, 3))
-    vector_kernel(
-        Derivatives(
-            _contiguous(design, 4),
-            _contiguous(slope, 4),
-            _stacked(others, others.df, r),
-            by_rate,
-            columns,
-        ),
-        Whitening(*noise),
-        which.astype(np.int64, copy=False),
-        Scratch.empty(r * m, p + q),
-        found,
-    )
-    return found
+    sensor: Sensor
+    y: Array
+    stated_motion: Callable[[Array, Indices], StatedMotion]
+    names: tuple[str, ...]
+    readings: Mapping[str, Array]
+    noise: Array
+    correlated: bool
+    observed: Indices
+
+    def subset(self, at: Indices) -> "VectorEquations":
+        """Return the equations of some of the observed readings alone."""
+        noise = self.noise[..., at[:, None], at] if self.correlated else self.noise[..., at]
+        return replace(self, noise=noise, observed=self.observed[at])
+
+    @cached_property
+    def _whitening(self) -> Noise:
+        return Noise.of(self.noise, correlated=self.correlated)
+
+    @cached_property
+    def _columns(self) -> Array:
+        """What units of the parameters add to the observed readings, (n, q)."""
+        result = np.zeros((len(self.observed), len(self.names)))
+        for name, column in self.readings.items():
+            result[:, self.names.index(name)] = column[self.observed]
+        return result
+
+    def __call__(self, x: Array, which: Indices) -> NormalEquations:
+        """Return the equations of trials at x, as `inercal.estimate.Problem` wants them."""
+        from inercal.observe._vector_kernel import Derivatives, Scratch, Whitening, vector_kernel
+
+        if x.strides[0] == 0:
+            x = x[:1]  # the start that all trials share
+        motion, df, dw = self.stated_motion(x, which)
+        p, q, n = len(self.sensor.coefficients), len(self.names), len(self.observed)
+        reading, design, slope = self.sensor.linearise(motion, x[:, :p])
+        count, r = len(which), self.y.shape[-2]
+        residual = np.empty((count, *self.y.shape[-2:]))
+        np.subtract(self.y if len(self.y) == 1 else self.y[which], reading, out=residual)
+        residual = residual.reshape(count, -1)
+        if n < residual.shape[-1]:
+            residual = residual[:, self.observed]
+        if self.readings:
+            residual -= x[:, p:] @ self._columns.T
+        found = NormalEquations(
+            residual,
+            np.empty((count, n)),
+            np.empty((count, n)),
+            np.empty((count, (p + q) * (p + q + 1) // 2)),
+            np.empty((count, p + q)),
+        )
+        # Accelerometers alone see no rate.
+        by_rate = self._stacked(dw, r) if slope[..., 3:].any() else np.zeros((0, 1, r, 3))
+        vector_kernel(
+            Derivatives(
+                _contiguous(design, 4),
+                _contiguous(slope, 4),
+                self._stacked(df, r),
+                by_rate,
+                self._columns,
+                self.observed,
+            ),
+            Whitening(*self._whitening),
+            which.astype(np.int64, copy=False),
+            Scratch.empty(n, p + q),
+            found,
+        )
+        return found
+
+    def _stacked(self, by: Mapping[str, Array], r: int) -> Array:
+        """Return the derivatives of f or ω, (q, 1 or s, r, 3)."""
+        lead = np.broadcast_shapes(*(one.shape[:-2] for one in by.values())) or (1,)
+        result = np.zeros((len(self.names), *lead, r, 3))
+        for k, name in enumerate(self.names):
+            if name in by and name not in self.readings:
+                result[k] = by[name]
+        return result
 
 
 def _contiguous(array: Array, axes: int) -> Array:
     """Return an array with an axis of trials, which compiled code may write to."""
     return np.require(array.reshape((-1, *array.shape[1 - axes :])), requirements=["C", "W"])
-
-
-def _stacked(others: BenchDerivatives, by: Mapping[str, Array], r: int) -> Array:
-    """Return the derivatives of f or ω, (q, 1 or s, r, 3)."""
-    lead = np.broadcast_shapes(*(one.shape[:-2] for one in by.values())) or (1,)
-    result = np.zeros((len(others.names), *lead, r, 3))
-    for k, name in enumerate(others.names):
-        if name in by and name not in others.readings:
-            result[k] = by[name]
-    return result
