@@ -187,7 +187,7 @@ class LinearisedRows:
         tried = self._system.point(x, *self._linearised, self._whitener)
         return tried, self.cost(tried)
 
-    def moved(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
+    def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
         """Return the point as of `inercal.estimate.search.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 

@@ -118,7 +118,7 @@ class PackedTrials:
             return tried, self.cost(tried)
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
 
-    def moved(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
+    def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
         """Return the point as of `inercal.estimate.search.Trials`."""
         return point._replace(x=np.where(chosen[:, None], x, point.x))
 

@@ -78,7 +78,7 @@ class Trials(Protocol[P]):
         """
         ...
 
-    def moved(self, point: P, x: Array, chosen: Bools) -> P:
+    def with_values(self, point: P, x: Array, chosen: Bools) -> P:
         """Return the point with x, (trials, p), in the chosen trials, and all else as it is."""
         ...
 
@@ -112,7 +112,7 @@ def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, NDArray[np
         iterations += active
         last = active & settled & (damping == 0) & (predicted <= _NEGLIGIBLE)
         if last.any():
-            point = system.moved(point, point.x + move, last)
+            point = system.with_values(point, point.x + move, last)
             move[last] = 0.0
             converged |= last
             active &= ~last

@@ -32,14 +32,14 @@ class Derivatives(NamedTuple):
     observed: Indices  # (n,), places of the observed readings, row after row
 
 
-class Whitening(NamedTuple):
+class WhitenedNoise(NamedTuple):
     """Noise of n observations, of all trials or shared by them."""
 
     weight: Array  # 1/sd (1 or trials, n)
     factor: Array  # Cholesky factor of the covariance (0, 1 or trials, n, n); 0: by the weights
 
 
-class Scratch(NamedTuple):
+class TrialBuffer(NamedTuple):
     """Arrays of one trial with n observations and k parameters."""
 
     rows: Array  # (n, k)
@@ -48,7 +48,7 @@ class Scratch(NamedTuple):
     busy: Indices  # (k,)
 
     @classmethod
-    def empty(cls, n: int, k: int) -> "Scratch":
+    def empty(cls, n: int, k: int) -> "TrialBuffer":
         """Return the arrays."""
         return cls(np.zeros((n, k)), np.zeros((k, n)), np.zeros(n), np.zeros(k, dtype=np.int64))
 
@@ -115,7 +115,7 @@ def _is_dense(rows: Array) -> bool:
 
 
 @njit(**INNER)
-def _whiten_residual(residual: Array, noise: Whitening, t: int, u: Array) -> None:
+def _whiten_residual(residual: Array, noise: WhitenedNoise, t: int, u: Array) -> None:
     if noise.factor.shape[0] == 0:
         weight = noise.weight[min(t, noise.weight.shape[0] - 1)]
         for i in range(u.size):
@@ -131,22 +131,26 @@ def _whiten_residual(residual: Array, noise: Whitening, t: int, u: Array) -> Non
 
 @njit(**KERNEL)
 def vector_kernel(
-    by: Derivatives, noise: Whitening, which: Indices, scratch: Scratch, found: NormalEquations
+    by: Derivatives,
+    noise: WhitenedNoise,
+    which: Indices,
+    buffer: TrialBuffer,
+    found: NormalEquations,
 ) -> None:
     """Write whitened residuals and normal equations of trials.
 
     Parameters
     ----------
     by : Derivatives
-    noise : Whitening
+    noise : WhitenedNoise
     which : (s,) array of int
         Trials of these derivatives and residuals.
-    scratch : Scratch
+    buffer : TrialBuffer
     found : NormalEquations
         Residuals y − h (s, n) as input; the others are output.
     """
     residual, weight, whitened, normal, gradient = found
-    rows, columns, u, busy = scratch
+    rows, columns, u, busy = buffer
     full = noise.factor.shape[0] > 0
     alike = max(by.design.shape[0], by.slope.shape[0], by.f.shape[1], by.w.shape[1]) == 1
     alike = alike and max(noise.weight.shape[0], noise.factor.shape[0]) == 1
@@ -182,7 +186,7 @@ def vector_kernel(
 
 
 @njit(**KERNEL)
-def factorise(covariance: Array) -> bool:
+def to_cholesky_factors(covariance: Array) -> bool:
     """Replace covariances (s, n, n) by their Cholesky factors; return whether all have one."""
     good = True
     for s in range(covariance.shape[0]):

@@ -21,36 +21,6 @@ from inercal.sensors import Sensor
 Indices = NDArray[np.int64]
 
 
-class Noise(NamedTuple):
-    """Noise of n observations, as `inercal.observe._vector_kernel.Whitening` has it."""
-
-    weight: Array
-    factor: Array
-
-    @classmethod
-    def of(cls, noise: Array, *, correlated: bool) -> "Noise":
-        """Return it from deviations, (..., n), or if correlated a covariance, (..., n, n).
-
-        Raises
-        ------
-        InputError
-            A covariance that is not positive definite.
-        """
-        n = noise.shape[-1]
-        variance = np.diagonal(noise, axis1=-2, axis2=-1) if correlated else noise
-        if correlated and np.count_nonzero(variance) == np.count_nonzero(noise):
-            noise, correlated = np.sqrt(variance), False
-        if not correlated:
-            with np.errstate(divide="ignore"):
-                return cls(1 / noise.reshape(-1, n), np.zeros((0, n, n)))
-        from inercal.observe._vector_kernel import factorise
-
-        factor = np.array(noise.reshape(-1, n, n))
-        if not factorise(factor):
-            factor = np.array(cholesky(noise, "noise").reshape(-1, n, n))
-        return cls(np.ones((1, n)), factor)
-
-
 class StatedMotion(NamedTuple):
     """The motion of r rows and how the parameters that follow the coefficients act on it.
 
@@ -105,8 +75,22 @@ class VectorEquations:
         return replace(self, noise=noise, observed=self.observed[at])
 
     @cached_property
-    def _whitening(self) -> Noise:
-        return Noise.of(self.noise, correlated=self.correlated)
+    def _whitened_noise(self) -> tuple[Array, Array]:
+        """Weights and factors, as of `inercal.observe._vector_kernel.WhitenedNoise`."""
+        noise, correlated, n = self.noise, self.correlated, self.noise.shape[-1]
+        variance = np.diagonal(noise, axis1=-2, axis2=-1) if correlated else noise
+        if correlated and np.count_nonzero(variance) == np.count_nonzero(noise):
+            noise, correlated = np.sqrt(variance), False
+        if not correlated:
+            with np.errstate(divide="ignore"):
+                weight = np.ascontiguousarray(1 / noise.reshape(-1, n))
+            return weight, np.zeros((0, n, n))
+        from inercal.observe._vector_kernel import to_cholesky_factors
+
+        factor = np.array(noise.reshape(-1, n, n))
+        if not to_cholesky_factors(factor):
+            factor = np.array(cholesky(noise, "noise").reshape(-1, n, n))
+        return np.ones((1, n)), factor
 
     @cached_property
     def _columns(self) -> Array:
@@ -118,7 +102,12 @@ class VectorEquations:
 
     def __call__(self, x: Array, which: Indices) -> NormalEquations:
         """Return the equations of trials at x, as `inercal.estimate.Problem` wants them."""
-        from inercal.observe._vector_kernel import Derivatives, Scratch, Whitening, vector_kernel
+        from inercal.observe._vector_kernel import (
+            Derivatives,
+            TrialBuffer,
+            WhitenedNoise,
+            vector_kernel,
+        )
 
         if x.strides[0] == 0:
             x = x[:1]  # the start that all trials share
@@ -151,9 +140,9 @@ class VectorEquations:
                 self._columns,
                 self.observed,
             ),
-            Whitening(*self._whitening),
+            WhitenedNoise(*self._whitened_noise),
             which.astype(np.int64, copy=False),
-            Scratch.empty(n, p + q),
+            TrialBuffer.empty(n, p + q),
             found,
         )
         return found
