@@ -54,7 +54,7 @@ def hand(name: str, *, drift: bool = False) -> Case:
         np.broadcast_to(np.diag(sd**2), (r, len(sd), len(sd))),
         np.full(r, 10.0),
         np.full(r, 1000),
-        10.0 * np.arange(r),
+        10.0 * np.arange(r, dtype=float),
         sensor.channels,
         drift=np.broadcast_to(1e-7 * np.eye(r)[..., None] + 1e-7, (r, r, 3)) if drift else None,
     )
@@ -137,7 +137,7 @@ def test_normal_equations_are_those_of_the_jacobian(name: str, part: int | None)
         size[size == 0] = 1.0
         triangle = np.tril_indices(len(size))
         assert_allclose(found.residual[k], residual[t], atol=1e-12 * np.abs(rows.mean).max())
-        assert_allclose(found.whitened[k], u, atol=1e-9 * np.linalg.norm(u))
+        assert_allclose(found.whitened[k], u, atol=1e-9 * float(np.linalg.norm(u)))
         expected = a.T @ a / np.outer(size, size)
         assert_allclose(
             found.normal[k] / np.outer(size, size)[triangle], expected[triangle], atol=1e-9

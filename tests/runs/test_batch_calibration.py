@@ -91,5 +91,6 @@ def test_a_plan_that_does_not_determine_a_coefficient_is_refused():
 
 
 def test_an_estimator_of_one_recording_refuses_a_batch():
+    other: dict[str, Any] = KEYS | {"method": "multi_position"}
     with pytest.raises(InputError):
-        inercal.calibrate_batch(table(4), **(KEYS | {"method": "multi_position"}))
+        inercal.calibrate_batch(table(4), **other)

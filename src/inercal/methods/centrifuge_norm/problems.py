@@ -262,7 +262,6 @@ def _compare_norms(
 
     y, covariance, table = observations.mean, observations.covariance, term_table(sensor)
 
-    @_cache_last_result
     def norm_equations(x: Array, which: NDArray[np.intp]) -> NormalEquations:
         assert table is not None
         result = exact or specific_force_norm(bench, steps, unknowns.bench_values(x))
