@@ -200,5 +200,5 @@ def to_cholesky_factors(covariance: Array) -> bool:
                     a[i, j] = total / a[j, j]
                 else:
                     good = good and total > 0.0
-                    a[i, i] = np.sqrt(total)
+                    a[i, i] = np.sqrt(total) if total > 0.0 else 1.0
     return good
