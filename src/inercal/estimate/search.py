@@ -8,12 +8,12 @@ undamped, since calibrations are nearly linear.
 
 A trial has converged when the error that the next step would leave is negligible against the cost:
 with δ₀, δ the last two steps in standard deviations, δ²·max(δ²/δ₀², 10⁻⁵) < 10⁻¹⁵ cost + ε, ε the
-cost of rounding (δ² alone where weights are iterated; the ratio is not the rate of the next step,
-which the residuals keep above zero); or when the step is below 10⁻¹² of every
-parameter or of its typical size. The last step is still taken; where it is below 10⁻⁸ of a standard
-deviation, without computing what it changes in residuals and derivatives. Otherwise it is rejected
-only if it raises the cost and predicts a fall below rounding: where χ² is far below one, rounding
-is a large part of it.
+cost of rounding (δ² alone where weights are iterated); or when the step is below 10⁻¹² of every
+parameter or of its typical size. The bound 10⁻⁵ is for the residuals, which keep the rate of later
+steps above that of the first ones. The last step is still taken: where it is below 10⁻⁸ of a
+standard deviation, without computing residuals and derivatives again. Otherwise it is rejected only
+if it raises the cost and predicts a fall below rounding: where χ² is far below one, rounding is a
+large part of it.
 """
 
 from collections.abc import Iterable

@@ -70,7 +70,7 @@ def least_squares_of_trials(
 
         return stages[1].solve(part, next_of)
 
-    first, *others = _blocks(trials, problem_of(slice(0, 1)))
+    first, *others = _blocks(trials, WhitenedProblem(problem_of(slice(0, 1))))
     solved = solve(first)
     if not others:
         return solved
@@ -137,12 +137,14 @@ def _common_start(problem: Problem, solved: Estimate) -> Array | None:
         return None
     mean = solved.value.mean(axis=0)
     some = np.arange(min(len(solved.value), _COMPARED))
-    starts = (problem.start, mean)
-    costs = [
-        np.sum(problem.normal_equations(np.tile(x, (some.size, 1)), some).whitened ** 2, axis=-1)
-        for x in starts
-    ]
-    return mean if np.all(costs[1] < costs[0]) else None
+
+    def cost(x: Array) -> Array:
+        assert problem.normal_equations is not None
+        found = problem.normal_equations(np.tile(x, (some.size, 1)), some)
+        with np.errstate(over="ignore"):
+            return np.sum(found.whitened**2, axis=-1)
+
+    return mean if np.all(cost(mean) < cost(problem.start)) else None
 
 
 def _solve_block(
@@ -176,10 +178,10 @@ def _with_room(solved: Estimate, trials: int) -> Estimate:
     return replace(solved, **arrays)
 
 
-def _blocks(trials: int, problem: Problem) -> list[slice]:
+def _blocks(trials: int, one: WhitenedProblem) -> list[slice]:
     """Return slices of nearly equal lengths: a short rest would be solved another way."""
-    m, p = problem.linearise(problem.start)[1].shape[-2:]
-    most = min(BLOCK_TRIALS, max(_LEAST_BLOCK, int(_BLOCK_BYTES / (8 * p * (p + m)))))
+    p = len(one.problem.names)
+    most = min(BLOCK_TRIALS, max(_LEAST_BLOCK, int(_BLOCK_BYTES / (8 * p * (p + one.m)))))
     count = -(-trials // most)
     ends = [trials * k // count for k in range(count + 1)]
     return [slice(a, b) for a, b in pairwise(ends)]
