@@ -179,9 +179,15 @@ def _with_room(solved: Estimate, trials: int) -> Estimate:
 
 
 def _blocks(trials: int, one: WhitenedProblem) -> list[slice]:
-    """Return slices of nearly equal lengths: a short rest would be solved another way."""
+    """Return slices of nearly equal lengths: a short rest would be solved another way.
+
+    The first is shorter, since the others begin at its solutions.
+    """
     p = len(one.problem.names)
     most = min(BLOCK_TRIALS, max(_LEAST_BLOCK, int(_BLOCK_BYTES / (8 * p * (p + one.m)))))
-    count = -(-trials // most)
-    ends = [trials * k // count for k in range(count + 1)]
+    if trials <= most:
+        return [slice(0, trials)]
+    first = most // 5
+    count = -(-(trials - first) // most)
+    ends = [0, *(first + (trials - first) * k // count for k in range(count + 1))]
     return [slice(a, b) for a, b in pairwise(ends)]
