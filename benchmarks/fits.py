@@ -82,10 +82,12 @@ def ours(y: Array) -> tuple[Array, Array]:
     return estimate.value, estimate.covariance
 
 
-def peer(y: Array, method: Literal["trf", "lm"]) -> tuple[Array, Array]:
+def peer(
+    y: Array, method: Literal["trf", "lm"], sd: float = SD, prior_sd: Array = PRIOR_SD
+) -> tuple[Array, Array]:
     """Return values and covariances of all trials, one after another."""
     prior = np.zeros((13, 25))
-    prior[:, 12:] = np.diag(1 / PRIOR_SD)
+    prior[:, 12:] = np.diag(1 / prior_sd)
 
     def fit(one: Array) -> tuple[Array, Array]:
         last: list[Array] = []  # SciPy asks for the residual and then for the Jacobian, at one x
@@ -93,11 +95,11 @@ def peer(y: Array, method: Literal["trf", "lm"]) -> tuple[Array, Array]:
         def residual(x: Array) -> Array:
             h, jacobian = model(x)
             last[:] = [x.copy(), jacobian]
-            return np.concatenate([(h - one) / SD, (x[12:] - START[12:]) / PRIOR_SD])
+            return np.concatenate([(h - one) / sd, (x[12:] - START[12:]) / prior_sd])
 
         def derivative(x: Array) -> Array:
             jacobian = last[1] if np.array_equal(last[0], x) else model(x)[1]
-            return np.concatenate([jacobian / SD, prior])
+            return np.concatenate([jacobian / sd, prior])
 
         found = scipy_least_squares(
             residual,

@@ -63,13 +63,15 @@ def serving(folder: Path) -> Iterator[tuple[int, str]]:
 def looked_at(process: int, address: str) -> Iterator[Row]:
     """Start a run by the page, and look at it for a minute once the filters have begun."""
     from playwright.sync_api import sync_playwright
+    from tests.browser.page_actions import choose_plan, confirm_start
 
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1400, "height": 1000})
         page.goto(address)
         page.get_by_label("Name").first.fill("benchmark")
-        page.get_by_role("button", name="Start the run").click()
+        choose_plan(page, "demo.toml")
+        confirm_start(page)
         page.locator("#attitude-numbers").wait_for(timeout=COMPILING)
         session = page.context.new_cdp_session(page)
         begin, frames, spent = monotonic(), drawn(page), seconds(process)

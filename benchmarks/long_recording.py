@@ -6,7 +6,7 @@ another attitude every 20 s: 50 rests, and 500. What it takes to start is the ti
 """
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,7 +17,7 @@ from benchmarks import Row, Skipped
 
 RATE, EVERY = 1000.0, 20.0  # Hz, s from a rest to the next
 SIZES = (1_000_000, 10_000_000)
-REPEAT = 3
+REPEAT = 1  # more take several minutes
 LIMIT = 1.5  # GB
 
 
@@ -28,11 +28,11 @@ def least(runs: Sequence[Path]) -> list[Cost]:
     return [Cost(*np.min(costs, axis=0)) for costs in zip(*turns, strict=True)]
 
 
-def rows() -> list[Row | Skipped]:
-    """Measure the command on files of three formats."""
+def rows() -> Iterator[Row | Skipped]:
+    """Measure the command on files of three formats; yield the rows of each when they are."""
     if sys.platform != "linux":
-        return [Skipped("long recordings", "the most memory is read as Linux counts it")]
-    rows: list[Row | Skipped] = []
+        yield Skipped("long recordings", "the most memory is read as Linux counts it")
+        return
     times = SIZES[1] / SIZES[0]
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -47,9 +47,6 @@ def rows() -> list[Row | Skipped]:
                 path.unlink()
             work = f"10⁷ samples, hand-held ({suffix[1:]})"
             own, peer = (size.seconds - start.seconds for size in (many, few))
-            rows += [
-                Row(f"{work}: calibrate", many.seconds, times * few.seconds, "10 times 10⁶"),
-                Row(f"{work}: beyond start-up", own, times * peer, "10 times 10⁶"),
-                Row(f"{work}: most memory", many.memory / 1e9, LIMIT, "limit", "GB"),
-            ]
-    return rows
+            yield Row(f"{work}: calibrate", many.seconds, times * few.seconds, "10 times 10⁶")
+            yield Row(f"{work}: beyond start-up", own, times * peer, "10 times 10⁶")
+            yield Row(f"{work}: most memory", many.memory / 1e9, LIMIT, "limit", "GB")

@@ -1,6 +1,7 @@
 """Calibrates accelerometers and IMUs on the bench a laboratory has.
 
 - `calibrate`: an `Outcome` from a run file, or from data in memory with sensor, bench and method;
+- `calibrate_batch`: the coefficients of many sensors of one type, from their means;
 - `write_report`, `plot_residuals`, `plot_coverage`: what the outcome shows;
 - `save`, `load`: its `Calibration` as a file, which also has `correct`, `to_dataframe`, `to_latex`;
 - `apply`: a recording corrected by a calibration;
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from inercal.calibration.files import load, save
     from inercal.demonstration import demo
     from inercal.pipeline import Outcome, apply, calibrate, simulate
+    from inercal.pipeline.batch import calibrate_batch
     from inercal.report import plot_coverage, plot_residuals, write_report
 
 _EXPORT_MODULES = {
@@ -30,6 +32,7 @@ _EXPORT_MODULES = {
     "Outcome": "inercal.pipeline",
     "apply": "inercal.pipeline",
     "calibrate": "inercal.pipeline",
+    "calibrate_batch": "inercal.pipeline.batch",
     "demo": "inercal.demonstration",
     "load": "inercal.calibration.files",
     "plot_coverage": "inercal.report",
@@ -64,6 +67,7 @@ __all__ = [
     "Outcome",
     "apply",
     "calibrate",
+    "calibrate_batch",
     "demo",
     "load",
     "plot_coverage",

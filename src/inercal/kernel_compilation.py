@@ -3,7 +3,7 @@
 Numba compiles a kernel when it is first called with arguments of certain types. The kernels are
 therefore called by the work that uses them, on short simulated recordings: a run on a simulated
 turntable with its bench's processes, the other methods on its recording, a hand-held IMU, and
-batches of fits of a centrifuge by norms and by vectors.
+batches of fits of a centrifuge by norms and by vectors, and of means in six positions.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,6 +21,8 @@ from inercal.errors import InercalError
 from inercal.host.packets.checksums import CHECKS
 from inercal.io.write import write_recordings
 from inercal.pipeline import calibrate, simulate_files
+from inercal.pipeline.batch import calibrate_batch
+from inercal.plan import six_positions
 from inercal.runfile import read
 from inercal.segments import scatter
 
@@ -122,6 +124,19 @@ def _fit_batches(folder: Path) -> None:
     for text in (_ARM, by_vectors):
         path.write_text(text, encoding="utf-8")
         budget(experiment_from_run(read(path)), _BATCH, 0)
+    plan = six_positions()
+    up = np.array([step.up for step in plan])
+    calibrate_batch(
+        {
+            "position": np.array([step.label for step in plan]),
+            **{f"acc_{axis}": np.tile(up[:, k], (_BATCH, 1)) for k, axis in enumerate("xyz")},
+        },
+        method="six_position",
+        sensor={"accelerometer": {"unit": "g"}},
+        bench={"gravity": "9.81 m/s² ± 0.1 mm/s²", "tilt": "0.1 °"},
+        label="position",
+        sd={"accelerometer": "0.1 mg"},
+    )
 
 
 def _check_packets() -> None:

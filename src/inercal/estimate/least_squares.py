@@ -187,6 +187,10 @@ class LinearisedRows:
         tried = self._system.point(x, *self._linearised, self._whitener)
         return tried, self.cost(tried)
 
+    def with_values(self, point: LinearisationPoint, x: Array, chosen: Bools) -> LinearisationPoint:
+        """Return the point as of `inercal.estimate.search.Trials`."""
+        return point._replace(x=np.where(chosen[:, None], x, point.x))
+
     def accepted(
         self, tried: LinearisationPoint, point: LinearisationPoint, chosen: Bools
     ) -> LinearisationPoint:

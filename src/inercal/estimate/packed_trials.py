@@ -20,7 +20,8 @@ class PackedPoint(NamedTuple):
 
     x: Array  # (trials, p)
     residual: Array  # y − h(x), (trials, m)
-    weight: Array  # 1/sd, (trials, m)
+    weight: Array  # as of `NormalEquations`, (trials, m)
+    whitened: Array  # u, (trials, m)
     normal: Array  # lower triangle of AᵀA, (trials, k (k + 1)/2)
     gradient: Array  # Aᵀu, (trials, k)
     prior: Array  # whitened μ − x, (trials, b)
@@ -90,7 +91,7 @@ class PackedTrials:
 
     def cost(self, point: PackedPoint) -> Array:
         """Return the cost as of `inercal.estimate.search.Trials`."""
-        return _squares(point.weight * point.residual) + _squares(point.prior)
+        return _squares(point.whitened) + _squares(point.prior)
 
     def step(self, point: PackedPoint, damping: Array, active: Bools) -> tuple[Array, Array, Bools]:
         """Return moves as of `inercal.estimate.search.Trials`."""
@@ -113,7 +114,13 @@ class PackedTrials:
             for a, b in zip(whole, tried, strict=True):
                 a[which] = b
             tried = whole
+        if not self.reweighted:
+            return tried, self.cost(tried)
         return tried, _squares(point.weight * tried.residual) + _squares(tried.prior)
+
+    def with_values(self, point: PackedPoint, x: Array, chosen: Bools) -> PackedPoint:
+        """Return the point as of `inercal.estimate.search.Trials`."""
+        return point._replace(x=np.where(chosen[:, None], x, point.x))
 
     def accepted(self, tried: PackedPoint, point: PackedPoint, chosen: Bools) -> PackedPoint:
         """Return the merged point as of `inercal.estimate.search.Trials`."""
@@ -137,7 +144,7 @@ class PackedTrials:
             chi2=self.cost(point),
             dof=self.dof,
             residual=point.residual,
-            whitened=point.weight * point.residual,
+            whitened=point.whitened,
             observations=self.problem.observations,
             wanted=self.problem.wanted,
             rank=structure.rank,

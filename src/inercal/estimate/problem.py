@@ -25,7 +25,8 @@ class NormalEquations(NamedTuple):
     """What a step needs of the observations of trials, linearised and whitened at one x each."""
 
     residual: Array  # y − h(x), (trials, m)
-    weight: Array  # 1/sd of the observations, (trials, m)
+    weight: Array  # 1/sd of the observations, (trials, m); ones where they are correlated
+    whitened: Array  # u, (trials, m)
     normal: Array  # lower triangle of AᵀA, row after row, (trials, p (p + 1)/2)
     gradient: Array  # Aᵀu, (trials, p)
 
@@ -77,9 +78,9 @@ class Problem:
         Whether `noise` is a covariance: of as many trials as observations its shape cannot tell.
     normal_equations : callable, optional
         The same model for many trials, in one pass and without an array of all derivatives: from x
-        (k, p) and the places of these k trials (k,) to their normal equations, with A the Jacobian
-        times the weights and u the residual times the weights. `least_squares_of_trials` takes it
-        in place of `linearise` and `noise`.
+        (k, p) and the places of these k trials (k,) to their normal equations, with A the whitened
+        Jacobian and u the whitened residual. `least_squares_of_trials` takes it in place of
+        `linearise` and `noise`. A noise that depends on x is without correlations here.
 
     Raises
     ------

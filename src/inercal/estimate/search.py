@@ -7,10 +7,13 @@ the damping follows the gain of the last step (Nielsen 1999, IMM-REP-1999-05). T
 undamped, since calibrations are nearly linear.
 
 A trial has converged when the error that the next step would leave is negligible against the cost:
-with δ₀, δ the last two steps in standard deviations, δ²·min(1, δ²/δ₀²) < 10⁻¹⁵ cost + ε, ε the
+with δ₀, δ the last two steps in standard deviations, δ²·max(δ²/δ₀², 10⁻⁵) < 10⁻¹⁵ cost + ε, ε the
 cost of rounding (δ² alone where weights are iterated); or when the step is below 10⁻¹² of every
-parameter or of its typical size. The last step is still taken. It is rejected only if it raises the
-cost and predicts a fall below rounding: where χ² is far below one, rounding is a large part of it.
+parameter or of its typical size. The bound 10⁻⁵ is for the residuals, which keep the rate of later
+steps above that of the first ones. The last step is still taken: where it is below 10⁻⁸ of a
+standard deviation, without computing residuals and derivatives again. Otherwise it is rejected only
+if it raises the cost and predicts a fall below rounding: where χ² is far below one, rounding is a
+large part of it.
 """
 
 from collections.abc import Iterable
@@ -26,6 +29,7 @@ Bools = NDArray[np.bool_]
 
 # λ after the first rejected step, the least nonzero λ, and λ at which a search ends.
 _FIRST, _LEAST, _MOST = 1e-2, 1e-12, 1e14
+_NEGLIGIBLE = 1e-16  # of a step, the square of its length in standard deviations
 
 
 class Point(Protocol):
@@ -74,6 +78,10 @@ class Trials(Protocol[P]):
         """
         ...
 
+    def with_values(self, point: P, x: Array, chosen: Bools) -> P:
+        """Return the point with x, (trials, p), in the chosen trials, and all else as it is."""
+        ...
+
     def accepted(self, tried: P, point: P, chosen: Bools) -> P:
         """Return the tried point, by its own weights, in the chosen trials, `point` in others."""
         ...
@@ -102,6 +110,14 @@ def search(system: Trials[P], max_iterations: int) -> tuple[P, Bools, NDArray[np
             & _has_converged(system, point.x, move, predicted, previous, cost)
         )
         iterations += active
+        last = active & settled & (damping == 0) & (predicted <= _NEGLIGIBLE)
+        if last.any():
+            point = system.with_values(point, point.x + move, last)
+            move[last] = 0.0
+            converged |= last
+            active &= ~last
+            if not active.any():
+                break
 
         # By the weights of the old point: costs compare only under the same weights.
         tried, cost_then = system.tried(point.x + move, point, active)
@@ -134,7 +150,7 @@ def _has_converged(
     system: Trials[P], x: Array, move: Array, predicted: Array, previous: Array, cost: Array
 ) -> Bools:
     """Return whether no error worth another step will be left after this one (trials,)."""
-    rate = predicted / np.maximum(previous, predicted + np.finfo(float).tiny)
+    rate = np.maximum(predicted / np.maximum(previous, predicted + np.finfo(float).tiny), 1e-5)
     size = 1e-12 * np.maximum(np.abs(x), system.problem.scale)
     tiny = np.all(np.abs(move) <= size, axis=-1)
     return tiny | (

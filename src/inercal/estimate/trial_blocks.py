@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from inercal.arrays import Array
+from inercal.errors import InputError
 from inercal.estimate.gauss_newton_steps import QR_MAX_TRIALS
 from inercal.estimate.least_squares import LinearisedRows, estimate_at_solution
 from inercal.estimate.nullspace import Observability, observability
@@ -18,11 +20,18 @@ from inercal.estimate.whitened_problem import WhitenedProblem
 
 # No power of two: arrays of equal places modulo the size of a cache way would displace one another.
 BLOCK_TRIALS = 1000
+_COMPARED = 16  # trials, of which the fits from two starts are compared
+_LEAST_BLOCK = 100  # trials
+_BLOCK_BYTES = 20e6  # of covariances and Jacobians: problems of many parameters have small blocks
 _RESULTS = ("value", "covariance", "chi2", "residual", "whitened", "converged", "iterations")
 
 
 def least_squares_of_trials(
-    trials: int, problem_of: Callable[[slice], Problem], max_iterations: int = 200
+    trials: int,
+    problem_of: Callable[[slice], Problem],
+    max_iterations: int = 200,
+    *,
+    refined: Callable[[slice, Estimate], Problem | None] | None = None,
 ) -> Estimate:
     """Solve the problem of each trial.
 
@@ -36,30 +45,106 @@ def least_squares_of_trials(
         `least_squares`.
     max_iterations : int, optional
         Steps tried at most.
+    refined : callable, optional
+        From a slice and the estimate of these trials to the problem to solve next, such as with
+        another noise; its search begins at that estimate. None leaves the estimate as it is.
 
     Raises
     ------
     InputError, NotObserved
         As `least_squares`.
     """
-    first, *others = _blocks(trials)
-    one = WhitenedProblem(problem_of(slice(0, 1)))
-    structure = observability(one, one.first)
-    solved = _solve_block(problem_of(first), first, structure, max_iterations)
-    if solved.converged[0]:
-        # An accident at the solution, such as a parameter of zero, may hide what the start shows.
-        x = solved.value[:1]
-        at_solution = observability(one, one.point(x, *one.evaluate(x)))
-        structure = min(structure, at_solution, key=lambda s: s.rank)
-    solved = replace(solved, **structure._asdict())
+    stages = _Stage(max_iterations), _Stage(max_iterations)
+    next_problem = refined or _no_problem
+
+    def solve(part: slice) -> Estimate:
+        solved = stages[0].solve(part, problem_of)
+        then = next_problem(part, solved)
+        if then is None:
+            return solved
+        begun = replace(then, start=solved.value)
+
+        def next_of(some: slice) -> Problem:
+            one = None if some == part else next_problem(some, _selected(solved, some))
+            return one or begun
+
+        return stages[1].solve(part, next_of)
+
+    first, *others = _blocks(trials, WhitenedProblem(problem_of(slice(0, 1))))
+    solved = solve(first)
     if not others:
         return solved
     whole = _with_room(solved, trials)
     _copy_results(solved, whole, first)
     del solved  # a block at a time is in memory
     for part in others:
-        _copy_results(_solve_block(problem_of(part), part, structure, max_iterations), whole, part)
+        _copy_results(solve(part), whole, part)
     return whole
+
+
+def _no_problem(part: slice, solved: Estimate) -> None:
+    """Leave an estimate as it is."""
+
+
+class _Stage:
+    """Solves problems of one structure, which the first trial decides, block by block."""
+
+    def __init__(self, max_iterations: int):
+        self._max_iterations = max_iterations
+        self._structure: Observability | None = None
+        self._start: Array | None = None
+
+    def solve(self, part: slice, problem_of: Callable[[slice], Problem]) -> Estimate:
+        """Return the estimate of some trials; those of the first call begin with the first."""
+        if self._structure is not None:
+            return self._solve_from_others(part, problem_of(part), self._structure)
+        one = WhitenedProblem(problem_of(slice(0, 1)))
+        structure = observability(one, one.first)
+        solved = _solve_block(problem_of(part), part, structure, self._max_iterations)
+        if solved.converged[0]:
+            # An accident at the solution, such as a parameter of zero, may hide what the start
+            # shows.
+            x = solved.value[:1]
+            at_solution = observability(one, one.point(x, *one.evaluate(x)))
+            structure = min(structure, at_solution, key=lambda s: s.rank)
+        self._structure = structure
+        self._start = _common_start(problem_of(part), solved)
+        return replace(solved, **structure._asdict())
+
+    def _solve_from_others(
+        self, part: slice, problem: Problem, structure: Observability
+    ) -> Estimate:
+        """Return the estimate by a search from the mean of other trials, where it succeeds."""
+        if self._start is not None:
+            try:
+                solved = _solve_block(
+                    replace(problem, start=self._start), part, structure, self._max_iterations
+                )
+            except InputError:  # it is not possible there, in some trial
+                solved = None
+            if solved is not None and solved.converged.all():
+                return solved
+        return _solve_block(problem, part, structure, self._max_iterations)
+
+
+def _common_start(problem: Problem, solved: Estimate) -> Array | None:
+    """Return the mean solution if it fits some trials better than the start that all share.
+
+    Many sensors of one type, or one sensor with other noise in each trial, are nearer to one
+    another than to a perfect sensor. None where each trial has a start of its own.
+    """
+    if problem.normal_equations is None or problem.start.ndim > 1 or not solved.converged.all():
+        return None
+    mean = solved.value.mean(axis=0)
+    some = np.arange(min(len(solved.value), _COMPARED))
+
+    def cost(x: Array) -> Array:
+        assert problem.normal_equations is not None
+        found = problem.normal_equations(np.tile(x, (some.size, 1)), some)
+        with np.errstate(over="ignore"):
+            return np.sum(found.whitened**2, axis=-1)
+
+    return mean if np.all(cost(mean) < cost(problem.start)) else None
 
 
 def _solve_block(
@@ -73,6 +158,10 @@ def _solve_block(
     system = WhitenedProblem(problem)
     at, converged, iterations = search(LinearisedRows(system), max_iterations)
     return estimate_at_solution(system, at, structure, converged, iterations)
+
+
+def _selected(solved: Estimate, part: slice) -> Estimate:
+    return replace(solved, **{name: getattr(solved, name)[part] for name in _RESULTS})
 
 
 def _copy_results(solved: Estimate, whole: Estimate, part: slice) -> None:
@@ -89,8 +178,16 @@ def _with_room(solved: Estimate, trials: int) -> Estimate:
     return replace(solved, **arrays)
 
 
-def _blocks(trials: int) -> list[slice]:
-    """Return slices of nearly equal lengths: a short rest would be solved another way."""
-    count = -(-trials // BLOCK_TRIALS)
-    ends = [trials * k // count for k in range(count + 1)]
+def _blocks(trials: int, one: WhitenedProblem) -> list[slice]:
+    """Return slices of nearly equal lengths: a short rest would be solved another way.
+
+    The first is shorter, since the others begin at its solutions.
+    """
+    p = len(one.problem.names)
+    most = min(BLOCK_TRIALS, max(_LEAST_BLOCK, int(_BLOCK_BYTES / (8 * p * (p + one.m)))))
+    if trials <= most:
+        return [slice(0, trials)]
+    first = most // 5
+    count = -(-(trials - first) // most)
+    ends = [0, *(first + (trials - first) * k // count for k in range(count + 1))]
     return [slice(a, b) for a, b in pairwise(ends)]

@@ -20,14 +20,18 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.benches.hand.bench import sensed_motion
 from inercal.estimate import Estimate
+from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold
 from inercal.sensors import Sensor
+
+Indices = NDArray[np.int64]
 
 
 class Curvature(NamedTuple):
@@ -73,23 +77,67 @@ def tilt_curvature(
     index = np.array([[estimate.names.index(name) for name in names[n]] for n in loose])
     slope = sensor.slope(Motion(np.zeros((1, 3))), c)[..., 0, :, :]
     still = sensor.design(Motion(np.zeros((1, 3))), c)
-    # Rows of η as combinations of the parameters' errors: (..., r, m, 2, parameters).
-    eta = np.zeros((*lead, len(loose), m, 2, len(estimate.names)))
-    for n, place in enumerate(loose):
-        step = done[place]
-        row = sensed_motion(step, float(durations[place]), q)
+    own = [
+        [k for k, name in enumerate(sensor.coefficients) if CoefficientName(name).axis == axis]
+        for axis in sensor.channels
+    ]
+    most = max(map(len, own))
+    # η by the coefficients of the reading's axis, and by the tangent itself.
+    place = np.zeros((len(loose), m, 2, most + 1), dtype=np.int64)
+    place[..., most] = index[:, None]
+    eta = np.zeros((*lead, *place.shape))
+    for n, row_place in enumerate(loose):
+        step = done[row_place]
+        row = sensed_motion(step, float(durations[row_place]), q)
         # The second derivative to a tangent is minus the vector that leans.
         leans, part = (row.f, slope[..., :3]) if isinstance(step, Hold) else (row.w, slope[..., 3:])
-        bends = -(part @ leans[..., None])[..., 0]
-        for k, name in enumerate(names[place]):
-            eta[..., n, :, k, index[n, k]] = 0.5 * bends
+        eta[..., n, :, :, most] = -0.5 * (part @ leans[..., None])
+        for k, name in enumerate(names[row_place]):
             to_f, to_w = (d.get(name, np.zeros(3)) for d in (row.df, row.dw))
             mixed = sensor.design(Motion(to_f[..., None, :], to_w[..., None, :]), c) - still
-            eta[..., n, :, k, :p] = mixed[..., 0, :, :]
-    spread = estimate.covariance
+            for i, some in enumerate(own):
+                place[n, i, k, : len(some)] = some
+                eta[..., n, i, k, : len(some)] = mixed[..., 0, i, some]
+    moments = _moments if lead == () else _moments_of_trials
+    return moments(eta, place, estimate.covariance, index, rows, r)
+
+
+def _moments_of_trials(
+    eta: Array, place: Indices, spread: Array, index: Indices, rows: Indices, r: int
+) -> Curvature:
+    """Return the same as `_moments` by compiled code."""
+    from inercal.methods._curvature_kernel import second_order_moments
+
+    trials, (_, m, _, _) = len(eta), place.shape
+    result = Curvature(np.zeros((trials, r, m)), np.zeros((trials, r * m, r * m)))
+    scratch = np.empty((*place.shape[:-1], spread.shape[-1]))
+    spread = np.require(spread, requirements=["C", "W"])
+    second_order_moments(eta, place, spread, index, rows, scratch, *result)
+    return result
+
+
+def _moments(
+    eta: Array, place: Indices, spread: Array, index: Indices, rows: Indices, r: int
+) -> Curvature:
+    """Return mean and covariance of Q.
+
+    Parameters
+    ----------
+    eta, place : (..., t, m, 2, d) and (t, m, 2, d) arrays
+        η of t rows that lean, by the parameters at these places.
+    spread : (..., p, p) array
+        P.
+    index : (t, 2) array of int
+        Places of the tangents.
+    rows : (t,) array of int
+        Of r rows.
+    """
+    lead, (t, m, _, d) = eta.shape[:-4], place.shape
+    flat = np.zeros((*lead, t * m * 2, spread.shape[-1]))
+    # Unused places are of the first parameter, with η of zero.
+    for k in range(d):
+        flat[..., np.arange(t * m * 2), place[..., k].ravel()] += eta[..., k].reshape(*lead, -1)
     tau = index.ravel()
-    t = len(loose)
-    flat = eta.reshape(*lead, t * m * 2, -1)
     eta_tau = (flat @ spread[..., tau]).reshape(*lead, t, m, 2, t, 2)
     eta_eta = (flat @ spread @ np.swapaxes(flat, -1, -2)).reshape(*lead, t, m, 2, t, m, 2)
     tau_tau = spread[..., tau, :][..., tau].reshape(*lead, t, 2, t, 2)
@@ -98,6 +146,6 @@ def tilt_curvature(
     covariance = np.einsum("...rakjbl,...rkjl->...rajb", eta_eta, tau_tau)
     covariance += np.einsum("...rakjl,...jblrk->...rajb", eta_tau, eta_tau)
     whole = np.zeros((*lead, r, m, r, m))
-    for n, place in enumerate(loose):
-        whole[..., place, :, rows, :] = np.moveaxis(covariance[..., n, :, :, :], -2, 0)
+    for n, at in enumerate(rows.tolist()):
+        whole[..., at, :, rows, :] = np.moveaxis(covariance[..., n, :, :, :], -2, 0)
     return Curvature(shift, whole.reshape(*lead, r * m, r * m))

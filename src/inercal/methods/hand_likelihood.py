@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.errors import NotObserved
-from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.methods import mean_problem
+from inercal.estimate import Estimate, Gaussian, Problem
+from inercal.methods import mean_problem, trial_blocks
 from inercal.methods.curvature import Curvature, tilt_curvature
 from inercal.methods.observability import (
     not_observed_error,
@@ -61,11 +61,18 @@ def ml(
     by_label = {step.label: step for step in steps}
     done = [by_label[label] for label in observations.labels]
     missing = [step for step in steps if step.label not in observations.labels]
+
+    def first(some: Observations, own: Sequence[Gaussian]) -> Problem:
+        return problem(some, sensor, bench, done, own)
+
+    def with_curvature(
+        some: Observations, own: Sequence[Gaussian], found: Estimate
+    ) -> Problem | None:
+        curvature = tilt_curvature(found, sensor, bench, done, some.duration)
+        return curvature and problem(some, sensor, bench, done, own, curvature)
+
     try:
-        first = least_squares(problem(observations, sensor, bench, done, priors))
-        curvature = tilt_curvature(first, sensor, bench, done, observations.duration)
-        whole = problem(observations, sensor, bench, done, priors, curvature)
-        estimate = first if curvature is None else least_squares(whole)
+        estimate = trial_blocks.solve(observations, priors, first, with_curvature)
     except NotObserved as error:
         raise not_observed_error(sensor, error.directions, missing) from None
     require_observed(estimate, sensor, missing)

@@ -19,6 +19,7 @@ from inercal.methods import candidates, temperature, trial_blocks
 from inercal.methods.estimator_inputs import require_matching_rows
 from inercal.methods.row_comparison import ReadingNoise, RowComparison
 from inercal.observe import vector_residuals
+from inercal.observe.vector_equations import StatedMotion, VectorEquations
 from inercal.parameters import Parameter
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
@@ -267,11 +268,9 @@ def compare_vectors(
     offsets = temperature.row_offsets(observations, sensor)
     columns = np.array(list(added.values())).T
 
-    def sensed_motion(x: Array) -> MeanMotion:
+    def sensed_motion(x: Array, dT: Array = offsets) -> MeanMotion:
         result = motion_function(unknowns.bench_values(x))
-        return (
-            replace(result, motion=replace(result.motion, dT=offsets)) if offsets.ndim else result
-        )
+        return replace(result, motion=replace(result.motion, dT=dT)) if dT.ndim else result
 
     def linearise(x: Array) -> tuple[Array, Array]:
         here = sensed_motion(x)
@@ -300,9 +299,28 @@ def compare_vectors(
         read = np.abs(observations.mean).reshape(*observations.mean.shape[:-2], -1)
         return float(np.max(read / np.sqrt(np.diagonal(own, axis1=-2, axis2=-1))))
 
-    rows = tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels)
+    def stated_motion(x: Array, which: NDArray[np.int64]) -> StatedMotion:
+        own = offsets[which] if offsets.ndim == 2 and len(offsets) > 1 else offsets
+        here = sensed_motion(x, own)
+        return StatedMotion(here.motion, here.df, here.dw)
+
+    equations = VectorEquations(
+        sensor,
+        observations.mean.reshape(-1, *observations.mean.shape[-2:]),
+        stated_motion,
+        nuisances,
+        added,
+        full,
+        correlated,
+        np.arange(len(observations.labels) * len(observations.channels), dtype=np.int64),
+    )
     return RowComparison(
-        linearise, full if dwell_covariance is None else noise, correlated, rows, relative_size
+        linearise,
+        full if dwell_covariance is None else noise,
+        correlated,
+        tuple(f"{a}[{row}]" for row in observations.labels for a in sensor.channels),
+        relative_size,
+        equations if dwell_covariance is None else None,
     )
 
 
@@ -318,6 +336,7 @@ def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:
     """
     assert not callable(whole.noise)
     places: list[int] = at.tolist()
+    equations = whole.normal_equations
 
     def linearise(x: Array) -> tuple[Array, Array]:
         residual, jacobian = whole.linearise(x)
@@ -332,6 +351,7 @@ def row_subset(whole: Problem, at: NDArray[np.int64]) -> Problem:
         whole,
         linearise=linearise,
         noise=whole.noise[..., at[:, None], at],
+        normal_equations=equations.subset(at) if isinstance(equations, VectorEquations) else None,
         observations=tuple(whole.observations[k] for k in places),
         candidates=candidates if whole.candidates else None,
     )

@@ -12,6 +12,7 @@ def solve(
     observations: Observations,
     priors: Sequence[Gaussian],
     problem: Callable[[Observations, Sequence[Gaussian]], Problem],
+    refined: Callable[[Observations, Sequence[Gaussian], Estimate], Problem | None] | None = None,
 ) -> Estimate:
     """Return the estimate, (..., p).
 
@@ -22,13 +23,21 @@ def solve(
     priors : sequence of Gaussian
     problem : callable
         From observations and priors of some trials to their problem.
+    refined : callable, optional
+        From the same and the estimate of these trials to the problem to solve next, such as with
+        corrected readings; None leaves the estimate as it is.
     """
+
+    def of_trials(part: slice) -> tuple[Observations, list[Gaussian]]:
+        return observations.of_trials(part), [prior.of_trials(part) for prior in priors]
+
     lead = np.broadcast_shapes(observations.trial_shape, *(one.mean.shape[:-1] for one in priors))
     if len(lead) != 1:
-        return least_squares(problem(observations, priors))
+        first = least_squares(problem(observations, priors))
+        then = refined(observations, priors, first) if refined else None
+        return least_squares(then) if then else first
     return least_squares_of_trials(
         lead[0],
-        lambda part: problem(
-            observations.of_trials(part), [prior.of_trials(part) for prior in priors]
-        ),
+        lambda part: problem(*of_trials(part)),
+        refined=(lambda part, first: refined(*of_trials(part), first)) if refined else None,
     )

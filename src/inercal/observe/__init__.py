@@ -225,6 +225,7 @@ def _norm_kernel(
     found = NormalEquations(
         np.empty((count, r)),
         np.empty((count, r)),
+        np.empty((count, r)),
         np.empty((count, k * (k + 1) // 2)),
         np.empty((count, k)),
     )

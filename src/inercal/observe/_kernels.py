@@ -110,7 +110,7 @@ def _set_columns(table: TermTable, model: Model, rows: Rows, columns: Array) -> 
 
 
 @njit(**INNER)
-def _set_normal(columns: Array, u: Array, normal: Array, gradient: Array) -> None:
+def set_normal(columns: Array, u: Array, normal: Array, gradient: Array) -> None:
     """Write the lower triangle of AᵀA, and Aᵀu, of columns Aᵀ (k, r): four products at a time."""
     k = columns.shape[0]
     for i in range(0, k, 2):
@@ -158,8 +158,10 @@ def _is_separable(table: TermTable) -> bool:
 
 
 @njit(**INNER)
-def _set_residuals(norm: Array, own: Array, rows: Rows, residual: Array, weight: Array) -> None:
-    """Write residuals and weights of the rows that are not spare, and w and u."""
+def _set_residuals(
+    norm: Array, own: Array, rows: Rows, residual: Array, weight: Array, whitened: Array
+) -> None:
+    """Write residuals, weights and u of the rows that are not spare, and w and u of all."""
     variance, length, good, w, u = rows.variance, rows.length, rows.good, rows.w, rows.u
     for n in range(residual.size):
         w[n] = 1.0 / np.sqrt(variance[n] + own[n])
@@ -170,6 +172,8 @@ def _set_residuals(norm: Array, own: Array, rows: Rows, residual: Array, weight:
     for n in range(residual.size):
         residual[n] = u[n]
     scale(w, u)
+    for n in range(residual.size):
+        whitened[n] = u[n]
 
 
 @njit(**KERNEL)
@@ -205,14 +209,14 @@ def norm_kernel(
         For r rows and k = p + q parameters; overwritten.
     found : NormalEquations
         Output. Stated norms less ‖f̂‖ (s, r), NaN where a reading is beyond the fold of the model;
-        weights 1/sd (s, r); lower triangle of AᵀA, row after row (s, k (k + 1)/2); Aᵀu (s, k). The
-        last two are not written if the Jacobian is wanted.
+        weights 1/sd (s, r); u (s, r); lower triangle of AᵀA, row after row (s, k (k + 1)/2);
+        Aᵀu (s, k). The last two are not written if the Jacobian is wanted.
     jacobian : (s or 0, r, p + q) array
         Output if it has trials, ∂(‖f̂‖ − stated)/∂x, finite everywhere.
     """
     y, covariance, warmth = data
     made, made_by, made_variance = stated
-    residual, weight, normal, gradient = found
+    residual, weight, whitened, normal, gradient = found
     q, dense, separable = made_by.shape[0], jacobian.shape[0] > 0, _is_separable(table)
     p, w, u, by, part, columns = x.shape[1] - q, rows.w, rows.u, rows.by, rows.part, rows.columns
     for s in range(x.shape[0]):
@@ -227,7 +231,7 @@ def norm_kernel(
         _set_variance(by, rows.noise, rows.variance)
         norm = made[min(s, made.shape[0] - 1)]
         own = made_variance[min(s, made_variance.shape[0] - 1)]
-        _set_residuals(norm, own, rows, residual[s], weight[s])
+        _set_residuals(norm, own, rows, residual[s], weight[s], whitened[s])
         # Spare rows keep the weight zero.
         for n in range(y.shape[1]):
             part[n] = -1.0 if dense else -w[n]
@@ -241,7 +245,7 @@ def norm_kernel(
                 column[n] = part[n] * own[n]
         _set_columns(table, model, rows, columns[:p])
         if not dense:
-            _set_normal(columns, u, normal[s], gradient[s])
+            set_normal(columns, u, normal[s], gradient[s])
         else:
             for n in range(y.shape[1]):
                 for j in range(columns.shape[0]):

@@ -15,6 +15,7 @@ in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import pi, sqrt
 
 import numpy as np
@@ -168,9 +169,12 @@ def tangent_vectors(up: ArrayLike) -> Array:
     return np.stack([first, np.cross(vertical, first)], axis=-2)
 
 
+_cached_tangents = lru_cache(tangent_vectors)
+
+
 def tilted_direction(up: tuple[float, float, float], t: Array) -> tuple[Array, Array]:
     """Return u, (..., 3), for tangents t, (..., 2), and du/dt, (..., 3, 2)."""
-    d = tangent_vectors(up)
+    d = _cached_tangents(up)
     norm = np.sqrt(1 + (t**2).sum(-1))[..., None]
     u = (np.asarray(up) + t @ d) / norm
     return u, (d.T - u[..., :, None] * t[..., None, :] / norm[..., None]) / norm[..., None]
@@ -221,7 +225,7 @@ def _parameter_pair(q: Mapping[str, Array], name: str, label: str) -> Array:
 def _hold_motion(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
     label = step.label
     u, du = tilted_direction(step.up, _parameter_pair(q, "tilt", label))
-    d = tangent_vectors(step.up)
+    d = _cached_tangents(step.up)
     g = q["g"][..., None]
     up_rate = q.get("earth_up", np.zeros(()))[..., None]
     level = _parameter_pair(q, "earth", label)

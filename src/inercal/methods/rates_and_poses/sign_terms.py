@@ -65,4 +65,4 @@ def without_signs(whole: Problem, sensor: Sensor, unsigned: NDArray[np.bool_]) -
             np.where(unsigned[:, None], slope, jacobian),
         )
 
-    return replace(whole, linearise=linearise)
+    return replace(whole, linearise=linearise, normal_equations=None)

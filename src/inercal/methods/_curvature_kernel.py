@@ -1,0 +1,86 @@
+"""Compiled: moments of the second-order terms of `inercal.methods.curvature`, for many trials."""
+# Numba's decorator has no types.
+# pyright: reportUntypedFunctionDecorator=false
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.observe._row_operations import INNER, KERNEL, add, fill
+
+Indices = NDArray[np.int64]
+
+
+@njit(**INNER)
+def _combine(eta: Array, place: Indices, spread: Array, out: Array) -> None:
+    """Write η P, (parameters,), of one η by its nonzero components."""
+    fill(0.0, out)
+    for d in range(eta.size):
+        if eta[d] != 0.0:
+            add(spread[place[d]], eta[d], out)
+
+
+@njit(**INNER)
+def _product(eta: Array, place: Indices, row: Array) -> float:
+    total = 0.0
+    for d in range(eta.size):
+        total += eta[d] * row[place[d]]
+    return total
+
+
+@njit(**KERNEL)
+def second_order_moments(
+    eta: Array,
+    place: Indices,
+    spread: Array,
+    tau: Indices,
+    rows: Indices,
+    scratch: Array,
+    shift: Array,
+    covariance: Array,
+) -> None:
+    """Write E[Q] and cov(Q, Q) of all readings.
+
+    Parameters
+    ----------
+    eta : (trials, t, m, 2, d) array
+        η of t rows that lean, m axes and two tangents, by at most d parameters each.
+    place : (t, m, 2, d) array of int
+        Places of these parameters.
+    spread : (trials, p, p) array
+        Covariance of all parameters.
+    tau : (t, 2) array of int
+        Places of the tangents.
+    rows : (t,) array of int
+        Rows that lean, among all r.
+    scratch : (t, m, 2, p) array
+        Overwritten.
+    shift : (trials, r, m) array
+        E[Q]; output, zero before.
+    covariance : (trials, r m, r m) array
+        cov(Q, Q); output, zero before.
+    """
+    t, m = eta.shape[1:3]
+    for s in range(eta.shape[0]):
+        own, joint = eta[s], spread[s]
+        for n in range(t):
+            for i in range(m):
+                for k in range(2):
+                    _combine(own[n, i, k], place[n, i, k], joint, scratch[n, i, k])
+                    shift[s, rows[n], i] += scratch[n, i, k, tau[n, k]]
+        for n in range(t):
+            for i in range(m):
+                at = rows[n] * m + i
+                for j in range(n + 1):
+                    for b in range(m):
+                        total = 0.0
+                        for k in range(2):
+                            left = scratch[n, i, k]
+                            for h in range(2):
+                                between = joint[tau[n, k], tau[j, h]]
+                                total += between * _product(own[j, b, h], place[j, b, h], left)
+                                total += left[tau[j, h]] * scratch[j, b, h, tau[n, k]]
+                        other = rows[j] * m + b
+                        covariance[s, at, other] = total
+                        covariance[s, other, at] = total
