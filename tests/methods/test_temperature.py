@@ -61,6 +61,8 @@ def made(method: str, estimator: str) -> tuple[Sensor, Array, Observations, list
         whole = replace(whole, form="reference" if estimator == "fourier" else "tilted")
     kinds = {axis.measures for axis in whole.axes if axis.measures in chosen.default_coefficients}
     also = FIRST if kinds == {"f", "w"} else FIRST[:2]
+    if "scale" not in chosen.default_coefficients.get("w", ("scale",)):
+        also = FIRST[:3]  # a method without rates
     sensor = chosen.prepare(whole, also=also)
     p = len(sensor.coefficients)
     c = 2e-3 * np.random.default_rng(5).normal(size=p) * sensor.unit_scale

@@ -128,19 +128,19 @@ def _coefficients(
             [means[h][3:] for h in holds], axis=0, weights=[weights[h] for h in holds]
         )
         to_force = (up - down)[3:] / (2 * g)
-        seconds = dict(zip(observations.labels, observations.duration, strict=True))
-        turns = {step.label: step for step in steps if isinstance(step, Turn)}
-        columns: list[Array] = []
-        for a in "xyz":
-            label = f"{a}_rot"
-            force = np.linalg.solve(matrix_a, means[label][:3] - bias_a)
-            rate = means[label][3:] - bias_g - to_force @ force
-            columns.append(rate * seconds[label] / turns[label].angle)
-        matrix_g = np.stack(columns, axis=1)
-        found |= _triad_coefficients(sensor, 3, matrix_g, {"bias": bias_g}, "scale")
         for k, axis in enumerate(sensor.axes[3:]):
             along = to_force[k] @ axis.frame.T
             found |= {f"{axis.name}.g_{s}": along[j] for j, s in enumerate("ipo")}
+            found[f"{axis.name}.bias"] = bias_g[k]
+        seconds = dict(zip(observations.labels, observations.duration, strict=True))
+        turns = {step.label: step for step in steps if isinstance(step, Turn)}
+        columns: list[Array] = []
+        for label in (f"{a}_rot" for a in "xyz" if turns):
+            force = np.linalg.solve(matrix_a, means[label][:3] - bias_a)
+            rate = means[label][3:] - bias_g - to_force @ force
+            columns.append(rate * seconds[label] / turns[label].angle)
+        if columns:
+            found |= _triad_coefficients(sensor, 3, np.stack(columns, axis=1), {}, "scale")
     return np.array([found[name] for name in sensor.coefficients])
 
 

@@ -179,7 +179,7 @@ def _planned_sections(
         observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
     stated = run.data.model_fields_set & {"gyro", "gyro_file", "gyro_time"}
     if stated and not run.sensor.select_axes("w").axes:
-        note = f"method {run.method.name} does not use the gyros"
+        note = "the gyros are not used: [sensor.gyro], with their unit, is missing"
         observations = replace(observations, notes=(*observations.notes, note))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
