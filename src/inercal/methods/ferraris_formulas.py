@@ -72,6 +72,11 @@ def classical(
             "or use estimator ml",
             key="[sensor] form",
         )
+    if not sensor.select_axes("f").axes:
+        raise InputError(
+            "estimator classical needs accelerometers, and the sensor has none; use estimator ml",
+            key="[method] estimator",
+        )
     for axes in (sensor.axes[:3], sensor.axes[3:]):
         if axes and (len(axes) != 3 or not np.allclose([a.i for a in axes], np.eye(3))):
             raise InputError(
