@@ -32,6 +32,7 @@ MEANS = [
 # Closed formulas, and the sources' own parametrisations.
 REFUSED = {
     ("six_position", "classical"), ("ferraris", "classical"), ("tumble", "fourier"),
+    ("rates_and_poses", "ieee"),
     ("dual_orthogonal", "patent"), ("dual_orthogonal", "dual"),
     *(("centrifuge_norm", name) for name in ("series", "series_weighted", "paper")),
     *(("ship_multi_angle", name) for name in ("planar", "planar_norm", "damped", "global")),

@@ -197,6 +197,9 @@ class Method(Generic[Bench, Step]):
         From the bench to the frame that misalignments refer to where the run file states none.
     remarks : callable
         From a `Fit` to `Remarks`; called also for a fit that did not converge.
+    constant_rates : bool
+        Whether gyros are read at constant rates: a calibration then holds over the range of the
+        means, and correcting a recording says where it is left.
     sequential : callable or None
         Starts the live estimation of a run; None where the method has none.
     """
@@ -213,6 +216,7 @@ class Method(Generic[Bench, Step]):
     norm_only_estimators: tuple[str, ...] = ()
     frame: Callable[[Bench], Frame] = _mount_frame
     remarks: Callable[[Fit[Bench, Step]], Remarks] = _no_remarks
+    constant_rates: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
 
     def prepare(

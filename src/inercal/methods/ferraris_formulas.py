@@ -16,17 +16,16 @@ tests whether the readings agree with one another.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian, ModelTest
+from inercal.estimate import Estimate, Gaussian
 from inercal.methods import estimator_inputs
 from inercal.methods.hand_likelihood import ml
-from inercal.methods.likelihood_tests import READINGS_TEST
+from inercal.methods.likelihood_tests import with_problem_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.plan import HandStep, Turn
 from inercal.recording import Observations
@@ -98,21 +97,7 @@ def classical(
     found = Estimate.from_closed_form(
         sensor.coefficients, value, spread, singular, (NOISE_ONLY_NOTE,)
     )
-    return _with_problem_tests(found, ml(observations, sensor, bench, steps))
-
-
-def _with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
-    """Return the estimate with the tests of the problem of the same observations."""
-    p = len(found.names)
-    agreement = ModelTest(READINGS_TEST, float(by_problem.chi2), by_problem.dof)
-    return replace(
-        found,
-        tests=(agreement, *by_problem.tests),
-        scoring=by_problem.scoring.then(
-            lambda score_tests: score_tests.with_shifts(lambda shift: shift[:p])
-        ),
-        notes=(*found.notes, *by_problem.notes),
-    )
+    return with_problem_tests(found, ml(observations, sensor, bench, steps))
 
 
 def _coefficients(
