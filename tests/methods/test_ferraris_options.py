@@ -32,7 +32,7 @@ HANDS = Handling(
     timebase=1e-4,
 )
 ANGLES = (2 * np.pi, 4 * np.pi, -2 * np.pi)
-TRIALS, RATE = 40, 25.0
+TRIALS, RATE = 20, 25.0
 
 
 def solved(
@@ -167,6 +167,44 @@ def test_a_run_file_of_gyros_alone_is_consistent(tmp_path: Path):
     truth = {"gx.bias": np.radians(0.3), "gy.scale": -0.008}
     for name in found.sensor.coefficients:
         assert abs(found.value(name) - truth.get(name, 0.0)) < 4.5 * found.uncertainty(name)
+
+
+FILES = """[sensor.accelerometer]
+unit = "m/s²"
+[sensor.gyro]
+unit = "rad/s"
+[bench]
+gravity = "9.81 m/s² ± 0.2 mm/s²"
+latitude = "47 °"
+tilt = "0.05 °"
+turn_angle = "0.5 °"
+turn_tilt = "0.3 °"
+turn_on = "0.05 °/s"
+[data]
+file = "part_*.csv"
+time = "time"
+marks = "labels"
+[method]
+name = "ferraris"
+"""
+
+
+def test_a_file_for_each_section_may_have_biases_of_its_own(tmp_path: Path):
+    rng = np.random.default_rng(5)
+    device = mems(rng)
+    made = record(device, HANDS, rng, rate_hz=RATE)
+    for label, (start, stop) in made.marks.items():
+        own = made.data[:1, start:stop].copy()
+        own[..., 3:] += 0.05 * DEGREE * rng.standard_normal(3)
+        part = FerrarisSession(made.time[: stop - start], own, {}, made.gravity)
+        part.write_csv(tmp_path / f"part_{label}.csv")
+    path = tmp_path / "run.toml"
+    path.write_text(FILES, encoding="utf-8")
+    outcome = calibrate(path)
+    assert outcome.verdict.grade != "unreliable"
+    found, truth = outcome.calibration, device.coefficients()
+    error = [(found.value(n) - truth[n]) / found.uncertainty(n) for n in found.sensor.coefficients]
+    assert np.abs(error).max() < 4
 
 
 REFUSED: Mapping[str, tuple[str, str, str]] = {

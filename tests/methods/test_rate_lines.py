@@ -13,10 +13,12 @@ from tests.refusals import refused
 
 from inercal.benches.rate_platform import RatePlatform
 from inercal.benches.rate_platform.linearity import LineFit, linearity_notes, straight_lines
+from inercal.benches.rate_platform.scale_factors import speed_scales
 from inercal.benches.rate_platform.sections import RateDwell
 from inercal.estimate import Estimate, Gaussian
 from inercal.io.write import write_recording
 from inercal.methods import METHODS
+from inercal.methods.rates_and_poses.equal_weights import least_squares_line
 from inercal.pipeline import apply, apply_data_columns, calibrate, simulate
 from inercal.recording import Observations
 from inercal.runfile import read
@@ -61,10 +63,12 @@ def lined(
 
 
 def test_the_line_is_that_of_numpy_and_its_uncertainty_that_of_noise():
-    """At a pole of the earth nothing but rates and biases is read."""
+    """Of a table without errors."""
     rng, n = np.random.default_rng(1), 30
     made = devices(MID, "T", EXACT, LINEAR, n, rng)
-    found = [lined(made, k)[0] for k in range(n)]
+    sensor, steps = triad("t", "w", "g").with_coefficients(*LINEAR), steps_of(MID)
+    used = np.arange(3 * len(MID))
+    found = [least_squares_line(seen(made, k), sensor, bench(READ), steps, used) for k in range(n)]
     for i, axis in enumerate("xyz"):
         for term in LINEAR[1:]:
             at = found[0].names.index(f"g{axis}.{term}")
@@ -131,6 +135,24 @@ def test_a_hysteresis_is_found_with_its_uncertainty():
 def test_rates_that_are_reached_from_one_side_show_no_hysteresis():
     made = devices(MID, "T", READ, LINEAR, 1, np.random.default_rng(4))
     assert np.isnan(hysteresis(made, 0).hysteresis)
+
+
+def test_a_kink_shows_in_the_scale_factors_of_single_speeds():
+    made = devices(FULL, "T", READ, LINEAR, 1, np.random.default_rng(5))
+    rate = np.array([row.rate for row in FULL])
+    beyond = np.abs(rate) > np.radians(50)
+    own = np.array([row.axis for row in FULL]) == 1
+    made.reading[0, :, 1] += 1e-3 * (rate - np.sign(rate) * np.radians(50)) * (beyond & own)
+    sensor = triad("t", "w", "g").with_coefficients(*LINEAR)
+    rows = speed_scales(seen(made, 0), sensor, bench(READ), steps_of(made.rows))
+    assert len(rows) == 3 * 6
+    for row in rows:
+        k = "xyz".index(row.gyro[1])
+        kink = 1e-3 * max(0.0, 1 - np.radians(50) / row.speed) if k == 1 else 0.0
+        expected = 1 + made.truth["scale"][0, k] + kink
+        # Clock and angle reading are common to the speeds, or in the deviation.
+        assert abs(row.scale - expected) < 4 * np.hypot(row.scale_sd, READ.rate_scale)
+        assert abs(row.even - made.truth["bias"][0, k]) < 4 * row.even_sd
 
 
 RUN = """[sensor.gyro]

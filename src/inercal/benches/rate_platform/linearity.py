@@ -21,10 +21,11 @@ from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.sensors import Axis, Sensor
 
 _FEWEST = 3  # rates of a line with a residual
 _REST = 1e-3  # of full scale
+_ALONG = 0.5  # cosine
 _SHOWN = 3.0  # standard deviations: the largest of some differences
 
 
@@ -76,13 +77,7 @@ def straight_lines(
     for k, axis in enumerate(sensor.axes):
         if axis.measures != "w":
             continue
-        rows = [
-            r
-            for r, s in enumerate(steps)
-            if isinstance(s, RateDwell)
-            and not isinstance(s, KnownTurn)
-            and abs(np.array(s.up) @ np.array(axis.i)) > 0.5
-        ]
+        rows = [r for r, s in enumerate(steps) if is_rate_of_axis(axis, s)]
         dwells = [s for s in steps if isinstance(s, RateDwell)]
         rate = motion.w[rows] @ np.array(axis.i)
         if len({round(x, 9) for x in rate.tolist()}) < _FEWEST or not dwells:
@@ -92,6 +87,12 @@ def straight_lines(
         own = [s for r in rows if isinstance(s := steps[r], RateDwell)]
         fits.append(_line_fit(axis.name, rate, read, sd, own, bench))
     return tuple(fits)
+
+
+def is_rate_of_axis(axis: Axis, step: PlatformStep) -> bool:
+    """Return whether a step is a rest or a rate about the input axis of a gyro."""
+    dwell = isinstance(step, RateDwell) and not isinstance(step, KnownTurn)
+    return dwell and abs(np.array(step.up) @ np.array(axis.i)) > _ALONG
 
 
 def _line_fit(
@@ -105,7 +106,7 @@ def _line_fit(
     slope, offset = np.polyfit(rate, read, 1).tolist()
     full = float(np.abs(rate).max())
     size = abs(slope) * full
-    of_dwells = np.array([_dwell_deviation(step, bench) for step in steps])
+    of_dwells = np.array([dwell_deviation(step, bench) for step in steps])
     hysteresis, hysteresis_sd = _hysteresis(rate, read, np.hypot(sd, of_dwells), steps)
     return LineFit(
         channel,
@@ -120,7 +121,7 @@ def _line_fit(
     )
 
 
-def _dwell_deviation(step: RateDwell, bench: RatePlatform) -> float:
+def dwell_deviation(step: RateDwell, bench: RatePlatform) -> float:
     """Return the deviation of a dwell's rate by the errors that differ from dwell to dwell."""
     if step.rate == 0:
         return 0.0
