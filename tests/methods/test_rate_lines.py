@@ -8,10 +8,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.methods.platform_devices import EXACT, FULL, MID, READ, Devices, Row, Table, devices
+from tests.methods.platform_devices import (
+    EXACT,
+    FULL,
+    MID,
+    READ,
+    Devices,
+    Row,
+    Table,
+    devices,
+    plan,
+)
 from tests.refusals import refused
 
 from inercal.benches.rate_platform import RatePlatform
+from inercal.benches.rate_platform.dead_band import find_dead_band
 from inercal.benches.rate_platform.linearity import LineFit, linearity_notes, straight_lines
 from inercal.benches.rate_platform.scale_factors import speed_scales
 from inercal.benches.rate_platform.sections import RateDwell
@@ -135,6 +146,29 @@ def test_a_hysteresis_is_found_with_its_uncertainty():
 def test_rates_that_are_reached_from_one_side_show_no_hysteresis():
     made = devices(MID, "T", READ, LINEAR, 1, np.random.default_rng(4))
     assert np.isnan(hysteresis(made, 0).hysteresis)
+
+
+SLOW = plan([0, 0.01, -0.01, 0.03, -0.03, 0.06, -0.06, 0.1, -0.1], seconds=3600)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.02])
+def test_a_dead_band_is_found_with_its_interval(width: float):
+    made = devices(SLOW, "T", EXACT, ("bias",), 10, np.random.default_rng(6))
+    band = np.radians(width)
+    own = np.array([row.axis for row in SLOW]) == 0
+    sensed = made.reading[:, own, 0] - made.truth["bias"][:, :1]
+    bias = made.truth["bias"][:, :1]
+    made.reading[:, own, 0] = bias + np.sign(sensed) * np.maximum(np.abs(sensed) - band, 0)
+    sensor = triad("t", "w", "g").with_coefficients(*LINEAR)
+    found = [find_dead_band(seen(made, k), sensor, bench(READ), steps_of(SLOW)) for k in range(10)]
+    assert all(band.gyro == "gx" for bands in found for band in bands)
+    if not width:
+        assert not any(found)
+        return
+    near = [one.low <= band <= one.high for bands in found for one in bands]
+    assert len(near) == 10
+    assert sum(near) >= 8
+    assert all(abs(one.width - band) < 0.05 * band for bands in found for one in bands)
 
 
 def test_a_kink_shows_in_the_scale_factors_of_single_speeds():

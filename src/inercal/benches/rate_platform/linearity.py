@@ -92,7 +92,7 @@ def straight_lines(
 def is_rate_of_axis(axis: Axis, step: PlatformStep) -> bool:
     """Return whether a step is a rest or a rate about the input axis of a gyro."""
     dwell = isinstance(step, RateDwell) and not isinstance(step, KnownTurn)
-    return dwell and abs(np.array(step.up) @ np.array(axis.i)) > _ALONG
+    return dwell and bool(abs(np.array(step.up) @ np.array(axis.i)) > _ALONG)
 
 
 def _line_fit(

@@ -9,6 +9,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
+from inercal.benches.rate_platform.dead_band import dead_band_notes
 from inercal.benches.rate_platform.linearity import linearity_notes
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
 from inercal.benches.rate_platform.section_finder import find_sections, settled
@@ -58,7 +59,8 @@ def observe(run: Source[RatePlatformData]) -> EstimatorInput:
     _refuse_unused_errors(run, bench, steps)
     require_rates(run, result.observations, bench, steps)
     require_axes_up(run, result.observations, bench, steps)
-    notes = linearity_notes(result.observations, run.sensor, bench, steps)
+    figures = (result.observations, run.sensor, bench, steps)
+    notes = (*linearity_notes(*figures), *dead_band_notes(*figures))
     return replace(result, conditions=_conditions(bench, steps), notes=notes)
 
 

@@ -117,7 +117,8 @@ def _matched(
             f"{recording.source}: {len(tokens)} sections of a steady rate were found{further}, "
             f"and {len(steady)} are stated: found {_words(recording, gyros, tokens)}; stated "
             f"{', '.join(step.label for step in steady[:_SHOWN])}"
-            f"{', …' * (len(steady) > _SHOWN)}; correct the list, or label the sections",
+            f"{', …' * (len(steady) > _SHOWN)}; correct the list, or label the sections; rests "
+            "without a motion between them are one",
             key="[data] marks",
             names=tuple(step.label for step in steady[len(tokens) :]),
         )
