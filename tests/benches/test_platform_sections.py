@@ -236,3 +236,51 @@ def test_the_time_to_settle_is_left_out(tmp_path: Path):
 def test_a_table_of_means_has_no_sections_to_find(tmp_path: Path, key: str):
     with refused():
         run_of(tmp_path, f'kind = "means"\naxis = "axis"\ntable_rate = "rate"\n{key}')
+
+
+def test_found_sections_leave_the_settling_out_too(tmp_path: Path):
+    read_, labels, spans = session(np.random.default_rng(7))
+    written(tmp_path / "log.csv", read_)
+    found = KIND.observe(run_of(tmp_path, listed(labels) + '\nsettle = "4 s"'))
+    for mark, (start, _) in zip(found.marks, spans, strict=True):
+        assert mark.start >= start + 3.5 * HZ  # a block may begin in the section before
+
+
+def test_motion_within_a_turn_is_no_noise(tmp_path: Path):
+    read_, _, _ = session(np.random.default_rng(8), (0.0, 90.0, 0.0, -90.0, 0.0), 6.0)
+    written(tmp_path / "log.csv", read_)
+    turns = ("rest", "turn +702", "rest", "turn -702", "rest")
+    of_turns = 'turn_angle = "0.01 °"\n[data]'
+    run = run_of(tmp_path, listed([f"{axis} {what}" for axis in "xyz" for what in turns]))
+    text = run.path.read_text(encoding="utf-8").replace("[data]", of_turns)
+    of_rates = ("rate_scale", "rate_asymmetry", "rate_stability")
+    text = "\n".join(line for line in text.splitlines() if not line.startswith(of_rates))
+    run.path.write_text(text, encoding="utf-8")
+    outcome = calibrate(run.path)
+    assert outcome.verdict.grade == "consistent"
+    seen = outcome.observations
+    sd = np.sqrt(seen.covariance[:, 0, 0] * seen.samples)
+    assert np.degrees(sd) == pytest.approx(0.02, rel=0.5)
+
+
+UPWARDS = (10.0, 30.0, 60.0, 100.0, 150.0, 200.0)
+THROUGH = (*UPWARDS, *UPWARDS[-2::-1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0017 * HZ**0.5, 0.005 * HZ**0.5, 0.2])
+def test_all_sections_of_a_full_plan_are_found(noise: float, seed: int):
+    """With the level earth's rate, which turns against the case, and a table whose rate ripples."""
+    rates = (0.0, *THROUGH, 0.0, *(-rate for rate in THROUGH), 0.0)
+    for trial in range(5):
+        rng = np.random.default_rng([seed, 9, trial])
+        read_, labels, spans = session(rng, rates, 36.0, noise)
+        angle = np.radians(np.cumsum(read_ - BIAS, axis=0).sum(axis=1) / HZ)
+        level = np.degrees(7.292115e-5 * np.cos(np.radians(50)))
+        for k in range(3):
+            read_[:, k] += level * np.sin(angle + 2 * np.pi * k / 3)
+            read_[:, k] *= 1 + 5e-5 * np.sin(angle)
+        stated = [step_of_label(f"{label} ({k})", 1.0) for k, label in enumerate(labels)]
+        marks, _ = find_sections(in_si(read_), SENSOR, stated)
+        for mark, (start, stop) in zip(marks, spans, strict=True):
+            assert start <= mark.start < mark.stop <= stop
