@@ -15,7 +15,8 @@ from tests.refusals import refused
 from inercal.benches.rate_platform.kind import KIND
 from inercal.benches.rate_platform.section_finder import find_sections
 from inercal.benches.rate_platform.sections import KnownTurn, step_of_label
-from inercal.pipeline import calibrate
+from inercal.io.write import write_recording
+from inercal.pipeline import apply_data_columns, calibrate, simulate
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import triad
@@ -284,3 +285,18 @@ def test_all_sections_of_a_full_plan_are_found(noise: float, seed: int):
         marks, _ = find_sections(in_si(read_), SENSOR, stated)
         for mark, (start, stop) in zip(marks, spans, strict=True):
             assert start <= mark.start < mark.stop <= stop
+
+
+def test_a_simulated_plan_is_found_section_by_section(tmp_path: Path):
+    plan_keys = '"rates_and_poses"\npositions = 3\nseconds = "12 s"\nrates = ["60 °/s"]\n'
+    run = run_of(tmp_path, "rate = '50 Hz'", "log.npz")
+    text = run.path.read_text(encoding="utf-8").replace('"rates_and_poses"\n', plan_keys)
+    run.path.write_text(text.replace('unit = "°/s"', 'unit = "°/s"\nwhite = "0.1 °/√h"'))
+    run = read(run.path)
+    made = simulate(run, 1)
+    assert made.labels is not None
+    write_recording(apply_data_columns(run, made), run.file(run.data.file))
+    found = KIND.observe(run)
+    assert len(found.marks) == len(run.steps) == 12
+    for mark in found.marks:
+        assert set(made.labels[mark.start : mark.stop].tolist()) == {mark.label}
