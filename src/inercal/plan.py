@@ -310,7 +310,31 @@ def six_positions(seconds: float = 10.0) -> tuple[Hold, ...]:
     return tuple(holds)
 
 
-def ferraris_plan(seconds: float = 10.0, angle: float = 2 * pi, turn_seconds: float = 8.0):
-    """Return the six holds and the turns x_rot, y_rot, z_rot (Ferraris et al. 1995)."""
-    turns = [Turn(name + "_rot", axis, angle, turn_seconds) for name, axis in AXES.items()]
+def ferraris_plan(
+    seconds: float = 10.0, angle: float | tuple[float, ...] = 2 * pi, turn_seconds: float = 8.0
+) -> tuple[HandStep, ...]:
+    """Return the six holds and the turns x_rot, y_rot, z_rot (Ferraris et al. 1995).
+
+    Parameters
+    ----------
+    seconds, turn_seconds : float
+        Length of each hold and of each turn.
+    angle : float or tuple of 3 float
+        rad, of all turns, or of those about x, y and z.
+
+    Raises
+    ------
+    InputError
+        Another number of angles than one or three.
+    """
+    angles = angle if isinstance(angle, tuple) else (angle,) * len(AXES)
+    if len(angles) != len(AXES):
+        raise InputError(
+            f"turn has {len(angles)} angles; give one, or three, of the turns about x, y and z",
+            key="[method] turn",
+        )
+    turns = [
+        Turn(f"{name}_rot", axis, of_axis, turn_seconds)
+        for (name, axis), of_axis in zip(AXES.items(), angles, strict=True)
+    ]
     return (*six_positions(seconds), *turns)

@@ -59,6 +59,7 @@ EXACT = 1e-4  # differences of fits that end within their tolerance
 CERTAIN = [
     ("six_position", "classical"),
     ("ferraris", "classical"),
+    ("rates_and_poses", "ieee"),
     *(("centrifuge_norm", name) for name in ("series", "series_weighted", "paper")),
 ]
 HEADS = {

@@ -141,7 +141,7 @@ def test_each_estimator_recovers_the_sensor(method: str, estimator: str):
 
 def test_classical_refuses_the_tilted_form_that_it_does_not_find():
     sensor = METHODS["six_position"].prepare(Sensor("t", imu().axes, form="tilted"))
-    made = perfect(sensor, np.zeros(12), "six_position")
+    made = perfect(sensor, np.zeros(len(sensor.coefficients)), "six_position")
     with refused(key="[sensor] form"):
         METHODS["six_position"].estimator("classical")(
             made, sensor, BENCH, METHODS["six_position"].plan()

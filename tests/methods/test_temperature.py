@@ -32,6 +32,7 @@ MEANS = [
 # Closed formulas, and the sources' own parametrisations.
 REFUSED = {
     ("six_position", "classical"), ("ferraris", "classical"), ("tumble", "fourier"),
+    ("rates_and_poses", "ieee"),
     ("dual_orthogonal", "patent"), ("dual_orthogonal", "dual"),
     *(("centrifuge_norm", name) for name in ("series", "series_weighted", "paper")),
     *(("ship_multi_angle", name) for name in ("planar", "planar_norm", "damped", "global")),
@@ -61,6 +62,8 @@ def made(method: str, estimator: str) -> tuple[Sensor, Array, Observations, list
         whole = replace(whole, form="reference" if estimator == "fourier" else "tilted")
     kinds = {axis.measures for axis in whole.axes if axis.measures in chosen.default_coefficients}
     also = FIRST if kinds == {"f", "w"} else FIRST[:2]
+    if "scale" not in chosen.default_coefficients.get("w", ("scale",)):
+        also = FIRST[:3]  # a method without rates
     sensor = chosen.prepare(whole, also=also)
     p = len(sensor.coefficients)
     c = 2e-3 * np.random.default_rng(5).normal(size=p) * sensor.unit_scale

@@ -23,7 +23,7 @@ from inercal.errors import NotObserved
 from inercal.estimate import Estimate, Gaussian
 from inercal.methods import METHODS
 from inercal.plan import HandStep
-from inercal.sensors import imu
+from inercal.sensors import Sensor, imu
 
 Array = NDArray[np.float64]
 HANDS = Handling(
@@ -35,6 +35,12 @@ HANDS = Handling(
     timebase=1e-4,
 )
 DEVICE = mems(np.random.default_rng(70))
+
+
+def prepared(method: str) -> Sensor:
+    """Return the IMU, of six positions the accelerometers, with the method's coefficients."""
+    whole = imu().select_axes("f") if method == "six_position" else imu()
+    return METHODS[method].prepare(whole)
 
 
 def calibrated(
@@ -49,7 +55,7 @@ def calibrated(
     turns = turns or {}
     made = record(DEVICE, HANDS, np.random.default_rng(71), faces=faces, turns=turns)
     chosen = METHODS[method]
-    sensor = chosen.prepare(imu())
+    sensor = prepared(method)
     own = [make_hold(label, up) for label, up in faces.items()]
     own += [make_turn(label, axis, 2 * np.pi) for label, axis in turns.items()]
     plan = steps or tuple(own)
@@ -58,7 +64,7 @@ def calibrated(
 
 
 def deviations(estimate: Estimate, device: Imu, method: str) -> Array:
-    sensor = METHODS[method].prepare(imu())
+    sensor = prepared(method)
     p = len(sensor.coefficients)
     return (estimate.value[:p] - true_coefficients(device, sensor)) / estimate.std[:p]
 
@@ -136,7 +142,7 @@ def test_the_directions_named_are_those_no_position_sees(plan: str):
     ups = PLANS[plan]
     with pytest.raises(NotObserved) as refused:
         calibrated("six_position", {f"p{k}": up for k, up in enumerate(ups)})
-    names = METHODS["six_position"].prepare(imu()).coefficients
+    names = prepared("six_position").coefficients
     named = np.array([in_numbers(words, names) for words in refused.value.directions])
     # In units of g, (δrow · up + δbias) of each accelerometer: all coefficients are one-to-one.
     sees = np.zeros((3, len(ups), len(names)))

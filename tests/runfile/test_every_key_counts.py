@@ -86,6 +86,9 @@ QUICK = {
     "tumble": Case("dividing_head/tumble.toml"),
 }
 SLOW = {
+    "six_position with gyros": recording(
+        "ferraris_simulated/run.toml", "25 Hz", of("six_position"), seconds("4 s"), *NO_TURNS
+    ),
     "ferraris": recording(
         "ferraris_simulated/run.toml", "25 Hz", seconds("4 s"), ("method", "turn_seconds", "4 s")
     ),

@@ -24,10 +24,12 @@ def data(seed: int = 1, size: float = 0.01) -> Array:
     return ups + size * np.random.default_rng(seed).standard_normal(ups.shape)
 
 
-def seen(values: Array, sensor: Sensor = SENSOR, **options: bool) -> Observations:
+def seen(
+    values: Array, sensor: Sensor = SENSOR, *, drifting: bool = False, found: bool = False
+) -> Observations:
     time = np.arange(len(values)) / RATE
     recording = Recording(time, values, sensor.channels, ("m/s²",) * 3)
-    return observe(recording, sensor, MARKS, STEPS, **options)
+    return observe(recording, sensor, MARKS, STEPS, drifting=drifting, found=found)
 
 
 def sd(observations: Observations) -> Array:

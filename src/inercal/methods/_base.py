@@ -197,6 +197,9 @@ class Method(Generic[Bench, Step]):
         From the bench to the frame that misalignments refer to where the run file states none.
     remarks : callable
         From a `Fit` to `Remarks`; called also for a fit that did not converge.
+    constant_rates : bool
+        Whether gyros are read at constant rates: a calibration then holds over the range of the
+        means, and correcting a recording says where it is left.
     sequential : callable or None
         Starts the live estimation of a run; None where the method has none.
     """
@@ -213,6 +216,7 @@ class Method(Generic[Bench, Step]):
     norm_only_estimators: tuple[str, ...] = ()
     frame: Callable[[Bench], Frame] = _mount_frame
     remarks: Callable[[Fit[Bench, Step]], Remarks] = _no_remarks
+    constant_rates: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
 
     def prepare(
@@ -224,7 +228,8 @@ class Method(Generic[Bench, Step]):
         ----------
         sensor : Sensor
         coefficients : sequence of str
-            Names or groups in place of the method's defaults.
+            Names or groups in place of the method's defaults; of a group, those that the method
+            can estimate.
         also : sequence of str
             Names or groups in addition.
 
@@ -246,8 +251,8 @@ class Method(Generic[Bench, Step]):
             sensor, axes=tuple(a for a in sensor.axes if a.measures in self.default_coefficients)
         )
         own, possible = self._selected_coefficients(part, {}), self.possible(part)
-        chosen = part.with_coefficients(*coefficients).coefficients if coefficients else own
-        more = part.with_coefficients(*also).coefficients
+        chosen = _stated_coefficients(part, coefficients, possible) if coefficients else own
+        more = _stated_coefficients(part, also, possible)
         if beyond := tuple(name for name in (*chosen, *more) if name not in possible):
             seen = "; ".join(
                 f"of {_WORDS[kind]} {', '.join((*words, *self.also.get(kind, ())))}"
@@ -291,3 +296,15 @@ class Method(Generic[Bench, Step]):
                 names=(name,),
             )
         return self.estimators[name or next(iter(self.estimators))]
+
+
+def _stated_coefficients(
+    part: Sensor, words: Sequence[str], possible: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the full names that words state: of a group the possible ones, if there are any."""
+    names: tuple[str, ...] = ()
+    for word in words:
+        stated = part.with_coefficients(word).coefficients
+        within = tuple(name for name in stated if name in possible)
+        names += within or stated
+    return names

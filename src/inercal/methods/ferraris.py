@@ -1,5 +1,8 @@
 """Six positions and three turns: accelerometers, gyros and the gyros' sensitivity to gravity.
 
+Gyros alone take the positions as stated; the mean force in a turn, which nothing reads, is gravity
+along the axis.
+
 Source: F. Ferraris, U. Grimaldi, M. Parvis, Sensors and Materials 7(5), 1995, 311–330.
 """
 
@@ -17,7 +20,7 @@ METHOD = Method(
         "w": ("bias", "scale", "misalignment", "g"),
     },
     also={"f": ("temperature",), "w": ("temperature",)},
-    needs=("f", "w"),
+    needs=("w",),
     plan=ferraris_plan,
     estimators={"ml": ml, "classical": classical},
     source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",

@@ -16,17 +16,16 @@ tests whether the readings agree with one another.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.errors import InputError, NotObserved
-from inercal.estimate import Estimate, Gaussian, ModelTest
+from inercal.estimate import Estimate, Gaussian
 from inercal.methods import estimator_inputs
 from inercal.methods.hand_likelihood import ml
-from inercal.methods.likelihood_tests import READINGS_TEST
+from inercal.methods.likelihood_tests import with_problem_tests
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.plan import HandStep, Turn
 from inercal.recording import Observations
@@ -72,6 +71,11 @@ def classical(
             "or use estimator ml",
             key="[sensor] form",
         )
+    if not sensor.select_axes("f").axes:
+        raise InputError(
+            "estimator classical needs accelerometers, and the sensor has none; use estimator ml",
+            key="[method] estimator",
+        )
     for axes in (sensor.axes[:3], sensor.axes[3:]):
         if axes and (len(axes) != 3 or not np.allclose([a.i for a in axes], np.eye(3))):
             raise InputError(
@@ -93,21 +97,7 @@ def classical(
     found = Estimate.from_closed_form(
         sensor.coefficients, value, spread, singular, (NOISE_ONLY_NOTE,)
     )
-    return _with_problem_tests(found, ml(observations, sensor, bench, steps))
-
-
-def _with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
-    """Return the estimate with the tests of the problem of the same observations."""
-    p = len(found.names)
-    agreement = ModelTest(READINGS_TEST, float(by_problem.chi2), by_problem.dof)
-    return replace(
-        found,
-        tests=(agreement, *by_problem.tests),
-        scoring=by_problem.scoring.then(
-            lambda score_tests: score_tests.with_shifts(lambda shift: shift[:p])
-        ),
-        notes=(*found.notes, *by_problem.notes),
-    )
+    return with_problem_tests(found, ml(observations, sensor, bench, steps))
 
 
 def _coefficients(
@@ -128,19 +118,19 @@ def _coefficients(
             [means[h][3:] for h in holds], axis=0, weights=[weights[h] for h in holds]
         )
         to_force = (up - down)[3:] / (2 * g)
-        seconds = dict(zip(observations.labels, observations.duration, strict=True))
-        turns = {step.label: step for step in steps if isinstance(step, Turn)}
-        columns: list[Array] = []
-        for a in "xyz":
-            label = f"{a}_rot"
-            force = np.linalg.solve(matrix_a, means[label][:3] - bias_a)
-            rate = means[label][3:] - bias_g - to_force @ force
-            columns.append(rate * seconds[label] / turns[label].angle)
-        matrix_g = np.stack(columns, axis=1)
-        found |= _triad_coefficients(sensor, 3, matrix_g, {"bias": bias_g}, "scale")
         for k, axis in enumerate(sensor.axes[3:]):
             along = to_force[k] @ axis.frame.T
             found |= {f"{axis.name}.g_{s}": along[j] for j, s in enumerate("ipo")}
+            found[f"{axis.name}.bias"] = bias_g[k]
+        seconds = dict(zip(observations.labels, observations.duration, strict=True))
+        turns = {step.label: step for step in steps if isinstance(step, Turn)}
+        columns: list[Array] = []
+        for label in (f"{a}_rot" for a in "xyz" if turns):
+            force = np.linalg.solve(matrix_a, means[label][:3] - bias_a)
+            rate = means[label][3:] - bias_g - to_force @ force
+            columns.append(rate * seconds[label] / turns[label].angle)
+        if columns:
+            found |= _triad_coefficients(sensor, 3, np.stack(columns, axis=1), {}, "scale")
     return np.array([found[name] for name in sensor.coefficients])
 
 

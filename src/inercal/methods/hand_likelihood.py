@@ -24,11 +24,13 @@ from inercal.methods.observability import (
     require_observed,
 )
 from inercal.methods.row_comparison import ReadingNoise
+from inercal.parameters import Parameter
 from inercal.plan import HandStep, Hold, Turn
 from inercal.recording import Observations
 from inercal.sensors import Sensor, inverse
 
 _EXACT_LIMIT = 1e-15  # SI; a smaller deviation is exact: the level earth rate at a pole
+_UNREAD = 0.05  # of g: tilt of an axis, and a sensor aside of it
 _ZERO_INPUT_LIMIT = 1e-6  # of g, or of a turn's rate
 
 
@@ -108,7 +110,9 @@ def problem(
     }
     turns = [k for k, step in enumerate(done) if isinstance(step, Turn)]
     forces: dict[str, Array] = {}
-    if turns:
+    if turns and not sensor.select_axes("f").axes:
+        declared |= _unread_forces([done[k] for k in turns], bench.gravity.value)
+    elif turns:
         bare = Sensor(sensor.name, sensor.axes)
         mean = inverse(bare, observations.mean[..., turns, :], np.zeros(0)).f
         forces = {
@@ -127,6 +131,19 @@ def problem(
         stated_noise=noise,
         zero_input=_zero_input_readings(sensor, done),
     )
+
+
+def _unread_forces(turns: Sequence[HandStep], gravity: float) -> dict[str, Parameter]:
+    """Return the mean specific forces of turns without accelerometers, as nuisances."""
+    text = "mean specific force in the turn"
+    return {
+        f"force_{a}[{step.label}]": Parameter(
+            f"force_{a}", "m/s²", _UNREAD * gravity, "turn", gravity * along, text
+        )
+        for step in turns
+        if isinstance(step, Turn)
+        for a, along in zip("xyz", step.axis, strict=True)
+    }
 
 
 def _zero_input_readings(sensor: Sensor, done: Sequence[HandStep]) -> NDArray[np.bool_] | None:

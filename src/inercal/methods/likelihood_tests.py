@@ -25,6 +25,20 @@ FORMULA_TEST = "estimator against maximum likelihood"
 _REGULARISATION = 0.01  # ε
 
 
+def with_problem_tests(found: Estimate, by_problem: Estimate) -> Estimate:
+    """Return an estimate of noise alone with the tests of the problem of the same observations."""
+    p = len(found.names)
+    agreement = ModelTest(READINGS_TEST, float(by_problem.chi2), by_problem.dof)
+    return replace(
+        found,
+        tests=(agreement, *by_problem.tests),
+        scoring=by_problem.scoring.then(
+            lambda score_tests: score_tests.with_shifts(lambda shift: shift[:p])
+        ),
+        notes=(*found.notes, *by_problem.notes),
+    )
+
+
 def with_tests(estimate: Estimate, whole: Problem, stated: Problem | None = None) -> Estimate:
     """Return an estimate with the tests of its observations and of its formula.
 

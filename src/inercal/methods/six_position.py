@@ -1,4 +1,8 @@
-"""Six-position test of accelerometers: each input axis up, then down, in local gravity.
+"""Six-position test: each input axis up, then down, in local gravity.
+
+Gyros, if there are any, are read at the same rests: a bias is their mean reading less the earth's
+rate, whose level part has an unknown azimuth, and the sensitivity to gravity is half the difference
+of up and down.
 
 Source: IEEE Std 1293, static multipoint test reduced to six points; closed formulas of Ferraris
 et al. 1995.
@@ -13,8 +17,8 @@ from inercal.plan import six_positions
 METHOD = Method(
     name="six_position",
     bench=Hand,
-    default_coefficients={"f": ("bias", "scale", "misalignment")},
-    also={"f": ("temperature",)},
+    default_coefficients={"f": ("bias", "scale", "misalignment"), "w": ("bias", "g")},
+    also={"f": ("temperature",), "w": ("bias_dT",)},
     needs=("f",),
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},

@@ -1,6 +1,7 @@
 """Recordings of a run corrected by a calibration."""
 
 from dataclasses import replace
+from math import degrees
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,13 @@ from inercal.calibration import Calibration
 from inercal.data import recording_loader
 from inercal.data.recording_loader import readback_columns, reader_columns
 from inercal.errors import InputError
+from inercal.methods import METHODS
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
-from inercal.recording import Recording
+from inercal.recording import Finding, Recording
 from inercal.runfile import Run, read
 
 _ALL = 3  # axes that measure every component
+_MARGIN = 0.01  # of the range of the rates
 
 
 def load_recording(run: Run) -> Recording:
@@ -42,6 +45,29 @@ def _require_same_corrections(calibration: Calibration, recording: Recording, ru
     )
 
 
+def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Finding, ...]:
+    """Return a warning where gyros read rates beyond those they were calibrated at."""
+    one = METHODS.get(calibration.method)
+    limits = None if calibration.validity is None else calibration.validity.rate
+    if one is None or not one.constant_rates or limits is None:
+        return ()
+    sensor = calibration.sensor.select_axes("w")
+    columns = [recording.channels.index(name) for name in sensor.channels]
+    rate = sensor.to_si(recording.data[..., columns])
+    low, high = limits
+    margin = _MARGIN * (high - low)
+    beyond = ((rate < low - margin) | (rate > high + margin)).any(axis=-1)
+    if not beyond.any():
+        return ()
+    ends = " to ".join(f"{degrees(value):.4g}" for value in limits)
+    reached = degrees(float(rate.flat[np.argmax(np.abs(rate))]))
+    text = (
+        f"{beyond.sum()} samples are beyond the rates of the calibration, {ends} °/s: the rate "
+        f"reaches {reached:.4g} °/s, where scale factors and nonlinear terms were not measured"
+    )
+    return (Finding("warning", "range", text.replace("-", "−")),)
+
+
 def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     """Correct the recording that a run file names.
 
@@ -50,7 +76,8 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     Recording
         Channels fx, fy, fz (m/s²) and wx, wy, wz (rad/s), as far as the sensor has them; with one
         or two accelerometers specific force across them is taken as zero. Labels and readback
-        columns keep their names and units.
+        columns keep their names and units. A finding says where the rate is beyond those of a
+        calibration at constant rates.
 
     Raises
     ------
@@ -89,11 +116,13 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
         f=zero if 0 < count["f"] < _ALL else None,
         w=zero if 0 < count["w"] < _ALL else None,
     )
+    beyond = _rates_beyond(calibration, recording)
     named = readback_columns(run)
     sensed = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
     present = [(kind, unit, values[..., : count[kind]]) for kind, unit, values in sensed]
     return replace(
         recording,
+        findings=(*recording.findings, *beyond),
         data=np.concatenate([values for _, _, values in present], axis=-1),
         channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"[: count[kind]]),
         units=tuple(unit for kind, unit, _ in present for _ in "xyz"[: count[kind]]),

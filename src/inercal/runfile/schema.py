@@ -129,8 +129,10 @@ class MethodSection(Section):
         description="of a turntable: 'paper', 'fast', 'discrete', or a file of its steps",
         examples=["fast"],
     )
-    turn: str | None = Field(
-        None, description="angle of a turn, positive counter-clockwise", examples=["-360 °"]
+    turn: str | tuple[str, ...] | None = Field(
+        None,
+        description="angle of the turns, positive counter-clockwise, or those about x, y, z",
+        examples=["-360 °"],
     )
     turn_seconds: str | None = Field(None, examples=["6 s"])
     positions: int | None = Field(

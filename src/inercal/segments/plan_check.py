@@ -134,12 +134,17 @@ def check_against_plan(
     columns = {
         kind: [k for k, axis in enumerate(sensor.axes) if axis.measures == kind] for kind in "fw"
     }
-    if len(columns["f"]) != 3:
-        return ()
     bare = Sensor(sensor.name, sensor.axes)
-    sensed = inverse(bare, observations.mean, np.zeros(0))
     findings: list[Finding] = []
     holds = np.array([isinstance(step, Hold) for step in steps])
+    if len(columns["f"]) != 3:
+        if len(sensor.axes) == len(columns["w"]) == 3:
+            rates = inverse(bare, observations.mean, np.zeros(0)).w
+            bias = rates[holds].mean(axis=0) if holds.any() else np.zeros(3)
+            for k in np.flatnonzero(~holds).tolist():
+                findings += _check_turn(steps[k], (rates[k] - bias) * observations.duration[k])
+        return tuple(findings)
+    sensed = inverse(bare, observations.mean, np.zeros(0))
     _check_sizes(sensed.f / gravity, steps)
     offset = _rough_bias(sensed.f, steps, gravity)
     for k, step in enumerate(steps):

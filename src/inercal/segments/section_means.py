@@ -50,6 +50,7 @@ def observe(
     by_hand: bool = False,
     found: bool = False,
     drifting: bool = False,
+    turning: Sequence[str] = (),
 ) -> Observations:
     """Return one row for each marked step, in the order of `steps`.
 
@@ -70,6 +71,8 @@ def observe(
         Whether a drift linear in time, significant in the slopes of the sections, is added to
         `drift`, about the middle of the rests: for plans that read each axis too seldom to show it
         otherwise. Without a trial axis.
+    turning : sequence of str
+        Labels of further steps whose scatter is motion.
 
     Raises
     ------
@@ -94,7 +97,8 @@ def observe(
                 f"sample{'s' * (mark.stop - mark.start > 1)}; mark at least {MIN_SAMPLES}",
                 names=(mark.label,),
             )
-    holds = [step for step in used if not isinstance(step, Turn | Rotation)]
+    moving = [s.label for s in used if isinstance(s, Turn | Rotation) or s.label in turning]
+    holds = [step for step in used if step.label not in moving]
     if not holds:
         raise InputError(f"{recording.source}: no position at rest is marked; mark one at least")
     scatter = np.stack([section(step).std(axis=-2) for step in holds])

@@ -3,11 +3,13 @@
 Up is turned from its nominal body direction by two small tangents t₁, t₂ along d₁, d₂ ⟂ up::
 
     hold    f = g u,   u = (up + t₁ d₁ + t₂ d₂) / norm
-            ω = Ω sin φ u + e₁ d₁ + e₂ d₂                      (earth rate; azimuth unknown)
-    turn    mean ω = (α + δα) n / (T (1 + τ)) + Ω sin φ f̄ / g,   n tilted as u is
+            ω = Ω sin φ u + e₁ d₁ + e₂ d₂ + β                  (earth rate; azimuth unknown)
+    turn    mean ω = (α + δα) n / (T (1 + τ)) + Ω sin φ f̄ / g + β,   n tilted as u is
             (the earth's level component rotates in the body and is neglected: at most
             Ω cos φ T / |α| of misalignment, 14″ for a full turn of 8 s)
             mean f = f̄, as the accelerometers measured it
+
+β is what the gyros' biases differ by from step to step, where each is a recording of its own.
 
 Every symbol but the nominal ones is a `Parameter`: drawn in a simulation, estimated as a nuisance
 in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the recording's clock.
@@ -32,6 +34,7 @@ from inercal.sensors import Sensor
 from inercal.units import Measured
 
 DEGREE = pi / 180
+_TURN_ON = tuple(f"turn_on_{a}" for a in "xyz")
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,8 @@ class Hand:
         Tilt of the axis of a turn from the body axis, about each of two directions, rad.
     timebase : float
         Relative error of the recording's clock.
+    turn_on : float
+        Of each component of β, rad/s; 0 where the gyros stay switched on.
     """
 
     gravity: Measured
@@ -75,6 +80,13 @@ class Hand:
         default=0.5 * DEGREE,
     )
     timebase: float = deviation("1", "100 ppm", "clock of the recording", default=1e-4)
+    turn_on: float = deviation(
+        "°/s",
+        "0 °/h",
+        dict.fromkeys(_TURN_ON, "gyros' bias in a recording"),
+        scope="position",
+        example="60 °/h",
+    )
 
     @property
     def place(self) -> Measured | None:
@@ -99,7 +111,7 @@ class Hand:
             Parameter("earth_up", "rad/s", up_sd, "run", up, "earth rate, vertical", assumed),
             Parameter("earth1", "rad/s", level, "position", 0.0, "earth rate, level"),
             Parameter("earth2", "rad/s", level, "position", 0.0, "earth rate, level"),
-            *declared_parameters(self, "turn_angle", "turn_tilt", "timebase"),
+            *declared_parameters(self, "turn_angle", "turn_tilt", "timebase", "turn_on"),
         )
 
     def nuisances(self, steps: Sequence[HandStep], sensor: Sensor) -> dict[str, Parameter]:
@@ -120,7 +132,10 @@ class Hand:
         found: dict[str, Parameter] = {}
         turns = any(isinstance(step, Turn) for step in steps)
         for parameter in self.parameters:
-            if not rates and parameter.name.startswith(("earth", "timebase")):
+            own = parameter.name in _TURN_ON
+            if own and not self.turn_on:
+                continue
+            if not rates and (own or parameter.name.startswith(("earth", "timebase"))):
                 continue
             if parameter.name == "timebase" and not turns:
                 continue
@@ -130,7 +145,7 @@ class Hand:
             found |= {
                 f"{parameter.name}[{step.label}]": parameter
                 for step in steps
-                if isinstance(step, Turn) == (parameter.scope == "turn")
+                if own or isinstance(step, Turn) == (parameter.scope == "turn")
             }
         return found
 
@@ -233,7 +248,19 @@ def _hold_motion(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
     df = {"g": u} | {name: g * du[..., k] for k, name in enumerate(names)}
     dw = {"earth_up": u} | {name: up_rate * du[..., k] for k, name in enumerate(names)}
     dw |= {f"earth{k + 1}[{label}]": np.broadcast_to(d[k], u.shape) for k in range(2)}
-    return MeanMotion(Motion(g * u, up_rate * u + level @ d), df, dw)
+    own = _own_bias(q, label, u.shape, dw)
+    return MeanMotion(Motion(g * u, up_rate * u + level @ d + own), df, dw)
+
+
+def _own_bias(
+    q: Mapping[str, Array], label: str, shape: tuple[int, ...], dw: dict[str, Array]
+) -> Array:
+    """Return β of a step, (..., 3), and add its derivatives to `dw`."""
+    names = [f"{name}[{label}]" for name in _TURN_ON]
+    if names[0] not in q:
+        return np.zeros(3)
+    dw |= {n: np.broadcast_to(row, shape) for n, row in zip(names, np.eye(3), strict=True)}
+    return np.stack(np.broadcast_arrays(*(q[name] for name in names)), axis=-1)
 
 
 def _turn_motion(step: Turn, duration: float, q: Mapping[str, Array]) -> MeanMotion:
@@ -257,4 +284,5 @@ def _turn_motion(step: Turn, duration: float, q: Mapping[str, Array]) -> MeanMot
         "g": -up_rate * force / g**2,
     }
     dw |= {f"axis{k + 1}[{label}]": rate * dn[..., k] for k in range(2)}
-    return MeanMotion(Motion(force, rate * n + up_rate * force / g), df, dw)
+    own = _own_bias(q, label, force.shape, dw)
+    return MeanMotion(Motion(force, rate * n + up_rate * force / g + own), df, dw)

@@ -13,13 +13,16 @@ from inercal.benches.key_declarations import add_bench_keys, build_bench
 from inercal.benches.kind_definition import (
     Effect,
     Kind,
+    Output,
     import_when_called,
     simulate_without_sensor,
+    three_axis_sensor,
 )
 from inercal.benches.report_data import MeasuredDirection, ReportInput, measured_direction
 from inercal.data import RestsSection
 from inercal.plan import Hold, Turn
 from inercal.section_settings import BenchSection, BenchUsage, section_constant
+from inercal.sensors import Sensor, triad
 
 _READING = "inercal.benches.hand.reading"
 
@@ -35,6 +38,9 @@ class HandSection(BenchSection):
         found: dict[str, str] = {}
         if not use.attitudes:
             found["tilt"] = f"{use.method} estimates the attitudes"
+            found["turn_on"] = f"{use.method} takes each bias as one"
+        elif not use.gyros:
+            found["turn_on"] = "there are no gyros"
         if not use.turns:
             words = f"{use.method} has no turns of a known angle"
             found |= {"turn_angle": words, "turn_tilt": words}
@@ -52,7 +58,12 @@ def build(section: HandSection, folder: Path) -> Hand:
 
 
 def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
-    """Return the measured direction of up in each hold and of the axis of each turn."""
+    """Return the measured direction of up in each hold and of the axis of each turn.
+
+    None without accelerometers.
+    """
+    if not shown.calibration.sensor.select_axes("f").axes:
+        return ()
     sensed = shown.sensed_motion()
     result: list[MeasuredDirection] = []
     for k, step in enumerate(shown.steps):
@@ -62,6 +73,15 @@ def directions(shown: ReportInput) -> tuple[MeasuredDirection, ...]:
             axis = sensed.w[k] * np.sign(step.angle)
             result.append(measured_direction(step, axis, np.array(step.axis)))
     return tuple(result)
+
+
+def _sensor(
+    name: str, columns: tuple[str | int, ...], accelerometer: Output, gyro: Output | None
+) -> Sensor:
+    """Return a triad, an IMU, or gyros alone where [data] accelerometer names no columns."""
+    if columns or gyro is None:
+        return three_axis_sensor(name, columns, accelerometer, gyro)
+    return triad(name, "w", "g", *gyro)
 
 
 KIND = Kind(
@@ -80,5 +100,6 @@ KIND = Kind(
     audit=import_when_called(_READING, "audit"),
     sheet=sheet,
     rests=import_when_called(_READING, "refused_recording_rests"),
+    sensor=_sensor,
     directions=directions,
 )

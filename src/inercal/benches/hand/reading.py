@@ -20,6 +20,7 @@ from inercal.data.rest_marks import (
 )
 from inercal.errors import InputError
 from inercal.io.audit import require_accepted
+from inercal.io.file_patterns import is_pattern
 from inercal.io.mean_tables import read_means
 from inercal.io.rest_norm import audit_rest_norm, rest_mean_finding
 from inercal.plan import HandStep, Hold, Turn
@@ -79,14 +80,26 @@ def observe(run: Source[RestsSection]) -> EstimatorInput:
     else:
         steps = _planned_steps(run, observations)
         plan = _plan_with_visits(run, steps)
-    if recording is None:
+    if recording is None and sensor.select_axes("f").axes:
         at_rest = [isinstance(step, Hold) for step in steps]
         odd = rest_mean_finding(observations.mean[at_rest], sensor, bench.gravity.value)
         findings += require_not_refused(run.data.file, odd)
     if not run.method.unknown_attitudes:
         findings += check_against_plan(observations, sensor, steps, bench.gravity.value)
+    _require_recordings(run, bench)
     conditions = _conditions(run, bench)
     return EstimatorInput(recording, marks, observations, plan, steps, findings, conditions, rests)
+
+
+def _require_recordings(run: Source[RestsSection], bench: Hand) -> None:
+    """Refuse biases of each recording where there is one recording."""
+    if bench.turn_on and run.data.kind == "recording" and not is_pattern(run.file(run.data.file)):
+        raise key_error(
+            "[bench] turn_on",
+            "all sections are of one recording, in which the gyros stay switched on; remove "
+            'turn_on, or name a file for each section, such as file = "*.csv"',
+            run.path,
+        )
 
 
 def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
@@ -97,6 +110,8 @@ def audit(recording: Recording, sensor: Sensor, bench: Hand) -> Recording:
     InputError
         A finding refuses the recording.
     """
+    if not sensor.select_axes("f").axes:
+        return recording
     return require_accepted(audit_rest_norm(recording, sensor, bench.gravity.value))
 
 
@@ -154,6 +169,13 @@ def _planned_sections(
     """Return the sections of the plan's steps: marks, means and findings."""
     steps = nominal_plan(run)
     labels, missing = [step.label for step in steps], tuple[Finding, ...]()
+    if run.data.marks == "found" and not run.sensor.select_axes("f").axes:
+        raise key_error(
+            "[data] marks",
+            "gyros alone do not show which axis is up; label the sections and state marks = "
+            '"labels", or name a file of marks',
+            run.path,
+        )
     if run.data.marks == "found":
         found = find_sections(recording, run.sensor, steps)
         marks, missing = found.marks, found.findings
@@ -179,7 +201,7 @@ def _planned_sections(
         observations = replace(observations, notes=(*observations.notes, _BY_READINGS))
     stated = run.data.model_fields_set & {"gyro", "gyro_file", "gyro_time"}
     if stated and not run.sensor.select_axes("w").axes:
-        note = f"method {run.method.name} does not use the gyros"
+        note = "the gyros are not used: [sensor.gyro], with their unit, is missing"
         observations = replace(observations, notes=(*observations.notes, note))
     findings = check_turn_ends(recording, run.sensor, marks, steps)
     return marks, observations, recording.findings + missing + moving + findings
@@ -235,6 +257,9 @@ def _conditions(run: Source[RestsSection], bench: Hand) -> dict[str, str]:
             "tilt of faces (k = 1)": format_quantity(bench.tilt, 0.0, "°"),
             "angle of turns (k = 1)": format_quantity(bench.turn_angle, 0.0, "°"),
         }
+    if bench.turn_on:
+        key = "gyros' bias in a recording (k = 1)"
+        conditions[key] = format_quantity(bench.turn_on, 0.0, "°/h")
     return conditions
 
 

@@ -103,7 +103,8 @@ def _constant_rate(step: HandStep, q: dict[str, Array]) -> Array:
     """Return the part of the rate, (trials, 3), that does not follow the turn's profile."""
     if isinstance(step, Hold):
         return sensed_motion(step, 1.0, q).w
-    return q["earth_up"][:, None] * q["up"]
+    own = [q.get(f"turn_on_{a}[{step.label}]", np.zeros(1)) for a in "xyz"]
+    return q["earth_up"][:, None] * q["up"] + np.stack(own, axis=-1)
 
 
 def _shortest_rotation(start: Array, end: Array) -> tuple[Array, Array]:

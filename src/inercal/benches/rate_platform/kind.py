@@ -44,4 +44,5 @@ KIND = Kind(
     sheet=sheet,
     directions=directions,
     plots=plots,
+    tables=import_when_called("inercal.benches.rate_platform.scale_factors", "output_tables"),
 )

@@ -5,12 +5,15 @@ These figures are of the range that was turned; K is not 1 + scale where there a
 
 * linearity error: largest residual over K times full scale, the largest rate;
 * asymmetry: difference of the slopes of both senses, each by its own line, over their mean;
-* hysteresis: largest difference of readings at one rate of a setting, over K times full scale.
+* hysteresis: largest difference of readings at one rate of a setting that was reached from a lower
+  rate and from a higher one, over K times full scale. Its deviation holds the noise of the means
+  and the errors of single dwells that the bench states. The largest of many differences of noise
+  alone is not zero: below three deviations it shows nothing.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, hypot
 
 import numpy as np
 
@@ -18,10 +21,12 @@ from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import RatePlatform
 from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell
 from inercal.recording import Observations
-from inercal.sensors import Sensor
+from inercal.sensors import Axis, Sensor
 
 _FEWEST = 3  # rates of a line with a residual
 _REST = 1e-3  # of full scale
+_ALONG = 0.5  # cosine
+_SHOWN = 3.0  # standard deviations: the largest of some differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +48,8 @@ class LineFit:
         Largest input, rad/s.
     asymmetry, hysteresis : float
         NaN where the rates do not show it.
+    hysteresis_sd : float
+        Standard deviation of the difference that the hysteresis is.
     """
 
     channel: str
@@ -53,6 +60,7 @@ class LineFit:
     full_scale: float
     asymmetry: float
     hysteresis: float
+    hysteresis_sd: float
 
     @property
     def linearity(self) -> float:
@@ -69,28 +77,37 @@ def straight_lines(
     for k, axis in enumerate(sensor.axes):
         if axis.measures != "w":
             continue
-        rows = [
-            r
-            for r, s in enumerate(steps)
-            if isinstance(s, RateDwell)
-            and not isinstance(s, KnownTurn)
-            and abs(np.array(s.up) @ np.array(axis.i)) > 0.5
-        ]
+        rows = [r for r, s in enumerate(steps) if is_rate_of_axis(axis, s)]
         dwells = [s for s in steps if isinstance(s, RateDwell)]
         rate = motion.w[rows] @ np.array(axis.i)
         if len({round(x, 9) for x in rate.tolist()}) < _FEWEST or not dwells:
             continue
         read = observations.mean[rows, k]
         sd = np.sqrt(observations.covariance[rows, k, k])
-        places = [s.place for r in rows if isinstance(s := steps[r], RateDwell)]
-        fits.append(_line_fit(axis.name, rate, read, sd, places))
+        own = [s for r in rows if isinstance(s := steps[r], RateDwell)]
+        fits.append(_line_fit(axis.name, rate, read, sd, own, bench))
     return tuple(fits)
 
 
-def _line_fit(channel: str, rate: Array, read: Array, sd: Array, places: Sequence[str]) -> LineFit:
+def is_rate_of_axis(axis: Axis, step: PlatformStep) -> bool:
+    """Return whether a step is a rest or a rate about the input axis of a gyro."""
+    dwell = isinstance(step, RateDwell) and not isinstance(step, KnownTurn)
+    return dwell and bool(abs(np.array(step.up) @ np.array(axis.i)) > _ALONG)
+
+
+def _line_fit(
+    channel: str,
+    rate: Array,
+    read: Array,
+    sd: Array,
+    steps: Sequence[RateDwell],
+    bench: RatePlatform,
+) -> LineFit:
     slope, offset = np.polyfit(rate, read, 1).tolist()
     full = float(np.abs(rate).max())
     size = abs(slope) * full
+    of_dwells = np.array([dwell_deviation(step, bench) for step in steps])
+    hysteresis, hysteresis_sd = _hysteresis(rate, read, np.hypot(sd, of_dwells), steps)
     return LineFit(
         channel,
         rate,
@@ -99,8 +116,17 @@ def _line_fit(channel: str, rate: Array, read: Array, sd: Array, places: Sequenc
         slope,
         full,
         _asymmetry(rate, read),
-        _hysteresis(rate, read, places) / size,
+        hysteresis / size,
+        hysteresis_sd / size,
     )
+
+
+def dwell_deviation(step: RateDwell, bench: RatePlatform) -> float:
+    """Return the deviation of a dwell's rate by the errors that differ from dwell to dwell."""
+    if step.rate == 0:
+        return 0.0
+    read_back = (bench.angle_reading or 0.0) / step.seconds if step.seconds else 0.0
+    return hypot((bench.rate_stability or 0.0) * step.rate, read_back)
 
 
 def _asymmetry(rate: Array, read: Array) -> float:
@@ -114,15 +140,30 @@ def _asymmetry(rate: Array, read: Array) -> float:
     return 2 * (plus - minus) / (plus + minus)
 
 
-def _hysteresis(rate: Array, read: Array, places: Sequence[str]) -> float:
-    """Return the largest difference of readings at one rate of a setting; NaN without any."""
-    same: dict[tuple[str, float], list[float]] = {}
-    least = _REST * float(np.abs(rate).max())
-    for place, x, y in zip(places, rate.tolist(), read.tolist(), strict=True):
-        if abs(x) > least:
-            same.setdefault((place, round(x, 9)), []).append(y)
-    spans = [max(own) - min(own) for own in same.values() if len(own) > 1]
-    return max(spans) if spans else float("nan")
+def _hysteresis(
+    rate: Array, read: Array, sd: Array, steps: Sequence[RateDwell]
+) -> tuple[float, float]:
+    """Return the largest difference of rising and falling, and its deviation; NaN without any."""
+    sides: dict[tuple[str, float], tuple[list[int], list[int]]] = {}
+    full = float(np.abs(rate).max())
+    before: dict[str, float] = {}
+    for k, (step, x) in enumerate(zip(steps, rate.tolist(), strict=True)):
+        last = before.get(step.place)
+        before[step.place] = x
+        if last is None or abs(x) <= _REST * full or abs(x - last) <= _REST * full:
+            continue
+        rising, falling = sides.setdefault((step.place, round(x, 9)), ([], []))
+        (rising if x > last else falling).append(k)
+    found = [
+        (
+            float(abs(read[rising].mean() - read[falling].mean())),
+            hypot(*(float(np.sqrt((sd[side] ** 2).sum())) / len(side) for side in own)),
+        )
+        for own in sides.values()
+        if all(own)
+        for rising, falling in [own]
+    ]
+    return max(found) if found else (float("nan"), float("nan"))
 
 
 def linearity_notes(
@@ -135,9 +176,12 @@ def linearity_notes(
             f"{fit.channel}, straight line up to {degrees(fit.full_scale):.4g} °/s (IEEE Std 528): "
             f"linearity error {_ppm(fit.linearity)} of full scale"
         )
-        for word, value in (("asymmetry", fit.asymmetry), ("hysteresis", fit.hysteresis)):
-            if np.isfinite(value):
-                text += f", {word} {_ppm(value)}"
+        if np.isfinite(fit.asymmetry):
+            text += f", asymmetry {_ppm(fit.asymmetry)}"
+        if np.isfinite(fit.hysteresis):
+            text += f", hysteresis {_ppm(fit.hysteresis)}, U {_ppm(2 * fit.hysteresis_sd)}"
+            if fit.hysteresis < _SHOWN * fit.hysteresis_sd:
+                text += ", which does not show"
         notes.append(text.replace("-", "−"))
     return tuple(notes)
 

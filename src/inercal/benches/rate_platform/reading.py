@@ -9,8 +9,10 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
+from inercal.benches.rate_platform.dead_band import dead_band_notes
 from inercal.benches.rate_platform.linearity import linearity_notes
 from inercal.benches.rate_platform.rate_checks import require_axes_up, require_rates, require_steady
+from inercal.benches.rate_platform.section_finder import find_sections, settled
 from inercal.benches.rate_platform.sections import (
     KnownTurn,
     PlatformStep,
@@ -34,7 +36,9 @@ from inercal.data.recording_loader import (
 )
 from inercal.errors import InputError
 from inercal.io.column_table import Table
+from inercal.io.file_patterns import is_pattern
 from inercal.io.mean_tables import observations_from_table, read_columns
+from inercal.recording import Mark, Recording
 from inercal.section_settings import key_error
 from inercal.segments import marks_from_labels
 from inercal.segments import observe as averaged
@@ -55,7 +59,8 @@ def observe(run: Source[RatePlatformData]) -> EstimatorInput:
     _refuse_unused_errors(run, bench, steps)
     require_rates(run, result.observations, bench, steps)
     require_axes_up(run, result.observations, bench, steps)
-    notes = linearity_notes(result.observations, run.sensor, bench, steps)
+    figures = (result.observations, run.sensor, bench, steps)
+    notes = (*linearity_notes(*figures), *dead_band_notes(*figures))
     return replace(result, conditions=_conditions(bench, steps), notes=notes)
 
 
@@ -185,21 +190,49 @@ def _recording(run: Source[RatePlatformData]) -> EstimatorInput:
     if run.data.seconds is not None:
         raise key_error("[data] seconds", "is of a table of means; remove the key", run.path)
     recording = load_recording(run)
-    if run.data.marks != "labels":
+    marks, steps = _marked_sections(run, recording)
+    require_steady(run, recording, marks, steps)
+    # Sections at a rate are steady too: their scatter is noise.
+    turning = [step.label for step in steps if isinstance(step, KnownTurn)]
+    means = averaged(recording, run.sensor, marks, steps, found=True, turning=turning)
+    return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
+
+
+def _marked_sections(
+    run: Source[RatePlatformData], recording: Recording
+) -> tuple[tuple[Mark, ...], tuple[PlatformStep, ...]]:
+    """Return the sections of a recording: labelled, of a file each, or found by the gyros."""
+    data, settle = run.data, run.data.settling_seconds
+    if data.marks == "labels" or is_pattern(run.file(data.file)):
+        if data.sections is not None:
+            raise key_error(
+                "[data] sections", "the labels say what the sections are; remove sections", run.path
+            )
+        marks = marks_from_labels(recording)
+        spans = [recording.span(mark.start, mark.stop) for mark in marks]
+        steps = tuple(
+            step_of_label(mark.label, seconds) for mark, seconds in zip(marks, spans, strict=True)
+        )
+        return settled(recording, marks, steps, settle) if settle else (marks, steps)
+    if data.marks != "found":
         raise key_error(
             "[data] marks",
-            'sections of a recording are not detected here; label them, such as "x +50" and '
-            '"x rest", and state marks = "labels"',
+            'sections are "found" by the gyros in the order of [data] sections or of the plan, or '
+            'labelled, such as "x +50" and "x rest", by marks = "labels"',
             run.path,
         )
-    marks = marks_from_labels(recording)
-    steps = tuple(
-        step_of_label(mark.label, recording.span(mark.start, mark.stop)) for mark in marks
-    )
-    require_steady(run, recording, marks, steps)
-    # Sections that turn are steady too: their scatter is noise.
-    means = averaged(recording, run.sensor, marks, steps, found=True)
-    return EstimatorInput(recording, marks, means, steps, steps, recording.findings)
+    try:
+        return find_sections(recording, run.sensor, _stated_sections(run), settle)
+    except InputError as error:
+        raise error.located(run.path) from None
+
+
+def _stated_sections(run: Source[RatePlatformData]) -> list[PlatformStep]:
+    """Return the sections of [data] sections, or of the plan."""
+    if run.data.sections is None:
+        return [step for step in run.steps if isinstance(step, RateDwell | Pose)]
+    labels = number_repeated_names(run.data.sections)
+    return [step_of_label(label, 1.0) for label in labels]  # durations follow from the recording
 
 
 def _conditions(bench: RatePlatform, steps: Sequence[PlatformStep]) -> dict[str, str]:

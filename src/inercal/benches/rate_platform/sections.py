@@ -150,7 +150,8 @@ def step_of_label(label: str, seconds: float) -> PlatformStep:
     ----------
     label : str
         "x +50 °/s", "-y rest", "x turn +360°" or "roll 90° pitch 0°", with a number for a
-        repetition: "x rest (2)".
+        repetition: "x rest (2)". In names of files a space may be "_", a decimal point a comma, and
+        a sign a dash.
     seconds : float
 
     Raises
@@ -158,7 +159,7 @@ def step_of_label(label: str, seconds: float) -> PlatformStep:
     InputError
         Another text.
     """
-    text = label.strip()
+    text = re.sub(r"(?<=\d),(?=\d)", ".", label.replace("_", " ").replace("–", "-").strip())
     if (found := _DWELL.fullmatch(text)) is not None:
         axis = parse_axis(found[1])
         assert axis is not None

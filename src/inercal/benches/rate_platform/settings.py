@@ -3,16 +3,18 @@
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from inercal.benches.rate_platform.bench import STATED, RatePlatform
 from inercal.data.data_section import DataSection, unit_size
 from inercal.section_settings import (
     SMALL_ANGLE,
     BenchSection,
+    key_error,
     measured_constant,
     section_deviation,
     section_gravity,
+    si_value,
 )
 
 
@@ -64,6 +66,34 @@ class RatePlatformData(DataSection):
         None, description="of means: column of a pose's pitch", examples=["pitch"]
     )
     angle_unit: str = Field("°", description="unit of roll, pitch and turn", examples=["rad"])
+
+    sections: tuple[str, ...] | None = Field(
+        None,
+        description="of a recording: its sections in their order, in place of the plan's",
+        examples=[["x rest", "x +50", "x -50"]],
+    )
+    settle: str | None = Field(
+        None,
+        description="of a recording: time left out at the beginning of each section",
+        examples=["2 s"],
+    )
+
+    @model_validator(mode="after")
+    def _sections_are_of_recordings(self) -> "RatePlatformData":
+        for name in ("sections", "settle"):
+            if self.kind == "means" and getattr(self, name) is not None:
+                raise ValueError(f"{name} is for recordings only; remove it")
+        return self
+
+    @property
+    def settling_seconds(self) -> float:
+        """The time that is left out at the beginning of each section, s."""
+        if self.settle is None:
+            return 0.0
+        seconds = si_value(self.settle, "s", "[data] settle")
+        if seconds <= 0:
+            raise key_error("[data] settle", f"{self.settle!r} must be positive")
+        return seconds
 
     @property
     def rate_size(self) -> float:

@@ -1,7 +1,9 @@
 """A rate platform in simulation: section after section.
 
 Each section begins at the azimuth of its setting, and its rate is constant. The earth's rate turns
-against the case while the table turns. The recording omits the time between sections.
+against the case while the table turns. The recording omits the time between sections of a setting.
+Between settings, and before each pose, the case is turned over by hand in three seconds, without a
+label.
 """
 
 from collections.abc import Sequence
@@ -17,6 +19,9 @@ from inercal.motion import Motion
 from inercal.sensors import Sensor
 
 _LEAST = 2  # samples of a section
+_HANDLING = 3.0  # s
+_TO_AND_FRO = 0.3  # rad
+_PARALLEL = 1e-9  # of the product of two specific forces
 
 
 def simulate_sections(
@@ -57,6 +62,10 @@ def simulate_sections(
     parts: list[Motion] = []
     labels: list[str] = []
     for k, step in enumerate(steps):
+        if k and _is_set_anew(steps[k - 1], step):
+            turning = _turned_over(base.f[..., k - 1, :], base.f[..., k, :], rate_hz)
+            parts.append(turning)
+            labels += [""] * turning.w.shape[-2]
         n = max(round(step.seconds * rate_hz), _LEAST)
         f, w = (np.repeat(one[..., k : k + 1, :], n, axis=-2) for one in (base.f, base.w))
         if isinstance(step, RateDwell):
@@ -67,6 +76,33 @@ def simulate_sections(
     time = np.arange(len(labels)) / rate_hz
     done = SimulatedMotion(time, concatenate_motions(parts), np.array(labels), drawn)
     return SensorSimulation(done, sensor)
+
+
+def _is_set_anew(before: PlatformStep, step: PlatformStep) -> bool:
+    """Return whether the case is set to another place before a section."""
+    if isinstance(before, RateDwell) and isinstance(step, RateDwell):
+        return before.place != step.place
+    return True
+
+
+def _turned_over(before: Array, after: Array, rate_hz: float) -> Motion:
+    """Return the motion by hand from one specific force to another, (trials, 3)."""
+    n = max(round(_HANDLING * rate_hz), _LEAST)
+    s = ((np.arange(n) + 0.5) / n)[:, None]
+    first, last = before[:, None], after[:, None]
+    axis = np.cross(first, last)
+    size = np.linalg.norm(axis, axis=-1, keepdims=True)
+    lengths = np.linalg.norm(first, axis=-1, keepdims=True)
+    angle = np.arctan2(size, (first * last).sum(axis=-1, keepdims=True))
+    aside = np.cross(first, np.eye(3)[int(np.argmin(np.abs(before[0])))])
+    axis = np.where(size > _PARALLEL * lengths**2, axis, aside)
+    axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+    # A case that is taken off and set back turns to and fro.
+    done = angle * s**3 * (10 - 15 * s + 6 * s**2) + _TO_AND_FRO * np.sin(2 * np.pi * s)
+    speed = angle * 30 * s**2 * (1 - s) ** 2 + _TO_AND_FRO * 2 * np.pi * np.cos(2 * np.pi * s)
+    along = np.cos(done) * first + np.sin(done) * np.cross(axis, first)
+    # The direction up turns in the case against the case.
+    return Motion(along, -axis * speed * rate_hz / n)
 
 
 def _level_earth_rate(step: RateDwell, drawn: dict[str, Array], time: Array) -> Array:

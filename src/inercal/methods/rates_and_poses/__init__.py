@@ -27,7 +27,9 @@ from inercal.keys import CoefficientName
 from inercal.methods import mean_problem, trial_blocks
 from inercal.methods._base import Method
 from inercal.methods.estimator_inputs import require_matching_rows
+from inercal.methods.likelihood_tests import with_problem_tests
 from inercal.methods.observability import require_observed
+from inercal.methods.rates_and_poses.equal_weights import least_squares_line, refuse_priors_and_form
 from inercal.methods.rates_and_poses.plan_structure import require_determined
 from inercal.methods.rates_and_poses.platform_plans import plan
 from inercal.methods.rates_and_poses.sign_terms import readings_without_input, without_signs
@@ -89,6 +91,30 @@ def ml(
     return replace(estimate, tests=observations.tests)
 
 
+def ieee(
+    observations: Observations,
+    sensor: Sensor,
+    bench: RatePlatform,
+    steps: Sequence[PlatformStep],
+    priors: Sequence[Gaussian] = (),
+) -> Estimate:
+    """Return the estimate by least squares with equal weights, as of `ml`; the bench is exact.
+
+    Raises
+    ------
+    InputError
+        As of `ml`, and priors, coefficients of temperature, the tilted form or a trial axis.
+    NotObserved
+        As of `ml`.
+    """
+    refuse_priors_and_form(observations, sensor, priors)
+    by_problem = ml(observations, sensor, bench, steps)
+    by_label = {step.label: step for step in steps}
+    done = [by_label[label] for label in observations.labels]
+    line = least_squares_line(observations, sensor, bench, done, _used_readings(sensor, done))
+    return with_problem_tests(line, by_problem)
+
+
 def _used_readings(sensor: Sensor, steps: Sequence[PlatformStep]) -> NDArray[np.int64]:
     """Return the places of the readings that are used, row after row."""
     turning = np.array([isinstance(step, RateDwell) and step.rate != 0 for step in steps])
@@ -123,6 +149,7 @@ METHOD = Method(
     },
     needs=(),
     plan=plan,
-    estimators={"ml": ml},
+    estimators={"ml": ml, "ieee": ieee},
+    constant_rates=True,
     source="IEEE Std 952 and 1431, rate tests; IEEE Std 1293, multipoint tests",
 )

@@ -1,0 +1,226 @@
+"""Sections of one recording found by the gyros, and matched in their order to a stated list.
+
+The means of blocks of half a second are compared with the running median of a section: a block
+belongs to it within 6σ, 2e-4 of the rate and twice the earth's rate, on every gyro. σ is that of a
+block, by the median of the differences of neighbours. A section lasts 5 s or longer; a second at
+either end is left out, and what is over whole turns.
+
+A turn by a known angle is all between two rests, into which its section reaches.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import degrees
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, RateDwell, whole_turns
+from inercal.earth import EARTH_RATE
+from inercal.errors import InputError
+from inercal.plan import describe_direction
+from inercal.recording import Mark, Recording
+from inercal.sensors import Sensor
+
+_BLOCK = 0.5  # s
+_SIGMAS = 6.0
+_STEADY = 2e-4  # of the rate
+_SHORTEST = 5.0  # s
+_GUARD = 1.0  # s at either end
+_NORMAL_MEDIAN = 0.6745  # of the magnitude of a standard normal number
+_SLOW = 0.3  # of the slowest stated rate: a rest
+_SHOWN = 12
+
+
+class SteadyRun(NamedTuple):
+    """Samples of a steady rate, half open, and the rate, (3,) rad/s."""
+
+    start: int
+    stop: int
+    rate: Array
+
+
+def find_sections(
+    recording: Recording, sensor: Sensor, stated: Sequence[PlatformStep], settle: float = 0.0
+) -> tuple[tuple[Mark, ...], tuple[PlatformStep, ...]]:
+    """Return the section of each stated step, and the steps with their durations.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without a trial axis.
+    sensor : Sensor
+        With three gyros.
+    stated : sequence of RateDwell or Pose
+        In the order of the recording.
+    settle : float
+        Time, s, that is left out at the beginning of each section, at least a second.
+
+    Raises
+    ------
+    InputError
+        The sensor has no three gyros, or another number of sections is found; naming both.
+    """
+    gyros = sensor.select_axes("w")
+    if len(gyros.axes) != len("xyz"):
+        raise InputError(
+            'sections are found by three gyros; label them, such as "x +50" and "x rest", and '
+            'state marks = "labels"',
+            key="[data] marks",
+        )
+    columns = [recording.channels.index(name) for name in gyros.channels]
+    runs = steady_runs(gyros.to_si(recording.data[:, columns]), recording.rate_hz)
+    pieces = _matched(recording, gyros, runs, stated)
+    marks: list[Mark] = []
+    steps: list[PlatformStep] = []
+    for step, (start, stop) in zip(stated, pieces, strict=True):
+        mark = Mark(step.label, start, stop)
+        if not isinstance(step, KnownTurn):
+            mark = _trimmed(recording, mark, step, settle)
+        marks.append(mark)
+        steps.append(_lasting(step, recording.span(mark.start, mark.stop)))
+    return tuple(marks), tuple(steps)
+
+
+def steady_runs(rate: Array, rate_hz: float) -> list[SteadyRun]:
+    """Return the runs of a steady rate of (n, 3) rad/s, in their order."""
+    size = max(round(_BLOCK * rate_hz), 1)
+    count = len(rate) // size
+    blocks = rate[: count * size].reshape(count, size, -1).mean(axis=1)
+    if count < 2:
+        return []
+    noise = np.median(np.abs(np.diff(blocks, axis=0)), axis=0) / _NORMAL_MEDIAN / np.sqrt(2)
+    runs: list[SteadyRun] = []
+    first = 0
+    for k in range(1, count + 1):
+        middle = np.median(blocks[first:k], axis=0)
+        limit = _SIGMAS * noise + _STEADY * np.linalg.norm(middle) + 2 * EARTH_RATE
+        if k < count and np.all(np.abs(blocks[k] - middle) <= limit):
+            continue
+        if (k - first) * size >= _SHORTEST * rate_hz:
+            runs.append(SteadyRun(first * size, k * size, middle))
+        first = k
+    return runs
+
+
+def _matched(
+    recording: Recording, gyros: Sensor, runs: Sequence[SteadyRun], stated: Sequence[PlatformStep]
+) -> list[tuple[int, int]]:
+    """Return the samples of each stated step."""
+    turning = any(isinstance(step, KnownTurn) for step in stated)
+    tokens = _without_turns(runs, stated) if turning else list(runs)
+    steady = [step for step in stated if not isinstance(step, KnownTurn)]
+    if len(tokens) != len(steady):
+        further = " besides the turns" * turning
+        raise InputError(
+            f"{recording.source}: {len(tokens)} sections of a steady rate were found{further}, "
+            f"and {len(steady)} are stated: found {_words(recording, gyros, tokens)}; stated "
+            f"{', '.join(step.label for step in steady[:_SHOWN])}"
+            f"{', …' * (len(steady) > _SHOWN)}; correct the list, or label the sections; rests "
+            "without a motion between them are one",
+            key="[data] marks",
+            names=tuple(step.label for step in steady[len(tokens) :]),
+        )
+    pieces: list[tuple[int, int]] = []
+    done = 0
+    for step in stated:
+        if not isinstance(step, KnownTurn):
+            pieces.append((tokens[done].start, tokens[done].stop))
+            done += 1
+            continue
+        if not 0 < done < len(tokens):
+            raise InputError(
+                f"turn {step.label} needs a rest before it and after it; state both",
+                key="[data] sections",
+                names=(step.label,),
+            )
+        guard = round(_GUARD * recording.rate_hz)
+        pieces.append((tokens[done - 1].stop - guard, tokens[done].start + guard))
+    return pieces
+
+
+def _without_turns(runs: Sequence[SteadyRun], stated: Sequence[PlatformStep]) -> list[SteadyRun]:
+    """Return the runs that are no steady part of a turn by an angle: the rests, and stated rates.
+
+    A steady part of a turn is faster than a rest, and its rate is none of the stated ones.
+    """
+    dwells = [
+        abs(s.rate)
+        for s in stated
+        if isinstance(s, RateDwell) and s.rate and not isinstance(s, KnownTurn)
+    ]
+    speeds = [float(np.linalg.norm(run.rate)) for run in runs]
+    slow = _SLOW * min([*dwells, _SLOW * max(speeds, default=0.0)])
+    return [
+        run
+        for run, speed in zip(runs, speeds, strict=True)
+        if speed < slow or any(abs(speed / rate - 1) < _SLOW for rate in dwells)
+    ]
+
+
+def _trimmed(recording: Recording, mark: Mark, step: PlatformStep, settle: float) -> Mark:
+    """Return a section without its ends and without what is over whole turns."""
+    guard = round(_GUARD * recording.rate_hz)
+    start, stop = mark.start + max(guard, round(settle * recording.rate_hz)), mark.stop - guard
+    if stop <= start:
+        raise _nothing_left(recording, mark, settle)
+    if isinstance(step, RateDwell):
+        seconds = whole_turns(step.rate, (stop - start) / recording.rate_hz)
+        stop = min(stop, start + round(seconds * recording.rate_hz))
+    return Mark(mark.label, start, stop)
+
+
+def _lasting(step: PlatformStep, seconds: float) -> PlatformStep:
+    """Return the step with another duration; a turn keeps its angle."""
+    if isinstance(step, KnownTurn):
+        return replace(step, rate=step.angle / seconds, seconds=seconds)
+    return replace(step, seconds=seconds)
+
+
+def _words(recording: Recording, gyros: Sensor, runs: Sequence[SteadyRun]) -> str:
+    """Return the found sections in words: "2.5 to 38 s +50.01 °/s about +z"."""
+    if not runs:
+        return "none"
+    texts: list[str] = []
+    for run in runs[:_SHOWN]:
+        k = int(np.argmax(np.abs(run.rate)))
+        i, j, m = gyros.axes[k].i
+        rate = f"{degrees(run.rate[k]):+.4g} °/s about {describe_direction((i, j, m))}"
+        texts.append(f"{run.start / recording.rate_hz:.3g} s {rate}".replace("-", "−"))
+    more = f", and {len(runs) - _SHOWN} more" if len(runs) > _SHOWN else ""
+    return f"at {', '.join(texts)}{more}"
+
+
+def settled(
+    recording: Recording, marks: Sequence[Mark], steps: Sequence[PlatformStep], settle: float
+) -> tuple[tuple[Mark, ...], tuple[PlatformStep, ...]]:
+    """Return labelled sections without the time that the table settles; turns are whole.
+
+    Raises
+    ------
+    InputError
+        A section that is no longer than this time.
+    """
+    wait = round(settle * recording.rate_hz)
+    kept: list[Mark] = []
+    for mark, step in zip(marks, steps, strict=True):
+        if mark.stop - mark.start <= wait:
+            raise _nothing_left(recording, mark, settle)
+        start = mark.start if isinstance(step, KnownTurn) else mark.start + wait
+        kept.append(replace(mark, start=start))
+    lasting = [
+        _lasting(step, recording.span(mark.start, mark.stop))
+        for step, mark in zip(steps, kept, strict=True)
+    ]
+    return tuple(kept), tuple(lasting)
+
+
+def _nothing_left(recording: Recording, mark: Mark, settle: float) -> InputError:
+    lasts = recording.span(mark.start, mark.stop)
+    return InputError(
+        f"{recording.source}: section {mark.label} lasts {lasts:.3g} s, of which settle = "
+        f"{settle:g} s leaves nothing; record longer sections, or state a shorter time",
+        key="[data] settle",
+        names=(mark.label,),
+    )
