@@ -28,6 +28,6 @@ outcome = inercal.calibrate(
 print(outcome.verdict)
 print(outcome.calibration.to_dataframe())
 motion = outcome.calibration.correct(
-    readings[["acc_x", "acc_y", "acc_z", "gyr_x", "gyr_y", "gyr_z"]]
+    readings[["acc_x", "acc_y", "acc_z", "gyr_x", "gyr_y", "gyr_z"]].to_numpy()
 )
 print(motion.f[:3], motion.w[:3])  # m/s², rad/s
