@@ -1,0 +1,141 @@
+"""A line on a Dask cluster of separate processes, its recordings in an S3-like store."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Generator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.fleet.lines import make_line, rows_of, write_table
+from tests.program import run_program
+
+from inercal.fleet.calibration import calibrate_line
+from inercal.fleet.line import read_line
+from inercal.parallel import open_executor, open_tolerant_executor
+from inercal.parallel.dask_executor import DaskExecutor
+
+distributed = pytest.importorskip("distributed")
+pytest.importorskip("pyarrow")
+pytestmark = pytest.mark.slow  # a cluster takes seconds to start
+WORKERS = 3
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Generator[str]:
+    """Yield the address of a scheduler with three workers, each a process of its own."""
+    folder = tmp_path_factory.mktemp("cluster")
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(*arguments: str) -> None:
+        command = [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]]
+        started.append(subprocess.Popen(command, env=environment, cwd=folder, **quiet))
+
+    known = folder / "scheduler.json"
+    start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
+          "--scheduler-file", str(known))  # fmt: skip
+    for _ in range(WORKERS):
+        start("worker", "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard",
+              "--scheduler-file", str(known), "--death-timeout", "60")  # fmt: skip
+    try:
+        with distributed.Client(scheduler_file=str(known), timeout=60) as client:
+            client.wait_for_workers(WORKERS, timeout=60)
+            address = client.scheduler.address
+        yield address
+    finally:
+        for process in reversed(started):
+            process.terminate()
+        for process in started:
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def store() -> Generator[str]:
+    """Yield the address of an S3-like server, of which this process and its children know."""
+    server_module = pytest.importorskip("moto.server")
+    pytest.importorskip("s3fs")
+    server = server_module.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
+    server.start()
+    host, port = server.get_host_and_port()
+    address = f"http://{host}:{port}"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AWS_ENDPOINT_URL", address)
+        patch.setenv("AWS_ACCESS_KEY_ID", "test")
+        patch.setenv("AWS_SECRET_ACCESS_KEY", "test")
+        patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+        yield address
+    server.stop()
+
+
+def test_a_cluster_gives_the_same_rows_bit_for_bit(scheduler: str, tmp_path: Path):
+    here, there = (make_line(tmp_path / name, 12) for name in ("here", "there"))
+    assert run_program("fleet", "calibrate", here).status == 0
+    ended = run_program("fleet", "calibrate", there, "--scheduler", scheduler, "--json")
+    assert ended.status == 0, ended.error
+    assert json.loads(ended.output)["done"] == 12
+    assert rows_of(here) == rows_of(there)
+
+
+def test_recordings_of_a_store_are_those_of_a_folder(store: str, tmp_path: Path):
+    import s3fs
+
+    folder = make_line(tmp_path / "line", 6)
+    assert run_program("fleet", "calibrate", folder).status == 0
+    of_folder = rows_of(folder)
+    files = s3fs.S3FileSystem(endpoint_url=store)
+    files.mkdir("line")
+    names = [one.id for one in read_line(folder).rows]
+    for name in names:
+        files.put_file(str(folder / "recordings" / f"{name}.npz"), f"line/{name}.npz")
+    write_table(folder, [(name, f"s3://line/{name}.npz") for name in names])
+    assert run_program("fleet", "calibrate", folder, "--json").status == 0
+    same = ("id", "value", "std", "covariance", "chi2", "grade", "recording_sha256")
+    assert [[row[key] for key in same] for row in rows_of(folder)] == [
+        [row[key] for key in same] for row in of_folder
+    ]
+    kept = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
+    assert (kept["kept"], kept["done"]) == (6, 0)
+    files.rm_file("line/S002.npz")
+    gone = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
+    assert (gone["kept"], gone["failed"]) == (5, 1)
+
+
+def test_a_new_cluster_of_this_machine_loses_a_worker_and_nothing_else(tmp_path: Path):
+    folder = make_line(tmp_path, 10)
+    line = read_line(folder)
+    with open_tolerant_executor(2, "local") as executor:
+        assert isinstance(executor, DaskExecutor)
+        assert executor.workers == 2
+        client, killed = distributed.get_client(), list[int]()
+
+        def kill_one(_: object) -> None:
+            if not killed:
+                killed.append(min(client.run(os.getpid).values()))
+                os.kill(killed[0], signal.SIGKILL)
+
+        counts = calibrate_line(line, executor, 2, batch=2, progress=kill_one)
+    assert counts.done + counts.lost == 10
+    assert calibrate_line(line, open_tolerant_executor(1), 1, retry_failed=True).failed == 0
+    assert all(row["status"] == "done" for row in rows_of(folder))
+
+
+def test_other_heavy_work_runs_on_the_same_cluster(scheduler: str, tmp_path: Path):
+    with open_executor(scheduler=scheduler) as executor:
+        for k in range(20):
+            executor.submit(pow, k, 2)
+        assert sorted(executor.completed()) == [(k, k * k) for k in range(20)]
+
+
+def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path: Path):
+    folder = make_line(tmp_path, 1)
+    ended = run_program("fleet", "calibrate", folder, "--scheduler", "tcp://127.0.0.1:9")
+    assert ended.status == 2
+    both = run_program(
+        "fleet", "calibrate", folder, "--scheduler", "tcp://127.0.0.1:9", "--workers", "2"
+    )
+    assert both.status == 2
