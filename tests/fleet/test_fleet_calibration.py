@@ -18,7 +18,7 @@ from inercal.fleet import batch as batch_module
 from inercal.fleet import calibration as fleet_calibration
 from inercal.fleet import results
 from inercal.fleet.calibration import Counts, calibrate_line
-from inercal.fleet.line import read_line
+from inercal.fleet.line import Line, read_line
 from inercal.parallel import SerialExecutor, Settled, TolerantExecutor, WorkerLost
 from inercal.parallel.isolated_executor import IsolatedExecutor
 
@@ -171,11 +171,11 @@ def test_a_sensor_whose_override_is_wrong_fails_alone(tmp_path: Path):
 POISON = "S004"
 
 
-def compute_or_die(folder: Path, out: Path, work: Any) -> Any:
+def compute_or_die(line: Line, out: Path, work: Any) -> Any:
     """Compute a batch; the process of one sensor dies."""
     if any(one.row.id == POISON for one in work):
         os.kill(os.getpid(), signal.SIGKILL)
-    return batch_module.compute_batch(folder, out, work)
+    return batch_module.compute_batch(line, out, work)
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="a process cannot be killed here")

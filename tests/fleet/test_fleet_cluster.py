@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from tests.fleet.lines import make_line, rows_of, write_table
@@ -29,12 +28,13 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Generator[str]:
     """Yield the address of a scheduler with three workers, each a process of its own."""
     folder = tmp_path_factory.mktemp("cluster")
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     started: list[subprocess.Popen[bytes]] = []
 
     def start(*arguments: str) -> None:
         command = [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]]
-        started.append(subprocess.Popen(command, env=environment, cwd=folder, **quiet))
+        quiet = subprocess.DEVNULL
+        process = subprocess.Popen(command, env=environment, cwd=folder, stdout=quiet, stderr=quiet)
+        started.append(process)
 
     known = folder / "scheduler.json"
     start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",

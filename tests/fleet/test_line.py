@@ -89,3 +89,16 @@ def test_a_folder_that_is_no_line_is_refused(tmp_path: Path):
         read_line(tmp_path)
     write_table(tmp_path, [("a", "b")])
     assert read_line(tmp_path).rows[0].id == "a"
+
+
+def test_only_a_column_that_is_used_changes_the_digest(tmp_path: Path):
+    tables = (
+        "id,recording\na,1\n",
+        "id,recording,remark,bench.tilt\na,1,new,\n",
+        "id,recording,lot\na,1,L2\n",
+        "id,recording,bench.tilt\na,1,0.2 °\n",
+    )
+    lines = [read_line(write_line(tmp_path, TEMPLATE, table)) for table in tables]
+    first, remarked, grouped, tilted = (one.digest(one.rows[0]) for one in lines)
+    assert remarked == first
+    assert len({first, grouped, tilted}) == 3

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from inercal.parallel import TolerantExecutor
 
 NAME = "fleet"
-FAILED = 1  # exit status: some sensors have no result
+FAILED = 3  # exit status: some sensors have no result
 _SERIAL = 100  # sensors below which other processes cost more than they save
 _POLL = 0.5  # s
 app = typer.Typer(
@@ -202,7 +202,7 @@ def _enter(folder: Path, address: str) -> tuple[str, int]:
 
 
 def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
-    """Print a line for each recording that arrives; the status is 1 where one did not pass."""
+    """Print a line for each recording that arrives; the status is 3 where one did not pass."""
     import time
 
     from inercal.errors import InputError

@@ -8,5 +8,6 @@ WORKERS = typer.Option(
 SCHEDULER = typer.Option(
     None,
     "--scheduler",
+    "--cluster",
     help="Compute on a Dask cluster: tcp://HOST:PORT, tls://HOST:PORT, or local for a new one.",
 )

@@ -1,7 +1,7 @@
 """A batch of sensors: the task that a worker computes. One sensor that fails ends no batch."""
 
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,7 +12,7 @@ from typing import Any
 
 from inercal.errors import InercalError
 from inercal.fleet import results
-from inercal.fleet.line import TEMPLATE, SensorRow
+from inercal.fleet.line import GROUPS, Line, SensorRow
 from inercal.fleet.recordings import Version, is_address, local_copy
 from inercal.io.column_table import file_sha256
 
@@ -26,16 +26,13 @@ class Work:
     Parameters
     ----------
     row : SensorRow
-    sections : mapping
-        Of its run file, as filled.
     digest : str
-        Of the sections.
+        Of its run file (`Line.digest`).
     version : Version
         Of its recording.
     """
 
     row: SensorRow
-    sections: Mapping[str, Any]
     digest: str
     version: Version
 
@@ -57,13 +54,13 @@ class BatchDone:
     seconds: float
 
 
-def compute_batch(folder: Path, out: Path, work: Sequence[Work]) -> BatchDone:
+def compute_batch(line: Line, out: Path, work: Sequence[Work]) -> BatchDone:
     """Calibrate sensors, and write their rows as one part.
 
     Parameters
     ----------
-    folder : Path
-        Of the line.
+    line : Line
+        It need not have their rows.
     out : Path
         Of the parts.
     work : sequence of Work
@@ -74,21 +71,21 @@ def compute_batch(folder: Path, out: Path, work: Sequence[Work]) -> BatchDone:
         The part cannot be written.
     """
     begin = perf_counter()
-    rows = [result_row(folder, one) for one in work]
+    rows = [result_row(line, one) for one in work]
     results.write_part(out, rows)
     done = sum(row["status"] == results.DONE for row in rows)
     return BatchDone(done, len(rows) - done, perf_counter() - begin)
 
 
-def result_row(folder: Path, work: Work) -> dict[str, Any]:
+def result_row(line: Line, work: Work) -> dict[str, Any]:
     """Return the row of a sensor, calibrated or failed."""
     begin = process_time()
     try:
-        found, recording = _calibrate(folder, work)
+        found, recording = _calibrate(line, work)
     except Exception as error:  # of any sort: it is this sensor's alone
         text = " ".join(str(error).split()) or type(error).__name__
         kept = "" if isinstance(error, InercalError) else traceback.format_exc()
-        return failed_row(folder, work, text, type(error).__name__, kept)
+        return failed_row(line.folder, work, text, type(error).__name__, kept)
     used = process_time() - begin
     return _common(work, recording) | found | {"status": results.DONE, "seconds": used}
 
@@ -119,7 +116,7 @@ def failed_row(
 def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
     installed = version("inercal")
     columns = dict(work.row.columns)
-    named = {name: columns.pop(name, None) for name in ("lot", "station", "measured")}
+    named = {name: columns.pop(name, None) for name in GROUPS}
     return {
         "key": results.row_key(recording_sha256, work.digest, installed),
         "id": work.row.id,
@@ -135,7 +132,7 @@ def _common(work: Work, recording_sha256: str) -> dict[str, Any]:
     }
 
 
-def _calibrate(folder: Path, work: Work) -> tuple[dict[str, Any], str]:
+def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
     """Return the result's columns, and the hash of the recording."""
     # Methods and kernels load in the worker, not where work is handed out.
     from inercal.calibration.files import as_object, canonical_text
@@ -143,12 +140,12 @@ def _calibrate(folder: Path, work: Work) -> tuple[dict[str, Any], str]:
     from inercal.runfile import from_sections
 
     address = work.row.recording
-    sections: dict[str, Any] = dict(work.sections)
+    sections = line.sections(work.row)
     with local_copy(address) if is_address(address) else nullcontext() as copy:
         if copy is not None:
             sections["data"] = {**sections["data"], "file": str(copy)}
         try:
-            outcome = calibrate(from_sections(folder / TEMPLATE, sections, work.digest))
+            outcome = calibrate(from_sections(line.path, sections, work.digest))
         except InercalError as error:
             if copy is not None:
                 error.args = (str(error).replace(str(copy), address), *error.args[1:])

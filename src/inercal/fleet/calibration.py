@@ -1,17 +1,15 @@
 """A line calibrated in batches: what is done is skipped, what fails is a row, nothing is lost."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from copy import deepcopy
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, cast
 
 from inercal.errors import InercalError, InputError
 from inercal.fleet import results
 from inercal.fleet.batch import BatchDone, Work, compute_batch, failed_row
-from inercal.fleet.line import Line, SensorRow, sections_digest
+from inercal.fleet.line import Line
 from inercal.fleet.recordings import Version, version_of
 from inercal.io.atomic_files import write_text
 from inercal.parallel import Settled, TolerantExecutor, WorkerLost
@@ -88,11 +86,15 @@ def calibrate_line(
     folder = line.folder / results.FOLDER if out is None else out
     counts = Counts(len(line.rows))
     todo, refused = _pending(line, folder, retry_failed, counts)
-    _refuse_wrong_template(line, todo, refused)
+    _refuse_wrong_run_files(line, todo, refused)
     if refused:
-        results.write_part(folder, [failed_row(line.folder, *one) for one in refused])
+        rows = [
+            failed_row(line.folder, work, str(error), type(error).__name__)
+            for work, error in refused
+        ]
+        results.write_part(folder, rows)
         counts.failed += len(refused)
-    _Scheduling(line, folder, executor, workers, batch, counts, progress).run(todo)
+    Scheduling(line, folder, executor, workers, batch, counts, progress, compute_batch).run(todo)
     write_summary(folder, counts)
     return counts
 
@@ -103,7 +105,7 @@ def write_summary(folder: Path, counts: Counts) -> None:
     write_text(folder / SUMMARY, json.dumps(content, indent=1) + "\n")
 
 
-_Refused = tuple[Work, str, str]  # with the error and its type
+_Refused = tuple[Work, InercalError]
 
 
 def _pending(
@@ -111,34 +113,25 @@ def _pending(
 ) -> tuple[list[Work], list[_Refused]]:
     """Return the sensors to calibrate, and those whose recording is not there."""
     known = _known_versions(folder, retry_failed)
+    installed = version("inercal")
     todo: list[Work] = []
     refused: list[_Refused] = []
     for row in line.rows:
-        try:
-            sections = line.sections(row)
-        except InputError as error:
-            refused.append(_refusal(row, {}, error))
-            continue
-        work = Work(row, sections, sections_digest(sections), Version(0, ""))
+        digest = line.digest(row)
         try:
             found = version_of(line.folder, row.recording)
         except InputError as error:
-            refused.append((work, str(error), type(error).__name__))
+            refused.append((Work(row, digest, Version(0, "")), error))
             continue
-        if known.get(row.id) == (work.digest, found, version("inercal")):
+        if known.get(row.id) == (digest, found, installed):
             counts.kept += 1
         else:
-            todo.append(Work(row, sections, work.digest, found))
+            todo.append(Work(row, digest, found))
     return todo, refused
 
 
-def _refusal(row: SensorRow, sections: Mapping[str, Any], error: InputError) -> _Refused:
-    work = Work(row, sections, sections_digest(sections), Version(0, ""))
-    return work, str(error), type(error).__name__
-
-
 def _known_versions(folder: Path, retry_failed: bool) -> dict[str, tuple[str, Version, str]]:
-    """Return digest of the sections, version of the recording and of inercal of each result."""
+    """Return digest of the run file, version of the recording and of inercal of each result."""
     columns = ("id", "sections_sha256", "size", "mark", "status", "inercal")
     found: dict[str, tuple[str, Version, str]] = {}
     for row in results.read_results(folder, columns).to_pylist():
@@ -148,7 +141,7 @@ def _known_versions(folder: Path, retry_failed: bool) -> dict[str, tuple[str, Ve
     return found
 
 
-def _refuse_wrong_template(line: Line, todo: list[Work], refused: list[_Refused]) -> None:
+def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused]) -> None:
     """Check each run file that differs by more than sensor and recording, before any work.
 
     Sensors whose run file is wrong are moved to `refused`.
@@ -160,43 +153,49 @@ def _refuse_wrong_template(line: Line, todo: list[Work], refused: list[_Refused]
     """
     from inercal.runfile import from_sections
 
-    errors: dict[str, InercalError | None] = {}
-    first: InercalError | None = None
+    errors: dict[tuple[str, ...], InercalError | None] = {}
     kept: list[Work] = []
     for work in todo:
-        shape = _shape(work.sections)
+        shape = line.shape(work.row)
         if shape not in errors:
             try:
-                from_sections(line.path, deepcopy(dict(work.sections)), work.digest)
+                from_sections(line.path, line.sections(work.row), work.digest)
                 errors[shape] = None
             except InercalError as error:
-                errors[shape] = error.located(line.path) if _has_path(error) else error
+                has_file = isinstance(error, InputError) and error.file is not None
+                errors[shape] = error if has_file else error.located(line.path)
         error = errors[shape]
         if error is None:
             kept.append(work)
         else:
-            first = first or error
-            refused.append((work, str(error), type(error).__name__))
-    if first is not None and not kept:
-        raise first
+            refused.append((work, error))
+    if todo and not kept:
+        raise next(error for error in errors.values() if error is not None)
     todo[:] = kept
 
 
-def _has_path(error: InercalError) -> bool:
-    return isinstance(error, InputError) and error.file is None
+_Compute = Callable[[Line, Path, Sequence[Work]], BatchDone]
 
 
-def _shape(sections: Mapping[str, Any]) -> str:
-    """Return what a run file says apart from sensor and recording."""
-    bare: dict[str, Any] = deepcopy(dict(sections))
-    for section, key in (("sensor", "name"), ("data", "file")):
-        if isinstance(one := bare.get(section), dict):
-            cast(dict[str, Any], one).pop(key, None)
-    return sections_digest(bare)
+class Scheduling:
+    """Batches that are handed out and taken back, with few of them under way.
 
-
-class _Scheduling:
-    """Batches that are handed out and taken back, with few of them under way."""
+    Parameters
+    ----------
+    line : Line
+    out : Path
+        Of the parts.
+    executor : TolerantExecutor
+    workers : int
+    batch : int or None
+        Sensors of a batch; None for as many as take two seconds.
+    counts : Counts
+        Of the line, which is kept up to date.
+    progress : callable or None
+        Called with the counts after each batch.
+    compute : callable
+        Computes a batch: from the line without its rows, `out` and the work.
+    """
 
     def __init__(
         self,
@@ -207,8 +206,10 @@ class _Scheduling:
         batch: int | None,
         counts: Counts,
         progress: Callable[[Counts], None] | None,
+        compute: _Compute,
     ):
-        self._line, self._out, self._executor = line, out, executor
+        self._compute = compute
+        self._line, self._out, self._executor = replace(line, rows=()), out, executor
         self._window, self._batch = _WINDOW * workers, batch
         self._workers, self._counts, self._progress = workers, counts, progress
         self._under_way: dict[int, Sequence[Work]] = {}
@@ -243,7 +244,7 @@ class _Scheduling:
             self._submit(some)
 
     def _submit(self, work: Sequence[Work]) -> None:
-        index = self._executor.submit(compute_batch, self._line.folder, self._out, work)
+        index = self._executor.submit(self._compute, self._line, self._out, work)
         self._under_way[index] = work
         self._counts.tasks += 1
 

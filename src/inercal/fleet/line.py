@@ -25,6 +25,7 @@ from inercal.small_files import read_small_file, read_toml
 
 TEMPLATE, TABLES = "run.toml", ("sensors.csv", "sensors.parquet")
 ID, RECORDING = "id", "recording"
+GROUPS = ("lot", "station", "measured")  # columns by which results are compared
 _NEEDED = (ID, RECORDING)
 _PLACEHOLDER = re.compile(r"\{([A-Za-z_][\w.]*)(:number)?\}")
 _LARGEST_TABLE = 1 << 30  # bytes
@@ -74,6 +75,37 @@ class Line:
     def placeholders(self) -> frozenset[str]:
         """The columns that the template names."""
         return frozenset(name for name, _ in _PLACEHOLDER.findall(json.dumps(self.template)))
+
+    def digest(self, row: SensorRow) -> str:
+        """Return the SHA-256 of the template and of what fills it for a sensor.
+
+        A column that neither the template nor the results use changes nothing.
+        """
+        hashed = self._template_hash.copy()
+        used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns[name]]
+        hashed.update("\0".join((row.id, row.recording, *used)).encode())
+        return hashed.hexdigest()
+
+    def shape(self, row: SensorRow) -> tuple[str, ...]:
+        """Return the cells of a row by which run files differ beyond sensor and recording."""
+        return tuple(row.columns[name] for name in self._used)
+
+    @cached_property
+    def _template_hash(self) -> Any:
+        text = json.dumps(self.template, sort_keys=True, ensure_ascii=False, default=str)
+        return sha256(text.encode())
+
+    @cached_property
+    def _used(self) -> tuple[str, ...]:
+        return tuple(name for name in self._columns if "." in name or name in self.placeholders)
+
+    @cached_property
+    def _kept(self) -> tuple[str, ...]:
+        return tuple(name for name in self._columns if name in self._used or name in GROUPS)
+
+    @property
+    def _columns(self) -> tuple[str, ...]:
+        return tuple(self.rows[0].columns) if self.rows else ()
 
     def sections(self, row: SensorRow) -> dict[str, Any]:
         """Return the sections of a sensor's run file: values are substituted, not text.
@@ -131,12 +163,6 @@ def read_line(folder: str | Path) -> Line:
             names=tuple(missing),
         )
     return line
-
-
-def sections_digest(sections: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of filled sections."""
-    text = json.dumps(sections, sort_keys=True, ensure_ascii=False, default=str)
-    return sha256(text.encode()).hexdigest()
 
 
 def _read_rows(path: Path) -> list[SensorRow]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from inercal.errors import InputError
 from inercal.fleet import results
 from inercal.fleet.batch import Work, result_row
-from inercal.fleet.line import RECORDING, Line, SensorRow, sections_digest
+from inercal.fleet.line import RECORDING, Line, SensorRow
 from inercal.fleet.recordings import Version, version_of
 
 BARCODE = "barcode"
@@ -81,11 +81,10 @@ def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
     """
     row = _sensor_row(line, path)
     try:
-        sections = line.sections(row)
         version = version_of(line.folder, row.recording)
     except InputError as error:
         return StationResult(row.id, False, str(error))
-    found = result_row(line.folder, Work(row, sections, sections_digest(sections), version))
+    found = result_row(line, Work(row, line.digest(row), version))
     results.write_part(out, [found])
     if found["status"] != results.DONE:
         return StationResult(row.id, False, found["error"])

@@ -149,10 +149,11 @@ def _is_text(pyarrow: Any, kind: Any, name: str, as_text: bool, source: str) -> 
 
 def _labels(values: Any, name: str, source: str) -> NDArray[np.str_]:
     """Return one pyarrow column of text or whole numbers as labels; "" where it has none."""
-    if hasattr(values, "dictionary"):
-        label_array([str(one) for one in values.dictionary.to_pylist()], name, source)
-    texts = ["" if value is None else str(value) for value in values.to_pylist()]
-    return label_array(texts, name, source)
+    # A column of labels repeats few texts: each is converted once.
+    encoded = values if hasattr(values, "dictionary") else values.dictionary_encode()
+    texts = ["", *("" if one is None else str(one) for one in encoded.dictionary.to_pylist())]
+    places = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(np.intp)
+    return label_array(texts, name, source)[places + 1]
 
 
 def _numbers(pyarrow: Any, values: Any) -> Array:

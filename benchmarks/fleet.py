@@ -1,0 +1,86 @@
+"""A line of sensors: what the engine costs, and what two workers gain.
+
+Each recording has six positions of 10⁴ samples in all. The engine's own cost is that of tasks that
+compute nothing, by the same window of batches.
+"""
+
+import resource
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from tests.fleet.lines import TEMPLATE, make_line
+
+from benchmarks import Duration, Row, Skipped
+from benchmarks.start_up import processor_time
+from inercal.fleet import results
+from inercal.fleet.batch import BatchDone, Work
+from inercal.fleet.calibration import Counts, Scheduling
+from inercal.fleet.line import Line, SensorRow, read_line
+from inercal.fleet.recordings import Version
+from inercal.parallel import available_cores, open_tolerant_executor
+
+SENSORS, EACH = 400, 1667  # recordings, samples of each position
+LOOP = 5  # calls of `inercal calibrate` by which a loop over the program is judged
+SIZES = (1_000, 10_000, 100_000)  # tasks that compute nothing
+
+
+def compute_nothing(line: Line, out: Path, work: Sequence[Work]) -> BatchDone:
+    """Take the place of `compute_batch`."""
+    return BatchDone(len(work), 0, 1e-9)
+
+
+def engine_cost(scheduler: str | None, tasks: int) -> tuple[Duration, float]:
+    """Return the time of all tasks, of client and workers, and the client's growth, MB."""
+    line = Line(Path(), {}, ())
+    work = Work(SensorRow("a", "b"), "", Version(0, ""))
+    with open_tolerant_executor(2, scheduler) as executor:
+        scheduling = Scheduling(line, Path(), executor, 2, 1, Counts(tasks), None, compute_nothing)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        begin, used = time.perf_counter(), time.process_time()
+        scheduling.run(work for _ in range(tasks))
+        wall, processor = time.perf_counter() - begin, time.process_time() - used
+        grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    return Duration(processor, wall, processor), grown / 1e3
+
+
+def fleet(folder: Path, workers: int) -> Duration:
+    """Return the time of a line's calibration by the program."""
+    shutil.rmtree(folder / results.FOLDER, ignore_errors=True)
+    return processor_time("fleet", "calibrate", folder, "--workers", str(workers))
+
+
+def calibrate_one(folder: Path, k: int) -> Duration:
+    """Return the time of `inercal calibrate` of one sensor."""
+    run = folder / "one.toml"
+    sensor = read_line(folder).rows[k]
+    text = TEMPLATE.replace("[data]\n", f'[data]\nfile = "{sensor.recording}"\n')
+    run.write_text(text, encoding="utf-8")
+    return processor_time("calibrate", run, "--no-report", "--out", folder / "one")
+
+
+def rows() -> Iterator[Row | Skipped]:
+    """Measure the engine, then the calibrations."""
+    for scheduler, name in ((None, "processes"), ("local", "Dask")):
+        cost, _ = engine_cost(scheduler, SIZES[0])
+        each = Duration(cost / SIZES[0], cost.wall / SIZES[0], cost.processor / SIZES[0])
+        yield Row(f"fleet: a task by {name}", 1e3 * each, 2.0, "limit", "ms")
+    costs = [engine_cost(None, size) for size in SIZES]
+    grown = costs[-1][0] / costs[0][0] / (SIZES[-1] / SIZES[0])
+    yield Row("fleet: 10⁵ tasks beside 10³, each", grown, 1.2, "limit", "")
+    yield Row("fleet: client's growth by 10⁵ tasks", max(costs[-1][1], 1e-3), 20.0, "limit", "MB")
+    with TemporaryDirectory() as name:
+        folder = make_line(Path(name), SENSORS, EACH)
+        one, two = fleet(folder, 1), fleet(folder, 2)
+        what = f"fleet: {SENSORS} recordings of 10⁴ samples"
+        yield Row(f"{what}, two workers, CPU", two, 1.4 * one, "1.4 × one worker")
+        loop = np.mean([calibrate_one(folder, k) for k in range(LOOP)])
+        yield Row(f"{what}, CPU", one, SENSORS * float(loop), "a loop over inercal calibrate",
+                  to_reach=5.0)  # fmt: skip
+        if available_cores() < 2:
+            yield Skipped(f"{what}, two workers, wall", "one core")
+            return
+        yield Row(f"{what}, two workers, wall", two.wall, one.wall, "one worker", to_reach=1.6)
