@@ -156,7 +156,10 @@ def draft_run_file(
     seen = facts(logs, table, roles, rests, time, readings)
     found = Draft(path, entries, trials, seen, roles, rests, time, readings)
     if found.method is None:
-        reasons = "; ".join(trial.text for trial in trials)
+        by_reason: dict[str, list[str]] = {}
+        for trial in trials:
+            by_reason.setdefault(trial.reason, []).append(trial.called)
+        reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
         raise InputError(
             f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
         )
