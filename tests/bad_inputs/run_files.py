@@ -80,7 +80,6 @@ CASES: dict[str, BadInput] = {
     "a label among the axes": keys('label = "label"', 'label = "acc_x"', "'acc_x'"),
     "a time among the axes": keys('time = "time"', 'time = "acc_x"', "'acc_x'"),
     "an axis twice": more_data('accelerometer = ["acc_x", "acc_x", "acc_z"]', "'acc_x'"),
-    "gyros of no sensor": more_data('gyro = ["gx", "gy", "gz"]', "[data] gyro", "[sensor.gyro]"),
     "a negative skip": more_data("skip = -1", "[data] skip"),
     "a sheet of a text": more_data("sheet = 2", "[data] sheet", "xlsx"),
     "a unit of no time": more_data('time_unit = "fortnight"', "time_unit", "fortnight"),

@@ -29,7 +29,6 @@ def load_recording(run: Source[DataSection]) -> Recording:
         It cannot be read, or the audit refuses it.
     """
     require_distinct_columns(run)
-    _require_axes_of_columns(run)
     path, limits = run.file(run.data.file), range_limits(run.sensor)
     try:
         columns = reader_columns(run)
@@ -43,19 +42,6 @@ def load_recording(run: Source[DataSection]) -> Recording:
             raise error.located(run.path) from None
         raise
     return apply_axis_signs(run, recording)
-
-
-def _require_axes_of_columns(run: Source[DataSection]) -> None:
-    """Refuse columns that the run file names for a kind of axis that its sensor lacks."""
-    kinds = {axis.measures for axis in run.sensor.axes}
-    for measures, name in (("f", "accelerometer"), ("w", "gyro")):
-        if measures not in kinds and name in run.data.model_fields_set:
-            raise InputError(
-                f"{run.path}: [data] {name} names columns, and the sensor has no {name}: add "
-                f"[sensor.{name}], or remove the key",
-                file=run.path,
-                key=f"[data] {name}",
-            )
 
 
 def _require_labels_of_files(run: Source[DataSection]) -> None:

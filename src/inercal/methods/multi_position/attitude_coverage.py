@@ -30,7 +30,6 @@ WORST_FORCE = 1e-3 * G0  # m/s², of a norm
 WORST_TURN = 1e-2  # rad of a rotation, and rad/s of a rate
 MOVE_SECONDS = 2.0
 _TURN_STEPS = 8  # of a turn, each at a constant attitude
-_MOST_POSITIONS = 1000  # of a plan: each is chosen beside all before it
 _MAX_ATTITUDES = 6  # attitudes to name
 # Of information, beside 100 for what counts as observed: finite determinants
 _REGULARISATION = 1e-3
@@ -158,13 +157,8 @@ def hand_held_plan(positions: int = 24, seconds: float = 3.0) -> tuple[Hold, ...
     Raises
     ------
     InputError
-        Fewer positions than an accelerometer triad has coefficients, or more than 1000.
+        Fewer positions than an accelerometer triad has coefficients.
     """
-    if positions > _MOST_POSITIONS:
-        raise InputError(
-            f"{positions} positions are more than a hand can hold; plan {_MOST_POSITIONS} or fewer",
-            key="positions",
-        )
     if positions < 9:
         raise InputError(
             f"{positions} positions do not determine the 9 coefficients of accelerometers; plan 9 "
