@@ -22,6 +22,7 @@ class Limit(NamedTuple):
     meaning: str
 
 
+_GRAVITY_RANGE = 0.08  # m/s², from the equator to the poles and to the heights where people live
 # The estimators neglect the square of a tilt.
 SMALL_ANGLE = Limit(0.0175, "a bench can tilt, 1°")
 # Keys that enter no result: names, and the truth of a simulation.
@@ -171,5 +172,11 @@ def section_gravity(section: BenchSection) -> Measured:
         raise key_error(
             "[bench] gravity",
             f"{section.gravity!r} is not possible; give gravity on earth, 9.76 to 9.84 m/s²",
+        )
+    if gravity.sd > _GRAVITY_RANGE:
+        raise key_error(
+            "[bench] gravity",
+            f"the uncertainty in {section.gravity!r} is more than gravity varies on earth, "
+            f"{_GRAVITY_RANGE} m/s²; give a smaller one, or latitude instead",
         )
     return gravity

@@ -91,7 +91,9 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
     except ValueError as error:  # of the grammar, or an integer of 5000 digits
         place = re.search(r"at line (\d+)", str(error))
         line = int(place[1]) if place else None
-        raise InputError(f"not a TOML {what}: {error}", line=line) from None
+        # The words of tomllib for a key that is stated twice.
+        reason = str(error).replace("Cannot overwrite a value", "a key is stated twice")
+        raise InputError(f"not a TOML {what}: {_other_content(raw) or reason}", line=line) from None
     except RecursionError:
         raise InputError(_too_deep(what)) from None
     level: list[Any] = [content]
@@ -102,6 +104,18 @@ def parse_toml(raw: bytes | str, what: str = "file") -> dict[str, Any]:
         if not level:
             return content
     raise InputError(_too_deep(what))
+
+
+def _other_content(raw: bytes | str) -> str:
+    """Return what a file without TOML seems to be and what to do; empty where nothing shows."""
+    head = raw[:1000] if isinstance(raw, str) else raw[:1000].decode("utf-8-sig", "replace")
+    lines = (line.strip() for line in head.splitlines())
+    line = next((line for line in lines if line and not line.startswith("#")), "")
+    if line.startswith("{"):
+        return "it is JSON, as a calibration file is; give the .toml file of the run"
+    if "=" not in line and not line.startswith("[") and re.search("[,;\t]", line):
+        return "it looks like a recording; draft its run file by `inercal init`"
+    return ""
 
 
 def _decoded(raw: bytes, what: str) -> str:

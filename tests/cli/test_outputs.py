@@ -171,7 +171,7 @@ def test_a_table_of_the_same_columns_is_written_again_and_no_other(tmp_path: Pat
 def test_a_missing_folder_is_made_for_a_file(folder: Path, verb: str, tmp_path: Path):
     arguments, _ = FILE_VERBS[verb]
     with chdir(folder):
-        place = tmp_path / "a" / "b" / "result.csv"
+        place = tmp_path / "a" / "b" / ("page.html" if verb == "report" else "result.csv")
         assert run_program(*arguments, "--out", place).status in (0, 3)
         assert place.exists()
 

@@ -242,8 +242,8 @@ class Calibration:
         if missing:
             raise InputError(
                 f"{recording.source or 'recording'}: channel {missing[0]!r} of the calibration is "
-                f"missing; the channels are {', '.join(recording.channels)}: rename that of this "
-                "axis",
+                f"missing; the recording has {', '.join(recording.channels)}: name the column of "
+                "this axis in its run file, or take a calibration of these axes",
                 names=tuple(missing),
             )
         columns = [recording.channels.index(name) for name in self.sensor.channels]

@@ -139,7 +139,7 @@ def read_text(path: str | Path) -> str:
     """
     raw = read_small_file(Path(path), "calibration file", _LARGEST)
     try:
-        return raw.decode("utf-8")
+        return raw.decode("utf-8-sig")  # editors on Windows write a mark before the text
     except ValueError:
         raise InputError(f"{path}: not a calibration file: {_NOT_JSON}", file=path) from None
 
@@ -157,13 +157,16 @@ def parse(text: str, source: str) -> Calibration:
         content = _parse_json(text)
     except InputError as error:
         raise InputError(f"{source}: not a calibration file: {error}", file=source) from None
-    except (ValueError, RecursionError):
-        raise InputError(f"{source}: not a calibration file: {_NOT_JSON}", file=source) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"{source}: not a calibration file: {_json_problem(text, error)}", file=source
+        ) from None
     fields = cast(dict[str, Any], content) if isinstance(content, dict) else {}
     if fields.get("schema") not in _READABLE_SCHEMAS:
         read = " and ".join(map(repr, _READABLE_SCHEMAS))
+        found = f"schema {fields['schema']!r}" if "schema" in fields else "it states no schema"
         raise InputError(
-            f"{source}: schema {fields.get('schema')!r}; this version reads {read}",
+            f"{source}: not a calibration file that this version reads: {found}; it reads {read}",
             file=source,
             key="schema",
         )
@@ -191,6 +194,15 @@ def parse(text: str, source: str) -> Calibration:
             key=error.key,
             names=error.names,
         ) from None
+
+
+def _json_problem(text: str, error: Exception) -> str:
+    """Return why a text is no JSON, and what to do."""
+    if not text.strip():
+        return "it is empty; restore it, or calibrate again"
+    if isinstance(error, json.JSONDecodeError) and text.lstrip().startswith("{"):
+        return f"line {error.lineno}: {error.msg}; the file is cut off or damaged: restore it"
+    return _NOT_JSON
 
 
 def _parse_json(text: str) -> Any:

@@ -185,7 +185,9 @@ def _carry_out_plan(
 @app.command()
 def simulate(
     run_file: _RunFile,
-    seed: Annotated[int, typer.Option(help="Seed of the noise and of the bench's errors.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the noise and of the bench's errors.")
+    ] = 0,
     preset: Annotated[str, typer.Option(help="Preset of the IMU's packets.")] = "fixed",
     rate: Annotated[
         float | None, typer.Option(help="Packets per second; by default the run file's rate.")
@@ -205,6 +207,8 @@ def simulate(
     from inercal.errors import InputError
     from inercal.host.bench_simulator import BenchSimulator
 
+    if rate is not None:
+        positive_number("--rate", str(rate))
     paced = pace if pace == "granted" else positive_number("--pace", pace, ", or granted")
     with BenchSimulator(run_file, seed, preset, rate, paced, terminal=not tcp) as bench:
         clock = f" --clock {bench.clock}" if bench.clock else ""

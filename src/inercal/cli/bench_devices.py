@@ -29,9 +29,12 @@ def devices(
     """List serial ports, packets of an IMU and settings of a table. Nothing moves."""
     from dataclasses import asdict
 
+    from inercal.errors import InputError
     from inercal.host import devices
     from inercal.host.device_description import imu_lines, port_lines, table_lines
 
+    if run_file is not None and not table:
+        raise InputError("--run names the axes of a table: add --table, or remove it", key="--run")
     content: dict[str, object] = {}
     lines: list[str] = []
     if not (table or imu):

@@ -18,8 +18,13 @@ def run(
     from inercal.calibration.files import load
     from inercal.cli.calibration_view import comparison_object, print_comparison
     from inercal.comparison import compare
+    from inercal.errors import InputError
 
-    compared = compare(load(first), load(second))
+    pair = load(first), load(second)
+    try:
+        compared = compare(*pair)
+    except InputError as error:
+        raise error.located(f"{first} and {second}") from None
     names = str(first), str(second)
     if json:
         print_json(comparison_object(compared, names))

@@ -19,7 +19,7 @@ def run(
     out: Path = typer.Option(
         Path("inercal-demo"), "--out", "-o", help="Folder for the files of the run."
     ),
-    seed: int = typer.Option(0, help="Seed of the simulation."),
+    seed: int = typer.Option(0, min=0, help="Seed of the simulation."),
     quick: bool = typer.Option(False, "--quick", help="Run for 5 simulated minutes instead of 24."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:

@@ -43,7 +43,7 @@ def run(
     page = path.with_suffix(".draft.html")
     kinds = {path: RUN_FILE} | ({page: PAGE} if report else {})
     check_outputs(kinds, logs, force=force)
-    known = dict(_key_and_value(text) for text in stated)
+    known = _stated_keys(stated)
     with progress_status(f"reading {', '.join(map(str, logs))}"):
         draft = draft_run_file(logs, path, known)
     if draft.questions and not yes and sys.stdin.isatty() and sys.stdout.isatty():
@@ -70,11 +70,37 @@ def run(
         print(f"next: inercal calibrate {path}")
 
 
+def _stated_keys(texts: Sequence[str]) -> dict[str, str]:
+    """Return the values of `--set`, by key.
+
+    Raises
+    ------
+    InputError
+        A text that is no key with its value, a key that is stated twice, or the method's name,
+        which a draft chooses by the data.
+    """
+    from inercal.errors import InputError
+
+    known: dict[str, str] = {}
+    for text in texts:
+        key, value = _key_and_value(text)
+        if key in known:
+            raise InputError(f"--set {key} is stated twice: state it once", key="--set")
+        if key == "method.name":
+            raise InputError(
+                f"--set {text!r}: the draft tries the methods on the data; change [method] name in "
+                "the run file that it writes",
+                key="--set",
+            )
+        known[key] = value
+    return known
+
+
 def _key_and_value(text: str) -> tuple[str, str]:
     from inercal.errors import InputError
 
     key, separator, value = text.partition("=")
-    if not separator or "." not in key:
+    if not separator or not value.strip() or "." not in key:
         raise InputError(
             f'--set {text!r}: write a key with its section, as "data.rate=100 Hz"', key="--set"
         )

@@ -71,6 +71,10 @@ def check_outputs(
             target = writable_target(path)
             _check_folder(path, target.parent)
             _check_existing(path, target, kind, read, force)
+            if kind == PAGE and path.suffix.lower() not in (".html", ".htm"):
+                raise InputError(
+                    f"--out {path}: a page is HTML; give the name of an .html file", file=path
+                )
         except InputError as error:
             error.key = "--out"
             raise

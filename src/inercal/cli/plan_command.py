@@ -1,5 +1,6 @@
 """`inercal plan`: the steps of a plan, and the uncertainties to expect."""
 
+from math import inf
 from pathlib import Path
 
 import typer
@@ -44,6 +45,7 @@ def run(
     from inercal.errors import InputError
     from inercal.methods import method as named
     from inercal.parallel import open_executor
+    from inercal.small_files import is_file
 
     keys: dict[str, object] = {}
     if method.lower().endswith(".toml"):
@@ -51,6 +53,8 @@ def run(
             raise InputError(f"--run: {method} is a run file already; give one", key="--run")
         run_file = Path(method)
     else:
+        if Path(method).suffix and is_file(Path(method)):
+            raise InputError(f"{method}: give a method, or a run file (.toml)", file=method)
         keys["name"] = method.replace("-", "_")
         if named(method.replace("-", "_")).unknown_attitudes:
             from inercal.design import default_run_file
@@ -69,7 +73,18 @@ def run(
 
 
 def _method_keys(positions: int | None, seconds: float | None) -> dict[str, object]:
-    """Return the keys that replace those of [method]."""
+    """Return the keys that replace those of [method].
+
+    Raises
+    ------
+    InputError
+        A number of positions or a length that is not positive.
+    """
+    from inercal.errors import InputError
+
+    for option, value in (("--positions", positions), ("--seconds", seconds)):
+        if value is not None and not 0 < value < inf:
+            raise InputError(f"{option} {value}: give a positive number", key=option)
     keys: dict[str, object] = {}
     if positions is not None:
         keys["positions"] = positions

@@ -17,7 +17,7 @@ def run(
         "-o",
         help="The recording to write (.csv, .npz, .parquet); by default \\[data] file.",
     ),
-    seed: int = typer.Option(0, help="Seed of the noise and of the bench's errors."),
+    seed: int = typer.Option(0, min=0, help="Seed of the noise and of the bench's errors."),
     force: bool = typer.Option(False, "--force", help="Write over an existing recording."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:

@@ -148,9 +148,13 @@ def diff(
     """Compare two calibrations, coefficient by coefficient and all together."""
     from inercal.cli.calibration_view import comparison_object, print_comparison
     from inercal.comparison import compare
+    from inercal.errors import InputError
 
     both = [_load_calibration(one, register) for one in (first, second)]
-    compared = compare(*both)
+    try:
+        compared = compare(*both)
+    except InputError as error:
+        raise error.located(f"{first} and {second}") from None
     names = first, second
     if json:
         print_json(comparison_object(compared, names))

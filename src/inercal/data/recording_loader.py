@@ -28,12 +28,19 @@ def load_recording(run: Source[DataSection]) -> Recording:
     InputError
         It cannot be read, or the audit refuses it.
     """
-    path, columns, limits = run.file(run.data.file), reader_columns(run), range_limits(run.sensor)
-    if is_pattern(path):
-        _require_labels_of_files(run)
-        recording = read_sections(path, columns, limits)
-    else:
-        recording = read_recording(path, columns, limits, gyro_file(run))
+    require_distinct_columns(run)
+    path, limits = run.file(run.data.file), range_limits(run.sensor)
+    try:
+        columns = reader_columns(run)
+        if is_pattern(path):
+            _require_labels_of_files(run)
+            recording = read_sections(path, columns, limits)
+        else:
+            recording = read_recording(path, columns, limits, gyro_file(run))
+    except InputError as error:
+        if str(error).startswith("[data]"):  # an option of a reader, which knows no run file
+            raise error.located(run.path) from None
+        raise
     return apply_axis_signs(run, recording)
 
 
@@ -212,6 +219,9 @@ def require_distinct_columns(run: Source[DataSection], *further: str) -> None:
     kinds = {axis.measures for axis in run.sensor.axes}
     data, readback = run.data, list(readback_columns(run).values())
     used = [unsigned_column(column) for column in data.accelerometer]
+    if data.kind == "recording":
+        single = (data.time, data.row, data.temperature)
+        used += [str(column) for column in single if column is not None]
     if "w" in kinds and data.gyro_file is None:
         used += [unsigned_column(column) for column in data.gyro]
     separate = READBACK in data.further_files()
@@ -275,6 +285,12 @@ def stated_deviations(run: Source[DataSection]) -> dict[str, float]:
         key = f"[data.sd] {name}"
         where = f"{run.path}: {key}"
         readouts = [axis.readout for axis in run.sensor.axes if axis.measures == measures]
+        if not readouts:
+            raise InputError(
+                f"{where}: the sensor has no {name}; add [sensor.{name}], or remove the key",
+                file=run.path,
+                key=key,
+            )
         try:
             deviations[measures] = parse_quantity(text, like).value
         except InputError as error:

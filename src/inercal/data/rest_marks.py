@@ -136,9 +136,15 @@ def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return dict(pairs)
 
 
+def _number(given: Any) -> float:
+    if isinstance(given, bool):
+        raise TypeError(given)
+    return float(given)
+
+
 def _mark(path: Path, label: str, entry: object) -> Mark:
     try:
-        start, end = (float(entry[key]) for key in ("start", "end"))  # type: ignore[index]
+        start, end = (_number(entry[key]) for key in ("start", "end"))  # type: ignore[index]
     except (TypeError, KeyError, ValueError):
         raise InputError(
             f"{path}: mark {label!r} lacks numbers 'start' and 'end'; add them",

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from inercal.errors import InputError
 from inercal.io.column_table import Table
 from inercal.io.read import detect_reader, read_table
 from inercal.section_settings import measured_constant
+from inercal.small_files import parse_toml
 
 _WORST = "unreliable"
 _MOST_TEXTS = 4  # columns
@@ -156,7 +158,10 @@ def draft_run_file(
     seen = facts(logs, table, roles, rests, time, readings)
     found = Draft(path, entries, trials, seen, roles, rests, time, readings)
     if found.method is None:
-        reasons = "; ".join(trial.text for trial in trials)
+        by_reason: dict[str, list[str]] = {}
+        for trial in trials:
+            by_reason.setdefault(trial.reason, []).append(trial.called)
+        reasons = "; ".join(f"{', '.join(names)}: {why}" for why, names in by_reason.items())
         raise InputError(
             f"{logs[0]}: no method fits these data: {reasons}", file=logs[0], names=("method",)
         )
@@ -281,11 +286,23 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, str]) -> tu
         if not section:
             raise InputError(f"{key} has no section: name it as data.rate", key=key)
         known[key] = replace(
-            known.get(key, DraftKey(section, name, value)), value=value, reason="as stated"
+            known.get(key, DraftKey(section, name, value)),
+            value=_list_or_text(value),
+            reason="as stated",
         )
     if "bench.latitude" in stated:
         known.pop("bench.gravity", None)
     return tuple(known.values())
+
+
+def _list_or_text(stated: str) -> Any:
+    """Return a list written as in a run file, or the text itself."""
+    if not stated.startswith("["):
+        return stated
+    try:
+        return parse_toml(f"value = {stated}")["value"]
+    except InputError:
+        return stated
 
 
 __all__ = ["Draft", "DraftKey", "MethodTrial", "draft_run_file"]

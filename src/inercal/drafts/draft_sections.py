@@ -21,6 +21,7 @@ from inercal.drafts.readouts import (
     rest_means,
     white_noise,
 )
+from inercal.errors import InputError
 from inercal.io.column_table import Table
 from inercal.section_settings import si_value
 from inercal.units import si_factor
@@ -46,6 +47,8 @@ def clock_keys(
     count = next(iter(table.columns.values())).size
     rate = stated.get("data.rate")
     hertz = None if rate is None else si_value(rate, "Hz", "[data] rate")
+    if hertz is not None and hertz <= 0:
+        raise InputError(f"[data] rate: {rate!r} must be positive", key="[data] rate")
     by_rate = None if hertz is None else np.arange(count) / hertz
     rate_key = DraftKey("data", "rate", rate or UNKNOWN, "as stated" if rate else "", ask)
     if name is None:

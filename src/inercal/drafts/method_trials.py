@@ -38,13 +38,17 @@ class MethodTrial(NamedTuple):
     reason: str = ""
 
     @property
+    def called(self) -> str:
+        """The name with its keys."""
+        return ", ".join([self.name, *(f"{key} = {value}" for key, value in self.keys.items())])
+
+    @property
     def text(self) -> str:
         """What it finds, or why it does not, in a line."""
-        called = ", ".join([self.name, *(f"{key} = {value}" for key, value in self.keys.items())])
         if self.outcome is None:
-            return f"{called}: {self.reason}"
+            return f"{self.called}: {self.reason}"
         count = len(self.outcome.calibration.sensor.coefficients)
-        return f"{called}: {count} coefficients, {self.outcome.verdict.word}"
+        return f"{self.called}: {count} coefficients, {self.outcome.verdict.word}"
 
 
 def candidate_methods(roles: ColumnRoles) -> tuple[Candidate, ...]:

@@ -82,13 +82,13 @@ class Line:
         A column that neither the template nor the results use changes nothing.
         """
         hashed = self._template_hash.copy()
-        used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns[name]]
+        used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns.get(name)]
         hashed.update("\0".join((row.id, row.recording, *used)).encode())
         return hashed.hexdigest()
 
     def shape(self, row: SensorRow) -> tuple[str, ...]:
         """Return the cells of a row by which run files differ beyond sensor and recording."""
-        return tuple(row.columns[name] for name in self._used)
+        return tuple(row.columns.get(name, "") for name in self._used)
 
     @cached_property
     def _template_hash(self) -> Any:

@@ -24,6 +24,8 @@ NonfinitePolicy = Literal["refuse", "drop"]
 SampleLocator = Callable[[int], str]
 """Names the place of a sample in the file."""
 
+_OTHER_UNIT = 100.0  # median steps; units of time differ by a factor of 1000
+_OFTEN_FAR = 0.1  # share of the samples
 _LOST = 0.01  # lost share of the recording above which gaps are a warning
 # A recording comes in bursts where at least this share of its time steps is long, the mean step is
 # at least so many median steps, and within so many bursts the samples follow their mean rate.
@@ -315,6 +317,8 @@ def burst_findings(recording: Recording) -> list[Finding]:
 def gap_findings(recording: Recording) -> list[Finding]:
     """Note gaps; those inside a section that lose more than 1 % of the time are a warning."""
     found = recording.gaps
+    if (refusal := _mixed_unit_finding(recording)) is not None:
+        return [refusal]
     if recording.labels is None:
         between = np.zeros(len(found), np.bool_)
     else:
@@ -334,6 +338,22 @@ def gap_findings(recording: Recording) -> list[Finding]:
         severe = not place and lost.sum() > _LOST * recording.duration
         findings.append(Finding("warning" if severe else "note", "gap", text, None, start, stop))
     return findings
+
+
+def _mixed_unit_finding(recording: Recording) -> Finding | None:
+    """Refuse times that go on in another unit: many steps, each of a hundred median steps."""
+    found, median = recording.gaps, recording.median_step
+    steps = recording.time[found[:, 1]] - recording.time[found[:, 0]]
+    far = steps > _OTHER_UNIT * median
+    if np.count_nonzero(far) < _OFTEN_FAR * recording.time.size:
+        return None
+    start, stop = (int(k) for k in found[np.argmax(far)])
+    text = (
+        f"time goes on in steps of {np.median(steps[far]):.3g} s instead of {median:.3g} s after "
+        f"sample {start} ({recording.time[start]:.6g} s): a part of the column of times is in "
+        "another unit; write all in one unit, or split the file there"
+    )
+    return Finding("refused", "time unit", text, None, start, stop + 1)
 
 
 def jitter_findings(recording: Recording) -> list[Finding]:

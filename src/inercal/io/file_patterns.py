@@ -34,10 +34,13 @@ def matching_files(pattern: Path) -> dict[str, Path]:
             if fits and name.startswith(before) and name.endswith(after):
                 files[name[len(before) : len(name) - len(after)]] = path
     if not 0 < len(files) <= _MOST_FILES:
+        found = (
+            f"{len(files)} files have such a name, more than {_MOST_FILES}; name fewer"
+            if files
+            else "no file has such a name; check folder and name"
+        )
         raise InputError(
-            f"{pattern}: {len(files)} files have such a name, and 1 to {_MOST_FILES} are possible; "
-            "the star stands for the label of each section",
-            file=pattern,
+            f"{pattern}: {found}: the star stands for the label of each section", file=pattern
         )
     return dict(sorted(files.items(), key=lambda one: _natural(one[0])))
 

@@ -85,6 +85,12 @@ def _open(path: Path) -> Any:
         if head.startswith(MCAP):
             check_mcap(path)
             reader = plugins[".mcap"](path)
+        elif not head.startswith(SQLITE):
+            raise InputError(
+                f"{path.name} is not a ROS bag: it begins as neither a .bag, an .mcap nor a .db3 "
+                "file; name the file of the bag, or give a text file the suffix .csv",
+                file=path,
+            )
         else:
             check_sqlite(path)
             # rosbags makes an address of the path.

@@ -151,7 +151,19 @@ class Run:
         return partial(global_, options=self.search, progress=progress)
 
     def file(self, name: str) -> Path:
-        """Return the path of a file named in the run file."""
+        """Return the path of a file named in the run file.
+
+        Raises
+        ------
+        InputError
+            The text can be no name.
+        """
+        if "\0" in name:
+            raise InputError(
+                f"{self.path}: {name!r} holds a zero character, which no name of a file can; "
+                "correct the name",
+                file=self.path,
+            )
         return self.path.parent / name
 
     def input_files(self) -> list[Path]:

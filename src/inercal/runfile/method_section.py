@@ -27,6 +27,7 @@ _PLAN = (
     ("turns", "", "turns"),
     ("path", "", "path"),
 )
+_MOST_POSITIONS = 1000  # a mistyped number would plan for hours
 _SENSE = ", or negative for a turn clockwise seen from above"
 _SEARCHING_METHOD = "ship_multi_angle"
 _SEARCH = "[method.search]"
@@ -73,6 +74,8 @@ def _plan_option(given: str | bool | int | tuple[str, ...], like: str, key: str)
     value = given if isinstance(given, int) else si_value(given, like, key)
     if value == 0 or (like not in ("°", "rpm") and value < 0):
         raise InputError(f"{key}: {given!r} must be positive{_SENSE * (like == '°')}", key=key)
+    if key == "[method] positions" and value > _MOST_POSITIONS:
+        raise InputError(f"{key}: {given} is too many; give {_MOST_POSITIONS} or fewer", key=key)
     return value
 
 

@@ -15,6 +15,7 @@ from inercal.plan import HandStep, Hold, Turn, describe_direction
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.sensors import Sensor, inverse
 
+_NAMED = 12  # marks in a message
 _MEANT = 0.7  # cosine: within 45° of the nominal direction
 _ALIGNED = 0.9
 _POSSIBLE = (0.2, 2.5)  # g, of a crude sensor at rest
@@ -80,7 +81,8 @@ def check_marks(marks: Sequence[Mark], recording: Recording, needed: Sequence[st
     n = recording.time.size
     where = recording.source or "recording"
     if not any(mark.label in needed for mark in marks):
-        labels = ", ".join(mark.label for mark in marks) or "none"
+        labels = ", ".join(mark.label for mark in marks[:_NAMED]) or "none"
+        labels += f" and {len(marks) - _NAMED} more" if len(marks) > _NAMED else ""
         raise InputError(
             f"{where}: no section is marked {', '.join(needed)}; the marks are {labels}: mark the "
             "missing sections",

@@ -7,7 +7,7 @@ from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.sensors.axis import Axis
-from inercal.sensors.coefficient_tables import GROUPS, TABLES
+from inercal.sensors.coefficient_tables import TABLES
 
 
 def select_coefficients(axes: Sequence[Axis], chosen: Sequence[str]) -> tuple[str, ...]:
@@ -69,10 +69,15 @@ def _nonorthogonality(axes: Sequence[Axis], k: int) -> list[str]:
 
 
 def _unknown_word_error(axes: Sequence[Axis], word: str) -> InputError:
-    short = sorted({c.name for axis in axes for c in TABLES[axis.measures]})
-    words = [*short, *GROUPS, "nonorthogonality", *(axis.name + ".…" for axis in axes)]
-    near = get_close_matches(CoefficientName(word).term, dict.fromkeys(words), n=2)
-    groups = ", ".join((*GROUPS, "nonorthogonality"))
-    known = f"coefficients: {', '.join(short)}; groups: {groups}"
-    advice = f"did you mean {' or '.join(near)}?" if near else known
+    lines = [c for axis in axes for c in TABLES[axis.measures]]
+    short = sorted({c.name for c in lines})
+    groups = [*dict.fromkeys(c.group for c in lines), "nonorthogonality"]
+    axis, term = CoefficientName(word).parts
+    near = get_close_matches(term, dict.fromkeys([*short, *groups]), n=2)
+    if axis and axis not in {one.name for one in axes}:
+        advice = f"the axes are {', '.join(one.name for one in axes)}"
+    elif near and near[0] != term:
+        advice = f"did you mean {' or '.join(near)}?"
+    else:
+        advice = f"coefficients: {', '.join(short)}; groups: {', '.join(groups)}"
     return InputError(f"no coefficient or group {word!r}; {advice}", names=(word,))

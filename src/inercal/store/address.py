@@ -68,6 +68,12 @@ def resolve_address(text: str | None = None) -> RegisterAddress:
     if mark and scheme in _SERVERS:
         return _server_address(text)
     path = text.removeprefix(_SQLITE)
+    if path and os.path.isdir(path):
+        raise InputError(
+            f"register {path} is a folder; name the file of the register in it",
+            file=path,
+            key="--register",
+        )
     if _MISTYPED_SERVER.match(path):
         raise _unreadable_server_address()
     if not mark or (path != text and path):

@@ -30,11 +30,13 @@ from inercal.earth import EARTH_RATE, earth_rate_up_north
 from inercal.motion import Motion
 from inercal.parameters import Parameter, local_gravity
 from inercal.plan import HandStep, Hold, Turn
+from inercal.section_settings import Limit
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
 DEGREE = pi / 180
 _TURN_ON = tuple(f"turn_on_{a}" for a in "xyz")
+_SKEW = Limit(20 * DEGREE, "a face or an axis can err, 20°")
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,7 @@ class Hand:
         {f"tilt{k}": "face against the vertical" for k in (1, 2)},
         scope="position",
         default=0.5 * DEGREE,
+        limit=_SKEW,
     )
     turn_angle: float = deviation(
         "°", "1 °", {"angle": "angle of the turn"}, scope="turn", default=1.0 * DEGREE
@@ -78,6 +81,7 @@ class Hand:
         {f"axis{k}": "axis of the turn in the body" for k in (1, 2)},
         scope="turn",
         default=0.5 * DEGREE,
+        limit=_SKEW,
     )
     timebase: float = deviation("1", "100 ppm", "clock of the recording", default=1e-4)
     turn_on: float = deviation(

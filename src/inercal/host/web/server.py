@@ -200,7 +200,7 @@ def listening_socket(host: str, port: int) -> socket.socket:
         words = getattr(error, "strerror", None) or str(error)
         raise InputError(
             f"--host {host} --port {port}: the server cannot listen there: {words}; give another "
-            "--port"
+            "--host or --port"
         ) from None
 
 
