@@ -23,6 +23,7 @@ OTHER_TEXT = {
     "drafts/__init__.py",
     "drafts/column_roles.py",
     "drafts/draft_entries.py",
+    "fleet/line.py",
     "io/dataflash.py",
     "io/message_columns.py",
     "io/ulog.py",

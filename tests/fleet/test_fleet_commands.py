@@ -4,6 +4,7 @@ import csv
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from inercal.fleet.line import read_line
 from inercal.fleet.station import arriving_files, calibrate_arrival
 
 pytest.importorskip("pyarrow")
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +28,22 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = make_line(tmp_path_factory.mktemp("line"), 6)
     (folder / "recordings" / "S002.npz").write_bytes(b"")
     return folder
+
+
+def test_the_line_of_the_examples_is_calibrated_as_its_page_says(tmp_path: Path):
+    folder = Path(shutil.copytree(ROOT / "examples" / "fleet", tmp_path / "fleet"))
+    page = (ROOT / "docs" / "how-to" / "fleet.md").read_text(encoding="utf-8")
+    assert f"```toml\n{(folder / 'run.toml').read_text(encoding='utf-8')}```" in page
+    ended = run_program("fleet", "calibrate", folder)
+    assert ended.status == 0
+    assert ended.output.splitlines()[0] in page
+    rows = rows_of(folder)
+    assert [row["grade"] for row in rows] == ["consistent"] * 6
+    assert [row["lot"] for row in rows] == ["L1"] * 3 + ["L2"] * 3
+    # The fifth states twice the scatter of the others.
+    names = rows[0]["coefficients"].split()
+    u = [row["std"][names.index("ax.k0")] for row in rows]
+    assert u[4] > 1.5 * max(u[:4])
 
 
 def test_a_line_is_calibrated_said_and_exported(line: Path, tmp_path: Path):
