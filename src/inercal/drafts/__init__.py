@@ -307,6 +307,9 @@ def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tu
         )
     if "bench.latitude" in stated:
         known.pop("bench.gravity", None)
+        if "bench.height" not in stated:
+            reason = "as stated; without height gravity is that of 0 to 2000 m: state height too"
+            known["bench.latitude"] = replace(known["bench.latitude"], reason=reason)
     return tuple(known.values())
 
 
