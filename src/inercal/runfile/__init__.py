@@ -4,6 +4,7 @@
 line that names the file, the key and what is possible there.
 """
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
+_QUESTION = re.compile(r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(?P<comment>.*?)\s*)?')
 _DEFAULT_KIND = "hand"  # [bench] kind
 
 
@@ -197,12 +199,27 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         content = parse_toml(raw, "run file")
     except InputError as error:
         raise error.located(path) from None
+    _refuse_open_questions(path, raw)
     if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
     try:
         return from_sections(path, content, sha256(raw).hexdigest())
     except InputError as error:
         raise error.located(path) from None
+
+
+def _refuse_open_questions(path: Path, raw: bytes) -> None:
+    """Refuse a draft of `inercal init` with a question that nobody has answered."""
+    for number, line in enumerate(raw.decode("utf-8", "replace").splitlines(), 1):
+        if found := _QUESTION.fullmatch(line):
+            key, comment = found["key"], found["comment"] or ""
+            raise InputError(
+                f'{path} line {number}: {key} = "?" is an open question: answer the question in '
+                f"line {number}{': ' * bool(comment)}{comment.removeprefix('please tell: ')}",
+                file=path,
+                line=number,
+                key=key,
+            )
 
 
 def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
