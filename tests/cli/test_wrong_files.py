@@ -7,7 +7,7 @@ from tests.refusals import refused
 from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 from inercal.cli import apply_command, init_command
-from inercal.errors import InputError
+from inercal.errors import InercalError, InputError
 from inercal.runfile import read
 
 
@@ -17,7 +17,7 @@ def test_apply_says_which_file_is_wanted(tmp_path: Path, monkeypatch: pytest.Mon
     for path in (log, file):
         path.write_text("t,ax\n0,1\n1,2\n", encoding="utf-8")
 
-    def corrected(first: Path, second: Path) -> InputError:
+    def corrected(first: Path, second: Path) -> InercalError:
         with refused(InputError) as caught:
             apply_command.run(first, second, out=tmp_path / "out.csv", force=False, json=False)
         return caught.value

@@ -132,7 +132,7 @@ def test_a_written_correction_has_few_digits_and_the_temperature_its_unit(
     data = rng.normal(0, 9.8, (50, 3))
     data[3, 1], data[4, 1] = 0.0, 1e-30
     made = Recording(
-        20e-3 * np.arange(50) + 481.233,
+        np.linspace(481.233, 482.213, 50),
         data,
         ("fx", "fy", "fz"),
         ("m/s²",) * 3,

@@ -22,7 +22,7 @@ _STEMS = {
 }
 _WITHOUT_GRAVITY = re.compile(r"(\w*_)?(linear|lin|user|free)_?acc\w*")
 _NO_SENSOR = re.compile(  # triads that are neither accelerometers nor gyros
-    r"(\w*_)?(mag\w*|m[xyz]|roll|pitch|yaw|azimuth|heading|euler\w*|quat\w*|q[0-3wxyz]|gravity\w*"
+    r"(\w*_)?(mag\w*|[mhb]_?[xyz]|roll|pitch|yaw|azimuth|heading|euler\w*|quat\w*|q[0-3wxyz]|gravity\w*"
     r"|(linear|user|free)_?acc\w*|orientation\w*|lat\w*|lon\w*|alt\w*|press\w*|hum\w*|gps\w*)"
 )
 NAMES = {

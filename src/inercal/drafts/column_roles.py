@@ -102,9 +102,9 @@ def recognise_columns(
         single["label"], reasons["label"] = texts[0], "the column of text"
     if reader in _LOGS:
         units = {kind: unit for kind, unit in _SI.items() if kind in triads}
-    if "accelerometer" not in triads and single.keys() & {"angle", "arm_rate"}:
-        triads["accelerometer"] = tuple(free[:2])
-        reasons["accelerometer"] = "the columns that are left"
+    left = tuple(name for name in free if role_of_name(name) is None)[:2]
+    if "accelerometer" not in triads and left and single.keys() & {"angle", "arm_rate"}:
+        triads["accelerometer"], reasons["accelerometer"] = left, "the columns that are left"
     means = reader not in _LOGS and rows < FEWEST_SAMPLES
     return ColumnRoles(
         {kind: triads[kind] for kind in _TRIADS if kind in triads},
