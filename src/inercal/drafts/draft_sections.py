@@ -137,7 +137,8 @@ def readout_keys(kind: str, readout: GuessedReadout) -> tuple[DraftKey, ...]:
     section = f"sensor.{kind}"
     unit = DraftKey(section, "unit", readout.unit, readout.reason)
     if not readout.certain and kind == "gyro":
-        unit = replace(unit, value=UNKNOWN, ask=f"the unit of the {kind}s, such as rad/s")
+        ask = f"the unit of the {kind}s, such as rad/s ({readout.reason})"
+        unit = replace(unit, value=UNKNOWN, ask=ask)
     entries = [unit]
     if readout.scale:
         entries.append(DraftKey(section, "scale", readout.scale, "nominal; see the data sheet"))

@@ -265,8 +265,9 @@ def guess_gyro(
             text = f"{reason} at about {rates[unit]:.3g} Hz; in another unit at no likely rate"
             return GuessedReadout(unit, "", 0.0, _GYRO_UNITS[unit], text, rate_hz=rates[unit])
     if size is None or dt is None:
-        unknown = "the rate is not known" if size is not None else "no turns between rests"
-        return GuessedReadout("°/s", "", offset, np.pi / 180, f"{unknown}: please tell", False)
+        known_with = "with the rate, --set data.rate, inercal init finds it"
+        unknown = known_with if size is not None else "no turns between rests show it"
+        return GuessedReadout("°/s", "", offset, np.pi / 180, unknown, False)
     size /= dt
     for unit, si in _GYRO_UNITS.items():
         if abs(size / si - 1) < _NEAR:

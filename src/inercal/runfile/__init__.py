@@ -46,7 +46,9 @@ if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
-_QUESTION = re.compile(r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(?P<comment>.*?)\s*)?')
+_QUESTION = re.compile(
+    r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(please tell: )?(?P<comment>.*?)\s*)?'
+)
 _DEFAULT_KIND = "hand"  # [bench] kind
 
 
@@ -209,17 +211,20 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
 
 
 def _refuse_open_questions(path: Path, raw: bytes) -> None:
-    """Refuse a draft of `inercal init` with a question that nobody has answered."""
-    for number, line in enumerate(raw.decode("utf-8", "replace").splitlines(), 1):
-        if found := _QUESTION.fullmatch(line):
-            key, comment = found["key"], found["comment"] or ""
-            raise InputError(
-                f'{path} line {number}: {key} = "?" is an open question: answer the question in '
-                f"line {number}{': ' * bool(comment)}{comment.removeprefix('please tell: ')}",
-                file=path,
-                line=number,
-                key=key,
-            )
+    """Refuse a draft of `inercal init` with questions that nobody has answered."""
+    lines = enumerate(raw.decode("utf-8", "replace").splitlines(), 1)
+    found = [(k, match) for k, line in lines if (match := _QUESTION.fullmatch(line))]
+    if not found:
+        return
+    where = f"line{'s' * (len(found) > 1)} {' and '.join(str(k) for k, _ in found)}"
+    asked = "; ".join(f'{one["key"]} = "?": {one["comment"] or "its value"}' for _, one in found)
+    raise InputError(
+        f"{path} line {found[0][0]}: the draft has open questions: answer {where} ({asked})",
+        file=path,
+        line=found[0][0],
+        key=found[0][1]["key"],
+        names=tuple(one["key"] for _, one in found),
+    )
 
 
 def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
