@@ -54,7 +54,7 @@ def test_in_a_terminal_init_asks_for_the_accelerometers(
         "z_a,0,0,-1\n",
         encoding="utf-8",
     )
-    answers = iter(["AX1,AX2,AX4", "AX1,AX2,AX3"])
+    answers = iter(["AX1,AX2", "AX1,AX2,AX4", "AX1,AX2,AX3"])
     monkeypatch.setattr("builtins.input", lambda _: next(answers))
     known: dict[str, str] = {}
     draft = init_command._draft([log], tmp_path / "run.toml", known, asks=True)

@@ -101,12 +101,19 @@ def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: boo
             if not asks or error.key != key:
                 raise
             print(f"inercal: {error}", file=sys.stderr)
+        known[key] = _three_columns(logs[0])
+
+
+def _three_columns(log: Path) -> str:
+    """Ask for three columns until three are given; an empty answer ends."""
+    from inercal.errors import InputError
+
+    while True:
         answer = input("Which three are the accelerometers x, y, z (with commas)? ").strip()
         if not answer:
-            raise InputError(
-                f"{logs[0]}: no method calibrates without accelerometers", file=logs[0]
-            )
-        known[key] = answer
+            raise InputError(f"{log}: no method calibrates without accelerometers", file=log)
+        if answer.count(",") == len("xyz") - 1:
+            return answer
 
 
 def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft":
