@@ -7,7 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.refusals import refused
 
-from inercal.earth import EARTH_RATE, earth_rate_up_north, normal_gravity
+from inercal.earth import (
+    EARTH_RATE,
+    earth_rate_up_north,
+    gravity_at_unknown_height,
+    normal_gravity,
+)
 
 A, F, GM, OMEGA = 6378137.0, 1 / 298.257223563, 3986004.418e8, 7.292115e-5  # WGS 84, defining
 
@@ -105,3 +110,12 @@ def test_earth_rate_points_up_at_the_north_pole_and_north_at_the_equator():
 
 def test_earth_turns_once_in_a_sidereal_day():
     assert 2 * pi / EARTH_RATE == pytest.approx(86164.1, abs=0.05)
+
+
+@pytest.mark.parametrize("height", [0.0, 300.0, 1500.0, 2000.0])
+def test_gravity_without_a_height_is_within_its_u_of_every_likely_height(height: float):
+    for latitude in (0.0, pi / 4, pi / 2):
+        known = gravity_at_unknown_height(latitude)
+        there = normal_gravity(latitude, height)
+        assert abs(known.value - there.value) <= 2 * known.sd
+        assert known.sd == pytest.approx(1.826e-3, rel=0.01)

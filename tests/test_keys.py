@@ -21,9 +21,10 @@ OTHER_TEXT = {
     "runfile/filter_fields.py",
     # Columns of a log, "topic[1].field", and keys of a run file, "data.rate".
     "drafts/__init__.py",
-    "drafts/column_roles.py",
+    "drafts/column_names.py",
     "drafts/draft_entries.py",
     "fleet/line.py",
+    "drafts/stated_keys.py",
     "io/dataflash.py",
     "io/message_columns.py",
     "io/ulog.py",

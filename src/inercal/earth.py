@@ -14,7 +14,7 @@ Source: NIMA TR8350.2, Department of Defense World Geodetic System 1984, 3rd edi
 (2000), equations 4-1 and 4-3, and the constants of its chapter 3.
 """
 
-from math import cos, degrees, pi, sin, sqrt
+from math import cos, degrees, hypot, pi, sin, sqrt
 
 from inercal.errors import InputError
 from inercal.units import Measured
@@ -31,9 +31,12 @@ _M = 0.00344978650684  # ω² a² b / GM
 
 # Rock and relief move true gravity off the formula: point free-air anomalies have a variance of
 # 1795 mGal² (Tscherning and Rapp, Report 208, Ohio State University, 1974), 40 mGal rounded.
-_ANOMALY = 40e-5  # m/s²
+COMPUTED_GRAVITY_SD = 40e-5
+"""Standard uncertainty of gravity that is computed from latitude and height, m/s²."""
 
 _LOWEST, _HIGHEST = -1e3, 20e3  # m: every laboratory and aircraft
+UNKNOWN_HEIGHT = (0.0, 2000.0)
+"""Between which a laboratory lies whose height is not stated, m."""
 
 
 def normal_gravity(latitude_rad: float, height_m: float) -> Measured:
@@ -70,7 +73,39 @@ def normal_gravity(latitude_rad: float, height_m: float) -> Measured:
     s2 = sin(_checked_latitude(latitude_rad)) ** 2
     on_ellipsoid = _EQUATOR * (1 + _K * s2) / sqrt(1 - _E2 * s2)
     h = height_m / _A
-    return Measured(on_ellipsoid * (1 - 2 * (1 + _F + _M - 2 * _F * s2) * h + 3 * h**2), _ANOMALY)
+    return Measured(
+        on_ellipsoid * (1 - 2 * (1 + _F + _M - 2 * _F * s2) * h + 3 * h**2), COMPUTED_GRAVITY_SD
+    )
+
+
+def gravity_at_unknown_height(latitude_rad: float) -> Measured:
+    """Return gravity where only the latitude is known: any height from 0 to 2000 m is as likely.
+
+    GUM 4.3.7: the middle of the bounds, and half of their distance over √3; with it the anomaly.
+
+    Parameters
+    ----------
+    latitude_rad : float
+        Geodetic.
+
+    Returns
+    -------
+    Measured
+        m/s².
+
+    Raises
+    ------
+    InputError
+        Outside −90° … 90°.
+
+    Examples
+    --------
+    >>> known = gravity_at_unknown_height(0.0)
+    >>> round(known.value, 5), round(known.sd, 5)
+    (9.77724, 0.00183)
+    """
+    high, low = (normal_gravity(latitude_rad, height).value for height in UNKNOWN_HEIGHT)
+    return Measured(0.5 * (high + low), hypot(0.5 * (high - low) / sqrt(3), COMPUTED_GRAVITY_SD))
 
 
 def earth_rate_up_north(latitude_rad: float) -> tuple[float, float]:

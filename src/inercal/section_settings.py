@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
-from inercal.earth import normal_gravity
+from inercal.earth import gravity_at_unknown_height, normal_gravity
 from inercal.errors import InputError
 from inercal.units import Measured, parse_quantity
 
@@ -164,9 +164,9 @@ def section_gravity(section: BenchSection) -> Measured:
     if section.gravity is None:
         assert section.latitude is not None  # the schema requires one of the two
         latitude = measured_constant(section.latitude, "°", "[bench] latitude")
-        return normal_gravity(
-            latitude.value, si_value(section.height or "0 m", "m", "[bench] height")
-        )
+        if section.height is None:
+            return gravity_at_unknown_height(latitude.value)
+        return normal_gravity(latitude.value, si_value(section.height, "m", "[bench] height"))
     gravity = measured_constant(section.gravity, "m/s²", "[bench] gravity")
     if not 9.5 < gravity.value < 10.0:
         raise key_error(

@@ -387,3 +387,24 @@ def test_a_turntable_has_no_worksheet(tmp_path: Path):
     done = measure(HEAD, given=[])
     assert done.status == 2
     assert 'kind = "means"' in done.error or "worksheet" in done.error
+
+
+def test_help_and_words_in_their_own_case(run_file: Path):
+    given = lines(readings(run_file))
+    done = measure(run_file, given=["help\n", given[0], "Foo\n"])
+    assert all(word in done.output for word in ("undo  ", "repeat  ", "keep  ", "quit  "))
+    assert "'Foo'" in done.error
+
+
+def test_a_finished_table_has_no_others_that_follow(run_file: Path):
+    given = lines(readings(run_file))
+    measure(run_file, given=given)
+    assert "follow" not in measure(run_file, given=[]).output
+
+
+def test_readings_in_si_units_are_suspected(run_file: Path):
+    first, *_ = lines(readings(run_file))
+    in_si = " ".join(["9.79", *first.split()[1:]])  # 2 V/g: 1 g reads 2 V
+    done = measure(run_file, given=[f"{in_si}\n", "quit\n"])
+    assert "is it in m/s²?" in done.output
+    assert "is it in m/s²?" not in measure(run_file, given=["-2 0 0\n", "quit\n"]).output

@@ -457,3 +457,23 @@ def test_a_wrong_clock_within_its_deviation_stays_within_u(estimator: str):
     for axis in "yz":
         k = sensor.coefficients.index(f"g{axis}.scale")
         assert abs(estimate.value[k] - known[k]) < 4 * estimate.std[k] < 0.4 * tau
+
+
+def gravity_lines(gravity_sd: float, positions: int = 16) -> list[str]:
+    """Return the advice of a session whose gravity is known to `gravity_sd`, m/s²."""
+    rng = np.random.default_rng(89)
+    sensor = whole()
+    seen = observed(record(mems(rng), replace(SESSION, positions=positions), rng), sensor)
+    bench = replace(BENCH, gravity=Measured(SESSION.gravity, gravity_sd))
+    notes = METHOD.estimator("joint")(seen, sensor, bench, ()).notes
+    return [note for note in notes if "gravity, ±" in note or "is known poorly" in note]
+
+
+def test_scale_factors_that_gravity_limits_ask_for_a_better_gravity():
+    (line,) = gravity_lines(2e-2)
+    assert "ax.k1, ay.k1, az.k1" in line
+    assert "[bench]" in line
+    before, after = re.search(r"from (\d+) to (\d+) ppm", line).groups()  # pyright: ignore
+    assert float(before) == pytest.approx(2e6 * 2e-2 / 9.8, rel=0.1)
+    assert float(after) < 0.3 * float(before)
+    assert not gravity_lines(4e-4)

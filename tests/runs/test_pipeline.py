@@ -14,6 +14,7 @@ from inercal.benches.hand.simulation import simulate_hand_motion
 from inercal.errors import InputError, NotObserved
 from inercal.io.write import write_recording
 from inercal.pipeline import Outcome, apply, apply_data_columns, calibrate, simulate
+from inercal.pipeline.correction import as_written
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import G0
@@ -119,6 +120,35 @@ def test_a_corrected_recording_is_close_to_the_true_motion(tmp_path: Path):
     assert corrected.units == ("m/s²",) * 3 + ("rad/s",) * 3
     assert np.abs(corrected.data[:, :3] - true.f[0]).max() < 1e-3  # m/s²; 0.3 before
     assert np.abs(corrected.data[:, 3:] - true.w[0]).max() < 3e-4  # rad/s; 0.03 before
+
+
+@pytest.mark.parametrize(("unit", "shown"), [("°C", 34.2), ("K", 307.35)])
+def test_a_written_correction_has_few_digits_and_the_temperature_its_unit(
+    tmp_path: Path, unit: str, shown: float
+):
+    run = recorded(tmp_path, SIX_POSITIONS)
+    run = replace(run, data=run.data.model_copy(update={"temperature_unit": unit}))
+    rng = np.random.default_rng(3)
+    data = rng.normal(0, 9.8, (50, 3))
+    data[3, 1], data[4, 1] = 0.0, 1e-30
+    made = Recording(
+        np.linspace(481.233, 482.213, 50),
+        data,
+        ("fx", "fy", "fz"),
+        ("m/s²",) * 3,
+        temperature=np.full(50, 34.2 + 273.15),
+    )
+    for suffix in ("csv", "npz"):
+        written = as_written(made, run, text=suffix == "csv")
+        write_recording(written, tmp_path / f"out.{suffix}")
+        assert written.readback[f"temperature [{unit}]"][0] == shown
+        np.testing.assert_allclose(written.data, made.data, rtol=1e-8)
+        np.testing.assert_allclose(written.time, made.time, rtol=0, atol=1e-6)
+        assert np.array_equal(written.data, made.data) == (suffix == "npz")
+    head, *rows = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
+    assert head == f"time,fx,fy,fz,temperature [{unit}]"
+    assert max(len(cell) for row in rows for cell in row.split(",")) <= len("-0.0123456789e-30")
+    assert max(len(row) for row in rows) <= 60
 
 
 def test_a_calibration_of_other_units_is_not_applied(tmp_path: Path):

@@ -361,8 +361,10 @@ def _undetectable_lines(
 
 def _undetected_size_text(sensor: Sensor, one: UndetectableCause) -> str:
     """Return a size with two digits, in the unit of reports."""
-    if one.component.startswith(_DRIFT_PREFIX):
-        axis = one.component.removeprefix(_DRIFT_PREFIX)
+    if one.component.startswith((_DRIFT_PREFIX, _CHANGE_PREFIX)):
+        # "drift of ax", or "change of ax within r10".
+        axis = one.component.removeprefix(_CHANGE_PREFIX).removeprefix(_DRIFT_PREFIX)
+        axis = axis.removeprefix("of ").partition(" ")[0]
         line = coefficient_definition(sensor, f"{axis}.{_BIAS[_measures(sensor, axis)]}")
     else:
         line = coefficient_definition(sensor, one.component)

@@ -2,10 +2,14 @@
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from inercal.cli.console import print_json, progress_status
+
+if TYPE_CHECKING:
+    from inercal.errors import InputError
 
 NAME = "apply"
 
@@ -22,18 +26,24 @@ def run(
     """Correct a recording: specific force in m/s², angular rate in rad/s."""
     from inercal.calibration.files import load
     from inercal.cli.outputs import RECORDING, check_outputs
+    from inercal.errors import InercalError
     from inercal.runfile import read
 
-    calibration = load(calibration_file)
-    plan = read(run_file)
+    try:
+        calibration = load(calibration_file)
+        plan = read(run_file)
+    except InercalError as error:
+        raise _of_another_kind(calibration_file, run_file) or error from None
     # The modules of the work load after the run file was checked.
     from inercal.io.write import write_recording
     from inercal.pipeline import apply
+    from inercal.pipeline.correction import as_written
 
     check_outputs({out: RECORDING}, [calibration_file, *plan.input_files()], force=force)
     with progress_status(f"correcting {plan.data.file}"):
         corrected = apply(calibration, plan)
-        write_recording(corrected, out)
+        written = as_written(corrected, plan, text=out.suffix.lower() == ".csv")
+        write_recording(written, out)
     warnings = [f.message for f in corrected.findings if f.severity == "warning"]
     verdict = calibration.verdict
     if verdict is not None and verdict.grade == "unreliable":
@@ -50,3 +60,28 @@ def run(
         across = sum(name.startswith("f") for name in corrected.channels) in (1, 2)
         alone = "; specific force across these axes was taken as zero" * across
         print(f"wrote {out}: {corrected.time.size} samples in {units}{alone}")
+
+
+def _of_another_kind(calibration_file: Path, run_file: Path) -> "InputError | None":
+    """Return what to give instead of files in the wrong order, or of a log; None of others."""
+    from inercal.errors import InputError
+
+    usage = "inercal apply CALIBRATION RUN_FILE --out CORRECTED"
+    if calibration_file.suffix == ".toml" and run_file.suffix == ".json":
+        return InputError(
+            f"{calibration_file} is the run file and {run_file} the calibration file: give the "
+            f"calibration file first, {usage}",
+            file=calibration_file,
+        )
+    for path, wanted in ((calibration_file, ".json"), (run_file, ".toml")):
+        if path.suffix == wanted or not path.is_file():
+            continue
+        if wanted == ".json":
+            text = "a calibration file (*.calibration.json), which inercal calibrate writes"
+        else:
+            text = (
+                "a run file (.toml), whose [data] names the recording and its columns: the one of "
+                f"the calibration with [data] file changed, or of inercal init {path}"
+            )
+        return InputError(f"{path}: give here {text}; {usage}", file=path)
+    return None

@@ -23,7 +23,10 @@ def run(
         None, "--out", "-o", help="Run file to write; by default the log's name with .toml."
     ),
     stated: list[str] = typer.Option(
-        [], "--set", metavar="KEY=VALUE", help='What you know: --set "data.rate=100 Hz".'
+        [],
+        "--set",
+        metavar="KEY=VALUE",
+        help='What you know: --set "data.rate=100 Hz", --set data.gyro=gx,gy,gz.',
     ),
     yes: bool = typer.Option(False, "--yes", "-y", help="Ask nothing: decide, and say so."),
     report: bool = typer.Option(False, "--report", help="Write a page with signals and sections."),
@@ -35,7 +38,6 @@ def run(
     Each line of it gives its reason. In a terminal it asks for what the data do not show.
     """
     from inercal.cli.outputs import PAGE, RUN_FILE, check_outputs
-    from inercal.drafts import draft_run_file
     from inercal.io.atomic_files import write_text
 
     path = out or Path(f"{logs[0].stem}.toml")
@@ -44,9 +46,9 @@ def run(
     kinds = {path: RUN_FILE} | ({page: PAGE} if report else {})
     check_outputs(kinds, logs, force=force)
     known = _stated_keys(stated)
-    with progress_status(f"reading {', '.join(map(str, logs))}"):
-        draft = draft_run_file(logs, path, known)
-    if draft.questions and not yes and sys.stdin.isatty() and sys.stdout.isatty():
+    asks = not yes and sys.stdin.isatty() and sys.stdout.isatty()
+    draft = _draft(logs, path, known, asks=asks)
+    if draft.questions and asks:
         draft = _ask(draft, logs, known)
     write_text(path, draft.text)
     if report:
@@ -76,8 +78,7 @@ def _stated_keys(texts: Sequence[str]) -> dict[str, str]:
     Raises
     ------
     InputError
-        A text that is no key with its value, a key that is stated twice, or the method's name,
-        which a draft chooses by the data.
+        A text that is no key with its value, or a key that is stated twice.
     """
     from inercal.errors import InputError
 
@@ -86,12 +87,6 @@ def _stated_keys(texts: Sequence[str]) -> dict[str, str]:
         key, value = _key_and_value(text)
         if key in known:
             raise InputError(f"--set {key} is stated twice: state it once", key="--set")
-        if key == "method.name":
-            raise InputError(
-                f"--set {text!r}: the draft tries the methods on the data; change [method] name in "
-                "the run file that it writes",
-                key="--set",
-            )
         known[key] = value
     return known
 
@@ -105,6 +100,39 @@ def _key_and_value(text: str) -> tuple[str, str]:
             f'--set {text!r}: write a key with its section, as "data.rate=100 Hz"', key="--set"
         )
     return key.strip(), value.strip()
+
+
+def _draft(logs: Sequence[Path], path: Path, known: dict[str, str], *, asks: bool) -> "Draft":
+    """Draft the run file; in a terminal, ask for accelerometers that are not recognised."""
+    from inercal.drafts import UnknownAccelerometers, draft_run_file
+    from inercal.errors import InputError
+
+    key = "data.accelerometer"
+    while True:
+        try:
+            with progress_status(f"reading {', '.join(map(str, logs))}"):
+                return draft_run_file(logs, path, known)
+        except UnknownAccelerometers as error:
+            if not asks:
+                raise
+            print(f"Columns of numbers: {', '.join(error.columns)}")
+        except InputError as error:
+            if not asks or error.key != key:
+                raise
+            print(f"inercal: {error}", file=sys.stderr)
+        known[key] = _three_columns(logs[0])
+
+
+def _three_columns(log: Path) -> str:
+    """Ask for three columns until three are given; an empty answer ends."""
+    from inercal.errors import InputError
+
+    while True:
+        answer = input("Which three are the accelerometers x, y, z (with commas)? ").strip()
+        if not answer:
+            raise InputError(f"{log}: no method calibrates without accelerometers", file=log)
+        if answer.count(",") == len("xyz") - 1:
+            return answer
 
 
 def _ask(draft: "Draft", logs: Sequence[Path], known: dict[str, str]) -> "Draft":

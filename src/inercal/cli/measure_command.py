@@ -25,7 +25,7 @@ def run(
         None, "--run", "-r", help="Run file of a worksheet, where none beside it names it."
     ),
     out: Path | None = typer.Option(
-        None, "--out", "-o", help="The table to fill (.csv); by default [data] file."
+        None, "--out", "-o", help="The table to fill (.csv); by default \\[data] file."
     ),
     readings: int = typer.Option(1, "--readings", "-n", min=1, max=10_000, help="Of each mean."),
     instrument: list[str] = typer.Option(
@@ -54,7 +54,7 @@ def run(
     """Fill a worksheet position by position: what to set, the reading, its scatter, the next.
 
     Readings are typed, piped (one line each), or taken from instruments. Each is stored at once,
-    and a measurement that was left goes on where it was. Commands: undo, repeat, keep, quit.
+    and a measurement that was left goes on where it was. Commands: undo, repeat, keep, quit, help.
     """
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
@@ -177,11 +177,12 @@ def _introduce(table: "MeasurementTable", say: Callable[[str], None]) -> None:
     for note in table.sheet.notes:
         say(f"· {note}")
     if sys.stdin.isatty():
-        say("· Type the readings of a row; commands are undo, repeat, keep and quit.")
+        say("· Type the readings of a row; commands are undo, repeat, keep, quit and help.")
     if table.left_out:
         say(f"· The table has no row of {', '.join(table.left_out)}.")
     if table.measured:
-        say(f"· {table.measured} of {len(table.rows)} rows are measured: the others follow.")
+        left = ": the others follow." if table.measured < len(table.rows) else "."
+        say(f"· {table.measured} of {len(table.rows)} rows are measured{left}")
 
 
 def _line_reader(*, to_errors: bool) -> Callable[[str], str | None]:

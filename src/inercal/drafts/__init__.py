@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -26,14 +26,16 @@ from inercal.drafts.draft_sections import (
     readout_keys,
     start_deviation,
     suggest_rate,
+    unused_columns,
 )
 from inercal.drafts.method_trials import Candidate, MethodTrial, candidate_methods, try_methods
 from inercal.drafts.readouts import QuietMeans
+from inercal.drafts.stated_keys import stated_columns, stated_gyros, stated_values
+from inercal.drafts.unknown_accelerometers import UnknownAccelerometers
 from inercal.errors import InputError
 from inercal.io.column_table import Table
 from inercal.io.read import detect_reader, read_table
 from inercal.section_settings import measured_constant
-from inercal.small_files import parse_toml
 
 _WORST = "unreliable"
 _MOST_TEXTS = 4  # columns
@@ -121,8 +123,12 @@ def draft_run_file(
         A file cannot be read, has no columns of a sensor, or no method fits its columns.
     """
     stated = dict(stated or {})
-    table, gyros, roles = _recognise(logs)
+    values = stated_values(stated)
+    table, gyros, roles = _recognise(logs, values)
     candidates = _candidates(logs[0], table, roles)
+    if (stated_name := values.pop("method.name", None)) is not None:
+        named = tuple(one for one in candidates if one[1] == stated_name)
+        candidates = named or ((candidates[0][0], stated_name, {}),)
     readings = {
         kind: np.stack(
             [(gyros if kind == "gyro" and gyros else table).numbers(name) for name in columns],
@@ -150,12 +156,13 @@ def draft_run_file(
         *suggest_rate(clock, readouts.get("gyro")),
         *((deviation_key(start_deviation(roles), "a guess"),) if roles.means else ()),
     )
-    entries = _with_stated(entries, stated)
+    entries = _with_stated(entries, _named_columns(values, roles))
     trials = try_methods(entries, candidates, path.parent)
     if roles.means and "data.sd.accelerometer" not in stated:
         start = start_deviation(roles)
         entries, trials = _with_scatter(entries, trials, candidates, path.parent, start)
     seen = facts(logs, table, roles, rests, time, readings)
+    seen = (*seen, *unused_columns(table, entries))
     found = Draft(path, entries, trials, seen, roles, rests, time, readings)
     if found.method is None:
         by_reason: dict[str, list[str]] = {}
@@ -170,14 +177,17 @@ def draft_run_file(
     return replace(found, entries=(*entries, *keys))
 
 
-def _recognise(logs: Sequence[Path]) -> tuple[Table, Table | None, ColumnRoles]:
+def _recognise(
+    logs: Sequence[Path], values: Mapping[str, Any]
+) -> tuple[Table, Table | None, ColumnRoles]:
     """Return the table, that of the gyros where it is another, and the roles of their columns."""
     table = _read(logs[0])
-    roles = recognise_columns(table, detect_reader(logs[0]).name)
-    gyros = _second_table(logs, table, roles)
+    stated = stated_columns(values, table, second_file=len(logs) > 1)
+    roles = recognise_columns(table, detect_reader(logs[0]).name, stated)
+    gyros = _second_table(logs, table, roles, values)
     if gyros is None:
         return table, None, roles
-    second = recognise_columns(gyros)
+    second = recognise_columns(gyros, stated=stated_gyros(values, gyros))
     joined = replace(
         roles,
         triads={**roles.triads, "gyro": second.triads["gyro"]},
@@ -198,14 +208,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
             names=("rates_and_poses",),
         )
     if "accelerometer" not in roles.triads:
-        known = ", ".join(roles.triads) or "no triad"
-        raise InputError(
-            f"{log}: no accelerometers found among the columns {', '.join(table.names[:12])} "
-            f"({known}); no method calibrates without them: give the file of the accelerometers "
-            "first",
-            file=log,
-            names=table.names[:12],
-        )
+        raise UnknownAccelerometers(log, table, roles)
     candidates = candidate_methods(roles)
     if not candidates:
         raise InputError(
@@ -229,7 +232,9 @@ def _read(log: Path) -> Table:
             text.append(column)
 
 
-def _second_table(logs: Sequence[Path], table: Table, roles: ColumnRoles) -> Table | None:
+def _second_table(
+    logs: Sequence[Path], table: Table, roles: ColumnRoles, values: Mapping[str, Any]
+) -> Table | None:
     if len(logs) == 1:
         return None
     if len(logs) > 2:
@@ -240,7 +245,8 @@ def _second_table(logs: Sequence[Path], table: Table, roles: ColumnRoles) -> Tab
         )
     second = _read(logs[1])
     rows, others = (next(iter(one.columns.values())).size for one in (table, second))
-    if "gyro" not in recognise_columns(second).triads or "gyro" in roles.triads or rows != others:
+    found = recognise_columns(second, stated=stated_gyros(values, second)).triads
+    if "gyro" not in found or "gyro" in roles.triads or rows != others:
         raise InputError(
             f"{logs[1]} is not the gyros' file of {logs[0]}: {others} rows to {rows}, and no gyros "
             "that the first file lacks; draft a run file of each",
@@ -278,31 +284,38 @@ def _with_scatter(
     return given
 
 
-def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, str]) -> tuple[DraftKey, ...]:
+def _named_columns(values: Mapping[str, Any], roles: ColumnRoles) -> dict[str, Any]:
+    """Return the stated values without the triads that the roles hold, by the columns' names.
+
+    A triad with a reversed axis keeps its signs.
+    """
+
+    def stays(key: str, value: Any) -> bool:
+        signed = isinstance(value, list) and any(
+            str(one).startswith("-") for one in cast(list[object], value)
+        )
+        section, _, role = key.partition(".")
+        return section != "data" or signed or role not in {*roles.triads, *roles.single}
+
+    return {key: value for key, value in values.items() if stays(key, value)}
+
+
+def _with_stated(entries: tuple[DraftKey, ...], stated: Mapping[str, Any]) -> tuple[DraftKey, ...]:
     """Return the entries with the values that the user states, which may be new keys."""
     known = {f"{entry.section}.{entry.key}": entry for entry in entries}
     for key, value in stated.items():
         section, _, name = key.rpartition(".")
-        if not section:
-            raise InputError(f"{key} has no section: name it as data.rate", key=key)
         known[key] = replace(
             known.get(key, DraftKey(section, name, value)),
-            value=_list_or_text(value),
+            value=value,
             reason="as stated",
         )
     if "bench.latitude" in stated:
         known.pop("bench.gravity", None)
+        if "bench.height" not in stated:
+            reason = "as stated; without height gravity is that of 0 to 2000 m: state height too"
+            known["bench.latitude"] = replace(known["bench.latitude"], reason=reason)
     return tuple(known.values())
 
 
-def _list_or_text(stated: str) -> Any:
-    """Return a list written as in a run file, or the text itself."""
-    if not stated.startswith("["):
-        return stated
-    try:
-        return parse_toml(f"value = {stated}")["value"]
-    except InputError:
-        return stated
-
-
-__all__ = ["Draft", "DraftKey", "MethodTrial", "draft_run_file"]
+__all__ = ["Draft", "DraftKey", "MethodTrial", "UnknownAccelerometers", "draft_run_file"]

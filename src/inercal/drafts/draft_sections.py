@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from inercal.drafts.readouts import (
     white_noise,
 )
 from inercal.errors import InputError
-from inercal.io.column_table import Table
+from inercal.io.column_table import Table, shorten
 from inercal.section_settings import si_value
 from inercal.units import si_factor
 
@@ -33,6 +34,7 @@ _TIME_UNITS = ("s", "ms", "µs", "ns")
 _RATES = (1.0, 20e3)  # Hz, of IMUs
 _RATE_UNITS = {"rpm": "rpm", "omega_over_pi": "0.5 rev/s"}
 _ARM_DEVIATION = 1e-2
+_MOST_LISTED = 12  # columns in a line
 _MEAN_DEVIATION = 1e-4  # of gravity: of means whose scatter nobody stated
 
 
@@ -138,7 +140,8 @@ def readout_keys(kind: str, readout: GuessedReadout) -> tuple[DraftKey, ...]:
     section = f"sensor.{kind}"
     unit = DraftKey(section, "unit", readout.unit, readout.reason)
     if not readout.certain and kind == "gyro":
-        unit = replace(unit, value=UNKNOWN, ask=f"the unit of the {kind}s, such as rad/s")
+        ask = f"the unit of the {kind}s, such as rad/s ({readout.reason})"
+        unit = replace(unit, value=UNKNOWN, ask=ask)
     entries = [unit]
     if readout.scale:
         entries.append(DraftKey(section, "scale", readout.scale, "nominal; see the data sheet"))
@@ -232,6 +235,21 @@ def data_keys(
     if bench == "hand" and not roles.means and "label" in roles.single:
         entries.append(DraftKey("data", "marks", "labels", "the column names the sections"))
     return tuple(entries)
+
+
+def unused_columns(table: Table, entries: Sequence[DraftKey]) -> tuple[str, ...]:
+    """Return the line that names columns which the run file does not use; () where it uses all."""
+    used: set[str] = set()
+    for entry in entries:
+        if entry.section == "data":
+            value = entry.value
+            given = cast(list[object], value) if isinstance(value, list) else [value]
+            used |= {str(name).removeprefix("-") for name in given}
+    left = [name for name in table.names if name not in used]
+    if not left:
+        return ()
+    more = f", … ({len(left)} in all)" if len(left) > _MOST_LISTED else ""
+    return (f"not used: {', '.join(map(shorten, left[:_MOST_LISTED]))}{more}",)
 
 
 def start_deviation(roles: ColumnRoles) -> float:

@@ -107,7 +107,8 @@ def try_methods(
             reason = f"not tried without {', '.join(unknown)}" if unknown else "not tried"
             trials.append(MethodTrial(name, keys, None, reason))
             continue
-        content = as_sections(entries) | {"method": {"name": name, **keys}}
+        content = as_sections(entries)
+        content["method"] = content.get("method", {}) | {"name": name, **keys}
         run_file = folder / "draft"
         try:
             outcome = calibrate(from_sections(run_file, content, ""))

@@ -12,8 +12,10 @@ from inercal.sensors import G0
 
 _ACCELEROMETER_UNITS = {"m/s²": 1.0, "g": G0, "mg": 1e-3 * G0}
 _GYRO_UNITS = {"rad/s": 1.0, "°/s": np.pi / 180}
+# Of two that differ by less than any sensor's error, the power of two comes first.
 _COUNTS_PER_G = (*(2.0**k for k in range(5, 16)), 1000 / 0.061, 1000 / 0.122, 1000 / 0.244)
 _COUNTS_PER_DEGREE = (131.0, 65.5, 32.8, 16.4, 1 / 0.00875, 1 / 0.0175, 1 / 0.035, 1 / 0.07)
+_WIDEST = 2.0  # radius of a sphere, of the readings' range
 _MID_SCALES = tuple(2.0**k for k in range(7, 32))
 _NEAR = 0.12  # of a unit's size: bias and scale errors of a plain MEMS sensor
 _NEAR_NOMINAL = 0.04  # of a nominal scale factor
@@ -189,6 +191,19 @@ def _sphere(means: Array) -> tuple[Array | None, float | None]:
     return (solution[:3] * scale, np.sqrt(squared) * scale) if squared > 0 else (None, None)
 
 
+def norm_misfit(means: Array) -> float:
+    """Return the scatter of the norms of readings at rest, (k, 3), about their sphere's centre.
+
+    Relative to the radius; about zero where the attitudes do not span a sphere.
+    """
+    centre, radius = _sphere(means)
+    if radius is not None and radius > _WIDEST * float(np.ptp(means, axis=0).max()):
+        return np.inf  # columns of a plane, or nearly so: the centre is far outside
+    norms = np.linalg.norm(means - (0.0 if centre is None else centre), axis=-1)
+    mean = float(norms.mean())
+    return float(norms.std()) / mean if mean else np.inf
+
+
 def _offset(centre: float, reach: float) -> float:
     """Return the nominal offset of a converter: zero, half of its range, or what is found."""
     if abs(centre) < 0.3 * reach:
@@ -198,9 +213,11 @@ def _offset(centre: float, reach: float) -> float:
 
 
 def _nominal(counts: float, known: Sequence[float]) -> tuple[float, str]:
-    near = min(known, key=lambda one: abs(np.log(counts / one)))
-    if abs(counts / near - 1) < _NEAR_NOMINAL:
-        return near, f", near the nominal {near:.5g}"
+    """Return the first of the known scale factors that is near, and all that are near in words."""
+    near = [one for one in known if abs(counts / one - 1) < _NEAR_NOMINAL]
+    if near:
+        others = f" ({' and '.join(f'{one:.6g}' for one in near[1:])} is as near)" * bool(near[1:])
+        return near[0], f", near the nominal {near[0]:.6g}{others}"
     return float(f"{counts:.3g}"), ""
 
 
@@ -239,7 +256,8 @@ def guess_gyro(
         swept = [_norm_of_sum(gyro[a:b] - np.median(rests.rate, axis=0)) for a, b in turns]
         size = 2 * np.pi / float(np.median(swept))
         reason = f"{len(turns)} marked turns, each taken as 360°"
-    if size is not None and dt is None:
+    whole = bool(np.all(gyro == np.rint(gyro)))  # counts, whose scale needs the rate
+    if size is not None and dt is None and not whole:
         rates = {unit: si / size for unit, si in _GYRO_UNITS.items()}
         likely = [unit for unit, rate in rates.items() if _LIKELY[0] < rate < _LIKELY[1]]
         if len(likely) == 1:
@@ -247,8 +265,9 @@ def guess_gyro(
             text = f"{reason} at about {rates[unit]:.3g} Hz; in another unit at no likely rate"
             return GuessedReadout(unit, "", 0.0, _GYRO_UNITS[unit], text, rate_hz=rates[unit])
     if size is None or dt is None:
-        unknown = "the rate is not known" if size is not None else "no turns between rests"
-        return GuessedReadout("°/s", "", offset, np.pi / 180, f"{unknown}: please tell", False)
+        known_with = "with the rate, --set data.rate, inercal init finds it"
+        unknown = known_with if size is not None else "no turns between rests show it"
+        return GuessedReadout("°/s", "", offset, np.pi / 180, unknown, False)
     size /= dt
     for unit, si in _GYRO_UNITS.items():
         if abs(size / si - 1) < _NEAR:

@@ -23,6 +23,8 @@ from inercal.units import to_si
 _ROWS = 4  # the means of fewer rows may agree to the last digit
 SD_SUFFIX = "_sd"  # added to the name of a column: its standard deviation
 
+_OPEN_CELL = "write the mean, go on with inercal measure,"  # before "or remove the row"
+
 
 def read_means(
     path: Path,
@@ -134,7 +136,7 @@ def observations_from_table(
     by_axis = {axis: name for axis, name, _ in columns.channels}
     output = np.empty((len(labels), len(sensor.axes)))
     for k, axis in enumerate(sensor.axes):
-        output[:, k] = number_column(path, table, by_axis[axis.name], "write the mean")
+        output[:, k] = number_column(path, table, by_axis[axis.name], _OPEN_CELL)
         _require_within_range(path, table, by_axis[axis.name], axis, output[:, k])
     _refuse_constant_column(path, output, sensor, by_axis)
     if not (np.isfinite(durations) & (durations > 0)).all():

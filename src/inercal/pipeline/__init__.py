@@ -248,6 +248,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
     conditions = {**run_conditions(run, inputs), **remarks.conditions}
     if run.bench_name:
         conditions["bench"] = run.bench_name
+    weighs_gravity = bool(sensor.select_axes("f").coefficients)
     estimate = replace(
         estimate,
         notes=(
@@ -256,6 +257,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
             *observations.notes,
             *estimate.notes,
             *constant_notes(bench, assumed),
+            *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
         tests=tuple(dict.fromkeys((*observations.tests, *estimate.tests))),
         # Filters weigh samples by the stated noise.

@@ -1,11 +1,12 @@
 """Recordings of a run corrected by a calibration."""
 
+import math
 from dataclasses import replace
-from math import degrees
 from pathlib import Path
 
 import numpy as np
 
+from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.data import recording_loader
 from inercal.data.recording_loader import readback_columns, reader_columns
@@ -14,9 +15,13 @@ from inercal.methods import METHODS
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
 from inercal.recording import Finding, Recording
 from inercal.runfile import Run, read
+from inercal.units import to_si
 
 _ALL = 3  # axes that measure every component
 _MARGIN = 0.01  # of the range of the rates
+_DIGITS = 9  # significant, of numbers in a text file
+_LARGEST_EXACT = 1e22  # powers of ten beyond are rounded
+_TEMPERATURE_DECIMALS = 6
 
 
 def load_recording(run: Run) -> Recording:
@@ -59,8 +64,8 @@ def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Findi
     beyond = ((rate < low - margin) | (rate > high + margin)).any(axis=-1)
     if not beyond.any():
         return ()
-    ends = " to ".join(f"{degrees(value):.4g}" for value in limits)
-    reached = degrees(float(rate.flat[np.argmax(np.abs(rate))]))
+    ends = " to ".join(f"{math.degrees(value):.4g}" for value in limits)
+    reached = math.degrees(float(rate.flat[np.argmax(np.abs(rate))]))
     text = (
         f"{beyond.sum()} samples are beyond the rates of the calibration, {ends} °/s: the rate "
         f"reaches {reached:.4g} °/s, where scale factors and nonlinear terms were not measured"
@@ -129,3 +134,47 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
         readback={named[name]: values for name, values in recording.readback.items()},
         label_name=reader_columns(run).label or recording.label_name,
     )
+
+
+def as_written(corrected: Recording, run: Run, *, text: bool) -> Recording:
+    """Return a corrected recording as `inercal apply` writes it.
+
+    The temperature has the unit of the run file, which its name states: "temperature [°C]".
+
+    Parameters
+    ----------
+    corrected : Recording
+        Of `apply`.
+    run : Run
+    text : bool
+        Whether the file holds numbers as text: then they have nine significant digits, and times
+        at least four digits beyond those of the step.
+    """
+    if corrected.temperature is not None:
+        unit: str = run.data.temperature_unit
+        zero, one = to_si(np.array([0.0, 1.0]), unit, "K").tolist()
+        own = (corrected.temperature - zero) / (one - zero)
+        # Sums with 273.15 leave digits that no sensor has.
+        own: Array = np.round(own, _TEMPERATURE_DECIMALS)
+        readback = {f"temperature [{unit}]": own, **corrected.readback}
+        corrected = replace(corrected, temperature=None, readback=readback)
+    if not text:
+        return corrected
+    time = corrected.time
+    if time.size > 1 and (step := float(np.median(np.diff(time)))) > 0:
+        time = np.round(time, 4 - math.floor(math.log10(step)))
+    return replace(
+        corrected,
+        time=time,
+        data=_significant(corrected.data),
+        readback={name: _significant(values) for name, values in corrected.readback.items()},
+    )
+
+
+def _significant(values: Array) -> Array:
+    """Return numbers with nine significant digits: 1e-8 of 1 g, less than any sensor's noise."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        size = np.floor(np.log10(np.abs(values)))
+        factor = 10.0 ** (_DIGITS - 1 - size)
+        rounded = np.rint(values * factor) / factor
+    return np.where(np.isfinite(rounded) & (factor < _LARGEST_EXACT), rounded, values)

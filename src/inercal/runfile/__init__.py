@@ -4,6 +4,7 @@
 line that names the file, the key and what is possible there.
 """
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -45,6 +46,9 @@ if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
+_QUESTION = re.compile(
+    r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(please tell: )?(?P<comment>.*?)\s*)?'
+)
 _DEFAULT_KIND = "hand"  # [bench] kind
 
 
@@ -209,12 +213,30 @@ def read(path: str | Path, method_keys: Mapping[str, object] | None = None) -> R
         content = parse_toml(raw, "run file")
     except InputError as error:
         raise error.located(path) from None
+    _refuse_open_questions(path, raw)
     if method_keys and isinstance(content.get("method", {}), dict):
         content["method"] = content.get("method", {}) | dict(method_keys)
     try:
         return from_sections(path, content, sha256(raw).hexdigest())
     except InputError as error:
         raise error.located(path) from None
+
+
+def _refuse_open_questions(path: Path, raw: bytes) -> None:
+    """Refuse a draft of `inercal init` with questions that nobody has answered."""
+    lines = enumerate(raw.decode("utf-8", "replace").splitlines(), 1)
+    found = [(k, match) for k, line in lines if (match := _QUESTION.fullmatch(line))]
+    if not found:
+        return
+    where = f"line{'s' * (len(found) > 1)} {' and '.join(str(k) for k, _ in found)}"
+    asked = "; ".join(f'{one["key"]} = "?": {one["comment"] or "its value"}' for _, one in found)
+    raise InputError(
+        f"{path} line {found[0][0]}: the draft has open questions: answer {where} ({asked})",
+        file=path,
+        line=found[0][0],
+        key=found[0][1]["key"],
+        names=tuple(one["key"] for _, one in found),
+    )
 
 
 def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:

@@ -4,13 +4,19 @@ from collections.abc import Sequence
 from math import degrees, sin
 from typing import Any
 
-from inercal.earth import normal_gravity
+from inercal.earth import COMPUTED_GRAVITY_SD, UNKNOWN_HEIGHT, normal_gravity
 from inercal.errors import InputError
 from inercal.methods import Method
 from inercal.plan import Step, Turn
 from inercal.recording import Finding
 from inercal.runfile.schema import ReadoutSection, RunSchema
-from inercal.section_settings import BenchSection, BenchUsage, measured_constant, si_value
+from inercal.section_settings import (
+    BenchSection,
+    BenchUsage,
+    measured_constant,
+    section_gravity,
+    si_value,
+)
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
 _HIGHEST = 3000.0  # m: a laboratory whose height is not stated
@@ -57,6 +63,7 @@ def require_used_keys(schema: RunSchema, chosen: Method[Any, Any], steps: Sequen
 def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
     """Compare a stated gravity with normal gravity at latitude and height, where both are stated.
 
+    A note where gravity is computed without a height.
     A warning where they differ by more than an anomaly of 100 mGal and three standard
     uncertainties; without a height any height from 0 to 3000 m is possible.
 
@@ -65,8 +72,10 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
     section : section of [bench]
         Its values are known to be readable.
     """
-    if section.gravity is None or section.latitude is None:
+    if section.latitude is None:
         return ()
+    if section.gravity is None:
+        return () if section.height is not None else (_without_height(section),)
     stated = measured_constant(section.gravity, "m/s²", "[bench] gravity")
     place = measured_constant(section.latitude, "°", "[bench] latitude")
     height = None if section.height is None else si_value(section.height, "m", "[bench] height")
@@ -88,3 +97,15 @@ def check_stated_gravity(section: BenchSection) -> tuple[Finding, ...]:
         "[bench] gravity, latitude and height"
     )
     return (Finding("warning", "gravity", text),)
+
+
+def _without_height(section: BenchSection) -> Finding:
+    """Return the note that gravity was computed for any height, with its uncertainty."""
+    gravity = section_gravity(section)
+    low, high = UNKNOWN_HEIGHT
+    text = (
+        f"no height is stated: gravity is taken as {gravity.value:.4f} m/s² with u = "
+        f"{1e3 * gravity.sd:.1f} mm/s², which covers {low:.0f} to {high:.0f} m; state [bench] "
+        f"height, and u is {1e3 * COMPUTED_GRAVITY_SD:.1f} mm/s²"
+    )
+    return Finding("note", "height", text)

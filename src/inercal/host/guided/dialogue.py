@@ -15,7 +15,14 @@ from inercal.host.guided.reading_check import ReadingCheck, scatter
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MOST = 1e100  # as of tables of means
-_COMMANDS = "undo, repeat or quit"
+_COMMANDS = "undo, repeat, quit or help"
+_HELP = (
+    "undo     takes back the last reading",
+    "repeat   takes back all readings of this row, or of the row before",
+    "keep     accepts a reading that is far from what is expected",
+    "quit     ends; the same command goes on later where the measurement was",
+    "help     prints this list",
+)
 
 
 class GuidedMeasurement:
@@ -73,27 +80,32 @@ class GuidedMeasurement:
             self._describe(k)
             line = self._read_line(self._prompt(k))
             self._lines += 1
-            word = "quit" if line is None else line.strip().lower()
+            text = "quit" if line is None else line.strip()
+            word = text.lower()
             if word == "quit" or (k is None and not word):
                 return self._table.open_row is None
             try:
-                self._answer(k, word)
+                self._answer(k, text)
             except InercalError as error:
                 if not self._asked_again:
                     raise error.located(f"standard input line {self._lines}") from None
                 self._say(str(error))
 
-    def _answer(self, k: int | None, word: str) -> None:
-        if word in ("undo", "repeat"):
+    def _answer(self, k: int | None, text: str) -> None:
+        word = text.lower()
+        if word in ("help", "?"):
+            for line in _HELP:
+                self._say(line)
+        elif word in ("undo", "repeat"):
             self._take_back(k, last=word == "undo")
         elif k is None:
-            raise InputError(f"{word[:40]!r}: all rows are measured; possible are {_COMMANDS}")
+            raise InputError(f"{text[:40]!r}: all rows are measured; possible are {_COMMANDS}")
         elif word == "keep":
             if not self._doubtful:
                 raise InputError("there is no reading to keep; give one first")
             self._accept(k, self._doubtful)
         else:
-            self._take(k, word)
+            self._take(k, text)
 
     def _take(self, k: int, line: str) -> None:
         """Take the reading of a line, or of the instruments with what the line adds."""

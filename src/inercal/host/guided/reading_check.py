@@ -98,9 +98,19 @@ class ReadingCheck:
             if abs(value - reading[column]) > allowed * abs(axis.readout.scale):
                 found.append(
                     f"{column} reads {reading[column]:+.6g}, but {value:+.4g} {axis.readout.unit} "
-                    "is expected"
+                    f"is expected{self._si_hint(axis, value, reading[column])}"
                 )
         return found
+
+    def _si_hint(self, axis: Axis, expected: float, value: float) -> str:
+        """Return a hint where a reading is what is expected in SI units, not in the sensor's."""
+        scale = axis.readout.scale
+        in_si = value * scale + axis.readout.offset
+        alike = abs(in_si - expected) <= self._tolerance * abs(expected)
+        if not alike or abs(scale - 1) < self._tolerance:
+            return ""
+        si = {"f": "m/s²", "w": "rad/s"}[axis.measures]
+        return f" (is it in {si}? [sensor] states {axis.readout.unit})"
 
     def _far_norm(self, reading: Mapping[str, float]) -> list[str]:
         si = [
@@ -111,7 +121,11 @@ class ReadingCheck:
         norm = float(np.linalg.norm(si))
         if abs(norm - self._gravity) <= self._tolerance * self._gravity:
             return []
-        return [f"the norm is {norm:.4g} m/s², but {self._gravity:.4g} m/s² is expected"]
+        text = f"the norm is {norm:.4g} m/s², but {self._gravity:.4g} m/s² is expected"
+        plain = [reading[column] for column, axis in self.axes.items() if axis.measures == "f"]
+        if abs(float(np.linalg.norm(plain)) - self._gravity) <= self._tolerance * self._gravity:
+            text += " (are the readings in m/s²? [sensor] states another unit)"
+        return [text]
 
     def out_of_range(self, reading: Mapping[str, float]) -> list[str]:
         """Return what of a reading is at or beyond the stated full scale, in words."""

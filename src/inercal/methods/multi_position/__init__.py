@@ -29,7 +29,7 @@ from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.estimate.lazy_value import LazyValue
 from inercal.methods._base import Fit, Method, Remarks
-from inercal.methods.multi_position.advice import advice, g_sensitivity_notes
+from inercal.methods.multi_position.advice import advice, g_sensitivity_notes, gravity_notes
 from inercal.methods.multi_position.attitude_coverage import hand_held_plan
 from inercal.methods.multi_position.coverage_requirements import require_coverage
 from inercal.methods.multi_position.rest_observations import Rests
@@ -128,7 +128,7 @@ def _checked_rests(
 def _final_estimate(rests: Rests, last: FitStage, priors: Sequence[Gaussian]) -> Estimate:
     estimate = last.estimate
     require_observed(estimate, rests.sensor, missing=())
-    notes = g_sensitivity_notes(rests, estimate)
+    notes = g_sensitivity_notes(rests, estimate) + gravity_notes(rests, estimate)
     if not rests.temperature_offsets.ndim:  # else another temperature may help as well
         notes += advice(rests, estimate)
     if rests.transitions is None:

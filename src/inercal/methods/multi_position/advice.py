@@ -7,6 +7,7 @@ import scipy
 
 from inercal.arrays import Array
 from inercal.calibration.verdict import COVERAGE
+from inercal.earth import COMPUTED_GRAVITY_SD
 from inercal.estimate import Estimate
 from inercal.methods.multi_position.attitude_coverage import GeometryErrors, next_attitudes
 from inercal.methods.multi_position.coverage_requirements import attitudes_in_words
@@ -15,6 +16,7 @@ from inercal.units import format_value_and_uncertainty
 
 _MIN_IMPROVEMENT = 1.5  # times: less gain is not worth the hand's trouble
 _ADVISED_ATTITUDES = 3  # attitudes advised where a result is weak
+_SHARED = ("g", "timebase")  # parameters of the bench whose errors all coefficients share
 _TEST_LEVEL = 1e-3  # that rates without a sensitivity look like it
 
 
@@ -25,10 +27,10 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     """
     sensor, p = rests.sensor, len(rests.sensor.coefficients)
     unit_scale = sensor.unit_scale
-    # More attitudes do not reduce the part of the recording's clock.
-    clock = _clock_shifts(estimate)[:p] / unit_scale
+    # More attitudes do not reduce the parts of gravity and of the recording's clock.
+    shared = np.stack([_shifts(estimate, name)[:p] / unit_scale for name in _SHARED])
     covariance = estimate.covariance[:p, :p] / np.outer(unit_scale, unit_scale)
-    covariance -= np.outer(clock, clock)
+    covariance -= shared.T @ shared
     sizes = {group.name: float(np.sqrt(np.mean(group.sd**2))) for group in estimate.groups}
     typical = GeometryErrors(*(sizes.get(name, 1.0) for name in ("norms", "rates", "rotations")))
     ups = rests.norms(np.concatenate([estimate.value[:p], rests.start()[p:]])).up
@@ -42,8 +44,9 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
         target_deviation=0.0,
         max_attitudes=_ADVISED_ATTITUDES,
     )
-    old = np.sqrt(np.diag(covariance) + clock**2) * unit_scale
-    new = np.sqrt(np.diag(np.linalg.inv(after)) + clock**2) * unit_scale
+    stays = (shared**2).sum(axis=0)
+    old = np.sqrt(np.diag(covariance) + stays) * unit_scale
+    new = np.sqrt(np.diag(np.linalg.inv(after)) + stays) * unit_scale
     k = int(np.argmax(old / new))
     if old[k] < _MIN_IMPROVEMENT * new[k]:
         return ()
@@ -58,12 +61,43 @@ def advice(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
     )
 
 
-def _clock_shifts(estimate: Estimate) -> Array:
-    """Return the shift of each value by one standard deviation of the clock's error."""
-    if "timebase" not in estimate.names:
+def gravity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:
+    """Return a note where gravity dominates the U of scale factors: no attitude reduces that part.
+
+    The remaining U is that with gravity computed from latitude and height.
+    """
+    sensor, gravity = rests.sensor, rests.bench.gravity
+    if not gravity.sd > COMPUTED_GRAVITY_SD:
+        return ()
+    p = len(sensor.coefficients)
+    part = _shifts(estimate, "g")[:p] ** 2
+    old = estimate.std[:p]
+    left = (COMPUTED_GRAVITY_SD / gravity.sd) ** 2
+    new = np.sqrt(np.maximum(old**2 - (1 - left) * part, 0.0))
+    weak = np.flatnonzero(old > _MIN_IMPROVEMENT * new)
+    if not weak.size:
+        return ()
+    names = [sensor.coefficients[k] for k in weak]
+    k = int(weak[np.argmax(new[weak])])
+    line = sensor.coefficient(sensor.coefficients[k])
+    before, after = (
+        format_value_and_uncertainty(0.0, COVERAGE * float(sd[k]) / line.si)[1] for sd in (old, new)
+    )
+    u = format_value_and_uncertainty(0.0, COVERAGE * gravity.sd)[1]
+    return (
+        f"gravity, ± {u} m/s², gives most of the U of {', '.join(names)}, which no attitude "
+        "reduces: state latitude and height, or measured gravity, in [bench]; with latitude and "
+        f"height the U of {sensor.coefficients[k]} falls from {before} to {after} {line.unit}",
+    )
+
+
+def _shifts(estimate: Estimate, name: str) -> Array:
+    """Return the shift of each value by one standard deviation of a parameter of the bench."""
+    if name not in estimate.names:
         return np.zeros(len(estimate.names))
-    column = estimate.covariance[:, estimate.names.index("timebase")]
-    return column / np.sqrt(column[estimate.names.index("timebase")])
+    column = estimate.covariance[:, estimate.names.index(name)]
+    variance = column[estimate.names.index(name)]
+    return column / np.sqrt(variance) if variance > 0 else np.zeros(len(column))
 
 
 def g_sensitivity_notes(rests: Rests, estimate: Estimate) -> tuple[str, ...]:

@@ -1,0 +1,167 @@
+"""What the columns of a recording hold by their names, as common loggers write them.
+
+Names of Arduino sketches for the MPU-6050 ("AcX", "GyX", "Tmp", "millis"), of phyphox
+("Acceleration x (m/s^2)"), Sensor Logger and SensorLog ("seconds_elapsed",
+"accelerometerAccelerationX(G)"), Android ("accelerometer_x", "GYROSCOPE X (rad/s)"), Xsens
+("Acc_X", "Gyr_X", "PacketCounter"), LSM and ICM examples ("XL_X", "Accel_X_mg") and exports of
+ROS ("field.angular_velocity.x"). Case is ignored.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+
+_AXES = ("x", "y", "z")
+_AXIS_ENDS = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2}
+_STEMS = {
+    "accelerometer": re.compile(
+        r"(n?a|f|ac|acc|accl?|accel\w*|accelerometer\w*|xl|linear_?accel\w*|specific_?force)"
+    ),
+    "gyro": re.compile(
+        r"(g|gy|w|om|omega|gyr|gyro\w*|ang\w*_?(velocity|vel|rate)|angular|rotation_?rate)"
+    ),
+}
+_WITHOUT_GRAVITY = re.compile(r"(\w*_)?(linear|lin|user|free)_?acc\w*")
+_NO_SENSOR = re.compile(  # triads that are neither accelerometers nor gyros
+    r"(\w*_)?(mag\w*|[mhb]_?[xyz]|roll|pitch|yaw|azimuth|heading|euler\w*|quat\w*|q[0-3wxyz]|gravity\w*"
+    r"|(linear|user|free)_?acc\w*|orientation\w*|lat\w*|lon\w*|alt\w*|press\w*|hum\w*|gps\w*)"
+)
+NAMES = {
+    "time": re.compile(
+        r"t(_?(s|ms|us|ns))?|(\w*_)?time\w*|\w*timestamp\w*|stamp|date\w*|secs?|seconds?\w*"
+        r"|sample(?!_?time_?fine)\w*|n_samples|\w*counter|ms|msecs?|millis\w*|us|usecs?"
+        r"|micros\w*|nanos\w*|elapsed\w*|epoch\w*|uptime\w*"
+    ),
+    "temperature": re.compile(
+        r"((imu|chip|sensor|die|mpu|gyro?|acc\w*)_?)?(temp|tmp)\w*|t_?c(elsius)?"
+    ),
+    "arm_rate": re.compile(r"rpm|arm_?rate|rate|speed_?rpm|omega_over_pi|table_?rate"),
+    "axis": re.compile(r"axis|up"),
+    "angle": re.compile(r"angle|head|head_?angle"),
+    "autocollimator": re.compile(r"autocollimator|collimator"),
+    "level": re.compile(r"level"),
+    "mounting": re.compile(r"mounting|fixture"),
+    "hold": re.compile(r"hold"),
+    "label": re.compile(r"label|part|section|position|pos|pose|step|face|phase"),
+}
+"""Names of single columns by role."""
+
+_UNITS = (  # in a column's name, as text or in brackets: the unit, of which kind
+    (re.compile(r"m_?/?s_?(\^?2|²|2)\b|m_s2|mps2"), "m/s²"),
+    (re.compile(r"\[(mg)\]|\(mg\)|_mg\b"), "mg"),
+    (re.compile(r"\[g\]|\(g\)|_g\b"), "g"),
+    (re.compile(r"rad_?/?s\b|_rad\b|rads\b"), "rad/s"),
+    (re.compile(r"(deg|°)_?/?s\b|dps\b|_deg\b"), "°/s"),
+    (re.compile(r"lsb|counts?|raw"), "LSB"),
+)
+_UNIT_WORDS = r"m_s_?2|mps2|ms2|mg|g|rad(_?s)?|deg(_?s)?|dps|raw|lsb|counts?"
+_UNIT_END = re.compile(rf"_({_UNIT_WORDS})$")
+_TIME_UNITS = (
+    (re.compile(r"\[?\bns\b|_ns\b|nanos"), "ns"),
+    (re.compile(r"\bus\b|_us\b|µs|micros|usec"), "µs"),
+    (re.compile(r"\bms\b|_ms\b|millis|msec"), "ms"),
+    (re.compile(r"\[s\]|\(s\)|_s\b|\bsec"), "s"),
+)
+
+
+def column_unit(name: str) -> str | None:
+    """Return the unit that a column's name states."""
+    return next((unit for pattern, unit in _UNITS if pattern.search(name.lower())), None)
+
+
+def time_unit(name: str) -> str | None:
+    """Return the unit of time that a column's name states."""
+    return next((unit for pattern, unit in _TIME_UNITS if pattern.search(name.lower())), None)
+
+
+def role_of_name(name: str) -> str | None:
+    """Return the role that a single column has by its name.
+
+    >>> role_of_name("millis"), role_of_name("Tmp"), role_of_name("volume")
+    ('time', 'temperature', None)
+    """
+    words = _words(name.rpartition(".")[2])  # a log's columns are "topic.field"
+    return next((role for role, pattern in NAMES.items() if pattern.fullmatch(words)), None)
+
+
+def is_other_quantity(name: str) -> bool:
+    """Return whether a name states a quantity that neither accelerometers nor gyros read."""
+    return _NO_SENSOR.fullmatch(_words(name)) is not None
+
+
+def in_axis_order(names: Sequence[str]) -> tuple[str, ...]:
+    """Return three columns in the order of the axes that their names end in, else as they are.
+
+    >>> in_axis_order(("z", "y", "x"))
+    ('x', 'y', 'z')
+    """
+    axes = [_AXIS_ENDS.get(_words(name)[-1:]) for name in names]
+    if sorted(axis for axis in axes if axis is not None) != [0, 1, 2]:
+        return tuple(names)
+    return tuple(names[axes.index(k)] for k in range(len(_AXES)))
+
+
+def named_triads(
+    names: Sequence[str], reasons: dict[str, str], units: dict[str, str]
+) -> dict[str, tuple[str, ...]]:
+    """Return accelerometers and gyros by names that differ in their axis alone."""
+    groups: dict[str, dict[int, str]] = {}
+    for name in names:
+        stem, axis = _stem_and_axis(_words(name))
+        if axis is not None:
+            groups.setdefault(stem, {}).setdefault(axis, name)
+    triads: dict[str, tuple[str, ...]] = {}
+    for kind, pattern in _STEMS.items():
+        for found in _groups_of_kind(groups, pattern):
+            if kind in triads:
+                reasons[kind] += f"; {', '.join(found.values())} are left out"
+                continue
+            triads[kind] = tuple(found[k] for k in range(len(_AXES)))
+            reasons[kind] = "by their names"
+            if unit := column_unit(found[0]):
+                units[kind] = unit
+    return triads
+
+
+def _groups_of_kind(
+    groups: Mapping[str, Mapping[int, str]], pattern: re.Pattern[str]
+) -> list[Mapping[int, str]]:
+    """Return the complete triads of a kind; those that gravity was taken from come last."""
+    complete = [
+        (stem, found)
+        for stem, found in groups.items()
+        if len(found) == len(_AXES) and _ends_with(_UNIT_END.sub("", stem), pattern)
+    ]
+    complete.sort(key=lambda one: _WITHOUT_GRAVITY.fullmatch(one[0]) is not None)
+    return [found for _, found in complete]
+
+
+def _ends_with(stem: str, pattern: re.Pattern[str]) -> bool:
+    """Return whether a name, or its last words, match a pattern."""
+    words = stem.split("_")
+    return any(pattern.fullmatch("_".join(words[k:])) for k in range(len(words)))
+
+
+def _words(name: str) -> str:
+    """Return a name in lower case, words by "_", without units in brackets."""
+    name = re.sub(r"\(.*?\)|\[[^\]]*[^\d\]][^\]]*\]", "", name)  # "[0]" stays
+    name = re.sub(r"[ωΩ]", "w", name)
+    name = re.sub(r"([a-z])([A-Z])|([A-Z])(?=[A-Z][a-z])", r"\1\3_\2", name)
+    return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
+
+
+def _stem_and_axis(words: str) -> tuple[str, int | None]:
+    """Return a name without its axis, and the axis: ("acc", 0) of "acc_x", "accx" and "ax"."""
+    head, _, last = words.rpartition("_")
+    if head and last in _AXIS_ENDS:
+        return head, _AXIS_ENDS[last]
+    if (bare := _UNIT_END.sub("", words)) != words:
+        inner, _, axis = bare.rpartition("_")
+        if axis in _AXIS_ENDS:
+            return inner, _AXIS_ENDS[axis]
+        if len(bare) > 1 and bare[-1] in _AXES:
+            return bare[:-1], _AXIS_ENDS[bare[-1]]
+    if len(words) > 1 and words[-1] in _AXES:
+        return words[:-1], _AXIS_ENDS[words[-1]]
+    if len(words) > 1 and words[0] in _AXES and "_" in words:
+        return words[2:], _AXIS_ENDS[words[0]]
+    return words, None
