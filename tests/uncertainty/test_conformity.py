@@ -23,7 +23,7 @@ def results(rule: DecisionRule, values: list[float], u: float) -> list[str]:
 
 
 def test_guard_bands_divide_the_values_of_ilac_g8():
-    values = [-1.3, -1.15, -0.9, -0.7, 0.8, 0.85, 1.0, 1.2, 1.21]
+    values = [-1.3, -1.15, -0.9, -0.7, 0.79, 0.85, 1.0, 1.2, 1.21]
     assert results(DecisionRule(), values, 0.1) == [
         "fail", "conditional fail", "conditional pass", "pass", "pass", "conditional pass",
         "conditional pass", "conditional fail", "fail",

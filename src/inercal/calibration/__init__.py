@@ -16,6 +16,7 @@ from inercal.calibration.forms import (
 )
 from inercal.calibration.grade import Verdict
 from inercal.calibration.shared_errors import SharedError, SharedErrors, transform_shared
+from inercal.calibration.specification import Conformity
 from inercal.calibration.validity import Validity
 from inercal.errors import InputError
 from inercal.motion import Motion
@@ -56,6 +57,8 @@ class Calibration:
         The ranges of the data; None where a file does not state them.
     job : mapping of str to str
         Order of the calibration and its laboratory, in words ([job] of the run file).
+    conformity : Conformity or None
+        Of the coefficients with their limits; None where none are stated.
 
     Raises
     ------
@@ -77,6 +80,7 @@ class Calibration:
     shared: SharedErrors = None
     validity: Validity | None = None
     job: Mapping[str, str] = field(default_factory=dict[str, str])
+    conformity: Conformity | None = None
 
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)
@@ -308,7 +312,15 @@ class Calibration:
     def _replace_coefficients(self, sensor: Sensor, values: Array, by: Array) -> "Calibration":
         """Return the calibration with other coefficients; `by` are their derivatives, (q, p)."""
         covariance, shared = by @ self.covariance @ by.T, transform_shared(self.shared, by)
-        return replace(self, sensor=sensor, values=values, covariance=covariance, shared=shared)
+        # Limits are of the coefficients as they were.
+        return replace(
+            self,
+            sensor=sensor,
+            values=values,
+            covariance=covariance,
+            shared=shared,
+            conformity=None,
+        )
 
     def in_frame(self, frame: Frame) -> "Calibration":
         """Return the calibration referred to another body frame.
@@ -346,4 +358,4 @@ def _same_unit(first: str, second: str) -> bool:
         return False
 
 
-__all__ = ["Calibration", "ConvertedCoefficients", "Frame", "SharedError", "Validity"]
+__all__ = ["Calibration", "Conformity", "ConvertedCoefficients", "Frame", "SharedError", "Validity"]

@@ -264,10 +264,11 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
     row_word = "rest" if run.method.unknown_attitudes else run.kind.words.row
     possible = run.method.possible(sensor)
     judged = verdict(estimate, sensor, findings, expected, possible, row_word)
+    value, covariance = estimate.value[:p], estimate.stated_covariance[:p, :p]
     calibration = Calibration(
         sensor,
-        estimate.value[:p],
-        estimate.stated_covariance[:p, :p],
+        value,
+        covariance,
         run.method.name,
         run.estimator,
         conditions,
@@ -278,6 +279,9 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         shared=shared_errors(run, estimate, expected, p),
         validity=validity(sensor, inputs),
         job=run.job,
+        conformity=None
+        if run.specification is None
+        else run.specification.judge(sensor.coefficients, value, covariance),
     )
     return Outcome(
         calibration,

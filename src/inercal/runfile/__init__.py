@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS, kind_name_for_class
+from inercal.calibration.specification import Specification
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.io.file_patterns import is_pattern, matching_files
@@ -36,6 +37,7 @@ from inercal.runfile.priors import method_priors
 from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
 from inercal.runfile.section_checks import check_stated_gravity, require_used_keys
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
+from inercal.runfile.specification_section import stated_specification
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
@@ -90,6 +92,8 @@ class Run:
         Keys of [data] that belong to the reader of a format (`inercal.io.readers`).
     job : mapping of str to str
         Texts of [job] and of the laboratory's file, by name.
+    specification : Specification or None
+        Limits of coefficients.
     """
 
     path: Path
@@ -112,6 +116,7 @@ class Run:
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
     job: Mapping[str, str] = field(default_factory=dict[str, str])
+    specification: Specification | None = None
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -302,6 +307,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         bench_name=schema.bench.name,
         findings=check_stated_gravity(schema.bench) + overdue,
         job=job,
+        specification=stated_specification(schema.specification, sensor),
     )
 
 

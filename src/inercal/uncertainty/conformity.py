@@ -96,10 +96,8 @@ def judge(value: Array, lower: Array, upper: Array, guard: Array) -> Array:
     (...) array of int
     """
     room = np.minimum(np.subtract(upper, value), np.subtract(value, lower))
-    guard = np.asarray(guard)
-    return np.where(
-        room >= 0, np.where(room >= guard, 0, 1), np.where((guard > 0) & (-room <= guard), 2, 3)
-    )
+    within = np.where(room >= guard, 0, 1)
+    return np.where(room >= 0, within, np.where((guard > 0) & (-room <= guard), 2, 3))
 
 
 def conformance_probability(
@@ -122,10 +120,10 @@ def conformance_probability(
         # The smaller tails are subtracted: they keep their digits.
         flip = below > 0
         above, below = np.where(flip, -below, above), np.where(flip, -above, below)
-        normal = ndtr(above) - ndtr(below)
+        normal: Array = ndtr(above) - ndtr(below)
         finite = np.isfinite(dof)
-        nu = np.where(finite, dof, 1.0)
-        student = stdtr(nu, above) - stdtr(nu, below)
+        nu = np.minimum(dof, 1e9)  # infinite is judged as normal
+        student: Array = stdtr(nu, above) - stdtr(nu, below)
     inside = (lower <= value) & (value <= upper)
     return np.where(std > 0, np.where(finite, student, normal), inside.astype(float))
 
