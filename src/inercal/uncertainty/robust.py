@@ -25,6 +25,7 @@ _KEPT = 0.975  # of good values, in the covariance
 _CORE = 0.75  # of all values, of least determinant
 _PASSES, _STEPS = 2, 50
 _SETTLED = 1e-9  # of the logarithm of the determinant
+_RIDGE = 1e-10
 _BEGIN_ROWS = 20_000  # of which the steps begin
 
 
@@ -80,7 +81,7 @@ def _concentrated(values: Array, centre: Array, covariance: Array) -> tuple[floa
         covariance = np.atleast_2d(np.cov(kept.T))
         distances = _distances(values, kept.mean(axis=0), covariance)[0]
         determinant = float(np.linalg.slogdet(covariance)[1])
-        if before - determinant < _SETTLED:
+        if not before - determinant > _SETTLED:
             break
         before = determinant
     return before, distances
@@ -89,7 +90,9 @@ def _concentrated(values: Array, centre: Array, covariance: Array) -> tuple[floa
 def _distances(values: Array, centre: Array, covariance: Array) -> tuple[Array, Array]:
     """Return squared distances, scaled to the median of χ², and the parts of the columns."""
     off = values - centre
-    parts = off * np.linalg.solve(covariance, off.T).T
+    # Columns that depend on one another, such as those of a symmetric matrix, have no inverse.
+    ridge = _RIDGE * float(np.diag(covariance).mean())
+    parts = off * np.linalg.solve(covariance + ridge * np.eye(len(covariance)), off.T).T
     distances = parts.sum(axis=1)
     factor = float(scipy.special.chdtri(values.shape[1], 0.5)) / np.median(distances)
     return distances * factor, parts * factor
