@@ -14,9 +14,8 @@ u holds errors of the bench that sensors have in common, which do not scatter th
 prevail the scatter in truth is larger than stated, and u of a mean is never below theirs.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isfinite, nan
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +31,7 @@ from inercal.uncertainty.robust import outliers, robust_scale, squared_distances
 
 QUANTILES = (0.01, 0.05, 0.25, 0.75, 0.95, 0.99)
 _ROWS_A_COLUMN = 5  # sensors for each coefficient, below which outliers are not searched
-_WORDS = ("serial order", "time")
+TRENDS = ("serial order", "time")
 
 
 class Capability(NamedTuple):
@@ -183,9 +182,9 @@ def fleet_statistics(population: Population) -> FleetStatistics:
     stated = population.specification
     limits = {} if stated is None else dict(stated.limits)
     contrasts = [
-        *trend(_WORDS[0], np.flatnonzero(good).astype(float), population.names, value, std, lots,
+        *trend(TRENDS[0], np.flatnonzero(good).astype(float), population.names, value, std, lots,
                components),
-        *trend(_WORDS[1], population.days[good], population.names, value, std, lots, components),
+        *trend(TRENDS[1], population.days[good], population.names, value, std, lots, components),
         *station_differences(_rows_of(population.stations, good), population.names, value, std,
                              lots, components),
     ]  # fmt: skip
@@ -318,68 +317,3 @@ def _yields(population: Population) -> list[RuleYield]:
         counts = np.bincount(worst, minlength=len(RESULTS)).tolist()
         found.append(RuleYield(rule, dict(zip(RESULTS, counts, strict=True))))
     return found
-
-
-def statistics_object(found: FleetStatistics) -> dict[str, object]:
-    """Return the statistics as a JSON object, SI."""
-    population = found.population
-    return {
-        "sensors": len(population.ids),
-        "left_out": population.left_out,
-        "coefficients": [_coefficient_object(one) for one in found.coefficients],
-        "lots": _group_objects(found.lots, population.names),
-        "stations": _group_objects(found.stations, population.names),
-        "outliers": [vars(one) for one in found.outliers],
-        "outliers_searched": found.outliers_searched,
-        "trends": [vars(one) for one in found.contrasts if one.of in _WORDS],
-        "station_differences": [vars(one) for one in found.contrasts if one.of not in _WORDS],
-        "yield": [
-            {"rule": one.rule.name, "factor": one.rule.factor, "share": one.share, **one.counts}
-            for one in found.yields
-        ],
-        "control_charts": {
-            "centre": found.centre,
-            "stations": [
-                {
-                    "station": one.station,
-                    "runs": one.runs,
-                    "points": len(one.ratio),
-                    "beyond": one.beyond,
-                    "mean": float(one.ratio.mean()),
-                }
-                for one in found.charts
-            ],
-        },
-    }
-
-
-def _coefficient_object(one: CoefficientStatistics) -> dict[str, object]:
-    parts, limits = one.components, one.limits or (-inf, inf)
-    return {
-        "name": one.name,
-        **vars(one.summary),
-        "quantiles": dict(zip(map(str, QUANTILES), one.quantiles, strict=True)),
-        "components": {
-            "mean": parts.mean,
-            "mean_std": parts.std,
-            "within": vars(parts.within),
-            "lots": None if parts.lots is None else vars(parts.lots),
-        },
-        "limits": [limit if isfinite(limit) else None for limit in limits],
-        "cpk": None if one.observed is None else one.observed._asdict(),
-        "cpk_truth": None if one.truth is None else one.truth._asdict(),
-    }
-
-
-def _group_objects(
-    groups: Sequence[GroupStatistics], names: Sequence[str]
-) -> list[dict[str, object]]:
-    return [
-        {
-            "name": group.name,
-            "coefficients": {
-                name: vars(one) for name, one in zip(names, group.summaries, strict=True)
-            },
-        }
-        for group in groups
-    ]
