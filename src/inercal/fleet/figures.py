@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 
 from inercal.arrays import Array
 from inercal.fleet.control_chart import ControlChart
@@ -70,6 +71,7 @@ def _draw_histogram(axes: Axes, value: Array, limits: Sequence[float]) -> None:
     for limit in near:
         axes.axvline(limit, color=WARN, lw=1.0, ls="--")
     axes.set_xlim(low, high)
+    axes.xaxis.set_major_locator(MaxNLocator(5, prune="both"))
     axes.set_yticks([])
 
 
@@ -96,6 +98,8 @@ def _draw_quantiles(axes: Axes, value: Array, limits: Sequence[float]) -> None:
         if abs(limit - (low + high) / 2) < 2 * (high - low):
             axes.axhline(limit, color=WARN, lw=1.0, ls="--")
     axes.set_xlim(0.5, value.size + 0.5)
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True, prune="both"))
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:.0f}"))
 
 
 @drawing.style

@@ -46,7 +46,7 @@ def _findings(found: FleetStatistics) -> list[str]:
         )
     poor = [one.name for one in found.coefficients if one.observed and one.observed.high < 1]
     if poor:
-        texts.append(f"C_pk is below 1: {', '.join(poor)}")
+        texts.append(f"Cpk is below 1: {', '.join(poor)}")
     return texts
 
 

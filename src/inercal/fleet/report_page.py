@@ -153,7 +153,7 @@ def _capability_table(found: FleetStatistics, limited: Sequence[CoefficientStati
         for one in limited
         if one.limits is not None
     ]
-    return Table(("coefficient", "limit", "C_pk", "95 %", "C_pk in truth", "95 %"), rows)
+    return Table(("coefficient", "limit", "Cpk", "95 %", "Cpk in truth", "95 %"), rows)
 
 
 def _capability_cells(one: Capability | None) -> tuple[str, str]:
