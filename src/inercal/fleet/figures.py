@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-from matplotlib.ticker import MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 
 from inercal.arrays import Array
 from inercal.fleet.control_chart import ControlChart
@@ -25,6 +25,7 @@ _BINS, _POINTS = 60, 100
 _TAILS = 0.001  # of the sensors, beyond a histogram's range to each side
 _NEAR = 2.0  # of the range's width: limits so near are in the figure
 _BANDS = (5, 25, 50, 75, 95)  # percent
+_LAST_TICK = 0.96  # of the axis: a number further right would be cut
 _LEAST_TIME = 0.5  # days
 
 
@@ -93,13 +94,17 @@ def _draw_quantiles(axes: Axes, value: Array, limits: Sequence[float]) -> None:
     axes.fill_between(at, table[0], table[4], color=BAND, lw=0)
     axes.fill_between(at, table[1], table[3], color=FAINT, lw=0)
     axes.plot(at, table[2], color=INK, lw=1.0)
-    low, high = float(table[0].min()), float(table[4].max())
-    for limit in limits:
-        if abs(limit - (low + high) / 2) < 2 * (high - low):
-            axes.axhline(limit, color=WARN, lw=1.0, ls="--")
+    # A point full of outliers would flatten all others.
+    low, high = np.percentile(table[0], 2), np.percentile(table[4], 98)
+    width = float(high - low) or 1.0
+    near = [x for x in limits if low - _NEAR * width < x < high + _NEAR * width]
+    for limit in near:
+        axes.axhline(limit, color=WARN, lw=1.0, ls="--")
+    axes.set_ylim(min([low, *near]) - 0.15 * width, max([high, *near]) + 0.15 * width)
     axes.set_xlim(0.5, value.size + 0.5)
-    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True, prune="both"))
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:.0f}"))
+    ticks = MaxNLocator(5, integer=True).tick_values(1, value.size)
+    shown = [int(tick) for tick in ticks if 0 < tick < _LAST_TICK * value.size]
+    axes.set_xticks(shown, [str(tick) for tick in shown])
 
 
 @drawing.style

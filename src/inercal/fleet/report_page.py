@@ -24,7 +24,7 @@ from inercal.keys import CoefficientName
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 
-_LISTED = 50  # outliers, lots and stations of a table
+_LISTED = 30  # outliers, lots and stations of a table
 _CHARTS = 12  # stations with a chart
 _BELOW_U = "below u"
 
@@ -105,8 +105,9 @@ def _under(found: FleetStatistics) -> str:
     return " · ".join(parts)
 
 
-def _number(value: float) -> str:
-    return "" if isnan(value) else typeset_minus(f"{value:.4g}")
+def _number(value: float, digits: int = 4) -> str:
+    """Return a number of so many significant digits, without a power of ten below a million."""
+    return "" if isnan(value) else typeset_minus(f"{float(f'{value:.{digits}g}'):g}")
 
 
 def _coefficient_table(found: FleetStatistics) -> Table:
@@ -197,7 +198,7 @@ def _contrast_table(found: FleetStatistics) -> Table:
     chosen = sorted((one for one in found.contrasts if one.significant), key=_tail)
     rows = [
         (one.coefficient, one.of, _number(one.value / terms[one.coefficient].si),
-         f"{2 * one.std / terms[one.coefficient].si:.2g}", terms[one.coefficient].unit,
+         _number(2 * one.std / terms[one.coefficient].si, 2), terms[one.coefficient].unit,
          f"{one.p_value:.1g}")
         for one in chosen[:_LISTED]
     ]  # fmt: skip
