@@ -99,6 +99,8 @@ def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
     print(f"{line}: {len(read.rows)} sensors")
     for what, number in found.counts.items():
         print(f"{number:>9}  {what}")
+    for what, number in found.conformity.items():
+        print(f"{number:>9}  {what} by [specification]")
     for reason, names in found.reasons:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         print(f"{', '.join(names[:3])}{more}: {reason}")

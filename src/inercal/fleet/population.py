@@ -1,5 +1,6 @@
 """The calibrated sensors of a line as arrays: only the columns that their statistics need."""
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,11 +18,13 @@ from inercal.errors import InputError
 from inercal.fleet import results
 from inercal.fleet.line import Line, sections_digest
 from inercal.sensors.coefficient_tables import ErrorTerm
+from inercal.uncertainty.conformity import RESULTS, DecisionRule
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 _COLUMNS = (
     "status", "grade", "lot", "station", "measured", "coefficients", "value", "std", "chi2", "dof",
+    "conformity",
 )  # fmt: skip
 _DAY = 86_400.0  # s
 
@@ -66,7 +69,9 @@ class Population:
     chi2, dof : (n,) arrays
         Of the residuals.
     specification : Specification or None
-        Of the template.
+        Of the template; None where its limits differ from sensor to sensor.
+    judged : (DecisionRule, mapping of str to int) or None
+        Where limits differ: the rule of the first sensor, and the number of sensors by result.
     left_out : mapping of str to int
         Sensors that are not in the arrays, by reason.
     """
@@ -82,6 +87,7 @@ class Population:
     chi2: Array
     dof: Array
     specification: Specification | None
+    judged: tuple[DecisionRule, dict[str, int]] | None
     left_out: dict[str, int]
 
 
@@ -117,6 +123,11 @@ def read_population(line: Line, folder: Path) -> Population:
     table = table.take(rows)
     names = tuple(usual.split())
     run = _first_run(line)
+    specification, judged = run.specification, None
+    if specification is not None and _limits_differ(line):
+        reached: list[str | None] = table["conformity"].to_pylist()
+        judged = specification.rule, {result: reached.count(result) for result in RESULTS}
+        specification = None
     return Population(
         tuple(table["id"].to_pylist()),
         names,
@@ -128,7 +139,8 @@ def read_population(line: Line, folder: Path) -> Population:
         np.array([_days(text) for text in table["measured"].to_pylist()]),
         _numbers(table["chi2"]),
         _numbers(table["dof"]),
-        run.specification,
+        specification,
+        judged,
         _left_out(len(line.rows), known, status, done, len(rows)),
     )
 
@@ -152,6 +164,15 @@ def _first_run(line: Line) -> Any:
 
     sections = line.sections(line.rows[0])
     return from_sections(line.path, sections, sections_digest(sections))
+
+
+def _limits_differ(line: Line) -> bool:
+    """Return whether the table of sensors has values for [specification]."""
+    stated = json.dumps(line.template.get("specification", {}))
+    columns = line.rows[0].columns
+    return any(f"{{{name}" in stated for name in line.placeholders) or any(
+        name.startswith("specification.") for name in columns
+    )
 
 
 def _matrix(column: Any, p: int) -> Array:

@@ -300,6 +300,8 @@ def _outliers(population: Population) -> tuple[Indices, tuple[Outlier, ...]]:
 
 def _yields(population: Population) -> list[RuleYield]:
     """Return the results under the template's rule and under the others in use."""
+    if population.judged is not None:
+        return [RuleYield(*population.judged)]
     specification = population.specification
     if specification is None:
         return []
