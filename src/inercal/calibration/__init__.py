@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,13 +16,15 @@ from inercal.calibration.forms import (
 )
 from inercal.calibration.grade import Verdict
 from inercal.calibration.shared_errors import SharedError, SharedErrors, transform_shared
-from inercal.calibration.specification import Conformity
 from inercal.calibration.validity import Validity
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.recording import Recording
 from inercal.sensors import Form, Sensor, inverse
 from inercal.units import si_factor
+
+if TYPE_CHECKING:
+    from inercal.calibration.specification import Conformity
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,7 +82,7 @@ class Calibration:
     shared: SharedErrors = None
     validity: Validity | None = None
     job: Mapping[str, str] = field(default_factory=dict[str, str])
-    conformity: Conformity | None = None
+    conformity: "Conformity | None" = None
 
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)
@@ -358,4 +360,4 @@ def _same_unit(first: str, second: str) -> bool:
         return False
 
 
-__all__ = ["Calibration", "Conformity", "ConvertedCoefficients", "Frame", "SharedError", "Validity"]
+__all__ = ["Calibration", "ConvertedCoefficients", "Frame", "SharedError", "Validity"]

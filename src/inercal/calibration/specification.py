@@ -180,10 +180,10 @@ def limit_row(one: LimitResult, term: ErrorTerm) -> LimitRow:
 
 
 def probability_text(probability: float) -> str:
-    """Return a probability in percent; neither 0 nor 100 % where it is not."""
-    if 0 < probability < 1e-4:
+    """Return a probability in percent; never 0 or 100 %, which no distribution gives."""
+    if probability < 1e-4:
         return "< 0.01 %"
-    if 1 - 1e-4 < probability < 1:
+    if probability > 1 - 1e-4:
         return "> 99.99 %"
     return f"{100 * probability:.4g} %"
 

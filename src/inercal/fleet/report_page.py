@@ -30,7 +30,7 @@ _BELOW_U = "below u"
 
 
 @dataclass(frozen=True)
-class Table:
+class PrintedTable:
     """Heads, and rows of cells; the first cell of a row names it."""
 
     heads: tuple[str, ...]
@@ -110,7 +110,7 @@ def _number(value: float, digits: int = 4) -> str:
     return "" if isnan(value) else typeset_minus(f"{float(f'{value:.{digits}g}'):g}")
 
 
-def _coefficient_table(found: FleetStatistics) -> Table:
+def _coefficient_table(found: FleetStatistics) -> PrintedTable:
     heads = ("coefficient", "unit", "n", "median", "robust σ", "mean", "sd", "u", "σ in truth",
              "1 %", "99 %")  # fmt: skip
     rows: list[tuple[str, ...]] = []
@@ -124,10 +124,10 @@ def _coefficient_table(found: FleetStatistics) -> Table:
                 _number(one.quantiles[0] / term.si), _number(one.quantiles[-1] / term.si),
             )
         )  # fmt: skip
-    return Table(heads, rows)
+    return PrintedTable(heads, rows)
 
 
-def _component_table(found: FleetStatistics) -> Table | None:
+def _component_table(found: FleetStatistics) -> PrintedTable | None:
     if not any(one.components.lots for one in found.coefficients):
         return None
     heads = ("coefficient", "unit", "σ within lots", "95 %", "σ between lots", "95 %")
@@ -139,10 +139,12 @@ def _component_table(found: FleetStatistics) -> Table | None:
             cells.append("" if part is None else _number(part.sd / term.si))
             cells.append(" to ".join(map(_number, low_high)))
         rows.append((one.name, term.unit, *cells))
-    return Table(heads, rows)
+    return PrintedTable(heads, rows)
 
 
-def _capability_table(found: FleetStatistics, limited: Sequence[CoefficientStatistics]) -> Table:
+def _capability_table(
+    found: FleetStatistics, limited: Sequence[CoefficientStatistics]
+) -> PrintedTable:
     terms = dict(zip(found.population.names, found.population.terms, strict=True))
     rows = [
         (
@@ -154,7 +156,7 @@ def _capability_table(found: FleetStatistics, limited: Sequence[CoefficientStati
         for one in limited
         if one.limits is not None
     ]
-    return Table(("coefficient", "limit", "Cpk", "95 %", "Cpk in truth", "95 %"), rows)
+    return PrintedTable(("coefficient", "limit", "Cpk", "95 %", "Cpk in truth", "95 %"), rows)
 
 
 def _capability_cells(one: Capability | None) -> tuple[str, str]:
@@ -163,13 +165,13 @@ def _capability_cells(one: Capability | None) -> tuple[str, str]:
     return typeset_minus(f"{one.value:.2f}"), typeset_minus(f"{one.low:.2f} to {one.high:.2f}")
 
 
-def _yield_table(yields: Sequence[RuleYield]) -> Table:
+def _yield_table(yields: Sequence[RuleYield]) -> PrintedTable:
     heads = ("rule", "yield", "pass", "conditional pass", "conditional fail", "fail")
     rows = [
         (rule_text(one), f"{one.share:.2%}", *(str(count) for count in one.counts.values()))
         for one in yields
     ]
-    return Table(heads, rows)
+    return PrintedTable(heads, rows)
 
 
 def _distribution_figures(found: FleetStatistics) -> list[tuple[str, Markup]]:
@@ -182,7 +184,7 @@ def _distribution_figures(found: FleetStatistics) -> list[tuple[str, Markup]]:
     ]
 
 
-def _outlier_table(found: FleetStatistics) -> Table:
+def _outlier_table(found: FleetStatistics) -> PrintedTable:
     terms = dict(zip(found.population.names, found.population.terms, strict=True))
     rows = [
         (one.id, f"{one.distance:.4g}", one.coefficient,
@@ -190,10 +192,10 @@ def _outlier_table(found: FleetStatistics) -> Table:
         for one in found.outliers[:_LISTED]
     ]  # fmt: skip
     more = max(len(found.outliers) - _LISTED, 0)
-    return Table(("sensor", "squared distance", "largest part", "its value"), rows, more)
+    return PrintedTable(("sensor", "squared distance", "largest part", "its value"), rows, more)
 
 
-def _contrast_table(found: FleetStatistics) -> Table:
+def _contrast_table(found: FleetStatistics) -> PrintedTable:
     terms = dict(zip(found.population.names, found.population.terms, strict=True))
     chosen = sorted((one for one in found.contrasts if one.significant), key=_tail)
     rows = [
@@ -203,14 +205,14 @@ def _contrast_table(found: FleetStatistics) -> Table:
         for one in chosen[:_LISTED]
     ]  # fmt: skip
     heads = ("coefficient", "over, or station", "change", "U (k = 2)", "unit", "p")
-    return Table(heads, rows, max(len(chosen) - _LISTED, 0))
+    return PrintedTable(heads, rows, max(len(chosen) - _LISTED, 0))
 
 
 def _tail(one: Contrast) -> tuple[float, float]:
     return one.p_value, -abs(one.value) / one.std
 
 
-def _group_table(found: FleetStatistics, groups: Sequence[GroupStatistics]) -> Table:
+def _group_table(found: FleetStatistics, groups: Sequence[GroupStatistics]) -> PrintedTable:
     """Return each group with its coefficient farthest from the fleet, in order of that distance."""
     names, terms = found.population.names, found.population.terms
     whole = [one.summary for one in found.coefficients]
@@ -231,4 +233,4 @@ def _group_table(found: FleetStatistics, groups: Sequence[GroupStatistics]) -> T
     ranked.sort(key=lambda one: -one[0])
     heads = ("name", "n", "farthest coefficient", "unit", "median", "robust σ", "mean", "sd",
              "σ in truth", "from fleet, sd")  # fmt: skip
-    return Table(heads, [row for _, row in ranked[:_LISTED]], max(len(ranked) - _LISTED, 0))
+    return PrintedTable(heads, [row for _, row in ranked[:_LISTED]], max(len(ranked) - _LISTED, 0))

@@ -16,7 +16,6 @@ from pydantic import ValidationError
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS, kind_name_for_class
-from inercal.calibration.specification import Specification
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.io.file_patterns import is_pattern, matching_files
@@ -44,6 +43,7 @@ from inercal.sensors import Sensor
 from inercal.small_files import is_file, parse_toml, read_small_file, read_toml
 
 if TYPE_CHECKING:
+    from inercal.calibration.specification import Specification
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
@@ -116,7 +116,7 @@ class Run:
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
     job: Mapping[str, str] = field(default_factory=dict[str, str])
-    specification: Specification | None = None
+    specification: "Specification | None" = None
 
     @property
     def steps(self) -> tuple[Step, ...]:

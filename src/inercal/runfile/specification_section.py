@@ -3,16 +3,18 @@
 import re
 from collections.abc import Mapping
 from math import inf, isfinite
+from typing import TYPE_CHECKING
 
-from inercal.calibration.specification import Specification
 from inercal.errors import InputError
 from inercal.keys import CoefficientName
 from inercal.runfile.schema import SpecificationSection
 from inercal.section_settings import key_error
 from inercal.sensors import Sensor
 from inercal.sensors.coefficient_selection import select_coefficients
-from inercal.uncertainty.conformity import DecisionRule
 from inercal.units import parse_quantity
+
+if TYPE_CHECKING:
+    from inercal.calibration.specification import Specification
 
 _KEY = "[specification.limits]"
 _SIGNS = re.compile(r"\s*(±|\+ ?/? ?-)")
@@ -22,7 +24,7 @@ _Limits = tuple[float, float]
 
 def stated_specification(
     section: SpecificationSection | None, sensor: Sensor
-) -> Specification | None:
+) -> "Specification | None":
     """Return the limits of coefficients that a run file states.
 
     Of several keys that name a coefficient the most special counts: "ax.k0" before "ax.bias" before
@@ -43,6 +45,10 @@ def stated_specification(
     """
     if section is None:
         return None
+    # Here, for it loads SciPy, which a run file without limits does without.
+    from inercal.calibration.specification import Specification
+    from inercal.uncertainty.conformity import DecisionRule
+
     if section.uncertainty == "next_use":
         raise key_error(
             "[specification] uncertainty",

@@ -9,7 +9,7 @@ band is w = 0 of the rule "simple", and w = factor · U of the rule "guarded"::
     fail              beyond a limit by more than w
 
 The conformance probability is that of the true value being within the limits, given y alone
-(JCGM 106, 7.2)::
+(JCGM 106, clause 7)::
 
     p_c = F((T_U − y)/u) − F((T_L − y)/u)
 
