@@ -11,7 +11,7 @@ from tests.fleet.simulated_line import COEFFICIENTS, MG, UNITS, Truth, write_lin
 from inercal.errors import InputError
 from inercal.fleet.control_chart import control_charts
 from inercal.fleet.findings import statistics_object, summary_lines
-from inercal.fleet.line import SensorRow
+from inercal.fleet.line import SensorRow, read_line
 from inercal.fleet.population import Population, read_population
 from inercal.fleet.report_page import page
 from inercal.fleet.results import FOLDER
@@ -177,6 +177,17 @@ def test_sensors_without_a_usable_result_are_counted_apart(tmp_path: Path):
     for some, folder in ((replace(line, rows=line.rows[:20]), FOLDER), (line, "none")):
         with pytest.raises(InputError, match="no calibrated sensor"):
             read_population(some, tmp_path / folder)
+
+
+def test_a_template_that_changed_since_leaves_the_results_readable(tmp_path: Path):
+    line = write_line(tmp_path, 60)
+    text = (tmp_path / "run.toml").read_text(encoding="utf-8")
+    text = text.replace('"six_position"', '"six_position"\ncoefficients = ["bias"]')
+    text = text.replace('scale = ["-12000 ppm", "14000 ppm"]', "")
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
+    found = fleet_statistics(read_population(read_line(line.folder), tmp_path / FOLDER))
+    assert len(found.coefficients) == 12
+    assert sum(one.limits is not None for one in found.coefficients) == 3
 
 
 @pytest.mark.slow

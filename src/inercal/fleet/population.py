@@ -123,6 +123,8 @@ def read_population(line: Line, folder: Path) -> Population:
     table = table.take(rows)
     names = tuple(usual.split())
     run = _first_run(line)
+    # The template may have changed since: it need not estimate what the results hold.
+    sensor = run.sensor.with_coefficients(*names)
     specification, judged = run.specification, None
     if specification is not None and _limits_differ(line):
         reached: list[str | None] = table["conformity"].to_pylist()
@@ -131,7 +133,7 @@ def read_population(line: Line, folder: Path) -> Population:
     return Population(
         tuple(table["id"].to_pylist()),
         names,
-        tuple(run.sensor.coefficient(name) for name in names),
+        tuple(sensor.coefficient(name) for name in names),
         _matrix(table["value"], len(names)),
         _matrix(table["std"], len(names)),
         _grouping(table["lot"].to_pylist()),

@@ -310,6 +310,8 @@ def _yields(population: Population) -> list[RuleYield]:
     )
     columns = [population.names.index(name) for name in specification.limits if name in
                population.names]  # fmt: skip
+    if not columns:
+        return []
     bounds = [specification.limits[population.names[k]] for k in columns]
     value, std = population.value[:, columns], population.std[:, columns]
     lower, upper = np.array(bounds).T
