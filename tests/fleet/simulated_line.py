@@ -99,7 +99,7 @@ def write_line(
                 "chi2": float(chi2[k]), "dof": float(dof[k]), "birge": 1.0,
                 "coefficients": " ".join(COEFFICIENTS), "value": si[k].tolist(),
                 "std": std[k].tolist(), "covariance": triangle, "created": times[k],
-            } | (further or {})
+            } | dict(further or {})
             for k in range(first, min(first + part, n))
         ]  # fmt: skip
         results.write_part(folder / results.FOLDER, rows)
