@@ -1,3 +1,6 @@
+import json
+from dataclasses import replace
+from hashlib import sha256
 from math import inf
 from pathlib import Path
 
@@ -6,7 +9,7 @@ from numpy.testing import assert_allclose
 from tests.runfile.key_sweep import EXAMPLES, Content, example, toml
 from tests.runfile.run_file_texts import FERRARIS
 
-from inercal.calibration.files import as_object, load, save
+from inercal.calibration.files import as_object, canonical_text, load, parse, save
 from inercal.calibration.specification import Conformity, conformity_lines
 from inercal.errors import InputError
 from inercal.pipeline import calibrate
@@ -144,3 +147,23 @@ def test_conformity_is_in_file_report_and_lines(tmp_path: Path):
     assert len(conformity_lines(calibration)) == 1
     assert page(outcome, None).count("<td>pass</td>") == 12
     assert calibration.in_frame("triangular").conformity is None
+
+
+def test_limits_of_a_result_that_is_not_to_be_relied_on_are_in_doubt():
+    calibration = calibrate(EXAMPLES / "six_position" / "specification.toml").calibration
+    assert calibration.verdict is not None
+    doubtful = replace(calibration, verdict=replace(calibration.verdict, grade="unreliable"))
+    assert "in doubt" in conformity_lines(doubtful)[0]
+    assert "in doubt" not in conformity_lines(calibration)[0]
+
+
+def test_a_file_whose_conformity_contradicts_its_rule_is_refused(tmp_path: Path):
+    calibration = calibrate(EXAMPLES / "six_position" / "specification.toml").calibration
+    content = as_object(calibration)
+    del content["sha256"]
+    for key, value in (("factor", -1.0), ("result", "perhaps"), ("rule", "lenient")):
+        changed = content | {"conformity": content["conformity"] | {key: value}}
+        digest = sha256(canonical_text(changed).encode()).hexdigest()
+        text = json.dumps(changed | {"sha256": digest}, ensure_ascii=False)
+        with pytest.raises(InputError, match=key):
+            parse(text, "a.calibration.json")

@@ -146,6 +146,8 @@ def conformity_lines(calibration: "Calibration") -> list[str]:
         f"specification: {conformity.result}; {passed} of {count} limits passed ({band}); "
         f"all conform with {probability_text(conformity.probability)}"
     ]
+    if calibration.verdict is not None and calibration.verdict.grade == "unreliable":
+        lines[0] += "; U is in doubt, for the result is not to be relied on"
     for one in sorted(conformity.limits, key=lambda one: -RESULTS.index(one.result)):
         if one.result != "pass":
             row = limit_row(one, calibration.sensor.coefficient(one.name))
