@@ -45,6 +45,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[data]": schema.DataSection,
     "[method]": schema.MethodSection,
     "[job]": schema.JobSection,
+    "[specification]": schema.SpecificationSection,
     "[method.search]": schema.SearchSection,
     "[method.filter]": schema.FilterSection,
     "[method.filter.initial]": schema.FilterInitialSection,

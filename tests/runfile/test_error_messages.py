@@ -203,16 +203,6 @@ def test_unknown_names_are_refused_with_the_possible_names(
     assert possible in refuse(tmp_path, f"{FERRARIS}\n{more}\n", key)
 
 
-@pytest.mark.parametrize(
-    "section", ["[specification]", '[specification]\n"ax.k0" = "1 mg"', "[specification.ax]"]
-)
-def test_the_reserved_section_of_limits_is_refused_without_a_suggestion(
-    tmp_path: Path, section: str
-):
-    message = refuse(tmp_path, f"{FERRARIS}\n{section}\n", "[specification]")
-    assert "possible here" not in message
-
-
 @pytest.mark.parametrize("section", ["sensor", "bench", "data", "method"])
 def test_a_value_instead_of_a_section_is_refused(tmp_path: Path, section: str):
     kept = [part for part in FERRARIS.split("\n\n") if not part.startswith(f"[{section}")]

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from inercal.motion import Motion
 from inercal.recording import Recording
 from inercal.sensors import Form, Sensor, inverse
 from inercal.units import si_factor
+
+if TYPE_CHECKING:
+    from inercal.calibration.specification import Conformity
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,6 +59,8 @@ class Calibration:
         The ranges of the data; None where a file does not state them.
     job : mapping of str to str
         Order of the calibration and its laboratory, in words ([job] of the run file).
+    conformity : Conformity or None
+        Of the coefficients with their limits; None where none are stated.
 
     Raises
     ------
@@ -77,6 +82,7 @@ class Calibration:
     shared: SharedErrors = None
     validity: Validity | None = None
     job: Mapping[str, str] = field(default_factory=dict[str, str])
+    conformity: "Conformity | None" = None
 
     def __post_init__(self) -> None:
         p = len(self.sensor.coefficients)
@@ -308,7 +314,15 @@ class Calibration:
     def _replace_coefficients(self, sensor: Sensor, values: Array, by: Array) -> "Calibration":
         """Return the calibration with other coefficients; `by` are their derivatives, (q, p)."""
         covariance, shared = by @ self.covariance @ by.T, transform_shared(self.shared, by)
-        return replace(self, sensor=sensor, values=values, covariance=covariance, shared=shared)
+        # Limits are of the coefficients as they were.
+        return replace(
+            self,
+            sensor=sensor,
+            values=values,
+            covariance=covariance,
+            shared=shared,
+            conformity=None,
+        )
 
     def in_frame(self, frame: Frame) -> "Calibration":
         """Return the calibration referred to another body frame.

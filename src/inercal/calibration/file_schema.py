@@ -15,9 +15,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from inercal.calibration.forms import Frame
 from inercal.errors import InputError
 from inercal.sensors import Form
+from inercal.uncertainty.conformity import Result, RuleName
 
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+_Share = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1)]
 _Text = Annotated[str, Field(strict=True)]
 _Count = Annotated[int, Field(strict=True, ge=0)]
 _Cosine = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1.001, le=1.001)]
@@ -111,6 +113,26 @@ class _SharedError(_Strict):
     covariance: list[_Number]
 
 
+class _LimitResult(_Strict):
+    name: _Text
+    lower: _Number | None
+    upper: _Number | None
+    value: _Number
+    std: _Positive
+    guard: _Positive
+    result: Result
+    probability: _Share
+
+
+class _Conformity(_Strict):
+    rule: RuleName
+    factor: Annotated[_Number, Field(gt=0)]
+    uncertainty: Literal["session"]
+    result: Result
+    probability: _Share
+    limits: Annotated[list[_LimitResult], Field(min_length=1)]
+
+
 class _File(_Strict):
     sensor: _Sensor
     method: _Text
@@ -126,6 +148,7 @@ class _File(_Strict):
     shared: list[_SharedError] | None = None
     validity: dict[Literal["rate", "force", "temperature"], _Range] | None = None
     job: _Texts = {}
+    conformity: _Conformity | None = None
 
 
 def require_valid(content: dict[str, Any]) -> None:

@@ -4,7 +4,8 @@ Schema "inercal/calibration/2": `sensor` (axes with input and pendulous axes, re
 `coefficients` (a list of name, value, std, unit; SI), `covariance` in that order, `conditions`,
 `provenance`, `notes`, `frame`, `mount`, `verdict` (grade, reasons, tests, suspect), `shared` (a
 list of errors of the bench that other calibrations may have too), `validity` (ranges by name),
-`job` (texts by name), and `sha256`, the hash of the other keys. Unknown keys are omitted.
+`job` (texts by name), `conformity` (rule, result and limits, of [specification]), and
+`sha256`, the hash of the other keys. Unknown keys are omitted.
 
 Files of schema 1, without `shared`, `validity` and `job`, can be read too.
 """
@@ -20,7 +21,13 @@ from typing import Any, cast
 import numpy as np
 from pydantic_core import from_json
 
-from inercal.calibration import Calibration, SharedError, Validity, verdict_object
+from inercal.calibration import (
+    Calibration,
+    SharedError,
+    Validity,
+    specification,
+    verdict_object,
+)
 from inercal.calibration.file_schema import require_valid
 from inercal.errors import InercalError, InputError
 from inercal.io.atomic_files import atomic_write
@@ -78,6 +85,8 @@ def as_object(calibration: Calibration) -> dict[str, Any]:
         content["validity"] = {name: list(found) for name, found in known.items()}
     if calibration.job:
         content["job"] = dict(calibration.job)
+    if calibration.conformity is not None:
+        content["conformity"] = specification.as_object(calibration.conformity)
     return content | {"sha256": _hash(content)}
 
 
@@ -251,6 +260,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
     )
     notes, judged = tuple(content["notes"]), content.get("verdict")
     shared, validity = content.get("shared"), content.get("validity")
+    conformity = content.get("conformity")
     return Calibration(
         sensor,
         np.array([one["value"] for one in coefficients], dtype=float),
@@ -266,6 +276,7 @@ def _from_object(content: dict[str, Any]) -> Calibration:
         None if shared is None else tuple(map(_shared_error, shared)),
         None if validity is None else Validity(**{k: _range(v) for k, v in validity.items()}),
         content.get("job", {}),
+        None if conformity is None else specification.from_object(conformity),
     )
 
 

@@ -7,6 +7,7 @@ from rich.text import Text
 
 from inercal.calibration import Calibration
 from inercal.calibration.display import coefficient_lines
+from inercal.calibration.specification import conformity_lines
 from inercal.calibration.verdict import COVERAGE
 from inercal.cli.tables import add_row, begin_section, make_table, number_column, number_columns
 from inercal.cli.terminal import terminal
@@ -35,6 +36,8 @@ def print_calibration_table(calibration: Calibration) -> None:
     terminal().print(table)
     for note in calibration.notes:
         print_line(f"· {note}")
+    for line in conformity_lines(calibration):
+        print_line(line)
 
 
 def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:

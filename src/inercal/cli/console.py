@@ -112,6 +112,7 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     from rich.text import Text
 
     from inercal.calibration.display import coefficient_lines, title
+    from inercal.calibration.specification import conformity_lines
     from inercal.cli.tables import begin_section, make_table, number_columns
     from inercal.cli.terminal import terminal
     from inercal.pipeline.truth import true_coefficients
@@ -133,6 +134,8 @@ def print_coefficients(outcome: "Outcome", truth: Mapping[str, float]) -> None:
     console.print(summary, style="bold")
     for text in others:
         console.print(f"· {text}")
+    for text in conformity_lines(calibration):
+        console.print(Text(text))
 
 
 def exit_with_verdict(outcome: "Outcome", *, strict: bool = False) -> None:

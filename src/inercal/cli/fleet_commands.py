@@ -16,6 +16,7 @@ NAME = "fleet"
 FAILED = 3  # exit status: some sensors have no result
 _SERIAL = 100  # sensors below which other processes cost more than they save
 _POLL = 0.5  # s
+_REPORT = "report.html"
 app = typer.Typer(
     help="Calibrate the sensors of a production line, and compare them.", no_args_is_help=True
 )
@@ -98,9 +99,56 @@ def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
     print(f"{line}: {len(read.rows)} sensors")
     for what, number in found.counts.items():
         print(f"{number:>9}  {what}")
+    for what, number in found.conformity.items():
+        print(f"{number:>9}  {what} by [specification]")
     for reason, names in found.reasons:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         print(f"{', '.join(names[:3])}{more}: {reason}")
+
+
+@app.command()
+def report(
+    line: _Line,
+    page: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="The page (default: report.html in the line's folder)."),
+    ] = None,
+    out: _Out = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object, and no page without --out.")
+    ] = False,
+) -> None:
+    """Compare the sensors: distributions, lots, outliers, drift, stations and yield."""
+    from inercal.cli.console import print_json, progress_status
+    from inercal.cli.outputs import PAGE, check_outputs
+    from inercal.fleet import results
+    from inercal.fleet.findings import statistics_object, summary_lines
+    from inercal.fleet.line import read_line
+    from inercal.fleet.population import read_population
+    from inercal.fleet.statistics import fleet_statistics
+
+    path = line / _REPORT if page is None and not json else page
+    if path is not None:
+        from inercal.report import require_report_packages
+
+        require_report_packages()
+        check_outputs({path: PAGE}, force=force or None)
+    with progress_status(f"comparing the sensors of {line}"):
+        folder = line / results.FOLDER if out is None else out
+        found = fleet_statistics(read_population(read_line(line), folder))
+        if path is not None:
+            from inercal.fleet.report_page import write_fleet_report
+
+            write_fleet_report(found, path, line.resolve().name)
+    if json:
+        print_json(statistics_object(found))
+        return
+    summary, remarks = summary_lines(found)
+    print(summary)
+    for text in remarks:
+        print(f"· {text}")
+    print(f"wrote {path}")
 
 
 @app.command()

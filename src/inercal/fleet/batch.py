@@ -151,11 +151,13 @@ def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
                 error.args = (str(error).replace(str(copy), address), *error.args[1:])
             raise
     calibration, estimate = outcome.calibration, outcome.estimate
+    conformity = calibration.conformity
     found: dict[str, Any] = {
         "method": calibration.method,
         "estimator": calibration.estimator,
         "grade": outcome.verdict.grade,
         "verdict": "\n".join(outcome.verdict.lines),
+        "conformity": None if conformity is None else conformity.result,
         "chi2": float(estimate.chi2),
         "dof": float(estimate.dof),
         "birge": float(estimate.birge),

@@ -15,8 +15,8 @@ from inercal.fleet import results
 from inercal.io.atomic_files import atomic_write
 
 COLUMNS = (
-    "id", "lot", "station", "measured", "status", "error", "grade", "chi2", "dof",
-    "recording_sha256",
+    "id", "lot", "station", "measured", "status", "error", "grade", "conformity", "chi2",
+    "dof", "recording_sha256",
 )  # fmt: skip
 SUFFIXES = (".csv", ".parquet")
 

@@ -28,7 +28,8 @@ _PART = "part-"
 def schema() -> Any:
     """Return the columns of a part.
 
-    `status` is "done", "failed" or "lost"; `coefficients` are names with spaces between them, in
+    `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if any;
+    `coefficients` are names with spaces between them, in
     the order of `value`, `std` (SI) and of the rows of `covariance`, the lower triangle row by row;
     `table` are the further columns of the table of sensors; `calibration` is the calibration file.
     """
@@ -39,7 +40,8 @@ def schema() -> Any:
             ("key", text), ("id", text), ("recording", text), ("lot", text), ("station", text),
             ("measured", text), ("table", pa.map_(text, text)), ("status", text), ("error", text),
             ("error_type", text), ("traceback", text), ("method", text), ("estimator", text),
-            ("grade", text), ("verdict", text), ("chi2", real), ("dof", real), ("birge", real),
+            ("grade", text), ("verdict", text), ("conformity", text), ("chi2", real),
+            ("dof", real), ("birge", real),
             ("coefficients", text), ("value", pa.list_(real)), ("std", pa.list_(real)),
             ("covariance", pa.list_(real)), ("calibration", text), ("recording_sha256", text),
             ("sections_sha256", text), ("inercal", text), ("size", pa.int64()), ("mark", text),
@@ -118,7 +120,10 @@ def read_results(folder: Path, columns: Iterable[str] | None = None) -> Table:
     tables: list[Table] = []
     for path in sorted(folder.glob(f"{_PART}*.parquet")):
         try:
-            tables.append(pq.read_table(path, columns=wanted))
+            # Parts of an earlier version may lack a column.
+            known = set(pq.read_schema(path).names)
+            there = wanted and [name for name in wanted if name in known]
+            tables.append(pq.read_table(path, columns=there))
         except (pa.ArrowInvalid, OSError) as error:
             raise InputError(
                 f"{path}: damaged ({str(error).splitlines()[0]}); remove it and calibrate again",
@@ -127,7 +132,10 @@ def read_results(folder: Path, columns: Iterable[str] | None = None) -> Table:
     if not tables:
         fields = [one for one in schema() if wanted is None or one.name in wanted]
         return pa.schema(fields).empty_table()
-    whole = pa.concat_tables(tables)
+    whole = pa.concat_tables(tables, promote_options="default")
+    for field in schema():
+        if field.name not in whole.column_names and (wanted is None or field.name in wanted):
+            whole = whole.append_column(field, pa.nulls(len(whole), field.type))
     order = pc.sort_indices(whole, sort_keys=[("id", "ascending"), ("created", "ascending")])
     whole = whole.take(order)
     names = whole["id"].combine_chunks()

@@ -4,6 +4,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from inercal.calibration.files import parse
+from inercal.calibration.specification import conformity_lines
 from inercal.errors import InputError
 from inercal.fleet import results
 from inercal.fleet.batch import Work, result_row
@@ -23,9 +25,10 @@ class StationResult:
     id : str
         Of its sensor.
     passed : bool
-        A result that is not unreliable.
+        A result that is not unreliable, and that passes every limit of [specification]; a
+        conditional pass is none.
     reason : str
-        The verdict in a word, or why there is no result.
+        The verdict in a word and the worst limit that is not passed, or why there is no result.
     """
 
     id: str
@@ -89,7 +92,12 @@ def calibrate_arrival(line: Line, path: Path, out: Path) -> StationResult:
     if found["status"] != results.DONE:
         return StationResult(row.id, False, found["error"])
     summary = found["verdict"].partition("\n")[0]
-    return StationResult(row.id, found["grade"] != "unreliable", f"{found['grade']}: {summary}")
+    reason = f"{found['grade']}: {summary}"
+    limits = conformity_lines(parse(found["calibration"], str(path)))
+    if limits:
+        reason = f"{limits[min(1, len(limits) - 1)]}; {reason}"
+    accepted = found["conformity"] in (None, "pass")
+    return StationResult(row.id, accepted and found["grade"] != "unreliable", reason)
 
 
 def _sensor_row(line: Line, path: Path) -> SensorRow:

@@ -9,6 +9,7 @@ from typing import Any
 from inercal.calibration.grade import GRADE_WORDS
 from inercal.fleet import results
 from inercal.fleet.line import Line
+from inercal.uncertainty.conformity import RESULTS
 
 _NAMES = 1000  # of sensors with one reason that are listed
 
@@ -23,15 +24,23 @@ class LineStatus:
         Sensors by what became of them, in words.
     reasons : sequence of (str, sequence of str)
         Each reason why sensors have no result, the commonest first, with their ids.
+    conformity : mapping of str to int
+        Sensors by the result of [specification], from pass to fail; empty without limits. Results
+        that are not to be relied on are not judged.
     """
 
     counts: Mapping[str, int]
     reasons: Sequence[tuple[str, Sequence[str]]]
+    conformity: Mapping[str, int]
 
     def as_object(self) -> dict[str, Any]:
         """Return it as a JSON object."""
         listed = [{"reason": reason, "sensors": list(names)} for reason, names in self.reasons]
-        return {"counts": dict(self.counts), "reasons": listed}
+        return {
+            "counts": dict(self.counts),
+            "conformity": dict(self.conformity),
+            "reasons": listed,
+        }
 
 
 def line_status(line: Line, out: Path | None = None) -> LineStatus:
@@ -45,7 +54,8 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
     """
     folder = line.folder / results.FOLDER if out is None else out
     wanted = {row.id for row in line.rows}
-    rows = results.read_results(folder, ("status", "error", "grade", "recording")).to_pylist()
+    columns = ("status", "error", "grade", "recording", "conformity")
+    rows = results.read_results(folder, columns).to_pylist()
     rows = [row for row in rows if row["id"] in wanted]
     counts: Counter[str] = Counter()
     reasons: dict[str, list[str]] = {}
@@ -59,7 +69,13 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
             names.append(row["id"])
     counts["without a result yet"] = len(wanted) - len(rows)
     ranked = sorted(reasons.items(), key=lambda item: -len(item[1]))
-    return LineStatus({what: n for what, n in counts.items() if n}, ranked)
+    judged = Counter(
+        row["conformity"]
+        for row in rows
+        if row["status"] == results.DONE and row["grade"] != "unreliable"
+    )
+    conformity = {result: judged[result] for result in RESULTS if judged[result]}
+    return LineStatus({what: n for what, n in counts.items() if n}, ranked, conformity)
 
 
 def _common_reason(row: Mapping[str, Any]) -> str:

@@ -266,10 +266,11 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
     row_word = "rest" if run.method.unknown_attitudes else run.kind.words.row
     possible = run.method.possible(sensor)
     judged = verdict(estimate, sensor, findings, expected, possible, row_word)
+    value, covariance = estimate.value[:p], estimate.stated_covariance[:p, :p]
     calibration = Calibration(
         sensor,
-        estimate.value[:p],
-        estimate.stated_covariance[:p, :p],
+        value,
+        covariance,
         run.method.name,
         run.estimator,
         conditions,
@@ -280,6 +281,9 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         shared=shared_errors(run, estimate, expected, p),
         validity=validity(sensor, inputs),
         job=run.job,
+        conformity=None
+        if run.specification is None
+        else run.specification.judge(sensor.coefficients, value, covariance),
     )
     return Outcome(
         calibration,

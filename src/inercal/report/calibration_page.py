@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from inercal.benches.report_data import MeasuredDirection
 from inercal.benches.turntable import is_turntable
+from inercal.calibration.specification import LimitRow, conformity_lines, limit_row
 from inercal.calibration.verdict import p_value_text
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.pipeline import Outcome
@@ -75,6 +76,7 @@ def page(
         simulated=truth is not None,
         exact=NOISE_ONLY_NOTE in estimate.notes,
         bench_counted=bool(pulls),
+        specification=specification_rows(outcome),
         matrix=report_tables.correction_matrix(outcome),
         calibration_file=f"{Path(calibration.provenance.get('run file', 'run')).stem}"
         ".calibration.json",
@@ -111,6 +113,16 @@ def page(
         departures=departures(pulls) if pulls else None,
         condition=f"{estimate.singular_values[0] / estimate.singular_values[-1]:.3g}",
     )
+
+
+def specification_rows(outcome: Outcome) -> tuple[list[str], list[LimitRow]] | None:
+    """Return what is said of the limits, and a row of each; None without limits."""
+    calibration = outcome.calibration
+    if calibration.conformity is None:
+        return None
+    terms = calibration.sensor.coefficient
+    rows = [limit_row(one, terms(one.name)) for one in calibration.conformity.limits]
+    return conformity_lines(calibration)[:1], rows
 
 
 def _residual_figure(outcome: Outcome) -> Markup | None:

@@ -37,12 +37,14 @@ from inercal.runfile.priors import method_priors
 from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
 from inercal.runfile.section_checks import check_stated_gravity, require_used_keys
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
+from inercal.runfile.specification_section import stated_specification
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
 from inercal.small_files import is_file, parse_toml, read_small_file, read_toml
 
 if TYPE_CHECKING:
+    from inercal.calibration.specification import Specification
     from inercal.methods.ship_multi_angle.global_search import Generation, SearchOptions
     from inercal.methods.turntable_kalman.filter_config import FilterConfig  # loads kernels
 
@@ -94,6 +96,8 @@ class Run:
         Keys of [data] that belong to the reader of a format (`inercal.io.readers`).
     job : mapping of str to str
         Texts of [job] and of the laboratory's file, by name.
+    specification : Specification or None
+        Limits of coefficients.
     """
 
     path: Path
@@ -116,6 +120,7 @@ class Run:
     findings: tuple[Finding, ...] = ()
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
     job: Mapping[str, str] = field(default_factory=dict[str, str])
+    specification: "Specification | None" = None
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -336,6 +341,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         bench_name=schema.bench.name,
         findings=check_stated_gravity(schema.bench) + overdue,
         job=job,
+        specification=stated_specification(schema.specification, sensor),
     )
 
 

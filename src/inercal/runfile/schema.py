@@ -166,6 +166,22 @@ class MethodSection(Section):
     )
 
 
+class SpecificationSection(Section):
+    """[specification]: limits of coefficients, and the rule by which they are judged."""
+
+    rule: Literal["guarded", "simple"] = Field(
+        "guarded", description="'guarded': a pass keeps the guard band; 'simple': there is none"
+    )
+    factor: float = Field(1.0, description="guard band in U, of rule 'guarded'")
+    uncertainty: Literal["session", "next_use"] = Field(
+        "session", description="which U: that of this session; 'next_use' is of a later version"
+    )
+    limits: dict[str, str | tuple[str, str]] = Field(
+        description="of a coefficient, or of a group of them",
+        examples=[{"bias": "± 20 mg", "ax.k1": ["-1 %", "2 %"], "k2": "≤ 50 µg/g²"}],
+    )
+
+
 class RunSchema(Section):
     """All sections of a run file."""
 
@@ -174,6 +190,7 @@ class RunSchema(Section):
     data: DataSection
     method: MethodSection
     job: JobSection | None = Field(None, json_schema_extra=DESCRIPTION)
+    specification: SpecificationSection | None = None
 
 
 @cache

@@ -23,7 +23,6 @@ from inercal.runfile.schema import RunSchema
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML takes without quotes
 _RESERVED: Mapping[str, str] = {  # sections of later versions, and what they are for
-    "specification": "limits per coefficient, which this version does not judge",
     "environment": "temperatures of the bench, their uncertainty and the sensor's lag, which this "
     "version does not take",
 }

@@ -1,0 +1,228 @@
+"""Limits of coefficients, and how a calibration conforms with them.
+
+A sensor as a whole has the worst result of its limits. The probability that it conforms is that of
+all its coefficients at once, by their covariance: of 24 coefficients that each conform with 99 %,
+all do with 79 % where they are independent.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.sensors.coefficient_tables import ErrorTerm
+from inercal.uncertainty.conformity import (
+    COVERAGE,
+    RESULTS,
+    DecisionRule,
+    Result,
+    conformance_probability,
+    joint_conformance_probability,
+    judge,
+)
+from inercal.units import format_value_and_uncertainty
+
+if TYPE_CHECKING:
+    from inercal.calibration import Calibration
+
+
+@dataclass(frozen=True)
+class LimitResult:
+    """A coefficient and its limits, SI.
+
+    Parameters
+    ----------
+    name : str
+    lower, upper : float
+        Limits; one that is not there is infinite.
+    value, std : float
+        With its standard uncertainty.
+    guard : float
+        Guard band.
+    result : str
+        Of `inercal.uncertainty.conformity.RESULTS`.
+    probability : float
+        That the true value is within the limits.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    value: float
+    std: float
+    guard: float
+    result: Result
+    probability: float
+
+
+@dataclass(frozen=True)
+class Conformity:
+    """How a calibration conforms with the limits of its coefficients.
+
+    Parameters
+    ----------
+    rule : DecisionRule
+    limits : tuple of LimitResult
+    probability : float
+        That all true values are within their limits.
+    """
+
+    rule: DecisionRule
+    limits: tuple[LimitResult, ...]
+    probability: float
+
+    @property
+    def result(self) -> Result:
+        """The worst result of a limit."""
+        return RESULTS[max(RESULTS.index(one.result) for one in self.limits)]
+
+    @property
+    def accepted(self) -> bool:
+        """Whether every coefficient is within its limits by the guard band."""
+        return self.result == "pass"
+
+
+@dataclass(frozen=True)
+class Specification:
+    """Limits of coefficients and the rule by which they are judged.
+
+    Parameters
+    ----------
+    limits : mapping of str to (float, float)
+        Lower and upper limit of a coefficient, SI, by full name; infinite where there is none.
+    rule : DecisionRule
+    """
+
+    limits: Mapping[str, tuple[float, float]]
+    rule: DecisionRule
+
+    def judge(self, names: Sequence[str], value: Array, covariance: Array) -> Conformity:
+        """Return how coefficients conform.
+
+        Parameters
+        ----------
+        names : sequence of str
+            All that have limits, at least.
+        value : (p,) array
+            SI.
+        covariance : (p, p) array
+        """
+        chosen = [list(names).index(name) for name in self.limits]
+        y, v = value[chosen], covariance[np.ix_(chosen, chosen)]
+        std = np.sqrt(np.diag(v))
+        lower, upper = np.array(list(self.limits.values())).T
+        guard = self.rule.guard(std)
+        each = zip(
+            self.limits, lower.tolist(), upper.tolist(), y.tolist(), std.tolist(), guard.tolist(),
+            [RESULTS[k] for k in judge(y, lower, upper, guard)],
+            conformance_probability(y, std, lower, upper).tolist(), strict=True,
+        )  # fmt: skip
+        joint = joint_conformance_probability(y, v, lower, upper)
+        return Conformity(self.rule, tuple(LimitResult(*one) for one in each), joint)
+
+
+def limit_text(lower: float, upper: float, term: ErrorTerm) -> str:
+    """Return limits in the unit of the coefficient, such as "-20 to 20 mg" or "≤ 50 µg/g²"."""
+    low, high = (f"{limit / term.si:.6g}" for limit in (lower, upper))
+    if not isfinite(lower):
+        return f"≤ {high} {term.unit}"
+    if not isfinite(upper):
+        return f"≥ {low} {term.unit}"
+    return f"± {high} {term.unit}" if lower == -upper else f"{low} to {high} {term.unit}"
+
+
+def conformity_lines(calibration: "Calibration") -> list[str]:
+    """Return a line for all limits together, and one for each that is not passed; none without."""
+    conformity = calibration.conformity
+    if conformity is None:
+        return []
+    rule, count = conformity.rule, len(conformity.limits)
+    passed = sum(one.result == "pass" for one in conformity.limits)
+    band = "no guard band" if rule.name == "simple" else f"guard band {rule.factor:g} U"
+    lines = [
+        f"specification: {conformity.result}; {passed} of {count} limits passed ({band}); "
+        f"all conform with {probability_text(conformity.probability)}"
+    ]
+    if calibration.verdict is not None and calibration.verdict.grade == "unreliable":
+        lines[0] += "; U is in doubt, for the result is not to be relied on"
+    for one in sorted(conformity.limits, key=lambda one: -RESULTS.index(one.result)):
+        if one.result != "pass":
+            row = limit_row(one, calibration.sensor.coefficient(one.name))
+            lines.append(
+                f"{row.name}: {row.result}: {row.value} ± {row.expanded} {row.unit}, limit "
+                f"{row.limit}, conforms with {row.probability}"
+            )
+    return lines
+
+
+class LimitRow(NamedTuple):
+    """A limit in the unit of its coefficient, as text."""
+
+    name: str
+    value: str
+    expanded: str
+    unit: str
+    limit: str
+    guard: str
+    result: str
+    probability: str
+
+
+def limit_row(one: LimitResult, term: ErrorTerm) -> LimitRow:
+    """Return a limit and its coefficient as text."""
+    value, expanded = format_value_and_uncertainty(
+        one.value / term.si, COVERAGE * one.std / term.si
+    )
+    limit, guard = limit_text(one.lower, one.upper, term), f"{one.guard / term.si:.3g}"
+    chance = probability_text(one.probability)
+    return LimitRow(one.name, value, expanded, term.unit, limit, guard, one.result, chance)
+
+
+def probability_text(probability: float) -> str:
+    """Return a probability in percent; never 0 or 100 %, which no distribution gives."""
+    if probability < 1e-4:
+        return "< 0.01 %"
+    if probability > 1 - 1e-4:
+        return "> 99.99 %"
+    return f"{100 * probability:.4g} %"
+
+
+def as_object(conformity: Conformity) -> dict[str, Any]:
+    """Return the conformity as JSON, SI; a limit that is not there is null."""
+    return {
+        "rule": conformity.rule.name,
+        "factor": float(conformity.rule.factor),
+        "uncertainty": "session",
+        "result": conformity.result,
+        "probability": conformity.probability,
+        "limits": [
+            vars(one)
+            | {
+                "lower": one.lower if isfinite(one.lower) else None,
+                "upper": one.upper if isfinite(one.upper) else None,
+            }
+            for one in conformity.limits
+        ],
+    }
+
+
+def from_object(content: Mapping[str, Any]) -> Conformity:
+    """Return the conformity of a calibration file."""
+    limits = tuple(
+        LimitResult(
+            one["name"],
+            -inf if one["lower"] is None else float(one["lower"]),
+            inf if one["upper"] is None else float(one["upper"]),
+            float(one["value"]),
+            float(one["std"]),
+            float(one["guard"]),
+            one["result"],
+            float(one["probability"]),
+        )
+        for one in content["limits"]
+    )
+    rule = DecisionRule(content["rule"], float(content["factor"]))
+    return Conformity(rule, limits, float(content["probability"]))

@@ -1,0 +1,124 @@
+"""Trends and differences over a fleet: contrasts aᵀy whose variance knows the lots.
+
+Sensors of one lot are alike, so that their number alone says too much::
+
+    var aᵀy = Σ a_i² (u_i² + σ²) + σ_L² Σ_lots (Σ_i∈lot a_i)²
+
+Student's distribution judges them, with the degrees of freedom of both scatters by Welch and
+Satterthwaite. Of all contrasts of a fleet the share of false ones is bounded
+(`false_discovery_selection`).
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from inercal.arrays import Array
+from inercal.fleet.population import Grouping
+from inercal.uncertainty.components import Components
+from inercal.uncertainty.robust import FALSE_DISCOVERIES, false_discovery_selection
+
+_LEAST_SENSORS = 3  # of a station, for a difference
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """A trend or a difference of one coefficient, SI.
+
+    Parameters
+    ----------
+    coefficient, of : str
+        `of` is "serial order", "time" or a station.
+    value, std : float
+        Over the whole range of serial order or time, or against all other stations.
+    p_value : float
+    significant : bool
+        Whether it is among those whose share of false ones is bounded.
+    """
+
+    coefficient: str
+    of: str
+    value: float
+    std: float
+    p_value: float
+    significant: bool = False
+
+
+def trend(
+    name: str, at: Array, names: Sequence[str], value: Array, std: Array, lots: Grouping,
+    components: Sequence[Components],
+) -> list[Contrast]:  # fmt: skip
+    """Return the change of each coefficient along a straight line over the range of `at`.
+
+    Parameters
+    ----------
+    name : str
+        Of `at`.
+    at : (n,) array
+        Serial order or time; rows where it is not a number do not count.
+    names : sequence of str
+        Coefficients, p.
+    value, std : (n, p) arrays
+    lots : Grouping
+    components : sequence of Components
+        Of each coefficient.
+    """
+    known = np.isfinite(at)
+    off = np.where(known, at - np.mean(at[known]), 0.0) if known.any() else np.zeros(at.shape)
+    total = float(off @ off)
+    if total == 0 or known.sum() < _LEAST_SENSORS:
+        return []
+    weights = off * (np.ptp(at[known]) / total)
+    return _contrasts(name, weights, names, value, std, lots, components)
+
+
+def station_differences(
+    stations: Grouping, names: Sequence[str], value: Array, std: Array, lots: Grouping,
+    components: Sequence[Components],
+) -> list[Contrast]:  # fmt: skip
+    """Return the mean of each station minus that of the sensors of all others."""
+    found: list[Contrast] = []
+    for k, station in enumerate(stations.names):
+        own = stations.places == k
+        count, others = int(own.sum()), int((~own).sum())
+        if min(count, others) >= _LEAST_SENSORS:
+            weights = np.where(own, 1 / count, -1 / others)
+            found += _contrasts(station, weights, names, value, std, lots, components)
+    return found
+
+
+def marked(contrasts: Sequence[Contrast], rate: float = FALSE_DISCOVERIES) -> list[Contrast]:
+    """Return the contrasts with those marked that are significant among all."""
+    tails = np.array([one.p_value for one in contrasts])
+    chosen = set(false_discovery_selection(tails, rate).tolist()) if contrasts else set[int]()
+    return [replace(one, significant=k in chosen) for k, one in enumerate(contrasts)]
+
+
+def _contrasts(
+    of: str, weights: Array, names: Sequence[str], value: Array, std: Array, lots: Grouping,
+    components: Sequence[Components],
+) -> list[Contrast]:  # fmt: skip
+    centre = np.median(value, axis=0)
+    found = weights @ (value - centre)
+    own = weights**2 @ std**2
+    squares = float(weights @ weights)
+    by_lot = np.bincount(lots.places, weights, len(lots.names))
+    lot_squares = float(by_lot @ by_lot)
+    contrasts: list[Contrast] = []
+    for k, name in enumerate(names):
+        one = components[k]
+        variance = float(own[k]) + squares * one.within.sd**2
+        spent = variance**2 / one.within.dof
+        if one.lots is not None:
+            part = lot_squares * one.lots.sd**2
+            variance, spent = variance + part, spent + part**2 / one.lots.dof
+        dof = variance**2 / spent if spent > 0 else 1.0
+        u = variance**0.5
+        ratio = abs(float(found[k])) / u if u > 0 else 0.0
+        tail = 2 * float(scipy.special.stdtr(dof, -ratio))
+        contrasts.append(Contrast(name, of, float(found[k]), u, tail))
+    return contrasts

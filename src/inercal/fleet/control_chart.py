@@ -1,0 +1,81 @@
+"""χ²/ν of the residuals over time, station by station: a control chart of each bench.
+
+The residuals do not know the sensors' coefficients: their scatter shows the table, the fixture and
+the noise. A point is the sum of χ² over that of ν of consecutive runs. Its limits are where χ²
+falls with a probability of 0.27 % over all points of the charts, about the median of all runs: a
+fleet whose stated noise is too large throughout is in control, and its centre is not 1.
+"""
+# SciPy has no stubs.
+# pyright: reportMissingTypeStubs=false
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from inercal.arrays import Array
+from inercal.fleet.population import Indices, Population
+
+LEVEL = 0.0027  # of all points together: that of ±3 σ
+_POINTS = 100  # of a station
+
+
+@dataclass(frozen=True)
+class ControlChart:
+    """The chart of one station.
+
+    Parameters
+    ----------
+    station : str
+    at : (m,) array
+        Mean time of the runs of each point, days since 1970; their number in serial order where no
+        time is stated.
+    ratio, low, high : (m,) arrays
+        χ²/ν with its limits.
+    runs : int
+    """
+
+    station: str
+    at: Array
+    ratio: Array
+    low: Array
+    high: Array
+    runs: int
+
+    @property
+    def beyond(self) -> int:
+        """The number of points beyond the limits."""
+        return int(np.sum((self.ratio < self.low) | (self.ratio > self.high)))
+
+
+def control_charts(population: Population) -> tuple[float, list[ControlChart]]:
+    """Return the centre of the charts, and the chart of each station whose runs have χ²."""
+    timed = bool(np.isfinite(population.days).all())
+    at = population.days if timed else np.arange(len(population.ids), dtype=float)
+    judged = np.isfinite(population.chi2) & (population.dof > 0)
+    if not judged.any():
+        return 1.0, []
+    # The median of χ² is ν (1 − 2/9ν)³ (Wilson and Hilferty).
+    dof = population.dof[judged]
+    centre = float(np.median(population.chi2[judged] / (dof * (1 - 2 / (9 * dof)) ** 3)))
+    groups: list[tuple[str, list[Indices]]] = []
+    for k, station in enumerate(population.stations.names):
+        rows = np.flatnonzero(judged & (population.stations.places == k))
+        rows = rows[np.argsort(at[rows], kind="stable")]
+        if rows.size:
+            groups.append((station, np.array_split(rows, min(_POINTS, rows.size))))
+    level = LEVEL / sum(len(parts) for _, parts in groups)
+    charts: list[ControlChart] = []
+    for station, parts in groups:
+        chi2, dof, when = (
+            np.array([each[part].sum() for part in parts])
+            for each in (population.chi2, population.dof, at)
+        )
+        low, high = (
+            centre * scipy.special.chdtri(dof, tail) / dof for tail in (1 - level / 2, level / 2)
+        )
+        counts = np.array([part.size for part in parts])
+        charts.append(
+            ControlChart(station, when / counts, chi2 / dof, low, high, int(counts.sum()))
+        )
+    return centre, charts

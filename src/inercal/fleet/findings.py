@@ -1,0 +1,120 @@
+"""What the statistics of a fleet say: in sentences, and as a JSON object."""
+
+from collections.abc import Sequence
+from math import inf, isfinite, isnan
+
+from inercal.fleet.statistics import (
+    QUANTILES,
+    TRENDS,
+    CoefficientStatistics,
+    FleetStatistics,
+    GroupStatistics,
+    RuleYield,
+)
+
+
+def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
+    """Return what the statistics say: a summary, and what needs attention."""
+    population = found.population
+    count = len(population.ids)
+    if found.yields:
+        first = found.yields[0]
+        summary = f"{first.share:.2%} of {count} sensors pass ({rule_text(first)})"
+    else:
+        summary = f"{count} sensors"
+    return summary, _findings(found)
+
+
+def _findings(found: FleetStatistics) -> list[str]:
+    texts: list[str] = []
+    if found.outliers:
+        texts.append(f"{len(found.outliers)} outliers")
+    drifting = [one for one in found.contrasts if one.significant]
+    if drifting:
+        names = dict.fromkeys(f"{one.coefficient} ({one.of})" for one in drifting)
+        listed = ", ".join(list(names)[:8])
+        texts.append(f"{len(drifting)} significant trends or differences of stations: {listed}")
+    beyond = [one for one in found.charts if one.beyond]
+    if beyond:
+        listed = ", ".join(f"{one.station or 'all stations'} ({one.beyond})" for one in beyond[:8])
+        texts.append(f"χ²/ν beyond its control limits: {listed}")
+    hidden = [one.name for one in found.coefficients if isnan(one.summary.truth_sd)]
+    if hidden:
+        texts.append(
+            "the values scatter less than their uncertainties; u is stated too large, or hides the "
+            f"scatter in truth: {', '.join(hidden)}"
+        )
+    poor = [one.name for one in found.coefficients if one.observed and one.observed.high < 1]
+    if poor:
+        texts.append(f"Cpk is below 1: {', '.join(poor)}")
+    return texts
+
+
+def rule_text(one: RuleYield) -> str:
+    """Return a decision rule in words."""
+    return "simple" if one.rule.name == "simple" else f"guarded, w = {one.rule.factor:g} U"
+
+
+def statistics_object(found: FleetStatistics) -> dict[str, object]:
+    """Return the statistics as a JSON object, SI."""
+    population = found.population
+    return {
+        "sensors": len(population.ids),
+        "left_out": population.left_out,
+        "coefficients": [_coefficient_object(one) for one in found.coefficients],
+        "lots": _group_objects(found.lots, population.names),
+        "stations": _group_objects(found.stations, population.names),
+        "outliers": [vars(one) for one in found.outliers],
+        "outliers_searched": found.outliers_searched,
+        "trends": [vars(one) for one in found.contrasts if one.of in TRENDS],
+        "station_differences": [vars(one) for one in found.contrasts if one.of not in TRENDS],
+        "yield": [
+            {"rule": one.rule.name, "factor": one.rule.factor, "share": one.share, **one.counts}
+            for one in found.yields
+        ],
+        "control_charts": {
+            "centre": found.centre,
+            "stations": [
+                {
+                    "station": one.station,
+                    "runs": one.runs,
+                    "points": len(one.ratio),
+                    "beyond": one.beyond,
+                    "mean": float(one.ratio.mean()),
+                }
+                for one in found.charts
+            ],
+        },
+    }
+
+
+def _coefficient_object(one: CoefficientStatistics) -> dict[str, object]:
+    parts, limits = one.components, one.limits or (-inf, inf)
+    return {
+        "name": one.name,
+        **vars(one.summary),
+        "quantiles": dict(zip(map(str, QUANTILES), one.quantiles, strict=True)),
+        "components": {
+            "mean": parts.mean,
+            "mean_std": parts.std,
+            "within": vars(parts.within),
+            "lots": None if parts.lots is None else vars(parts.lots),
+        },
+        "limits": [limit if isfinite(limit) else None for limit in limits],
+        "cpk": None if one.observed is None else one.observed._asdict(),
+        "cpk_truth": None if one.truth is None else one.truth._asdict(),
+    }
+
+
+def _group_objects(
+    groups: Sequence[GroupStatistics], names: Sequence[str]
+) -> list[dict[str, object]]:
+    return [
+        {
+            "name": group.name,
+            "coefficients": {
+                name: vars(one) for name, one in zip(names, group.summaries, strict=True)
+            },
+        }
+        for group in groups
+    ]

@@ -1,0 +1,200 @@
+"""The calibrated sensors of a line as arrays: only the columns that their statistics need."""
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.calibration.specification import Specification
+from inercal.errors import InputError
+from inercal.fleet import results
+from inercal.fleet.line import Line, sections_digest
+from inercal.sensors.coefficient_tables import ErrorTerm
+from inercal.uncertainty.conformity import RESULTS, DecisionRule
+
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+_COLUMNS = (
+    "status", "grade", "lot", "station", "measured", "coefficients", "value", "std", "chi2", "dof",
+    "conformity",
+)  # fmt: skip
+_DAY = 86_400.0  # s
+
+
+@dataclass(frozen=True)
+class Grouping:
+    """To which group each sensor belongs.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the groups, in the order of their first sensors.
+    places : (n,) array of int
+        Place of each sensor's group among them.
+    """
+
+    names: tuple[str, ...]
+    places: Indices
+
+    @property
+    def several(self) -> bool:
+        """Whether there is more than one group."""
+        return len(self.names) > 1
+
+
+@dataclass(frozen=True)
+class Population:
+    """The calibrated sensors of a line, in the order of its table.
+
+    Parameters
+    ----------
+    ids : tuple of str
+    names : tuple of str
+        Coefficients, p.
+    terms : tuple of ErrorTerm
+        Of each coefficient, with unit.
+    value, std : (n, p) arrays
+        SI.
+    lots, stations : Grouping
+    days : (n,) array
+        Time of the measurement, days since 1970; not a number where it is not stated.
+    chi2, dof : (n,) arrays
+        Of the residuals.
+    specification : Specification or None
+        Of the template; None where its limits differ from sensor to sensor.
+    judged : (DecisionRule, mapping of str to int) or None
+        Where limits differ: the rule of the first sensor, and the number of sensors by result.
+    left_out : mapping of str to int
+        Sensors that are not in the arrays, by reason.
+    """
+
+    ids: tuple[str, ...]
+    names: tuple[str, ...]
+    terms: tuple[ErrorTerm, ...]
+    value: Array
+    std: Array
+    lots: Grouping
+    stations: Grouping
+    days: Array
+    chi2: Array
+    dof: Array
+    specification: Specification | None
+    judged: tuple[DecisionRule, dict[str, int]] | None
+    left_out: dict[str, int]
+
+
+def read_population(line: Line, folder: Path) -> Population:
+    """Read the results of a line.
+
+    Parameters
+    ----------
+    line : Line
+    folder : Path
+        Of the parts.
+
+    Raises
+    ------
+    InputError
+        No results, or no calibrated sensor.
+    """
+    table = results.read_results(folder, _COLUMNS)
+    place = {row.id: k for k, row in enumerate(line.rows)}
+    known = [place.get(name, -1) for name in table["id"].to_pylist()]
+    status, sets = table["status"].to_pylist(), table["coefficients"].to_pylist()
+    done = [
+        k >= 0 and one == results.DONE and grade != "unreliable"
+        for k, one, grade in zip(known, status, table["grade"].to_pylist(), strict=True)
+    ]
+    counted = Counter(one for one, good in zip(sets, done, strict=True) if good)
+    if not counted:
+        raise InputError(f"{folder}: no calibrated sensor; calibrate the line first", file=folder)
+    usual = counted.most_common(1)[0][0]
+    chosen = np.array([good and one == usual for good, one in zip(done, sets, strict=True)])
+    rows = np.flatnonzero(chosen)
+    rows = rows[np.argsort(np.array(known)[rows], kind="stable")]
+    table = table.take(rows)
+    names = tuple(usual.split())
+    run = _first_run(line)
+    # The template may have changed since: it need not estimate what the results hold.
+    sensor = run.sensor.with_coefficients(*names)
+    specification, judged = run.specification, None
+    if specification is not None and _limits_differ(line):
+        reached: list[str | None] = table["conformity"].to_pylist()
+        judged = specification.rule, {result: reached.count(result) for result in RESULTS}
+        specification = None
+    return Population(
+        tuple(table["id"].to_pylist()),
+        names,
+        tuple(sensor.coefficient(name) for name in names),
+        _matrix(table["value"], len(names)),
+        _matrix(table["std"], len(names)),
+        _grouping(table["lot"].to_pylist()),
+        _grouping(table["station"].to_pylist()),
+        np.array([_days(text) for text in table["measured"].to_pylist()]),
+        _numbers(table["chi2"]),
+        _numbers(table["dof"]),
+        specification,
+        judged,
+        _left_out(len(line.rows), known, status, done, len(rows)),
+    )
+
+
+def _left_out(
+    sensors: int, known: Sequence[int], status: Sequence[str], done: Sequence[bool], kept: int
+) -> dict[str, int]:
+    ours = [one for k, one in zip(known, status, strict=True) if k >= 0]
+    calibrated = sum(one == results.DONE for one in ours)
+    counts = {
+        "without a result yet": sensors - len(ours),
+        "failed or lost": len(ours) - calibrated,
+        "not to be relied on": calibrated - sum(done),
+        "with other coefficients": sum(done) - kept,
+    }
+    return {reason: count for reason, count in counts.items() if count}
+
+
+def _first_run(line: Line) -> Any:
+    from inercal.runfile import from_sections
+
+    sections = line.sections(line.rows[0])
+    return from_sections(line.path, sections, sections_digest(sections))
+
+
+def _limits_differ(line: Line) -> bool:
+    """Return whether the table of sensors has values for [specification]."""
+    stated = json.dumps(line.template.get("specification", {}))
+    columns = line.rows[0].columns
+    return any(f"{{{name}" in stated for name in line.placeholders) or any(
+        name.startswith("specification.") for name in columns
+    )
+
+
+def _matrix(column: Any, p: int) -> Array:
+    flat: Array = column.combine_chunks().flatten().to_numpy()
+    return flat.reshape(-1, p)
+
+
+def _numbers(column: Any) -> Array:
+    return np.asarray(column.to_numpy(), dtype=float)
+
+
+def _grouping(texts: Sequence[str | None]) -> Grouping:
+    places: dict[str, int] = {}
+    found = [places.setdefault(text or "", len(places)) for text in texts]
+    return Grouping(tuple(places), np.array(found, dtype=np.intp))
+
+
+def _days(text: str | None) -> float:
+    try:
+        time = datetime.fromisoformat((text or "").strip())
+    except ValueError:
+        return nan
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp() / _DAY

@@ -1,0 +1,323 @@
+"""Statistics over the sensors of a line: how they scatter in truth, whether they keep their limits.
+
+The scatter of values holds the uncertainty of each. The standard deviation in truth is
+√(sd² − mean u²); the components between lots and within them are those of
+`inercal.uncertainty.components`. The capability of a process with the limits T_L and T_U is
+
+    C_pk = min(T_U − μ, μ − T_L) / 3σ,   its interval C_pk ± 1.96 √(1/9n + C_pk²/(2n − 2))
+
+(Bissell 1990, Applied Statistics 39, 331–340): observed with the sd of values, in truth with that
+in truth. Outliers are left out of means, scatter, capability, trends and differences, but not of
+medians, quantiles and the yield.
+
+u holds errors of the bench that sensors have in common, which do not scatter them: where these
+prevail the scatter in truth is larger than stated, and u of a mean is never below theirs.
+"""
+
+from dataclasses import dataclass
+from math import nan
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.fleet.contrasts import Contrast, marked, station_differences, trend
+from inercal.fleet.control_chart import ControlChart, control_charts
+from inercal.fleet.population import Grouping, Indices, Mask, Population
+from inercal.uncertainty.components import Components, variance_components
+from inercal.uncertainty.conformity import RESULTS, DecisionRule, judge
+from inercal.uncertainty.robust import outliers, robust_scale, squared_distances
+
+QUANTILES = (0.01, 0.05, 0.25, 0.75, 0.95, 0.99)
+_ROWS_A_COLUMN = 5  # sensors for each coefficient, below which outliers are not searched
+TRENDS = ("serial order", "time")
+
+
+class Capability(NamedTuple):
+    """C_pk with the limits of its interval of 95 %."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """One coefficient over some sensors, SI.
+
+    Parameters
+    ----------
+    n : int
+        Sensors.
+    median, robust_sd : float
+        Of all.
+    mean, sd : float
+        Without outliers.
+    mean_u : float
+        Root of the mean square of the standard uncertainties.
+    truth_sd : float
+        √(sd² − mean u²); not a number where the values scatter less than their uncertainties.
+    """
+
+    n: int
+    median: float
+    robust_sd: float
+    mean: float
+    sd: float
+    mean_u: float
+    truth_sd: float
+
+
+@dataclass(frozen=True)
+class CoefficientStatistics:
+    """One coefficient over the fleet, SI.
+
+    Parameters
+    ----------
+    name : str
+    summary : Summary
+    quantiles : tuple of float
+        Of `QUANTILES`.
+    components : Components
+    limits : (float, float) or None
+        Of [specification].
+    observed, truth : Capability or None
+        None without limits or without scatter.
+    """
+
+    name: str
+    summary: Summary
+    quantiles: tuple[float, ...]
+    components: Components
+    limits: tuple[float, float] | None
+    observed: Capability | None
+    truth: Capability | None
+
+
+@dataclass(frozen=True)
+class GroupStatistics:
+    """A lot or a station: its sensors, and one summary a coefficient."""
+
+    name: str
+    summaries: tuple[Summary, ...]
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A sensor that differs from the others, and the coefficient that contributes most."""
+
+    id: str
+    distance: float
+    coefficient: str
+    value: float
+
+
+@dataclass(frozen=True)
+class RuleYield:
+    """Sensors by their result under a decision rule."""
+
+    rule: DecisionRule
+    counts: dict[str, int]
+
+    @property
+    def share(self) -> float:
+        """Share of the sensors that pass."""
+        return self.counts["pass"] / max(sum(self.counts.values()), 1)
+
+
+@dataclass(frozen=True)
+class FleetStatistics:
+    """All statistics of a line.
+
+    Parameters
+    ----------
+    population : Population
+    coefficients : tuple of CoefficientStatistics
+    lots, stations : tuple of GroupStatistics
+        Empty where there is one.
+    outliers : tuple of Outlier
+        The farthest first.
+    outliers_searched : bool
+        Whether there were enough sensors for the search.
+    contrasts : tuple of Contrast
+        Trends over serial order and time, and differences of stations.
+    yields : tuple of RuleYield
+        Empty without limits.
+    centre : float
+        Of the control charts.
+    charts : tuple of ControlChart
+    """
+
+    population: Population
+    coefficients: tuple[CoefficientStatistics, ...]
+    lots: tuple[GroupStatistics, ...]
+    stations: tuple[GroupStatistics, ...]
+    outliers: tuple[Outlier, ...]
+    outliers_searched: bool
+    contrasts: tuple[Contrast, ...]
+    yields: tuple[RuleYield, ...]
+    centre: float
+    charts: tuple[ControlChart, ...]
+
+
+def fleet_statistics(population: Population) -> FleetStatistics:
+    """Return the statistics of the calibrated sensors of a line.
+
+    Raises
+    ------
+    InputError
+        Fewer than two sensors in each lot.
+    """
+    n, p = population.value.shape
+    searched = n >= max(_ROWS_A_COLUMN * p, 2 * p + 2)
+    far, named = _outliers(population) if searched else (np.zeros(0, dtype=np.intp), ())
+    good = np.ones(n, dtype=bool)
+    good[far] = False
+    value, std = population.value[good], population.std[good]
+    lots = _rows_of(population.lots, good)
+    if n < 2:
+        raise InputError("one sensor alone has no scatter; calibrate more sensors")
+    components = _components(value, std, lots)
+    stated = population.specification
+    limits = {} if stated is None else dict(stated.limits)
+    contrasts = [
+        *trend(TRENDS[0], np.flatnonzero(good).astype(float), population.names, value, std, lots,
+               components),
+        *trend(TRENDS[1], population.days[good], population.names, value, std, lots, components),
+        *station_differences(_rows_of(population.stations, good), population.names, value, std,
+                             lots, components),
+    ]  # fmt: skip
+    summaries = _summaries(population.value, population.std, good)
+    quantiles = np.quantile(population.value, QUANTILES, axis=0).T
+    centre, charts = control_charts(population)
+    return FleetStatistics(
+        population,
+        tuple(
+            _coefficient(name, summaries[k], quantiles[k], components[k], limits.get(name))
+            for k, name in enumerate(population.names)
+        ),
+        _groups(population, population.lots, good),
+        _groups(population, population.stations, good),
+        named,
+        searched,
+        tuple(marked(contrasts)),
+        tuple(_yields(population)),
+        centre,
+        tuple(charts),
+    )
+
+
+def capability(
+    mean: float, sd: float, n: int, limits: tuple[float, float] | None
+) -> Capability | None:
+    """Return C_pk with its interval; None without limits or without scatter."""
+    if limits is None or not sd > 0 or n < 2:
+        return None
+    value = min(limits[1] - mean, mean - limits[0]) / (3 * sd)
+    half = 1.96 * (1 / (9 * n) + value**2 / (2 * n - 2)) ** 0.5
+    return Capability(value, value - half, value + half)
+
+
+def _coefficient(
+    name: str,
+    summary: Summary,
+    quantiles: Array,
+    components: Components,
+    limits: tuple[float, float] | None,
+) -> CoefficientStatistics:
+    observed, truth = (
+        capability(summary.mean, sd, summary.n, limits) for sd in (summary.sd, summary.truth_sd)
+    )
+    shown = tuple(quantiles.tolist())
+    return CoefficientStatistics(name, summary, shown, components, limits, observed, truth)
+
+
+def _summaries(value: Array, std: Array, good: Mask) -> list[Summary]:
+    """Return the summary of each column; means and scatter are of the rows in `good`."""
+    kept, u = value[good], std[good]
+    if len(kept) < 2:
+        kept, u = value, std
+    median, robust = np.median(value, axis=0), robust_scale(value)
+    mean = kept.mean(axis=0)
+    sd = kept.std(axis=0, ddof=1) if len(kept) > 1 else np.full(value.shape[1], nan)
+    mean_u = np.sqrt((u**2).mean(axis=0))
+    excess = sd**2 - mean_u**2
+    truth = np.where(excess >= 0, np.sqrt(np.maximum(excess, 0.0)), nan)
+    table = np.stack([median, robust, mean, sd, mean_u, truth], axis=1)
+    return [Summary(len(value), *map(float, row)) for row in table]
+
+
+def _groups(population: Population, grouping: Grouping, good: Mask) -> tuple[GroupStatistics, ...]:
+    if not grouping.several:
+        return ()
+    order = np.argsort(grouping.places, kind="stable")
+    ends = np.searchsorted(grouping.places[order], np.arange(len(grouping.names) + 1))
+    return tuple(
+        GroupStatistics(
+            name,
+            tuple(_summaries(population.value[rows], population.std[rows], good[rows])),
+        )
+        for name, rows in (
+            (name, order[ends[k] : ends[k + 1]]) for k, name in enumerate(grouping.names)
+        )
+    )
+
+
+def _rows_of(grouping: Grouping, good: Mask) -> Grouping:
+    """Return the grouping of some rows; groups that they leave empty are gone."""
+    places = grouping.places[good]
+    used = np.bincount(places, minlength=len(grouping.names)) > 0
+    names = tuple(name for name, one in zip(grouping.names, used.tolist(), strict=True) if one)
+    return Grouping(names, (np.cumsum(used) - 1)[places])
+
+
+def _components(value: Array, std: Array, lots: Grouping) -> list[Components]:
+    # Lots of one sensor each say nothing of the scatter within a lot.
+    places = lots.places if len(value) > len(lots.names) else None
+    return [variance_components(value[:, k], std[:, k], places) for k in range(value.shape[1])]
+
+
+def _outliers(population: Population) -> tuple[Indices, tuple[Outlier, ...]]:
+    """Return the rows of the outliers, and their names."""
+    spread = robust_scale(population.value) ** 2
+    excess = np.maximum(spread - np.median(population.std, axis=0) ** 2, 0.0)
+    scale = np.sqrt(population.std**2 + excess)
+    scale = np.where(scale > 0, scale, 1.0)
+    off = (population.value - np.median(population.value, axis=0)) / scale
+    distances, shares = squared_distances(off)
+    found = outliers(distances, int(np.sum(robust_scale(off) > 0)))
+    rows: list[int] = found.tolist()
+    worst: list[int] = np.argmax(shares[found], axis=1).tolist()
+    return found, tuple(
+        Outlier(
+            population.ids[row], float(distances[row]), population.names[k],
+            float(population.value[row, k]),
+        )
+        for row, k in zip(rows, worst, strict=True)
+    )  # fmt: skip
+
+
+def _yields(population: Population) -> list[RuleYield]:
+    """Return the results under the template's rule and under the others in use."""
+    if population.judged is not None:
+        return [RuleYield(*population.judged)]
+    specification = population.specification
+    if specification is None:
+        return []
+    rules = dict.fromkeys(
+        (specification.rule, DecisionRule(), DecisionRule(factor=0.83), DecisionRule("simple"))
+    )
+    columns = [population.names.index(name) for name in specification.limits if name in
+               population.names]  # fmt: skip
+    if not columns:
+        return []
+    bounds = [specification.limits[population.names[k]] for k in columns]
+    value, std = population.value[:, columns], population.std[:, columns]
+    lower, upper = np.array(bounds).T
+    found: list[RuleYield] = []
+    for rule in rules:
+        worst = judge(value, lower, upper, rule.guard(std)).max(axis=1)
+        counts = np.bincount(worst, minlength=len(RESULTS)).tolist()
+        found.append(RuleYield(rule, dict(zip(RESULTS, counts, strict=True))))
+    return found

@@ -1,0 +1,158 @@
+"""[specification] of a run file: limits as text, to limits of coefficients in SI."""
+
+import re
+from collections.abc import Mapping
+from math import inf, isfinite
+from typing import TYPE_CHECKING
+
+from inercal.errors import InputError
+from inercal.keys import CoefficientName
+from inercal.runfile.schema import SpecificationSection
+from inercal.section_settings import key_error
+from inercal.sensors import Sensor
+from inercal.sensors.coefficient_selection import select_coefficients
+from inercal.units import parse_quantity
+
+if TYPE_CHECKING:
+    from inercal.calibration.specification import Specification
+
+_KEY = "[specification.limits]"
+_SIGNS = re.compile(r"\s*(±|\+ ?/? ?-)")
+_COVERAGE = re.compile(r"k *=")
+_Limits = tuple[float, float]
+
+
+def stated_specification(
+    section: SpecificationSection | None, sensor: Sensor
+) -> "Specification | None":
+    """Return the limits of coefficients that a run file states.
+
+    Of several keys that name a coefficient the most special counts: "ax.k0" before "ax.bias" before
+    "k0" before "bias". A group has limits where their unit fits: `bias = "± 20 mg"` are those of
+    accelerometers.
+
+    Parameters
+    ----------
+    section : SpecificationSection or None
+    sensor : Sensor
+        With the coefficients that are estimated.
+
+    Raises
+    ------
+    InputError
+        A key that names no coefficient that is estimated, a limit that is none, or a rule that is
+        not possible.
+    """
+    if section is None:
+        return None
+    # Here, for it loads SciPy, which a run file without limits does without.
+    from inercal.calibration.specification import Specification
+    from inercal.uncertainty.conformity import DecisionRule
+
+    if section.uncertainty == "next_use":
+        raise key_error(
+            "[specification] uncertainty",
+            "'next_use' needs the scatter of repeated sessions, which this version does not "
+            "estimate; give 'session'",
+        )
+    if not section.limits:
+        raise key_error(_KEY, 'the section is empty; state a limit, such as bias = "± 20 mg"')
+    try:
+        rule = DecisionRule(section.rule, section.factor)
+    except InputError as error:
+        raise key_error("[specification] factor", str(error).partition(": ")[2]) from None
+    owners = _owners(section.limits, sensor)
+    limits = {name: owners[name][1] for name in sensor.coefficients if name in owners}
+    return Specification(limits, rule)
+
+
+def _owners(
+    stated: Mapping[str, str | tuple[str, str]], sensor: Sensor
+) -> dict[str, tuple[str, _Limits]]:
+    """Return the key that limits each coefficient, and its limits."""
+    owners: dict[str, tuple[str, _Limits]] = {}
+    for word, text in stated.items():
+        for name, limits in _limits_of_word(word, text, sensor).items():
+            other = owners.get(name)
+            if other is None or _rank(word, name) > _rank(other[0], name):
+                owners[name] = word, limits
+            elif _rank(word, name) == _rank(other[0], name):
+                raise key_error(
+                    f"{_KEY} {word}",
+                    f"{other[0]} limits {name}, too; keep one of both",
+                    None,
+                    (name,),
+                )
+    used = {word for word, _ in owners.values()}
+    for word in stated:
+        if word not in used:
+            raise key_error(
+                f"{_KEY} {word}", "keys for single coefficients replace it everywhere; remove it"
+            )
+    return owners
+
+
+def _rank(word: str, name: str) -> tuple[bool, bool]:
+    axis, term = CoefficientName(word).parts
+    return bool(axis), term == CoefficientName(name).term
+
+
+def _limits_of_word(word: str, text: str | tuple[str, str], sensor: Sensor) -> dict[str, _Limits]:
+    """Return the limits of each coefficient that a key names and whose unit fits."""
+    key = f"{_KEY} {word}"
+    try:
+        named = select_coefficients(sensor.axes, [word])
+    except InputError as error:
+        raise error.located(key, key=key) from None
+    names = [name for name in named if name in sensor.coefficients]
+    if not names:
+        raise key_error(
+            key,
+            f"the method does not estimate it; it estimates {', '.join(sensor.coefficients)}",
+            names=(word,),
+        )
+    found: dict[str, _Limits] = {}
+    errors: list[InputError] = []
+    for name in names:
+        try:
+            found[name] = _parse_limits(text, sensor.coefficient(name).unit)
+        except InputError as error:
+            errors.append(error)
+    if not found:
+        raise errors[0].located(key, key=key)
+    return found
+
+
+def _parse_limits(text: str | tuple[str, str], unit: str) -> _Limits:
+    """Return lower and upper limit, SI, of "± 20 mg", "≤ 20 mg", "≥ 20 mg" or two quantities.
+
+    Raises
+    ------
+    InputError
+        A wrong unit, a wrong notation, or a lower limit that is not below the upper one.
+    """
+    if not isinstance(text, str):
+        lower, upper = (_exact(one, unit) for one in text)
+    elif text.lstrip().startswith("≤"):
+        lower, upper = -inf, _exact(text.lstrip()[1:], unit)
+    elif text.lstrip().startswith("≥"):
+        lower, upper = _exact(text.lstrip()[1:], unit), inf
+    else:
+        if _COVERAGE.search(text):
+            raise InputError(f"{text!r}: a limit has no k; remove it")
+        middle = parse_quantity(f"0 {text}" if _SIGNS.match(text) else text, unit)
+        if not middle.sd:
+            raise InputError(
+                f'{text!r} is no limit; write "± …", "≤ …", "≥ …" or ["lower", "upper"]'
+            )
+        lower, upper = middle.value - middle.sd, middle.value + middle.sd
+    if not lower < upper or not (isfinite(lower) or isfinite(upper)):
+        raise InputError(f"{text!r}: the lower limit must be below the upper one")
+    return lower, upper
+
+
+def _exact(text: str, unit: str) -> float:
+    value = parse_quantity(text.strip(), unit)
+    if value.sd:
+        raise InputError(f"{text!r}: a limit has no uncertainty; remove it")
+    return value.value
