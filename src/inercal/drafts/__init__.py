@@ -31,7 +31,10 @@ from inercal.drafts.draft_sections import (
 from inercal.drafts.method_trials import Candidate, MethodTrial, candidate_methods, try_methods
 from inercal.drafts.readouts import QuietMeans
 from inercal.drafts.stated_keys import stated_columns, stated_gyros, stated_values
-from inercal.drafts.unknown_accelerometers import UnknownAccelerometers
+from inercal.drafts.unknown_accelerometers import (
+    UnknownAccelerometers,
+    unknown_accelerometers,
+)
 from inercal.errors import InputError
 from inercal.io.column_table import Table
 from inercal.io.read import detect_reader, read_table
@@ -208,7 +211,7 @@ def _candidates(log: Path, table: Table, roles: ColumnRoles) -> tuple[Candidate,
             names=("rates_and_poses",),
         )
     if "accelerometer" not in roles.triads:
-        raise UnknownAccelerometers(log, table, roles)
+        raise unknown_accelerometers(log, table, roles)
     candidates = candidate_methods(roles)
     if not candidates:
         raise InputError(

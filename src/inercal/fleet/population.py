@@ -16,7 +16,7 @@ from inercal.arrays import Array
 from inercal.calibration.specification import Specification
 from inercal.errors import InputError
 from inercal.fleet import results
-from inercal.fleet.line import Line, sections_digest
+from inercal.fleet.line import Line
 from inercal.sensors.coefficient_tables import ErrorTerm
 from inercal.uncertainty.conformity import RESULTS, DecisionRule
 
@@ -165,7 +165,7 @@ def _first_run(line: Line) -> Any:
     from inercal.runfile import from_sections
 
     sections = line.sections(line.rows[0])
-    return from_sections(line.path, sections, sections_digest(sections))
+    return from_sections(line.path, sections, line.digest(line.rows[0]))
 
 
 def _limits_differ(line: Line) -> bool:
