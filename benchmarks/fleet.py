@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from tests.fleet import simulated_line
 from tests.fleet.lines import TEMPLATE, make_line
 
 from benchmarks import Duration, Row, Skipped
@@ -25,6 +26,7 @@ from inercal.parallel import available_cores, open_tolerant_executor
 
 SENSORS, EACH = 400, 1667  # recordings, samples of each position
 LOOP = 5  # calls of `inercal calibrate` by which a loop over the program is judged
+REPORTED = 100_000  # sensors
 SIZES = (1_000, 10_000, 100_000)  # tasks that compute nothing
 
 
@@ -62,6 +64,17 @@ def calibrate_one(folder: Path, k: int) -> Duration:
     return processor_time("calibrate", run, "--no-report", "--out", folder / "one")
 
 
+def report_rows() -> Iterator[Row]:
+    """Measure the report over a hundred thousand sensors of drawn results."""
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        simulated_line.write_line(folder, REPORTED)
+        taken = processor_time("fleet", "report", folder)
+        size = (folder / "report.html").stat().st_size / 1e6
+    yield Row("fleet: report over 10⁵ sensors", taken, 20.0, "limit")
+    yield Row("fleet: its page", size, 5.0, "limit", "MB")
+
+
 def rows() -> Iterator[Row | Skipped]:
     """Measure the engine, then the calibrations."""
     for scheduler, name in ((None, "processes"), ("local", "Dask")):
@@ -72,6 +85,7 @@ def rows() -> Iterator[Row | Skipped]:
     grown = costs[-1][0] / costs[0][0] / (SIZES[-1] / SIZES[0])
     yield Row("fleet: 10⁵ tasks beside 10³, each", grown, 1.2, "limit", "")
     yield Row("fleet: client's growth by 10⁵ tasks", max(costs[-1][1], 1e-3), 20.0, "limit", "MB")
+    yield from report_rows()
     with TemporaryDirectory() as name:
         folder = make_line(Path(name), SENSORS, EACH)
         one, two = fleet(folder, 1), fleet(folder, 2)

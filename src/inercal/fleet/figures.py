@@ -21,7 +21,8 @@ from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
 
 _HEIGHT, _BELOW = 1.25, 0.42  # inches
-_BINS, _POINTS = 60, 100
+_BINS, _FEWEST_BINS, _POINTS = 60, 8, 100
+_FEW = 500  # sensors that are drawn as points
 _TAILS = 0.001  # of the sensors, beyond a histogram's range to each side
 _NEAR = 2.0  # of the range's width: limits so near are in the figure
 _BANDS = (5, 25, 50, 75, 95)  # percent
@@ -67,13 +68,17 @@ def _draw_histogram(axes: Axes, value: Array, limits: Sequence[float]) -> None:
     width = high - low or 1.0
     near = [x for x in limits if low - _NEAR * width < x < high + _NEAR * width]
     low, high = min([low, *near]) - 0.03 * width, max([high, *near]) + 0.03 * width
-    counts, edges = np.histogram(value, _BINS, (low, high))
+    counts, edges = np.histogram(value, _bins(value.size), (low, high))
     axes.stairs(counts, edges, fill=True, color=FAINT, lw=0)
     for limit in near:
         axes.axvline(limit, color=WARN, lw=1.0, ls="--")
     axes.set_xlim(low, high)
     axes.xaxis.set_major_locator(MaxNLocator(5, prune="both"))
     axes.set_yticks([])
+
+
+def _bins(n: int) -> int:
+    return min(max(round(2 * np.sqrt(n)), _FEWEST_BINS), _BINS)
 
 
 def _draw_normal(axes: Axes, n: int, mean: float, sd: float) -> None:
@@ -83,11 +88,13 @@ def _draw_normal(axes: Axes, n: int, mean: float, sd: float) -> None:
         return
     at = np.linspace(low, high, 200)
     density = np.exp(-0.5 * ((at - mean) / sd) ** 2) / (sd * np.sqrt(2 * np.pi))
-    axes.plot(at, n * density * (high - low) / _BINS, color=Z, lw=1.1)
+    axes.plot(at, n * density * (high - low) / _bins(n), color=Z, lw=1.1)
     axes.set_ylim(0, None)
 
 
 def _draw_quantiles(axes: Axes, value: Array, limits: Sequence[float]) -> None:
+    if value.size <= _FEW:
+        axes.plot(np.arange(value.size) + 1, value, "o", ms=2.6, mfc=INK, mec=INK, mew=0)
     parts = np.array_split(np.arange(value.size), min(_POINTS, max(value.size // 5, 1)))
     at = [float(part.mean()) + 1 for part in parts]
     table = np.array([np.percentile(value[part], _BANDS) for part in parts]).T

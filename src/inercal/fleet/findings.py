@@ -19,7 +19,7 @@ def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
     count = len(population.ids)
     if found.yields:
         first = found.yields[0]
-        summary = f"{first.share:.2%} of {count} sensors pass ({rule_text(first)})"
+        summary = f"{100 * first.share:.4g} % of {count} sensors pass ({rule_text(first)})"
     else:
         summary = f"{count} sensors"
     return summary, _findings(found)

@@ -168,7 +168,7 @@ def _capability_cells(one: Capability | None) -> tuple[str, str]:
 def _yield_table(yields: Sequence[RuleYield]) -> PrintedTable:
     heads = ("rule", "yield", "pass", "conditional pass", "conditional fail", "fail")
     rows = [
-        (rule_text(one), f"{one.share:.2%}", *(str(count) for count in one.counts.values()))
+        (rule_text(one), f"{100 * one.share:.4g} %", *(str(count) for count in one.counts.values()))
         for one in yields
     ]
     return PrintedTable(heads, rows)
