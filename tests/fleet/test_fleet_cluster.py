@@ -14,8 +14,8 @@ from tests.program import run_program
 
 from inercal.fleet.calibration import calibrate_line
 from inercal.fleet.line import read_line
-from inercal.parallel import open_executor, open_tolerant_executor
-from inercal.parallel.dask_executor import DaskExecutor
+from inercal.parallel import SerialExecutor, open_executor, open_tolerant_executor
+from inercal.parallel.dask_executor import DaskExecutor, SchedulerLost
 
 distributed = pytest.importorskip("distributed")
 pytest.importorskip("pyarrow")
@@ -23,35 +23,44 @@ pytestmark = pytest.mark.slow  # a cluster takes seconds to start
 WORKERS = 3
 
 
+class Cluster:
+    """A scheduler with workers, each a process of its own."""
+
+    def __init__(self, folder: Path, workers: int):
+        self._known, self._folder = folder / "scheduler.json", folder
+        self.scheduler = self._start("scheduler", "--port", "0")
+        self._workers = [
+            self._start("worker", "--nthreads", "1", "--death-timeout", "60")
+            for _ in range(workers)
+        ]
+        with distributed.Client(scheduler_file=str(self._known), timeout=60) as client:
+            client.wait_for_workers(workers, timeout=60)
+            self.address: str = client.scheduler.address
+
+    def _start(self, what: str, *arguments: str) -> "subprocess.Popen[bytes]":
+        module = f"distributed.cli.dask_{what}"
+        common = ["--host", "127.0.0.1", "--no-dashboard", "--scheduler-file", str(self._known)]
+        return subprocess.Popen(
+            [sys.executable, "-m", module, *common, *arguments],
+            env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+            cwd=self._folder,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    def close(self) -> None:
+        for process in (*self._workers, self.scheduler):
+            process.terminate()
+        for process in (*self._workers, self.scheduler):
+            process.wait()
+
+
 @pytest.fixture(scope="module")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Generator[str]:
-    """Yield the address of a scheduler with three workers, each a process of its own."""
-    folder = tmp_path_factory.mktemp("cluster")
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    started: list[subprocess.Popen[bytes]] = []
-
-    def start(*arguments: str) -> None:
-        command = [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]]
-        quiet = subprocess.DEVNULL
-        process = subprocess.Popen(command, env=environment, cwd=folder, stdout=quiet, stderr=quiet)
-        started.append(process)
-
-    known = folder / "scheduler.json"
-    start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-          "--scheduler-file", str(known))  # fmt: skip
-    for _ in range(WORKERS):
-        start("worker", "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard",
-              "--scheduler-file", str(known), "--death-timeout", "60")  # fmt: skip
-    try:
-        with distributed.Client(scheduler_file=str(known), timeout=60) as client:
-            client.wait_for_workers(WORKERS, timeout=60)
-            address = client.scheduler.address
-        yield address
-    finally:
-        for process in reversed(started):
-            process.terminate()
-        for process in started:
-            process.wait()
+    """Yield the address of a scheduler with three workers."""
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"), WORKERS)
+    yield cluster.address
+    cluster.close()
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +131,31 @@ def test_a_new_cluster_of_this_machine_loses_a_worker_and_nothing_else(tmp_path:
     assert counts.done + counts.lost == 10
     assert calibrate_line(line, open_tolerant_executor(1), 1, retry_failed=True).failed == 0
     assert all(row["status"] == "done" for row in rows_of(folder))
+
+
+def test_a_scheduler_that_ends_is_said_and_the_fleet_goes_on(tmp_path: Path):
+    folder = make_line(tmp_path / "line", 12)
+    line = read_line(folder)
+    (tmp_path / "cluster").mkdir()
+    cluster = Cluster(tmp_path / "cluster", 1)
+    try:
+        with open_tolerant_executor(scheduler=cluster.address) as executor:
+
+            def end(_: object) -> None:
+                cluster.scheduler.kill()
+                cluster.scheduler.wait()
+
+            with pytest.raises(SchedulerLost):
+                calibrate_line(line, executor, 1, batch=1, progress=end)
+    finally:
+        cluster.close()
+    with SerialExecutor() as executor:
+        counts = calibrate_line(line, executor, 1)
+    assert counts.kept >= 1
+    assert counts.kept + counts.done == 12
+    other = make_line(tmp_path / "other", 12)
+    assert run_program("fleet", "calibrate", other).status == 0
+    assert rows_of(folder) == rows_of(other)
 
 
 def test_other_heavy_work_runs_on_the_same_cluster(scheduler: str, tmp_path: Path):

@@ -1,5 +1,6 @@
 """Tasks on a Dask cluster: of this machine, or of others by the address of its scheduler."""
 
+import logging
 import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -7,9 +8,10 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import Any
 
-from inercal.errors import InputError, require_installed
+from inercal.errors import InercalError, InputError, require_installed
 from inercal.parallel import Settled, TolerantExecutor, WorkerLost, available_cores
 
+_LOGGERS = ("distributed", "distributed.client", "distributed.utils", "distributed.core")
 _TIMEOUT = 10.0  # s, for the answer of a scheduler
 _SETTINGS = {
     # A task whose worker died is not tried again: who submitted it decides.
@@ -41,6 +43,8 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
     require_installed("fleet", "a Dask cluster needs distributed", ("distributed",))
     dask: Any = import_module("dask.config")
     distributed: Any = import_module("distributed")
+    for name in _LOGGERS:  # what is lost is said once, by who submitted it
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if address == "local":
         with dask.set(_SETTINGS):
             cluster = distributed.LocalCluster(
@@ -76,6 +80,10 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
     return executor
 
 
+class SchedulerLost(InercalError):
+    """The scheduler of a cluster has ended."""
+
+
 class DaskExecutor(TolerantExecutor):
     """Runs tasks on the workers of a Dask cluster.
 
@@ -89,6 +97,7 @@ class DaskExecutor(TolerantExecutor):
     def __init__(self, client: Any, cluster: Any):
         distributed: Any = import_module("distributed")
         self._client, self._cluster = client, cluster
+        self._address = client.scheduler.address
         self._futures = distributed.as_completed(loop=client.loop, raise_errors=False)
         self._indices: dict[str, int] = {}  # by key of the future
         self._open: dict[int, Any] = {}
@@ -133,7 +142,12 @@ class DaskExecutor(TolerantExecutor):
         """Accept a task; return its index."""
         index = self._count
         self._count += 1
-        future = self._client.submit(function, *arguments, pure=False)
+        try:
+            future = self._client.submit(function, *arguments, pure=False)
+        except Exception as error:  # of a client that is closed, of more than one type
+            if self._client.status == "running":
+                raise
+            raise self._scheduler_lost() from error
         self._indices[future.key] = index
         self._open[index] = future
         self._futures.add(future)
@@ -151,8 +165,13 @@ class DaskExecutor(TolerantExecutor):
             index = self._indices.pop(future.key)
             if self._open.pop(index, None) is None:
                 continue  # forgotten
+            if future.status in ("cancelled", "lost") and self._client.status != "running":
+                raise self._scheduler_lost()
             if future.status == "finished":
-                result, error = future.result(), None
+                try:
+                    result, error = future.result(), None
+                except OSError as lost:  # the task itself has ended well
+                    raise self._scheduler_lost() from lost
             else:
                 result, error = None, _error_of(future)
                 if isinstance(error, killed):
@@ -160,6 +179,12 @@ class DaskExecutor(TolerantExecutor):
             # A future that is held is computed again when its worker dies.
             future.release()
             yield Settled(index, result, error)
+
+    def _scheduler_lost(self) -> SchedulerLost:
+        return SchedulerLost(
+            f"the scheduler at {self._address} has ended; results that are there are kept: start "
+            "it again and run the same command"
+        )
 
     def close(self) -> None:
         """Drop what still runs, and end a cluster of its own."""
