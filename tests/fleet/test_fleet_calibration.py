@@ -277,6 +277,6 @@ def test_an_error_of_a_task_that_is_no_loss_is_raised(tmp_path: Path):
 
 
 def test_the_summary_says_counts_and_version(calibrated: Path):
-    content = json.loads((calibrated / results.FOLDER / "fleet.json").read_text(encoding="utf-8"))
+    content = json.loads((calibrated / results.FOLDER / "_fleet.json").read_text(encoding="utf-8"))
     assert content["sensors"] == 8
     assert content["inercal"] == inercal.__version__

@@ -10,14 +10,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas
 import pytest
 from tests.fleet.lines import make_line, readings, rows_of, write_recording, write_table
 from tests.program import run_program
+from tests.refusals import refused
 
 import inercal
 from inercal.fleet import results
 from inercal.fleet.line import read_line
-from inercal.fleet.station import arriving_files, calibrate_arrival
+from inercal.fleet.station import arriving_files, calibrate_arrival, find_row, known_versions
 
 pytest.importorskip("pyarrow")
 ROOT = Path(__file__).parents[2]
@@ -65,7 +67,9 @@ def test_a_line_is_calibrated_said_and_exported(line: Path, tmp_path: Path):
     assert [row["id"] for row in rows] == [f"S{k:03d}" for k in range(6)]
     bias, u = float(rows[1]["ax.k0 [µg]"]), float(rows[1]["U(ax.k0) [µg]"])
     assert abs(bias - 1e6 * readings(1)[1][0]) < 2 * u
-    assert rows[2]["ax.k0 [µg]"] == "nan"
+    assert rows[2]["ax.k0 [µg]"] == ""
+    assert len(pandas.read_parquet(line / results.FOLDER)) == 6
+    assert run_program("fleet", "export", line, tmp_path / "sensors.csv").status == 0
 
 
 def test_the_calibration_file_of_one_sensor_is_exported(line: Path, tmp_path: Path):
@@ -144,9 +148,9 @@ def test_a_recording_that_arrives_is_judged_when_it_is_complete(tmp_path: Path):
     good, bad = (calibrate_arrival(line, path, folder / results.FOLDER) for path in arrived)
     assert (good.id, good.passed) == ("S1", True)
     assert (bad.id, bad.passed) == ("other", False)
-    assert [(row["id"], row["status"]) for row in rows_of(folder)] == [
-        ("S1", "done"), ("other", "failed"),
-    ]  # fmt: skip
+    # Nothing tells the lot and the bench of a sensor that the table lacks.
+    assert [(row["id"], row["status"]) for row in rows_of(folder)] == [("S1", "done")]
+    assert list(arriving_files(inbox, lambda: False, known_versions(line, folder / "fleet"))) == []
 
 
 def test_a_station_prints_pass_and_fail_and_ends_with_their_status(tmp_path: Path):
@@ -154,10 +158,57 @@ def test_a_station_prints_pass_and_fail_and_ends_with_their_status(tmp_path: Pat
     write_recording(inbox / "S000.npz", 0)
     watched = ("fleet", "calibrate", folder, "--watch", inbox, "--count", "1")
     ended = run_program(*watched)
-    assert (ended.status, ended.output.split()[:2]) == (0, ["PASS", "S000:"])
+    assert (ended.status, ended.output.splitlines()[1].split()[:2]) == (0, ["PASS", "S000:"])
     (inbox / "S000.npz").write_bytes(b"nothing")
+    (inbox / "notes.txt").write_text("no recording", encoding="utf-8")
     ended = run_program(*watched)
-    assert (ended.status, ended.output.split()[:2]) == (3, ["FAIL", "S000:"])
+    assert (ended.status, ended.output.splitlines()[1].split()[:2]) == (3, ["FAIL", "S000:"])
+
+
+def test_a_station_finds_a_row_by_barcode_and_by_id(tmp_path: Path):
+    folder, inbox = make_line(tmp_path / "line", 2), tmp_path / "inbox"
+    rows = [(f"S00{k}", f"r/{k}.npz", f"77{k}", tilt) for k, tilt in enumerate(("", "0.3 °"))]
+    write_table(folder, rows, ("barcode", "bench.tilt"))
+    line = read_line(folder)
+    for name in ("S001", "771"):
+        write_recording(inbox / f"{name}.npz", 1)
+        row = find_row(line, inbox / f"{name}.npz")
+        assert row is not None
+        assert (row.id, row.columns["bench.tilt"]) == ("S001", "0.3 °")
+    write_table(folder, [(f"S00{k}", f"r/{k}.npz", "77") for k in range(2)], ("barcode",))
+    with refused(file="sensors.csv", names=("barcode",)):
+        read_line(folder)
+
+
+@pytest.mark.parametrize(
+    "options", [("--workers", "1"), ("--register", "r.db"), ("--json",), ("--batch", "2")]
+)
+def test_an_option_that_a_station_does_not_take_is_refused(
+    tmp_path: Path, options: tuple[str, ...]
+):
+    folder = make_line(tmp_path / "line", 1)
+    ended = run_program("fleet", "calibrate", folder, "--watch", tmp_path, *options)
+    assert ended.status == 2
+    assert options[0] in ended.error
+
+
+def test_a_station_and_the_line_share_their_results(tmp_path: Path):
+    folder = make_line(tmp_path, 2)
+    line = read_line(folder)
+    for name in ("S000", "S001"):
+        result = calibrate_arrival(line, folder / "recordings" / f"{name}.npz", folder / "fleet")
+        assert result.passed
+    found = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
+    assert (found["kept"], found["done"]) == (2, 0)
+
+
+def test_results_of_another_run_file_are_said(tmp_path: Path):
+    folder = make_line(tmp_path, 3)
+    run_program("fleet", "calibrate", folder)
+    text = (folder / "run.toml").read_text(encoding="utf-8")
+    (folder / "run.toml").write_text(text.replace("0.1 °", "0.2 °"), encoding="utf-8")
+    said = json.loads(run_program("fleet", "status", folder, "--json").output)
+    assert (said["counts"], said["outdated"]) == ({"consistent": 3}, 3)
 
 
 def start_fleet(folder: Path) -> "subprocess.Popen[bytes]":

@@ -69,6 +69,13 @@ def calibrate(
     results.schema()  # names what is not installed, before any work
     folder = line / results.FOLDER if out is None else out
     if watch is not None:
+        batchwise = {"--workers": workers, "--scheduler": scheduler, "--batch": batch,
+                     "--retry-failed": retry_failed or None, "--register": register,
+                     "--json": json or None}  # fmt: skip
+        for name, given in batchwise.items():
+            if given is not None:
+                raise InputError(f"{name}: --watch takes one recording at a time; remove {name}",
+                                 key=name)  # fmt: skip
         _watch(read, watch, folder, count)
         return
     counts = _calibrate(read, folder, workers, scheduler, batch, retry_failed)
@@ -79,8 +86,7 @@ def calibrate(
         print_json(content)
     else:
         _print_counts(counts, content)
-    # Also those of earlier calls: a station reads the status of the line.
-    if _without_result(folder):
+    if counts.failed + counts.lost + counts.kept_failed:
         raise typer.Exit(FAILED)
 
 
@@ -101,6 +107,8 @@ def status(line: _Line, out: _Out = None, json: _Json = False) -> None:
         print(f"{number:>9}  {what}")
     for what, number in found.conformity.items():
         print(f"{number:>9}  {what} by [specification]")
+    if found.outdated:
+        print(f"{found.outdated:>9}  results are by another run file: calibrate again")
     for reason, names in found.reasons:
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         print(f"{', '.join(names[:3])}{more}: {reason}")
@@ -163,19 +171,22 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
 ) -> None:
     """Write the results as one table, or the calibration file of one sensor."""
-    from inercal.cli.outputs import CALIBRATION, check_outputs, table_kind
+    from inercal.cli.outputs import CALIBRATION, OutputKind, check_outputs
     from inercal.fleet import results
     from inercal.fleet.export import COLUMNS, export_table
+    from inercal.fleet.line import read_line
     from inercal.io.atomic_files import write_text
 
     folder = line / results.FOLDER if out is None else out
-    kind = CALIBRATION if sensor is not None else table_kind("sensors", COLUMNS)
+    table = OutputKind("table of sensors", ",".join(COLUMNS).encode())
+    kind = CALIBRATION if sensor is not None else table
     check_outputs({path: kind}, force=force or None)
+    names = [row.id for row in read_line(line).rows]
     if sensor is not None:
         write_text(path, results.calibration_text(folder, sensor))
         print(f"wrote {path}")
         return
-    number = export_table(folder, path)
+    number = export_table(folder, path, set(names))
     print(f"wrote {path}: {number} sensors")
 
 
@@ -225,18 +236,11 @@ def _progress_text(counts: "Counts") -> str:
 
 def _print_counts(counts: "Counts", content: dict[str, Any]) -> None:
     print(f"{counts.sensors} sensors: {counts.done} calibrated, {counts.kept} kept as they were")
-    if counts.failed or counts.lost:
-        print(f"{counts.failed} failed, {counts.lost} lost; inercal fleet status says why")
+    if without := counts.failed + counts.lost + counts.kept_failed:
+        print(f"{without} have no result; inercal fleet status says why")
     if "entered" in content:
         print(f"{content['entered']} calibrations are in {content['register']}")
     print(f"wrote {content['results']}")
-
-
-def _without_result(folder: Path) -> int:
-    from inercal.fleet import results
-
-    found = results.read_results(folder, ("status",))["status"].to_pylist()
-    return sum(status != results.DONE for status in found)
 
 
 def _enter(folder: Path, address: str) -> tuple[str, int]:
@@ -254,7 +258,8 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
     import time
 
     from inercal.errors import InputError
-    from inercal.fleet.station import arriving_files, calibrate_arrival
+    from inercal.fleet.station import arriving_files, calibrate_arrival, known_versions
+    from inercal.runfile import from_sections
 
     if not folder.is_dir():
         raise InputError(f"--watch {folder}: no such folder", key="--watch")
@@ -263,9 +268,13 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
         time.sleep(_POLL)
         return True
 
+    first = line.rows[0]
+    from_sections(line.path, line.sections(first), line.digest(first))  # before any recording
+    suffixes = {Path(row.recording).suffix for row in line.rows}
+    print(f"watching {folder}: {len(line.rows)} sensors", flush=True)
     failed = done = 0
     try:
-        for path in arriving_files(folder, poll):
+        for path in arriving_files(folder, poll, known_versions(line, out), suffixes):
             result = calibrate_arrival(line, path, out)
             print(f"{'PASS' if result.passed else 'FAIL'} {result.id}: {result.reason}", flush=True)
             failed += not result.passed
@@ -274,5 +283,6 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
                 break
     except KeyboardInterrupt:
         pass  # the usual end of a station
+    print(f"{done - failed} passed, {failed} did not")
     if failed:
         raise typer.Exit(FAILED)

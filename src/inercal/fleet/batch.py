@@ -1,5 +1,6 @@
 """A batch of sensors: the task that a worker computes. One sensor that fails ends no batch."""
 
+import re
 import traceback
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
@@ -104,7 +105,7 @@ def failed_row(
         with suppress(OSError):  # the error says so
             digest = file_sha256(folder / work.row.recording)
     # One line, without the folder that is the same in all.
-    text = error.replace(f"{folder}/", "")[:_ONE_LINE]
+    text = re.sub(rf"(?<![\w/.]){re.escape(f'{folder}/')}", "", error)[:_ONE_LINE]
     return _common(work, digest) | {
         "status": status,
         "error": text,

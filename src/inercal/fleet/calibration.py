@@ -17,7 +17,7 @@ from inercal.parallel import Settled, TolerantExecutor, WorkerLost
 TASK_SECONDS = 2.0  # of a batch: its overhead is then small, and little is lost with a worker
 _MOST_IN_BATCH = 200
 _WINDOW = 4  # batches a worker that are handed out
-SUMMARY = "fleet.json"
+SUMMARY = "_fleet.json"  # readers of datasets leave such names out
 
 
 @dataclass
@@ -28,8 +28,8 @@ class Counts:
     ----------
     sensors : int
         In the table.
-    kept : int
-        With a result that was there.
+    kept, kept_failed : int
+        With a result that was there, and how many of these have no calibration.
     done, failed, lost : int
         Calibrated now; refused now; whose worker died.
     tasks : int
@@ -38,6 +38,7 @@ class Counts:
 
     sensors: int
     kept: int = 0
+    kept_failed: int = 0
     done: int = 0
     failed: int = 0
     lost: int = 0
@@ -123,21 +124,26 @@ def _pending(
         except InputError as error:
             refused.append((Work(row, digest, Version(0, "")), error))
             continue
-        if known.get(row.id) == (digest, found, installed):
+        if known.get(row.id, _NONE)[:3] == (digest, found, installed):
             counts.kept += 1
+            counts.kept_failed += known[row.id][3] != results.DONE
         else:
             todo.append(Work(row, digest, found))
     return todo, refused
 
 
-def _known_versions(folder: Path, retry_failed: bool) -> dict[str, tuple[str, Version, str]]:
-    """Return digest of the run file, version of the recording and of inercal of each result."""
+_Known = tuple[str, Version, str, str]
+_NONE: _Known = ("", Version(0, ""), "", "")
+
+
+def _known_versions(folder: Path, retry_failed: bool) -> dict[str, _Known]:
+    """Return digest of the run file, versions of recording and inercal, and status of results."""
     columns = ("id", "sections_sha256", "size", "mark", "status", "inercal")
-    found: dict[str, tuple[str, Version, str]] = {}
+    found: dict[str, _Known] = {}
     for row in results.read_results(folder, columns).to_pylist():
         if row["status"] == results.DONE or not retry_failed:
             mark = Version(row["size"], row["mark"])
-            found[row["id"]] = (row["sections_sha256"], mark, row["inercal"])
+            found[row["id"]] = (row["sections_sha256"], mark, row["inercal"], row["status"])
     return found
 
 

@@ -2,10 +2,10 @@
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from inercal.calibration import Calibration
 from inercal.calibration.files import parse
@@ -15,13 +15,13 @@ from inercal.fleet import results
 from inercal.io.atomic_files import atomic_write
 
 COLUMNS = (
-    "id", "lot", "station", "measured", "status", "error", "grade", "conformity", "chi2",
-    "dof", "recording_sha256",
+    "id", "recording", "lot", "station", "measured", "status", "error", "grade", "conformity",
+    "chi2", "dof", "recording_sha256",
 )  # fmt: skip
 SUFFIXES = (".csv", ".parquet")
 
 
-def export_table(folder: Path, path: Path) -> int:
+def export_table(folder: Path, path: Path, names: Collection[str] | None = None) -> int:
     """Write the results of a fleet as a CSV or Parquet table; return the number of sensors.
 
     Parameters
@@ -30,6 +30,8 @@ def export_table(folder: Path, path: Path) -> int:
         Of the parts.
     path : Path
         Its suffix says the format.
+    names : collection of str, optional
+        The sensors to write; all that have a result by default.
 
     Raises
     ------
@@ -38,7 +40,10 @@ def export_table(folder: Path, path: Path) -> int:
     """
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: the suffix must be {' or '.join(SUFFIXES)}", file=path)
-    rows = results.read_results(folder, (*COLUMNS, "coefficients", "value", "std")).to_pylist()
+    columns = (*COLUMNS, "table", "coefficients", "value", "std")
+    rows = results.read_results(folder, columns).to_pylist()
+    if names is not None:
+        rows = [row for row in rows if row["id"] in names]
     if not rows:
         raise InputError(f"{folder}: no results; calibrate the line first", file=folder)
     units = coefficient_units(folder, rows)
@@ -48,7 +53,9 @@ def export_table(folder: Path, path: Path) -> int:
             with temporary.open("w", encoding="utf-8", newline="") as file:
                 writer = csv.DictWriter(file, list(table[0]))
                 writer.writeheader()
-                writer.writerows(table)
+                writer.writerows(
+                    {name: "" if one != one else one for name, one in row.items()} for row in table
+                )
         else:
             arrow: Any = import_module("pyarrow")
             parquet: Any = import_module("pyarrow.parquet")
@@ -80,7 +87,8 @@ def first_calibration(folder: Path, name: str) -> Calibration:
 
 
 def _wide_row(row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]) -> dict[str, Any]:
-    wide = {name: row[name] for name in COLUMNS}
+    wide: dict[str, Any] = {name: row[name] for name in COLUMNS}
+    wide |= dict(cast("list[tuple[str, str]]", row["table"] or []))
     names: Sequence[str] = (row["coefficients"] or "").split()
     values = dict(zip(names, zip(row["value"] or (), row["std"] or (), strict=True), strict=True))
     for name, (unit, si) in units.items():

@@ -14,6 +14,8 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
+from difflib import get_close_matches
 from functools import cached_property
 from hashlib import sha256
 from importlib import import_module
@@ -25,7 +27,9 @@ from inercal.small_files import read_small_file, read_toml
 
 TEMPLATE, TABLES = "run.toml", ("sensors.csv", "sensors.parquet")
 ID, RECORDING = "id", "recording"
-GROUPS = ("lot", "station", "measured")  # columns by which results are compared
+BARCODE = "barcode"  # by which a station finds the sensor
+MEASURED = "measured"
+GROUPS = ("lot", "station", MEASURED)  # columns by which results are compared
 _NEEDED = (ID, RECORDING)
 _PLACEHOLDER = re.compile(r"\{([A-Za-z_][\w.]*)(:number)?\}")
 _LARGEST_TABLE = 1 << 30  # bytes
@@ -83,7 +87,9 @@ class Line:
         """
         hashed = self._template_hash.copy()
         used = [f"{name}={row.columns[name]}" for name in self._kept if row.columns.get(name)]
-        hashed.update("\0".join((row.id, row.recording, *used)).encode())
+        # What is at the recording's place is told by its own hash.
+        place = row.recording if RECORDING in self.placeholders else ""
+        hashed.update("\0".join((row.id, place, *used)).encode())
         return hashed.hexdigest()
 
     def shape(self, row: SensorRow) -> tuple[str, ...]:
@@ -97,14 +103,15 @@ class Line:
 
     @cached_property
     def _used(self) -> tuple[str, ...]:
-        return tuple(name for name in self._columns if "." in name or name in self.placeholders)
+        return tuple(name for name in self.columns if "." in name or name in self.placeholders)
 
     @cached_property
     def _kept(self) -> tuple[str, ...]:
-        return tuple(name for name in self._columns if name in self._used or name in GROUPS)
+        return tuple(name for name in self.columns if name in self._used or name in GROUPS)
 
     @property
-    def _columns(self) -> tuple[str, ...]:
+    def columns(self) -> tuple[str, ...]:
+        """The further columns of the table."""
         return tuple(self.rows[0].columns) if self.rows else ()
 
     def sections(self, row: SensorRow) -> dict[str, Any]:
@@ -156,8 +163,10 @@ def read_line(folder: str | Path) -> Line:
     line = Line(folder, template, tuple(rows))
     known = {*_NEEDED, *(rows[0].columns if rows else ())}
     if missing := sorted(line.placeholders - known):
+        near = get_close_matches(missing[0], sorted(known), n=1)
         raise InputError(
-            f"{path}: {{{missing[0]}}} names no column of {table.name}; its columns are "
+            f"{path}: {{{missing[0]}}} names no column of {table.name}"
+            f"{f'; did you mean {near[0]}?' if near else ''}; its columns are "
             f"{', '.join(sorted(known))}",
             file=path,
             names=tuple(missing),
@@ -169,6 +178,7 @@ def _read_rows(path: Path) -> list[SensorRow]:
     lines = _csv_lines(path) if path.suffix == ".csv" else _parquet_lines(path)
     rows: list[SensorRow] = []
     seen: dict[str, str] = {}
+    codes: dict[str, str] = {}
     for where, cells in lines:
         name, recording = cells.pop(ID).strip(), cells.pop(RECORDING).strip()
         if not (name and recording):
@@ -182,10 +192,31 @@ def _read_rows(path: Path) -> list[SensorRow]:
                 names=(name,),
             )
         seen[name] = where
+        _require_time(path, where, cells.get(MEASURED, ""))
+        code = cells.get(BARCODE, "")
+        if code and (other := codes.setdefault(code, where)) != where:
+            raise InputError(
+                f"{path}: {where}: barcode {code!r} is that of {other}, too; give each its own",
+                file=path,
+                names=(BARCODE,),
+            )
         rows.append(SensorRow(name, recording, cells))
     if not rows:
         raise InputError(f"{path}: no sensor in it", file=path)
     return rows
+
+
+def _require_time(path: Path, where: str, text: str) -> None:
+    try:
+        if text:
+            datetime.fromisoformat(text)
+    except ValueError:
+        raise InputError(
+            f"{path}: {where}: {MEASURED} {text!r} is not a time; write it in ISO 8601, such as "
+            "2026-03-01 or 2026-03-01T14:30:00+01:00",
+            file=path,
+            names=(MEASURED,),
+        ) from None
 
 
 def _csv_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
@@ -234,7 +265,8 @@ def _checked_names(path: Path, names: Sequence[str]) -> Sequence[str]:
     for needed in _NEEDED:
         if needed not in names:
             raise InputError(
-                f"{path}: no column {needed!r}; its columns are {', '.join(names) or 'none'}",
+                f"{path}: no column {needed!r}; its columns are {', '.join(names) or 'none'}"
+                f"{'; save it with commas between' * (len(names) == 1 and ';' in names[0])}",
                 file=path,
                 names=(needed,),
             )

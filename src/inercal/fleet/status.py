@@ -27,11 +27,14 @@ class LineStatus:
     conformity : mapping of str to int
         Sensors by the result of [specification], from pass to fail; empty without limits. Results
         that are not to be relied on are not judged.
+    outdated : int
+        Results by another run file than the template and the table make now.
     """
 
     counts: Mapping[str, int]
     reasons: Sequence[tuple[str, Sequence[str]]]
     conformity: Mapping[str, int]
+    outdated: int
 
     def as_object(self) -> dict[str, Any]:
         """Return it as a JSON object."""
@@ -39,6 +42,7 @@ class LineStatus:
         return {
             "counts": dict(self.counts),
             "conformity": dict(self.conformity),
+            "outdated": self.outdated,
             "reasons": listed,
         }
 
@@ -53,29 +57,36 @@ def line_status(line: Line, out: Path | None = None) -> LineStatus:
         Folder of the results; by default `fleet` in the line's folder.
     """
     folder = line.folder / results.FOLDER if out is None else out
-    wanted = {row.id for row in line.rows}
-    columns = ("status", "error", "grade", "recording", "conformity")
+    wanted = {row.id: line.digest(row) for row in line.rows}
+    columns = ("status", "error", "grade", "recording", "conformity", "sections_sha256")
     rows = results.read_results(folder, columns).to_pylist()
     rows = [row for row in rows if row["id"] in wanted]
     counts: Counter[str] = Counter()
     reasons: dict[str, list[str]] = {}
+    exact: dict[str, str] = {}
     for row in rows:
         if row["status"] == results.DONE:
             counts[GRADE_WORDS[row["grade"]]] += 1
             continue
         counts[row["status"]] += 1
+        exact[row["id"]] = row["error"]
         names = reasons.setdefault(_common_reason(row), [])
         if len(names) < _NAMES:
             names.append(row["id"])
     counts["without a result yet"] = len(wanted) - len(rows)
-    ranked = sorted(reasons.items(), key=lambda item: -len(item[1]))
+    outdated = sum(row["sections_sha256"] != wanted[row["id"]] for row in rows)
+    ranked = [
+        (exact[names[0]] if len(names) == 1 else reason, names)
+        for reason, names in sorted(reasons.items(), key=lambda item: -len(item[1]))
+    ]
     judged = Counter(
         row["conformity"]
         for row in rows
         if row["status"] == results.DONE and row["grade"] != "unreliable"
     )
     conformity = {result: judged[result] for result in RESULTS if judged[result]}
-    return LineStatus({what: n for what, n in counts.items() if n}, ranked, conformity)
+    shown = {what: n for what, n in counts.items() if n}
+    return LineStatus(shown, ranked, conformity, outdated)
 
 
 def _common_reason(row: Mapping[str, Any]) -> str:
