@@ -40,7 +40,7 @@ def engine_cost(scheduler: str | None, tasks: int) -> tuple[Duration, float]:
     line = Line(Path(), {}, ())
     work = Work(SensorRow("a", "b"), "", Version(0, ""))
     with open_tolerant_executor(2, scheduler) as executor:
-        scheduling = Scheduling(line, Path(), executor, 2, 1, Counts(tasks), None, compute_nothing)
+        scheduling = Scheduling(line, Path(), executor, 1, Counts(tasks), None, compute_nothing)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         begin, used = time.perf_counter(), time.process_time()
         scheduling.run(work for _ in range(tasks))

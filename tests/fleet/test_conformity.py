@@ -38,7 +38,7 @@ def folder(tmp_path: Path) -> Path:
 def test_rows_and_status_hold_the_conformity(folder: Path):
     line = read_line(folder)
     with open_tolerant_executor(1, None) as executor:
-        calibrate_line(line, executor, 1)
+        calibrate_line(line, executor)
     rows = results.read_results(folder / results.FOLDER, ["conformity"]).to_pylist()
     assert {row["id"]: row["conformity"] for row in rows} == {
         "wide": "pass",
@@ -55,7 +55,7 @@ def test_rows_and_status_hold_the_conformity(folder: Path):
 def test_limits_that_differ_from_sensor_to_sensor_are_counted_as_judged(folder: Path):
     line = read_line(folder)
     with open_tolerant_executor(1, None) as executor:
-        calibrate_line(line, executor, 1)
+        calibrate_line(line, executor)
     found = fleet_statistics(read_population(line, folder / results.FOLDER))
     assert [one.counts for one in found.yields] == [dict.fromkeys(RESULTS, 1)]
     assert found.yields[0].share == 0.25

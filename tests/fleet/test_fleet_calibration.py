@@ -27,7 +27,7 @@ pytest.importorskip("pyarrow")
 
 def run(folder: Path, executor: TolerantExecutor | None = None, **options: Any) -> Counts:
     with executor or SerialExecutor() as opened:
-        return calibrate_line(read_line(folder), opened, 1, **options)
+        return calibrate_line(read_line(folder), opened, **options)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_the_calibration_file_of_a_row_is_read_as_it_was_written(calibrated: Pat
 def test_batches_and_workers_change_no_value(calibrated: Path, tmp_path: Path, size: int):
     folder = make_line(tmp_path, 8)
     with IsolatedExecutor(2) if size == 7 else SerialExecutor() as executor:
-        calibrate_line(read_line(folder), executor, 2, batch=size)
+        calibrate_line(read_line(folder), executor, batch=size)
     assert rows_of(folder) == rows_of(calibrated)
 
 
@@ -200,6 +200,10 @@ class Interrupted(TolerantExecutor):
     def __init__(self, most: int):
         self._serial, self._most = SerialExecutor(), most
 
+    @property
+    def workers(self) -> int:
+        return 1
+
     def submit(self, function: Any, *arguments: Any) -> int:
         return self._serial.submit(function, *arguments)
 
@@ -240,7 +244,7 @@ def test_a_full_disk_ends_the_fleet_and_keeps_what_is_there(
             raise OSError(28, "No space left on device")
         replace(source, target)
 
-    monkeypatch.setattr(results.os, "replace", full)
+    monkeypatch.setattr(os, "replace", full)
     with pytest.raises(InputError, match="No space left"):
         run(folder, batch=1)
     assert len(rows_of(folder)) == 2

@@ -12,6 +12,7 @@ import pytest
 from tests.fleet.lines import make_line, rows_of, write_table
 from tests.program import run_program
 
+from inercal.fleet import results
 from inercal.fleet.calibration import calibrate_line
 from inercal.fleet.line import read_line
 from inercal.parallel import SerialExecutor, open_executor, open_tolerant_executor
@@ -107,6 +108,8 @@ def test_recordings_of_a_store_are_those_of_a_folder(store: str, tmp_path: Path)
     assert [[row[key] for key in same] for row in rows_of(folder)] == [
         [row[key] for key in same] for row in of_folder
     ]
+    text = results.calibration_text(folder / results.FOLDER, "S004")
+    assert json.loads(text)["provenance"]["recording"] == "s3://line/S004.npz"
     kept = json.loads(run_program("fleet", "calibrate", folder, "--json").output)
     assert (kept["kept"], kept["done"]) == (6, 0)
     files.rm_file("line/S002.npz")
@@ -127,9 +130,9 @@ def test_a_new_cluster_of_this_machine_loses_a_worker_and_nothing_else(tmp_path:
                 killed.append(min(client.run(os.getpid).values()))
                 os.kill(killed[0], signal.SIGKILL)
 
-        counts = calibrate_line(line, executor, 2, batch=2, progress=kill_one)
+        counts = calibrate_line(line, executor, batch=2, progress=kill_one)
     assert counts.done + counts.lost == 10
-    assert calibrate_line(line, open_tolerant_executor(1), 1, retry_failed=True).failed == 0
+    assert calibrate_line(line, open_tolerant_executor(1), retry_failed=True).failed == 0
     assert all(row["status"] == "done" for row in rows_of(folder))
 
 
@@ -146,11 +149,11 @@ def test_a_scheduler_that_ends_is_said_and_the_fleet_goes_on(tmp_path: Path):
                 cluster.scheduler.wait()
 
             with pytest.raises(SchedulerLost):
-                calibrate_line(line, executor, 1, batch=1, progress=end)
+                calibrate_line(line, executor, batch=1, progress=end)
     finally:
         cluster.close()
     with SerialExecutor() as executor:
-        counts = calibrate_line(line, executor, 1)
+        counts = calibrate_line(line, executor)
     assert counts.kept >= 1
     assert counts.kept + counts.done == 12
     other = make_line(tmp_path / "other", 12)

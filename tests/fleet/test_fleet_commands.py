@@ -17,9 +17,11 @@ from tests.program import run_program
 from tests.refusals import refused
 
 import inercal
+from inercal.calibration.files import parse
 from inercal.fleet import results
 from inercal.fleet.line import read_line
 from inercal.fleet.station import arriving_files, calibrate_arrival, find_row, known_versions
+from inercal.store import Register
 
 pytest.importorskip("pyarrow")
 ROOT = Path(__file__).parents[2]
@@ -90,6 +92,24 @@ def test_calibrations_are_entered_once_in_the_register(line: Path, tmp_path: Pat
         assert json.loads(ended.output)["entered"] == 5
     listed = json.loads(run_program("store", "list", "--register", register, "--json").output)
     assert len(listed["sensors"]) == 5
+
+
+def test_a_register_is_told_what_it_has_by_hashes(line: Path, tmp_path: Path):
+    run_program("fleet", "calibrate", line)
+    rows = results.read_results(line / results.FOLDER, ("status", "calibration")).to_pylist()
+    texts = [row["calibration"] for row in rows if row["status"] == results.DONE]
+    hashes = [json.loads(text)["sha256"] for text in texts]
+    with Register(str(tmp_path / "r.db")) as register:
+        register.enter_calibrations([parse(texts[0], "S000")])
+        assert register.known_hashes(hashes) == {hashes[0]}
+
+
+def test_a_template_that_is_no_run_file_is_one_line(tmp_path: Path):
+    folder = make_line(tmp_path, 1)
+    text = (folder / "run.toml").read_text(encoding="utf-8")
+    text = "sensor = 3\n" + text.replace('[sensor]\n[sensor.accelerometer]\nunit = "g"\n', "")
+    (folder / "run.toml").write_text(text, encoding="utf-8")
+    assert run_program("fleet", "calibrate", folder).status == 2
 
 
 @pytest.mark.parametrize(

@@ -181,12 +181,12 @@ def export(
     table = OutputKind("table of sensors", ",".join(COLUMNS).encode())
     kind = CALIBRATION if sensor is not None else table
     check_outputs({path: kind}, force=force or None)
-    names = [row.id for row in read_line(line).rows]
+    read = read_line(line)
     if sensor is not None:
         write_text(path, results.calibration_text(folder, sensor))
         print(f"wrote {path}")
         return
-    number = export_table(folder, path, set(names))
+    number = export_table(read, folder, path)
     print(f"wrote {path}: {number} sensors")
 
 
@@ -200,11 +200,10 @@ def _calibrate(
 ) -> "Counts":
     from inercal.cli.console import progress_status
     from inercal.fleet.calibration import calibrate_line
-    from inercal.parallel import available_cores, open_tolerant_executor
+    from inercal.parallel import open_tolerant_executor
 
     if workers is None and scheduler is None and len(line.rows) < _SERIAL:
         workers = 1
-    number = workers or available_cores()
     with (
         progress_status(f"{len(line.rows)} sensors") as update,
         open_tolerant_executor(workers, scheduler) as executor,
@@ -213,7 +212,6 @@ def _calibrate(
         return calibrate_line(
             line,
             executor,
-            getattr(executor, "workers", number),
             out=folder,
             batch=batch,
             retry_failed=retry_failed,
@@ -225,8 +223,8 @@ def _name_dashboard(executor: "TolerantExecutor") -> None:
     import sys
     from importlib.util import find_spec
 
-    if find_spec("bokeh") and (link := getattr(executor, "dashboard", "")):
-        print(f"the cluster's page is {link}", file=sys.stderr)
+    if executor.dashboard and find_spec("bokeh"):
+        print(f"the cluster's page is {executor.dashboard}", file=sys.stderr)
 
 
 def _progress_text(counts: "Counts") -> str:
@@ -249,7 +247,7 @@ def _enter(folder: Path, address: str) -> tuple[str, int]:
     from inercal.store import Register
 
     with Register(address) as register, progress_status("entering calibrations") as update:
-        number = enter_results(folder, register, lambda k, n: update(f"entered {k} of {n}"))
+        number = enter_results(folder, register, lambda k: update(f"{k} are in the register"))
         return register.address, number
 
 
@@ -259,7 +257,6 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
 
     from inercal.errors import InputError
     from inercal.fleet.station import arriving_files, calibrate_arrival, known_versions
-    from inercal.runfile import from_sections
 
     if not folder.is_dir():
         raise InputError(f"--watch {folder}: no such folder", key="--watch")
@@ -268,8 +265,7 @@ def _watch(line: "Line", folder: Path, out: Path, count: int | None) -> None:
         time.sleep(_POLL)
         return True
 
-    first = line.rows[0]
-    from_sections(line.path, line.sections(first), line.digest(first))  # before any recording
+    line.run(line.rows[0])  # a wrong template is refused before any recording
     suffixes = {Path(row.recording).suffix for row in line.rows}
     print(f"watching {folder}: {len(line.rows)} sensors", flush=True)
     failed = done = 0

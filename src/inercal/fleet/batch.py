@@ -4,7 +4,7 @@ import re
 import traceback
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -138,20 +138,21 @@ def _calibrate(line: Line, work: Work) -> tuple[dict[str, Any], str]:
     # Methods and kernels load in the worker, not where work is handed out.
     from inercal.calibration.files import as_object, canonical_text
     from inercal.pipeline import calibrate
-    from inercal.runfile import from_sections
 
-    address = work.row.recording
-    sections = line.sections(work.row)
+    address, run = work.row.recording, line.run(work.row)
     with local_copy(address) if is_address(address) else nullcontext() as copy:
         if copy is not None:
-            sections["data"] = {**sections["data"], "file": str(copy)}
+            run = replace(run, data=run.data.model_copy(update={"file": str(copy)}))
         try:
-            outcome = calibrate(from_sections(line.path, sections, work.digest))
+            outcome = calibrate(run)
         except InercalError as error:
             if copy is not None:
                 error.args = (str(error).replace(str(copy), address), *error.args[1:])
             raise
     calibration, estimate = outcome.calibration, outcome.estimate
+    if copy is not None:
+        provenance = {**calibration.provenance, "recording": address}
+        calibration = replace(calibration, provenance=provenance)
     conformity = calibration.conformity
     found: dict[str, Any] = {
         "method": calibration.method,

@@ -53,7 +53,6 @@ class Counts:
 def calibrate_line(
     line: Line,
     executor: TolerantExecutor,
-    workers: int,
     *,
     out: Path | None = None,
     batch: int | None = None,
@@ -66,9 +65,7 @@ def calibrate_line(
     ----------
     line : Line
     executor : TolerantExecutor
-        Where batches are computed; it is not closed.
-    workers : int
-        Its workers; so many times four batches are handed out at once.
+        Where batches are computed, four times as many at once as it has workers; it is not closed.
     out : Path, optional
         Folder of the results; by default `fleet` in the line's folder.
     batch : int, optional
@@ -95,13 +92,13 @@ def calibrate_line(
         ]
         results.write_part(folder, rows)
         counts.failed += len(refused)
-    Scheduling(line, folder, executor, workers, batch, counts, progress, compute_batch).run(todo)
+    Scheduling(line, folder, executor, batch, counts, progress, compute_batch).run(todo)
     write_summary(folder, counts)
     return counts
 
 
 def write_summary(folder: Path, counts: Counts) -> None:
-    """Write counts and version beside the parts."""
+    """Write counts and version to the folder of the parts."""
     content = {"inercal": version("inercal"), **vars(counts)}
     write_text(folder / SUMMARY, json.dumps(content, indent=1) + "\n")
 
@@ -157,15 +154,13 @@ def _refuse_wrong_run_files(line: Line, todo: list[Work], refused: list[_Refused
     InputError
         Every run file is wrong.
     """
-    from inercal.runfile import from_sections
-
     errors: dict[tuple[str, ...], InercalError | None] = {}
     kept: list[Work] = []
     for work in todo:
         shape = line.shape(work.row)
         if shape not in errors:
             try:
-                from_sections(line.path, line.sections(work.row), work.digest)
+                line.run(work.row)
                 errors[shape] = None
             except InercalError as error:
                 has_file = isinstance(error, InputError) and error.file is not None
@@ -192,7 +187,6 @@ class Scheduling:
     out : Path
         Of the parts.
     executor : TolerantExecutor
-    workers : int
     batch : int or None
         Sensors of a batch; None for as many as take two seconds.
     counts : Counts
@@ -208,7 +202,6 @@ class Scheduling:
         line: Line,
         out: Path,
         executor: TolerantExecutor,
-        workers: int,
         batch: int | None,
         counts: Counts,
         progress: Callable[[Counts], None] | None,
@@ -216,8 +209,8 @@ class Scheduling:
     ):
         self._compute = compute
         self._line, self._out, self._executor = replace(line, rows=()), out, executor
-        self._window, self._batch = _WINDOW * workers, batch
-        self._workers, self._counts, self._progress = workers, counts, progress
+        self._workers, self._batch = executor.workers, batch
+        self._counts, self._progress = counts, progress
         self._under_way: dict[int, Sequence[Work]] = {}
         self._measured = 0
         self._seconds = 0.0
@@ -242,7 +235,8 @@ class Scheduling:
 
     def _hand_out(self, waiting: Iterator[Work]) -> None:
         # Until a batch has come back, each worker has one: how long they take is not known.
-        window = self._window if self._measured or self._batch else self._workers
+        known = bool(self._measured or self._batch)
+        window = self._workers * (_WINDOW if known else 1)
         while len(self._under_way) < window:
             some = [work for _, work in zip(range(self._size()), waiting, strict=False)]
             if not some:

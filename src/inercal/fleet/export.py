@@ -2,16 +2,15 @@
 
 import csv
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
-from inercal.calibration import Calibration
-from inercal.calibration.files import parse
 from inercal.calibration.grade import COVERAGE
 from inercal.errors import InputError
 from inercal.fleet import results
+from inercal.fleet.line import Line
 from inercal.io.atomic_files import atomic_write
 
 COLUMNS = (
@@ -21,17 +20,17 @@ COLUMNS = (
 SUFFIXES = (".csv", ".parquet")
 
 
-def export_table(folder: Path, path: Path, names: Collection[str] | None = None) -> int:
-    """Write the results of a fleet as a CSV or Parquet table; return the number of sensors.
+def export_table(line: Line, folder: Path, path: Path) -> int:
+    """Write the results of a line as a CSV or Parquet table; return the number of sensors.
 
     Parameters
     ----------
+    line : Line
+        Its sensors are written; those that it lacks are left out.
     folder : Path
         Of the parts.
     path : Path
         Its suffix says the format.
-    names : collection of str, optional
-        The sensors to write; all that have a result by default.
 
     Raises
     ------
@@ -41,12 +40,17 @@ def export_table(folder: Path, path: Path, names: Collection[str] | None = None)
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: the suffix must be {' or '.join(SUFFIXES)}", file=path)
     columns = (*COLUMNS, "table", "coefficients", "value", "std")
-    rows = results.read_results(folder, columns).to_pylist()
-    if names is not None:
-        rows = [row for row in rows if row["id"] in names]
+    by_id = {row.id: row for row in line.rows}
+    rows = [r for r in results.read_results(folder, columns).to_pylist() if r["id"] in by_id]
     if not rows:
         raise InputError(f"{folder}: no results; calibrate the line first", file=folder)
-    units = coefficient_units(folder, rows)
+    # One sensor of each set of coefficients says their units.
+    sets = {row["coefficients"]: by_id[row["id"]] for row in rows if row["coefficients"]}
+    units: dict[str, tuple[str, float]] = {}
+    for names, one in sets.items():
+        sensor = line.run(one).sensor.with_coefficients(*names.split())
+        terms = [sensor.coefficient(name) for name in sensor.coefficients]
+        units |= dict(zip(sensor.coefficients, [(t.unit, t.si) for t in terms], strict=True))
     table = [_wide_row(row, units) for row in rows]
     with atomic_write(path) as temporary:
         if path.suffix == ".csv":
@@ -61,29 +65,6 @@ def export_table(folder: Path, path: Path, names: Collection[str] | None = None)
             parquet: Any = import_module("pyarrow.parquet")
             parquet.write_table(arrow.Table.from_pylist(table), temporary)
     return len(table)
-
-
-def coefficient_units(
-    folder: Path, rows: Iterable[Mapping[str, Any]]
-) -> dict[str, tuple[str, float]]:
-    """Return the usual unit of each coefficient of the rows and its size in SI, by name."""
-    units: dict[str, tuple[str, float]] = {}
-    seen: set[str] = set()
-    for row in rows:
-        names = row["coefficients"]
-        if not names or names in seen:
-            continue
-        seen.add(names)
-        sensor = first_calibration(folder, row["id"]).sensor
-        for name in names.split():
-            term = sensor.coefficient(name)
-            units[name] = term.unit, term.si
-    return units
-
-
-def first_calibration(folder: Path, name: str) -> Calibration:
-    """Return the calibration of a sensor."""
-    return parse(results.calibration_text(folder, name), str(folder))
 
 
 def _wide_row(row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]) -> dict[str, Any]:

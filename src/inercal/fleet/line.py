@@ -20,10 +20,13 @@ from functools import cached_property
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from inercal.errors import InputError, require_extra
 from inercal.small_files import read_small_file, read_toml
+
+if TYPE_CHECKING:
+    from inercal.runfile import Run
 
 TEMPLATE, TABLES = "run.toml", ("sensors.csv", "sensors.parquet")
 ID, RECORDING = "id", "recording"
@@ -80,6 +83,18 @@ class Line:
         """The columns that the template names."""
         return frozenset(name for name, _ in _PLACEHOLDER.findall(json.dumps(self.template)))
 
+    def run(self, row: SensorRow) -> "Run":
+        """Return the run of a sensor, checked.
+
+        Raises
+        ------
+        InputError
+            As of `inercal.runfile.read`, or a cell that its key cannot take.
+        """
+        from inercal.runfile import from_sections  # methods load where work is done
+
+        return from_sections(self.path, self.sections(row), self.digest(row))
+
     def digest(self, row: SensorRow) -> str:
         """Return the SHA-256 of the template and of what fills it for a sensor.
 
@@ -127,8 +142,10 @@ class Line:
         """
         values = {ID: row.id, RECORDING: row.recording, **row.columns}
         filled = cast(dict[str, Any], _fill(self.template, values))
-        filled.setdefault("sensor", {}).setdefault("name", row.id)
-        filled.setdefault("data", {}).setdefault("file", row.recording)
+        for section, key, value in (("sensor", "name", row.id), ("data", "file", row.recording)):
+            stated: object = filled.setdefault(section, {})
+            if isinstance(stated, dict):  # what is no section is refused with the run file
+                cast(dict[str, Any], stated).setdefault(key, value)
         for name, text in row.columns.items():
             if "." in name and text:
                 _override(filled, name, text)

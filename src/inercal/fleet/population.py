@@ -122,7 +122,7 @@ def read_population(line: Line, folder: Path) -> Population:
     rows = rows[np.argsort(np.array(known)[rows], kind="stable")]
     table = table.take(rows)
     names = tuple(usual.split())
-    run = _first_run(line)
+    run = line.run(line.rows[0])
     # The template may have changed since: it need not estimate what the results hold.
     sensor = run.sensor.with_coefficients(*names)
     specification, judged = run.specification, None
@@ -159,13 +159,6 @@ def _left_out(
         "with other coefficients": sum(done) - kept,
     }
     return {reason: count for reason, count in counts.items() if count}
-
-
-def _first_run(line: Line) -> Any:
-    from inercal.runfile import from_sections
-
-    sections = line.sections(line.rows[0])
-    return from_sections(line.path, sections, line.digest(line.rows[0]))
 
 
 def _limits_differ(line: Line) -> bool:

@@ -1,19 +1,23 @@
 """Results of a fleet in the register: by one writer, after they were computed."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from inercal.calibration.files import parse
 from inercal.fleet import results
 from inercal.store import Register
 
-_TRANSACTION = 500  # calibrations
+_COLUMNS = ("status", "calibration", "measured")
 
 
 def enter_results(
-    folder: Path, register: Register, progress: Callable[[int, int], None] | None = None
+    folder: Path, register: Register, progress: Callable[[int], None] | None = None
 ) -> int:
-    """Enter the calibrations of a fleet that the register does not have yet; return their number.
+    """Enter the calibrations of a fleet that the register lacks; return how many it has of them.
+
+    A part is a transaction, and what is in memory.
 
     Parameters
     ----------
@@ -21,26 +25,29 @@ def enter_results(
         Of the parts.
     register : Register
     progress : callable, optional
-        Called with the numbers of those entered and of all.
+        Called with the number of calibrations that are in the register.
 
     Raises
     ------
     InputError
         The register cannot be written; what was entered stays, and is not entered twice.
     """
-    columns = ("status", "calibration", "measured")
-    rows = [
-        row
-        for row in results.read_results(folder, columns).to_pylist()
-        if row["status"] == results.DONE
-    ]
-    for start in range(0, len(rows), _TRANSACTION):
-        some = rows[start : start + _TRANSACTION]
-        by_time: dict[str | None, list[str]] = {}
-        for row in some:
-            by_time.setdefault(row["measured"] or None, []).append(row["calibration"])
-        for measured, texts in by_time.items():
-            register.enter_calibrations([parse(text, str(folder)) for text in texts], measured)
+    done = 0
+    for rows in results.last_rows_by_part(folder, _COLUMNS):
+        found = [row for row in rows if row["status"] == results.DONE]
+        _enter_part(found, register, str(folder))
+        done += len(found)
         if progress is not None:
-            progress(start + len(some), len(rows))
-    return len(rows)
+            progress(done)
+    return done
+
+
+def _enter_part(rows: Sequence[Mapping[str, Any]], register: Register, source: str) -> None:
+    hashes = [json.loads(row["calibration"])["sha256"] for row in rows]
+    known = register.known_hashes(hashes)
+    by_time: dict[str | None, list[str]] = {}
+    for row, digest in zip(rows, hashes, strict=True):
+        if digest not in known:
+            by_time.setdefault(row["measured"] or None, []).append(row["calibration"])
+    for measured, texts in by_time.items():
+        register.enter_calibrations([parse(text, source) for text in texts], measured)

@@ -6,8 +6,7 @@ there is done, one that is not there is to do. Of several rows of one sensor the
 """
 
 import json
-import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError, require_extra
+from inercal.io.atomic_files import atomic_write
 
 Table = Any  # pyarrow.Table, which is untyped
 
@@ -29,9 +29,9 @@ def schema() -> Any:
     """Return the columns of a part.
 
     `status` is "done", "failed" or "lost"; `conformity` is the result of [specification], if any;
-    `coefficients` are names with spaces between them, in
-    the order of `value`, `std` (SI) and of the rows of `covariance`, the lower triangle row by row;
-    `table` are the further columns of the table of sensors; `calibration` is the calibration file.
+    `coefficients` are names with spaces between them, in the order of `value`, `std` (SI) and of
+    the rows of `covariance`, the lower triangle row by row; `table` are the further columns of the
+    table of sensors; `calibration` is the calibration file.
     """
     pa = _arrow()
     text, real = pa.string(), pa.float64()
@@ -84,19 +84,9 @@ def write_part(folder: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
     pa, pq = _arrow(), _arrow("pyarrow.parquet")
     keys = sha256(" ".join(sorted(row["key"] for row in rows)).encode()).hexdigest()[:24]
     path = folder / f"{_PART}{keys}.parquet"
-    temporary = folder / f".{_PART}{os.getpid()}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        table = pa.Table.from_pylist(list(rows), schema=schema())
+    table = pa.Table.from_pylist(list(rows), schema=schema())
+    with atomic_write(path) as temporary:
         pq.write_table(table, temporary, compression="zstd")
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise InputError(
-            f"{path} cannot be written: {error.strerror or error}; what is there is kept, run the "
-            "same command to go on",
-            file=path,
-        ) from None
     return path
 
 
@@ -115,20 +105,9 @@ def read_results(folder: Path, columns: Iterable[str] | None = None) -> Table:
     InputError
         A part that is damaged.
     """
-    pa, pc, pq = _arrow(), _arrow("pyarrow.compute"), _arrow("pyarrow.parquet")
+    pa, pc = _arrow(), _arrow("pyarrow.compute")
     wanted = None if columns is None else list(dict.fromkeys(("id", "created", *columns)))
-    tables: list[Table] = []
-    for path in sorted(folder.glob(f"{_PART}*.parquet")):
-        try:
-            # Parts of an earlier version may lack a column.
-            known = set(pq.read_schema(path).names)
-            there = wanted and [name for name in wanted if name in known]
-            tables.append(pq.read_table(path, columns=there))
-        except (pa.ArrowInvalid, OSError) as error:
-            raise InputError(
-                f"{path}: damaged ({str(error).splitlines()[0]}); remove it and calibrate again",
-                file=path,
-            ) from None
+    tables = [_read_part(path, wanted) for path in _parts(folder)]
     if not tables:
         fields = [one for one in schema() if wanted is None or one.name in wanted]
         return pa.schema(fields).empty_table()
@@ -145,6 +124,28 @@ def read_results(folder: Path, columns: Iterable[str] | None = None) -> Table:
     return whole
 
 
+def last_rows_by_part(folder: Path, columns: Iterable[str]) -> Iterator[list[dict[str, Any]]]:
+    """Yield, part by part, the rows that are the last of their sensor: in the memory of a part.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the parts.
+    columns : iterable of str
+        Of the rows, beside `id` and `created`.
+
+    Raises
+    ------
+    InputError
+        A part that is damaged.
+    """
+    table = read_results(folder, ())
+    last = dict(zip(table["id"].to_pylist(), table["created"].to_pylist(), strict=True))
+    for path in _parts(folder):
+        rows = _read_part(path, ["id", "created", *columns]).to_pylist()
+        yield [row for row in rows if last[row["id"]] == row["created"]]
+
+
 def calibration_text(folder: Path, name: str) -> str:
     """Return the calibration file of a sensor.
 
@@ -153,14 +154,36 @@ def calibration_text(folder: Path, name: str) -> str:
     InputError
         No such sensor, or one without a calibration.
     """
-    pc = _arrow("pyarrow.compute")
-    rows = read_results(folder, ("status", "error", "calibration"))
-    found = rows.filter(pc.equal(rows["id"], name)).to_pylist()
-    if not found:
+    found: dict[str, Any] | None = None
+    for path in _parts(folder):
+        ids = _read_part(path, ["id", "created"]).to_pylist()
+        times = [row["created"] for row in ids if row["id"] == name]
+        if times and (found is None or times[-1] > found["created"]):
+            rows = _read_part(path, ["id", "created", "status", "error", "calibration"])
+            found = next(row for row in reversed(rows.to_pylist()) if row["id"] == name)
+    if found is None:
         raise InputError(f"{folder}: no sensor {name!r}", file=folder, names=(name,))
-    if found[0]["status"] != DONE:
+    if found["status"] != DONE:
         raise InputError(
-            f"{folder}: sensor {name!r} was not calibrated: {found[0]['error']}", file=folder
+            f"{folder}: sensor {name!r} was not calibrated: {found['error']}", file=folder
         )
-    content = json.loads(found[0]["calibration"])
+    content = json.loads(found["calibration"])
     return json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+
+
+def _parts(folder: Path) -> list[Path]:
+    return sorted(folder.glob(f"{_PART}*.parquet"))
+
+
+def _read_part(path: Path, columns: Sequence[str] | None) -> Table:
+    """Return columns of a part; parts of an earlier version may lack some of them."""
+    pa, pq = _arrow(), _arrow("pyarrow.parquet")
+    try:
+        known = set(pq.read_schema(path).names)
+        there = columns and [name for name in columns if name in known]
+        return pq.read_table(path, columns=there)
+    except (pa.ArrowInvalid, OSError) as error:
+        raise InputError(
+            f"{path}: damaged ({str(error).splitlines()[0]}); remove it and calibrate again",
+            file=path,
+        ) from None

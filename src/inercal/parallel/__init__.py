@@ -79,7 +79,14 @@ class Executor(ABC):
 
 
 class TolerantExecutor(Executor):
-    """An executor that goes on after a task has failed, or a process was lost."""
+    """An executor that continues after a task has failed, or a process was lost."""
+
+    dashboard = ""  # address of a page that shows the work, if there is one
+
+    @property
+    @abstractmethod
+    def workers(self) -> int:
+        """How many tasks it computes at once."""
 
     @abstractmethod
     def settled(self) -> Iterator[Settled]:
@@ -120,11 +127,10 @@ class SerialExecutor(TolerantExecutor):
         self._count += 1
         return self._count - 1
 
-    def completed(self) -> Iterator[tuple[int, Any]]:
-        """Yield index and result of each task, in order."""
-        while self._tasks:
-            task = self._tasks.popleft()
-            yield task.index, task()
+    @property
+    def workers(self) -> int:
+        """One."""
+        return 1
 
     def settled(self) -> Iterator[Settled]:
         """Yield each task, in order."""
@@ -198,18 +204,14 @@ def open_executor(workers: int | None = None, scheduler: str | None = None) -> E
     MissingExtra
         Dask is not installed.
     """
-    if workers is not None and workers < 1:
-        raise InputError(f"--workers {workers}: give 1 or more", key="--workers")
+    _require_worker(workers)
     if scheduler is not None:
-        from inercal.parallel.dask_executor import open_dask
-
-        return open_dask(scheduler, workers)
-    workers = _processes(workers)
-    if workers == 1:
+        return _open_cluster(scheduler, workers)
+    if (number := _processes(workers)) == 1:
         return SerialExecutor()
     from inercal.parallel.process_executor import ProcessExecutor
 
-    return ProcessExecutor(workers)
+    return ProcessExecutor(number)
 
 
 def open_tolerant_executor(
@@ -227,16 +229,25 @@ def open_tolerant_executor(
     InputError, MissingExtra
         As of `open_executor`.
     """
-    if scheduler is not None or (workers is not None and workers < 1):
-        opened = open_executor(workers, scheduler)
-        assert isinstance(opened, TolerantExecutor)
-        return opened
-    workers = _processes(workers)
-    if workers == 1:
+    _require_worker(workers)
+    if scheduler is not None:
+        return _open_cluster(scheduler, workers)
+    if (number := _processes(workers)) == 1:
         return SerialExecutor()
     from inercal.parallel.isolated_executor import IsolatedExecutor
 
-    return IsolatedExecutor(workers)
+    return IsolatedExecutor(number)
+
+
+def _open_cluster(scheduler: str, workers: int | None) -> TolerantExecutor:
+    from inercal.parallel.dask_executor import open_dask
+
+    return open_dask(scheduler, workers)
+
+
+def _require_worker(workers: int | None) -> None:
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers {workers}: give 1 or more", key="--workers")
 
 
 def _processes(workers: int | None) -> int:

@@ -1,7 +1,6 @@
 """Tasks on a Dask cluster: of this machine, or of others by the address of its scheduler."""
 
 import logging
-import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from importlib import import_module
@@ -76,7 +75,11 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
             key="--scheduler",
         ) from None
     executor = DaskExecutor(client, None)
-    executor.require_same_version(address)
+    try:
+        executor.require_same_version()
+    except InputError:
+        executor.close()
+        raise
     return executor
 
 
@@ -102,18 +105,14 @@ class DaskExecutor(TolerantExecutor):
         self._indices: dict[str, int] = {}  # by key of the future
         self._open: dict[int, Any] = {}
         self._count = 0
-
-    @property
-    def dashboard(self) -> str:
-        """Address of the cluster's page."""
-        return str(self._client.dashboard_link)
+        self.dashboard = str(client.dashboard_link)
 
     @property
     def workers(self) -> int:
         """Workers that the cluster has now, at least one."""
         return max(len(self._client.scheduler_info()["workers"]), 1)
 
-    def require_same_version(self, address: str) -> None:
+    def require_same_version(self) -> None:
         """Refuse workers of another version of inercal, and a cluster without workers.
 
         Raises
@@ -122,16 +121,15 @@ class DaskExecutor(TolerantExecutor):
             With the versions.
         """
         own = version("inercal")
-        found: dict[str, str] = self._client.run(_installed_version)
+        found: dict[str, str] = self._client.run(version, "inercal")
+        address = self._address
         if not found:
-            self.close()
             raise InputError(
                 f"--scheduler {address}: the cluster has no worker; start one by `dask worker "
                 f"{address}`",
                 key="--scheduler",
             )
         if other := sorted(set(found.values()) - {own}):
-            self.close()
             raise InputError(
                 f"--scheduler {address}: its workers have inercal {', '.join(other)}, this is "
                 f"{own}; install the same version on all",
@@ -200,8 +198,3 @@ def _error_of(future: Any) -> BaseException:
     if future.status == "error":
         return future.exception()
     return WorkerLost(f"the scheduler has dropped the task ({future.status})")
-
-
-def _installed_version() -> str:
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    return version("inercal")

@@ -39,6 +39,11 @@ class IsolatedExecutor(TolerantExecutor):
         self._waiting: deque[Task] = deque()
         self._count = 0
 
+    @property
+    def workers(self) -> int:
+        """Processes at most."""
+        return self._most
+
     def submit(self, function: Callable[..., Any], *arguments: Any) -> int:
         """Accept a task; return its index."""
         self._waiting.append(Task(self._count, function, arguments))

@@ -1,13 +1,13 @@
 """The register itself: what is entered, and what is read from it."""
 
 import os
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from getpass import getuser
 from pathlib import Path
 from typing import Self
 
-from sqlalchemy import Connection, Engine
+from sqlalchemy import Connection, Engine, select
 
 from inercal.calibration import Calibration
 from inercal.errors import InputError
@@ -128,6 +128,12 @@ class Register:
                 return queries.calibrations(db, newest=newest)
             one = queries.find_sensor(db, sensor)
             return queries.calibrations(db, calibration.c.sensor_id == one.id, newest=newest)
+
+    def known_hashes(self, hashes: Collection[str]) -> set[str]:
+        """Return those SHA-256 of calibration files that are of entered calibrations."""
+        with self._transaction(read_transaction) as db:
+            query = select(calibration.c.sha256).where(calibration.c.sha256.in_(hashes))
+            return set(db.scalars(query))
 
     def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:
         """Return the numbers of all calibrations, or of those of one run, as they were measured."""
