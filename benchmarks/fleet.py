@@ -83,7 +83,7 @@ def rows() -> Iterator[Row | Skipped]:
         yield Row(f"fleet: a task by {name}", 1e3 * each, 2.0, "limit", "ms")
     costs = [engine_cost(None, size) for size in SIZES]
     grown = costs[-1][0] / costs[0][0] / (SIZES[-1] / SIZES[0])
-    yield Row("fleet: 10⁵ tasks beside 10³, each", grown, 1.2, "limit", "")
+    yield Row("fleet: a task of 10⁵, against one of 10³", grown, 1.2, "limit", "")
     yield Row("fleet: client's growth by 10⁵ tasks", max(costs[-1][1], 1e-3), 20.0, "limit", "MB")
     yield from report_rows()
     with TemporaryDirectory() as name:

@@ -1,4 +1,4 @@
-"""A turntable's calibration of 26 minutes and of 260, at 100 Hz: time, and memory beside the data.
+"""A turntable's calibration of 26 minutes and of 260, at 100 Hz: time, and memory without the data.
 
 The recording and the result grow with the length; what else the calibration takes must not. The
 allocations of NumPy are counted, so that pages which the process keeps do not enter.
@@ -46,7 +46,7 @@ def lengthened_run(folder: Path, times: int) -> Path:
 
 
 def memory(run: Path) -> tuple[float, int]:
-    """Return the most memory beside recording and result, MB, and the number of samples."""
+    """Return the most memory without recording and result, MB, and the number of samples."""
     command = [sys.executable, "-c", MEASURE, str(run)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     most, samples = done.stdout.split()
@@ -67,5 +67,5 @@ def rows() -> list[Row]:
     return [
         Row(f"{name}: calibrate", long, short * many / few, f"{few / 6000:.0f} min, to scale",
             to_reach=1 / GROWTH),
-        Row(f"{name}: beside data and result", most, LIMIT, "limit", "MB"),
+        Row(f"{name}: memory without data and result", most, LIMIT, "limit", "MB"),
     ]  # fmt: skip

@@ -88,6 +88,7 @@ def write_line(
             (name, f"{name}.csv", *both, time)
             for name, both, time in zip(names, columns, times, strict=True)
         )
+    line = read_line(folder)
     triangle = [0.0] * (p * (p + 1) // 2)
     si, std = value * UNITS, u * UNITS
     for first in range(0, n, part):
@@ -99,8 +100,9 @@ def write_line(
                 "chi2": float(chi2[k]), "dof": float(dof[k]), "birge": 1.0,
                 "coefficients": " ".join(COEFFICIENTS), "value": si[k].tolist(),
                 "std": std[k].tolist(), "covariance": triangle, "created": times[k],
+                "sections_sha256": line.digest(line.rows[k]),
             } | dict(further or {})
             for k in range(first, min(first + part, n))
         ]  # fmt: skip
         results.write_part(folder / results.FOLDER, rows)
-    return read_line(folder)
+    return line

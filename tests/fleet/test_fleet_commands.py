@@ -101,7 +101,7 @@ def test_a_register_is_told_what_it_has_by_hashes(line: Path, tmp_path: Path):
     hashes = [json.loads(text)["sha256"] for text in texts]
     with Register(str(tmp_path / "r.db")) as register:
         register.enter_calibrations([parse(texts[0], "S000")])
-        assert register.known_hashes(hashes) == {hashes[0]}
+        assert register.entered_sha256(hashes) == {hashes[0]}
 
 
 def test_a_template_that_is_no_run_file_is_one_line(tmp_path: Path):
@@ -229,6 +229,8 @@ def test_results_of_another_run_file_are_said(tmp_path: Path):
     (folder / "run.toml").write_text(text.replace("0.1 °", "0.2 °"), encoding="utf-8")
     said = json.loads(run_program("fleet", "status", folder, "--json").output)
     assert (said["counts"], said["outdated"]) == ({"consistent": 3}, 3)
+    compared = json.loads(run_program("fleet", "report", folder, "--json").output)
+    assert compared["outdated"] == 3
 
 
 def start_fleet(folder: Path) -> "subprocess.Popen[bytes]":

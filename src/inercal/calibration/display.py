@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from inercal.calibration.grade import COVERAGE
 from inercal.errors import require_extra
 from inercal.keys import CoefficientName
+from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
 if TYPE_CHECKING:

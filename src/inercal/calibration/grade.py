@@ -39,6 +39,7 @@ from inercal.estimate.scores import (
     chi2_tail_probability,
 )
 from inercal.recording import Finding
+from inercal.uncertainty.coverage import COVERAGE
 
 Grade = Literal["consistent", "reservations", "unreliable"]
 GRADE_WORDS: dict[Grade, str] = {
@@ -47,7 +48,6 @@ GRADE_WORDS: dict[Grade, str] = {
     "unreliable": "not to be relied on",
 }
 GRADE_TONES: dict[Grade, str] = {"consistent": "good", "reservations": "care", "unreliable": "bad"}
-COVERAGE = 2.0  # U = k u; about 95 % for the usual degrees of freedom
 _MAX_SCATTER = 2.0  # times the stated scatter
 _MAX_SHIFT = 1.0  # U
 _SCALE_LIMITS = (0.65, 1.5)  # times nominal; even low-grade sensors are within a quarter of it

@@ -15,7 +15,6 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.sensors.coefficient_tables import ErrorTerm
 from inercal.uncertainty.conformity import (
-    COVERAGE,
     RESULTS,
     DecisionRule,
     Result,
@@ -23,6 +22,7 @@ from inercal.uncertainty.conformity import (
     joint_conformance_probability,
     judge,
 )
+from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
 if TYPE_CHECKING:

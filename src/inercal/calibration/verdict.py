@@ -12,7 +12,6 @@ from inercal.calibration.detectability import (
     undetectable_exact_parameters,
 )
 from inercal.calibration.grade import (
-    COVERAGE,
     Assessment,
     SuspectedCause,
     Verdict,
@@ -26,6 +25,7 @@ from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
 from inercal.recording import Finding
 from inercal.sensors import G0, Sensor
+from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_quantity, format_value_and_uncertainty
 
 _MIN_PROBABILITY = 1e-99  # smallest printed probability
@@ -440,4 +440,4 @@ def _largest_uncertainty_lines(estimate: Estimate, sensor: Sensor) -> list[str]:
     return ["expanded uncertainties (k = 2) are at most: " + ", ".join(parts)]
 
 
-__all__ = ["COVERAGE", "NO_PARAMETERS", "format_component", "p_value_text", "verdict"]
+__all__ = ["NO_PARAMETERS", "format_component", "p_value_text", "verdict"]

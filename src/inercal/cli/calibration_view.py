@@ -8,12 +8,12 @@ from rich.text import Text
 from inercal.calibration import Calibration
 from inercal.calibration.display import coefficient_lines
 from inercal.calibration.specification import conformity_lines
-from inercal.calibration.verdict import COVERAGE
 from inercal.cli.tables import add_row, begin_section, make_table, number_column, number_columns
 from inercal.cli.terminal import terminal
 from inercal.comparison import Comparison
 from inercal.comparison.comparison_text import comparison_lines, format_en
 from inercal.sensors import SI_UNITS
+from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
 _MAX_LINE = 2000  # characters

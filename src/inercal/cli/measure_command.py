@@ -22,7 +22,7 @@ def run(
         help="The run file (.toml), or the worksheet that inercal plan wrote (.csv)."
     ),
     run_file: Path | None = typer.Option(
-        None, "--run", "-r", help="Run file of a worksheet, where none beside it names it."
+        None, "--run", "-r", help="Run file of a worksheet, where none in its folder names it."
     ),
     out: Path | None = typer.Option(
         None, "--out", "-o", help="The table to fill (.csv); by default \\[data] file."
@@ -44,7 +44,7 @@ def run(
         20.0,
         min=0.0,
         help="Difference from what an ideal sensor reads, in % of the specific force or rate, "
-        "beyond which a reading is asked for again.",
+        "beyond which a reading must be given again.",
     ),
     force: bool = typer.Option(
         False, "--force", help="Begin anew; the earlier table is kept as .previous."
@@ -54,7 +54,7 @@ def run(
     """Fill a worksheet position by position: what to set, the reading, its scatter, the next.
 
     Readings are typed, piped (one line each), or taken from instruments. Each is stored at once,
-    and a measurement that was left goes on where it was. Commands: undo, repeat, keep, quit, help.
+    and a measurement that was left continues there. Commands: undo, repeat, keep, quit, help.
     """
     planned, path = _run_and_table(plan, run_file, out)
     # The modules of the work load after the run file was checked.
@@ -82,15 +82,15 @@ def run(
         units = {name: axis.readout.unit for name, axis in check.axes.items()}
         dialogue = GuidedMeasurement(
             table, check, devices, readings, table.sheet.entry_units | units,
-            _line_reader(to_errors=json), say, asked_again=sys.stdin.isatty(),
+            _line_reader(to_errors=json), say, interactive=sys.stdin.isatty(),
         )  # fmt: skip
         try:
             complete = dialogue.run()
         except KeyboardInterrupt:
             print(file=sys.stderr)
-            print(_how_to_go_on(table), file=sys.stderr)
+            print(_how_to_continue(table), file=sys.stderr)
             raise
-    after = _next_command(planned, path) if complete else _how_to_go_on(table)
+    after = _next_command(planned, path) if complete else _how_to_continue(table)
     if json:
         content = {"table": str(path), "measured": table.measured, "rows": len(table.rows)}
         print_json(content | {"complete": complete, "next": after})
@@ -142,7 +142,7 @@ def _run_and_table(plan: Path, run_file: Path | None, out: Path | None) -> "tupl
 
 
 def _run_file_of(table: Path) -> Path:
-    """Return the one run file beside a table whose [data] names it."""
+    """Return the one run file in the folder of a table whose [data] names it."""
     from inercal.errors import InputError
     from inercal.small_files import read_toml
 
@@ -155,7 +155,7 @@ def _run_file_of(table: Path) -> Path:
         if isinstance(data, dict) and cast(dict[str, Any], data).get("file") == table.name:
             found.append(path)
     if len(found) != 1:
-        what = f"{', '.join(map(str, found))} name" if found else "no run file beside it names"
+        what = f"{', '.join(map(str, found))} name" if found else "no run file in its folder names"
         raise InputError(
             f"{table}: {what} it as [data] file; give the run file by --run FILE", key="--run"
         )
@@ -168,7 +168,7 @@ def _check_files(run: "Run", files: Sequence[Path]) -> None:
 
     table = run.file(run.data.file)
     inputs = [path for path in run.input_files() if path != table]
-    # What a table holds is not lost: the measurement goes on in it.
+    # What a table holds is not lost: the measurement continues in it.
     check_outputs(dict.fromkeys(files, WORKSHEET), inputs, force=True)
 
 
@@ -216,7 +216,7 @@ def _visible(text: str) -> str:
     return visible_text(text)
 
 
-def _how_to_go_on(table: "MeasurementTable") -> str:
+def _how_to_continue(table: "MeasurementTable") -> str:
     command = shlex.join(["inercal", *(word for word in sys.argv[1:] if word != "--force")])
     return f"{table.measured} of {len(table.rows)} rows are measured; to go on: {command}"
 

@@ -222,9 +222,9 @@ def _uncertainty_as_object(expected: "ExpectedUncertainty") -> dict[str, Any]:
 
 def _print(run: "Run", plan: _Plan) -> None:
 
-    from inercal.calibration.verdict import COVERAGE
     from inercal.cli.tables import make_table, number_column
     from inercal.cli.terminal import terminal
+    from inercal.uncertainty.coverage import COVERAGE
     from inercal.units import format_value_and_uncertainty
 
     console = terminal()

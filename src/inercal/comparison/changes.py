@@ -37,7 +37,7 @@ import numpy as np
 import scipy
 
 from inercal.arrays import Array
-from inercal.calibration.verdict import COVERAGE
+from inercal.uncertainty.coverage import COVERAGE
 
 TrendVerdict = Literal["steady", "drifts", "changed", "too few"]
 CHANCE_FRACTION = erfc(COVERAGE / sqrt(2))

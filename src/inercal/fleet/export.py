@@ -7,11 +7,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
-from inercal.calibration.grade import COVERAGE
 from inercal.errors import InputError
 from inercal.fleet import results
 from inercal.fleet.line import Line
 from inercal.io.atomic_files import atomic_write
+from inercal.uncertainty.coverage import COVERAGE
 
 COLUMNS = (
     "id", "recording", "lot", "station", "measured", "status", "error", "grade", "conformity",

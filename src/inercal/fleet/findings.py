@@ -27,6 +27,10 @@ def summary_lines(found: FleetStatistics) -> tuple[str, list[str]]:
 
 def _findings(found: FleetStatistics) -> list[str]:
     texts: list[str] = []
+    if found.population.outdated:
+        texts.append(
+            f"{found.population.outdated} results are by another run file: calibrate the line again"
+        )
     if found.outliers:
         texts.append(f"{len(found.outliers)} outliers")
     drifting = [one for one in found.contrasts if one.significant]
@@ -61,6 +65,7 @@ def statistics_object(found: FleetStatistics) -> dict[str, object]:
     return {
         "sensors": len(population.ids),
         "left_out": population.left_out,
+        "outdated": population.outdated,
         "coefficients": [_coefficient_object(one) for one in found.coefficients],
         "lots": _group_objects(found.lots, population.names),
         "stations": _group_objects(found.stations, population.names),

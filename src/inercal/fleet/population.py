@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 _COLUMNS = (
     "status", "grade", "lot", "station", "measured", "coefficients", "value", "std", "chi2", "dof",
-    "conformity",
+    "conformity", "sections_sha256",
 )  # fmt: skip
 _DAY = 86_400.0  # s
 
@@ -74,6 +74,8 @@ class Population:
         Where limits differ: the rule of the first sensor, and the number of sensors by result.
     left_out : mapping of str to int
         Sensors that are not in the arrays, by reason.
+    outdated : int
+        Results by another run file than the template and the table make now.
     """
 
     ids: tuple[str, ...]
@@ -89,6 +91,7 @@ class Population:
     specification: Specification | None
     judged: tuple[DecisionRule, dict[str, int]] | None
     left_out: dict[str, int]
+    outdated: int
 
 
 def read_population(line: Line, folder: Path) -> Population:
@@ -144,6 +147,12 @@ def read_population(line: Line, folder: Path) -> Population:
         specification,
         judged,
         _left_out(len(line.rows), known, status, done, len(rows)),
+        sum(
+            line.digest(line.rows[place[name]]) != digest
+            for name, digest in zip(
+                table["id"].to_pylist(), table["sections_sha256"].to_pylist(), strict=True
+            )
+        ),
     )
 
 

@@ -44,7 +44,7 @@ def enter_results(
 
 def _enter_part(rows: Sequence[Mapping[str, Any]], register: Register, source: str) -> None:
     hashes = [json.loads(row["calibration"])["sha256"] for row in rows]
-    known = register.known_hashes(hashes)
+    known = register.entered_sha256(hashes)
     by_time: dict[str | None, list[str]] = {}
     for row, digest in zip(rows, hashes, strict=True):
         if digest not in known:

@@ -132,7 +132,7 @@ def last_rows_by_part(folder: Path, columns: Iterable[str]) -> Iterator[list[dic
     folder : Path
         Of the parts.
     columns : iterable of str
-        Of the rows, beside `id` and `created`.
+        Of the rows, in addition to `id` and `created`.
 
     Raises
     ------

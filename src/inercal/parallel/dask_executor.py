@@ -15,7 +15,7 @@ _TIMEOUT = 10.0  # s, for the answer of a scheduler
 _SETTINGS = {
     # A task whose worker died is not tried again: who submitted it decides.
     "distributed.scheduler.allowed-failures": 0,
-    # A worker holds one task beside those that it computes: few are lost with it.
+    # A worker holds one task more than it computes: few are lost with it.
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.worker.profile.enabled": False,
 }
@@ -42,7 +42,7 @@ def open_dask(address: str, workers: int | None = None) -> "DaskExecutor":
     require_installed("fleet", "a Dask cluster needs distributed", ("distributed",))
     dask: Any = import_module("dask.config")
     distributed: Any = import_module("distributed")
-    for name in _LOGGERS:  # what is lost is said once, by who submitted it
+    for name in _LOGGERS:  # who submitted a task reports its loss, once
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if address == "local":
         with dask.set(_SETTINGS):

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches import Turntable
-from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import FilterHistory, SmoothedStates
 from inercal.keys import CoefficientName
 from inercal.pipeline import Outcome
@@ -23,6 +22,7 @@ from inercal.recording import Track
 from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MUTED, PAPER, WARN, Y, svg
 from inercal.sensors import G0, Sensor
+from inercal.uncertainty.coverage import COVERAGE
 
 if TYPE_CHECKING:
     from inercal.methods.ship_multi_angle.global_search import SearchHistory

@@ -7,13 +7,13 @@ from math import pi
 
 import numpy as np
 
-from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName, ErrorName
 from inercal.parameters import Parameter
 from inercal.pipeline import Outcome
 from inercal.pipeline.truth import true_coefficients
 from inercal.sensors import G0
+from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
 _DISPLAY_UNITS = {  # unit of a parameter of the bench: as printed, its SI size

@@ -1,8 +1,9 @@
 """Histories in words and rounded figures."""
 
-from inercal.calibration.verdict import COVERAGE, p_value_text
+from inercal.calibration.verdict import p_value_text
 from inercal.comparison.comparison_text import INDEPENDENCE_NOTE, exceedance_text, joint_test_text
 from inercal.store.history import CoefficientTrend, SensorHistory
+from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
 

@@ -129,10 +129,10 @@ class Register:
             one = queries.find_sensor(db, sensor)
             return queries.calibrations(db, calibration.c.sensor_id == one.id, newest=newest)
 
-    def known_hashes(self, hashes: Collection[str]) -> set[str]:
-        """Return those SHA-256 of calibration files that are of entered calibrations."""
+    def entered_sha256(self, wanted: Collection[str]) -> set[str]:
+        """Return those of the wanted SHA-256 of calibration files that the register has."""
         with self._transaction(read_transaction) as db:
-            query = select(calibration.c.sha256).where(calibration.c.sha256.in_(hashes))
+            query = select(calibration.c.sha256).where(calibration.c.sha256.in_(wanted))
             return set(db.scalars(query))
 
     def calibration_numbers(self, run_id: int | None = None) -> tuple[int, ...]:

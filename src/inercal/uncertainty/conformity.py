@@ -28,12 +28,12 @@ from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.uncertainty.coverage import COVERAGE
 
 Result = Literal["pass", "conditional pass", "conditional fail", "fail"]
 RESULTS: tuple[Result, ...] = get_args(Result)
 """From the best to the worst."""
 RuleName = Literal["guarded", "simple"]
-COVERAGE = 2.0  # k of U = k u
 _POINTS = 1 << 12  # of the joint probability: its error is some 1e-4
 _PRIMES = 512  # below this number there are 97: more coefficients than a sensor has
 _JITTER = 1e-10  # of a correlation matrix that is singular

@@ -1,6 +1,6 @@
 """The dialogue of a guided measurement: what to set, the reading, its scatter, and the next row.
 
-A line is a reading or a command. A reading far from what is expected is asked for again: the same
+A line is a reading or a command. A reading far from what is expected must be given again: the same
 once more, or `keep`, accepts it. In lines that a file or another program gives, what cannot be used
 ends the measurement: the following lines would be taken for another position.
 """
@@ -20,7 +20,7 @@ _HELP = (
     "undo     takes back the last reading",
     "repeat   takes back all readings of this row, or of the row before",
     "keep     accepts a reading that is far from what is expected",
-    "quit     ends; the same command goes on later where the measurement was",
+    "quit     ends; the same command continues later where the measurement was",
     "help     prints this list",
 )
 
@@ -42,7 +42,7 @@ class GuidedMeasurement:
         From a prompt to the line; None at the end of the input.
     say : callable
         Prints a line.
-    asked_again : bool
+    interactive : bool
         Whether somebody can correct a line; otherwise it ends the measurement.
     """
 
@@ -56,11 +56,11 @@ class GuidedMeasurement:
         read_line: Callable[[str], str | None],
         say: Callable[[str], None],
         *,
-        asked_again: bool,
+        interactive: bool,
     ):
         self._table, self._check, self._instruments = table, check, instruments
         self._count, self._units = count, units
-        self._read_line, self._say, self._asked_again = read_line, say, asked_again
+        self._read_line, self._say, self._interactive = read_line, say, interactive
         self._doubtful: list[Reading] = []  # far from expected, and not accepted yet
         self._lines = 0
         self._shown: int | None = None  # the row whose setting was said last
@@ -71,9 +71,9 @@ class GuidedMeasurement:
         Raises
         ------
         InputError
-            A line that cannot be used, where nobody is asked again.
+            A line that cannot be used, where nobody can correct it.
         LinkLost
-            An instrument does not answer, where nobody is asked again.
+            An instrument does not answer, where nobody can repeat the reading.
         """
         while True:
             k = self._table.open_row
@@ -87,7 +87,7 @@ class GuidedMeasurement:
             try:
                 self._answer(k, text)
             except InercalError as error:
-                if not self._asked_again:
+                if not self._interactive:
                     raise error.located(f"standard input line {self._lines}") from None
                 self._say(str(error))
 
@@ -128,7 +128,7 @@ class GuidedMeasurement:
         if not far or found == before:
             return self._accept(k, found)
         words = f"{row.planned.label}: {'; '.join(far)}: check the setting, the axes and the digits"
-        if before and not self._asked_again:
+        if before and not self._interactive:
             raise InputError(f"{words}; a line of keep after the reading accepts it")
         self._doubtful = found
         again = "Enter reads again" if self._instruments else "give the reading again"

@@ -121,7 +121,7 @@ class MeasurementTable:
         return sum(row.complete for row in self.rows)
 
     def begin(self) -> None:
-        """Write the table as it is; single readings that are not of it go."""
+        """Write the table as it is, and remove single readings of another one."""
         if not any(row.readings for row in self.rows):
             self._readings_path.unlink(missing_ok=True)
         self._write_table()

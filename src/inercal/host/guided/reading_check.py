@@ -1,9 +1,9 @@
 """What a sensor without errors reads in each step, and readings that are far from it.
 
 Far is beyond a share of the size of the sensed specific force or rate, for gyros beyond a bias of
-6 °/s too: a bias of 0.1 g with a scale factor 10 % beside passes at 1 g, another axis, a wrong sign
-or a shifted decimal point does not. Coefficients with a prior are taken at its mean. A method that
-estimates the attitudes has the norm of the specific force compared alone.
+6 °/s too: a bias of 0.1 g with a scale-factor error of 10 % passes at 1 g; another axis, a wrong
+sign or a shifted decimal point does not. Coefficients with a prior are taken at its mean. Of a
+method that estimates the attitudes, only the norm of the specific force is compared.
 """
 
 from collections.abc import Mapping, Sequence

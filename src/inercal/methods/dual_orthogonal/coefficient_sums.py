@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from inercal.benches.dividing_head.bench import DividingHead
-from inercal.calibration.verdict import COVERAGE
 from inercal.estimate import Estimate, Gaussian
 from inercal.keys import CoefficientName
 from inercal.methods.dual_orthogonal.g_squared import MOUNTING_ANGLES
+from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_quantity
 
 _MIN_IMPROVEMENT = 3.0  # standard uncertainty alone over that of the sum

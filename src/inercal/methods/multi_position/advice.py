@@ -6,12 +6,12 @@ import numpy as np
 import scipy
 
 from inercal.arrays import Array
-from inercal.calibration.verdict import COVERAGE
 from inercal.earth import COMPUTED_GRAVITY_SD
 from inercal.estimate import Estimate
 from inercal.methods.multi_position.attitude_coverage import GeometryErrors, next_attitudes
 from inercal.methods.multi_position.coverage_requirements import attitudes_in_words
 from inercal.methods.multi_position.rest_observations import Rests
+from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
 
 _MIN_IMPROVEMENT = 1.5  # times: less gain is not worth the hand's trouble

@@ -1,0 +1,4 @@
+"""The coverage factor of every expanded uncertainty that is stated."""
+
+COVERAGE = 2.0
+"""k of U = k u; about 95 % for the usual degrees of freedom (GUM 6.3)."""
