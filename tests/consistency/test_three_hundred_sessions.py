@@ -127,8 +127,8 @@ def cramer_rao(
     beforehand = np.concatenate([np.full(n, size**-2.0) for n, size in known])
     information = J.T @ (J / sd[:, None] ** 2)
     information += np.diag(np.concatenate([np.zeros(own.size), beforehand]))
-    if not turns:  # without turns the gyros' matrix is open, and so is the clock
-        information[12:21, 12:21] += np.eye(9)
+    if not turns:  # the gyros' matrix is then taken as nominal: a device's is so within 1 %
+        information[12:21, 12:21] += np.eye(9) / 0.01**2
     # The unknowns differ by many orders of magnitude; scaled, the inverse is well conditioned.
     scale = np.sqrt(np.diag(information))
     variance = np.diag(np.linalg.inv(information / np.outer(scale, scale))) / scale**2
