@@ -127,7 +127,7 @@ class _LimitResult(_Strict):
 class _Conformity(_Strict):
     rule: RuleName
     factor: Annotated[_Number, Field(gt=0)]
-    uncertainty: Literal["session"]
+    uncertainty: Literal["session", "next_use"]
     result: Result
     probability: _Share
     limits: Annotated[list[_LimitResult], Field(min_length=1)]

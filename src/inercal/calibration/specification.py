@@ -8,17 +8,19 @@ all do with 79 % where they are independent.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.calibration.next_use import NextUseScatter
 from inercal.sensors.coefficient_tables import ErrorTerm
 from inercal.uncertainty.conformity import (
     RESULTS,
     DecisionRule,
     Result,
     conformance_probability,
+    expanded_uncertainty,
     joint_conformance_probability,
     judge,
 )
@@ -27,6 +29,9 @@ from inercal.units import format_value_and_uncertainty
 
 if TYPE_CHECKING:
     from inercal.calibration import Calibration
+
+
+UncertaintyName = Literal["session", "next_use"]
 
 
 @dataclass(frozen=True)
@@ -68,11 +73,14 @@ class Conformity:
     limits : tuple of LimitResult
     probability : float
         That all true values are within their limits.
+    uncertainty : "session" or "next_use"
+        Which U the values were judged by.
     """
 
     rule: DecisionRule
     limits: tuple[LimitResult, ...]
     probability: float
+    uncertainty: UncertaintyName = "session"
 
     @property
     def result(self) -> Result:
@@ -94,13 +102,20 @@ class Specification:
     limits : mapping of str to (float, float)
         Lower and upper limit of a coefficient, SI, by full name; infinite where there is none.
     rule : DecisionRule
+    next_use : NextUseScatter or None
+        How the sensor scatters between uses; None to judge by the uncertainty of the session.
     """
 
     limits: Mapping[str, tuple[float, float]]
     rule: DecisionRule
+    next_use: NextUseScatter | None = None
 
     def judge(self, names: Sequence[str], value: Array, covariance: Array) -> Conformity:
         """Return how coefficients conform.
+
+        This session is one use and the next is another: both scatter about the mean, so that the
+        scatter S counts twice. With ν degrees of freedom of S, and C of the session,
+        U² = 2 t_ν² S + 4 C; U/2 stands for u.
 
         Parameters
         ----------
@@ -112,6 +127,8 @@ class Specification:
         """
         chosen = [list(names).index(name) for name in self.limits]
         y, v = value[chosen], covariance[np.ix_(chosen, chosen)]
+        if self.next_use is not None:
+            v = _next_use_covariance(v, *self.next_use.of(tuple(self.limits)))
         std = np.sqrt(np.diag(v))
         lower, upper = np.array(list(self.limits.values())).T
         guard = self.rule.guard(std)
@@ -121,7 +138,14 @@ class Specification:
             conformance_probability(y, std, lower, upper).tolist(), strict=True,
         )  # fmt: skip
         joint = joint_conformance_probability(y, v, lower, upper)
-        return Conformity(self.rule, tuple(LimitResult(*one) for one in each), joint)
+        which = "session" if self.next_use is None else "next_use"
+        return Conformity(self.rule, tuple(LimitResult(*one) for one in each), joint, which)
+
+
+def _next_use_covariance(session: Array, scatter: Array, dof: Array) -> Array:
+    """Return the covariance with U/2 of the next use as standard uncertainties, (p, p)."""
+    by = expanded_uncertainty(np.ones(len(dof)), dof) / COVERAGE
+    return session + 2 * scatter * np.outer(by, by)
 
 
 def limit_text(lower: float, upper: float, term: ErrorTerm) -> str:
@@ -142,8 +166,9 @@ def conformity_lines(calibration: "Calibration") -> list[str]:
     rule, count = conformity.rule, len(conformity.limits)
     passed = sum(one.result == "pass" for one in conformity.limits)
     band = "no guard band" if rule.name == "simple" else f"guard band {rule.factor:g} U"
+    which = ", U of the next use" if conformity.uncertainty == "next_use" else ""
     lines = [
-        f"specification: {conformity.result}; {passed} of {count} limits passed ({band}); "
+        f"specification: {conformity.result}; {passed} of {count} limits passed ({band}{which}); "
         f"all conform with {probability_text(conformity.probability)}"
     ]
     if calibration.verdict is not None and calibration.verdict.grade == "unreliable":
@@ -195,7 +220,7 @@ def as_object(conformity: Conformity) -> dict[str, Any]:
     return {
         "rule": conformity.rule.name,
         "factor": float(conformity.rule.factor),
-        "uncertainty": "session",
+        "uncertainty": conformity.uncertainty,
         "result": conformity.result,
         "probability": conformity.probability,
         "limits": [
@@ -225,4 +250,4 @@ def from_object(content: Mapping[str, Any]) -> Conformity:
         for one in content["limits"]
     )
     rule = DecisionRule(content["rule"], float(content["factor"]))
-    return Conformity(rule, limits, float(content["probability"]))
+    return Conformity(rule, limits, float(content["probability"]), content["uncertainty"])

@@ -321,6 +321,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive", key="[data] rate")
     job, overdue = job_texts(schema.job, path.parent)
     chosen, config = with_filter_keys(schema, chosen, estimator, sensor, rate)
+    frame = "symmetric" if sensor.frame == "symmetric" else chosen.frame(bench)
     return Run(
         path=path,
         sha256=digest,
@@ -341,7 +342,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         bench_name=schema.bench.name,
         findings=check_stated_gravity(schema.bench) + overdue,
         job=job,
-        specification=stated_specification(schema.specification, sensor),
+        specification=stated_specification(schema.specification, sensor, frame, path.parent),
     )
 
 

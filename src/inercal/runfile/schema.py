@@ -174,7 +174,12 @@ class SpecificationSection(Section):
     )
     factor: float = Field(1.0, description="guard band in U, of rule 'guarded'")
     uncertainty: Literal["session", "next_use"] = Field(
-        "session", description="which U: that of this session; 'next_use' is of a later version"
+        "session", description="which U: that of this session, or of the sensor's next use"
+    )
+    repeatability: str | None = Field(
+        None,
+        description="file of inercal repeat, of uncertainty = 'next_use'",
+        examples=["ACC-1.repeatability.json"],
     )
     limits: dict[str, str | tuple[str, str]] = Field(
         description="of a coefficient, or of a group of them",

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping
 from math import inf, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inercal.errors import InputError
@@ -14,6 +15,7 @@ from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.units import parse_quantity
 
 if TYPE_CHECKING:
+    from inercal.calibration.next_use import NextUseScatter
     from inercal.calibration.specification import Specification
 
 _KEY = "[specification.limits]"
@@ -23,7 +25,7 @@ _Limits = tuple[float, float]
 
 
 def stated_specification(
-    section: SpecificationSection | None, sensor: Sensor
+    section: SpecificationSection | None, sensor: Sensor, frame: str, folder: Path
 ) -> "Specification | None":
     """Return the limits of coefficients that a run file states.
 
@@ -36,6 +38,10 @@ def stated_specification(
     section : SpecificationSection or None
     sensor : Sensor
         With the coefficients that are estimated.
+    frame : str
+        Body frame of the result.
+    folder : Path
+        Of the run file.
 
     Raises
     ------
@@ -49,12 +55,6 @@ def stated_specification(
     from inercal.calibration.specification import Specification
     from inercal.uncertainty.conformity import DecisionRule
 
-    if section.uncertainty == "next_use":
-        raise key_error(
-            "[specification] uncertainty",
-            "'next_use' needs the scatter of repeated sessions, which this version does not "
-            "estimate; give 'session'",
-        )
     if not section.limits:
         raise key_error(_KEY, 'the section is empty; state a limit, such as bias = "± 20 mg"')
     try:
@@ -63,7 +63,36 @@ def stated_specification(
         raise key_error("[specification] factor", str(error).partition(": ")[2]) from None
     owners = _owners(section.limits, sensor)
     limits = {name: owners[name][1] for name in sensor.coefficients if name in owners}
-    return Specification(limits, rule)
+    return Specification(
+        limits, rule, _stated_next_use(section, (frame, sensor.form), tuple(limits), folder)
+    )
+
+
+def _stated_next_use(
+    section: SpecificationSection, terms: tuple[str, str], names: tuple[str, ...], folder: Path
+) -> "NextUseScatter | None":
+    """Return the scatter between uses that the section names, if any."""
+    from inercal.calibration.next_use import load_next_use
+
+    file, key = section.repeatability, "[specification] repeatability"
+    if section.uncertainty == "session":
+        if file is not None:
+            raise key_error(key, "only uncertainty = 'next_use' takes a file; state that, or "
+                                 "remove repeatability")  # fmt: skip
+        return None
+    if file is None:
+        raise key_error(key, "uncertainty 'next_use' needs the file that inercal repeat wrote")
+    try:
+        found = load_next_use(folder / file)
+        if (found.frame, found.form) != terms:
+            raise InputError(
+                f"{file}: its frame is {found.frame} and its form {found.form}, not {terms[0]} and "
+                f"{terms[1]}; repeat sessions of this kind"
+            )
+        found.of(names)
+    except InputError as error:
+        raise error.located(key, key=key) from None
+    return found
 
 
 def _owners(

@@ -1,0 +1,114 @@
+"""How a sensor scatters from one use to the next, as `inercal repeat` writes it.
+
+Schema "inercal/repeatability/1": `sensor`, `frame`, `form`, `coefficients` (a list of name, unit,
+value and the uncertainties of mean and next use, SI), `scatter` (covariance of what a next use
+adds, in that order), `dof`, and more for readers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.small_files import read_small_file
+
+SCHEMA = "inercal/repeatability/1"
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+
+
+@dataclass(frozen=True, eq=False)
+class NextUseScatter:
+    """The scatter of a sensor between uses.
+
+    Parameters
+    ----------
+    source : str
+        The file.
+    sensor : str
+        Its name.
+    frame, form : str
+        Terms of the coefficients.
+    names : tuple of str
+    covariance : (p, p) array
+        Of one use about the mean, SI.
+    dof : (p,) array
+        Degrees of freedom.
+    """
+
+    source: str
+    sensor: str
+    frame: str
+    form: str
+    names: tuple[str, ...]
+    covariance: Array
+    dof: Array
+
+    def of(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Return covariance and degrees of freedom of coefficients.
+
+        Raises
+        ------
+        InputError
+            A coefficient that is not in the file.
+        """
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            raise InputError(
+                f"{self.source} states no scatter of {', '.join(missing)}; it has "
+                f"{', '.join(self.names)}",
+                names=tuple(missing),
+            )
+        picks = [self.names.index(name) for name in names]
+        return self.covariance[np.ix_(picks, picks)], self.dof[picks]
+
+
+class _Coefficient(BaseModel):
+    name: str
+    dof: Annotated[float, Field(gt=0)]
+
+
+class _Sensor(BaseModel):
+    name: str
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: Literal["inercal/repeatability/1"] = Field(alias="schema")
+    sensor: _Sensor
+    frame: str
+    form: str
+    coefficients: Annotated[list[_Coefficient], Field(min_length=1)]
+    scatter: list[list[_Number]]
+
+
+def load_next_use(path: Path) -> NextUseScatter:
+    """Return the scatter of a file of `inercal repeat`.
+
+    Raises
+    ------
+    InputError
+        No such file, or not such a file.
+    """
+    text = read_small_file(path, "file of inercal repeat")
+    try:
+        found = _File.model_validate_json(text)
+    except ValidationError as error:
+        where = ".".join(map(str, error.errors()[0]["loc"])) or "the whole file"
+        raise InputError(
+            f"{path}: {where}: {error.errors()[0]['msg']}; give a file that inercal repeat wrote",
+            file=path,
+        ) from None
+    names = tuple(one.name for one in found.coefficients)
+    covariance = np.array([row for row in found.scatter if len(row) == len(names)])
+    if covariance.shape != (len(names), len(names)):
+        raise InputError(f"{path}: scatter must be {len(names)} × {len(names)}", file=path)
+    dof = np.array([one.dof for one in found.coefficients])
+    return NextUseScatter(
+        path.name, found.sensor.name, found.frame, found.form, names, covariance, dof
+    )

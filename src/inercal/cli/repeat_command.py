@@ -1,0 +1,162 @@
+"""`inercal repeat`: several calibrations of one sensor, its mean and its next use."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import typer
+
+from inercal.cli.console import print_json
+
+if TYPE_CHECKING:
+    from inercal.repeatability import Session
+
+NAME = "repeat"
+_TABLE = "day, mount, turn_on"
+
+
+class Same(StrEnum):
+    """What all sessions have in common."""
+
+    DAY = "day"
+    MOUNT = "mount"
+    TURN_ON = "turn-on"
+
+
+def run(
+    files: list[Path] | None = typer.Argument(
+        None, help="Calibration files of one sensor, in the order of time.", metavar="FILE…"
+    ),
+    table: Path | None = typer.Option(
+        None, "--table", "-t", help=f"CSV of sessions: file, {_TABLE}; instead of files."
+    ),
+    register: str | None = typer.Option(
+        None, "--register", help="Take the calibrations of --sensor from this register."
+    ),
+    sensor: str | None = typer.Option(None, "--sensor", help="A sensor of the register."),
+    same: list[Same] | None = typer.Option(
+        None,
+        "--same",
+        help="What all files have in common; otherwise each is of another day, mounting and "
+        "turn-on.",
+    ),
+    scope: Literal["day", "turn-on"] = typer.Option(
+        "day", "--next", help="What is new in the next use."
+    ),
+    mount: Literal["sensor", "bench"] = typer.Option(
+        "bench",
+        "--mount",
+        help="Whether U of the next use holds the rotation of a new mounting (sensor), or whoever "
+        "mounts answers for it (bench).",
+    ),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Folder for the result and the calibration of the next use."
+    ),
+    force: bool = typer.Option(False, "--force", help="Write over existing files."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
+) -> None:
+    """State a sensor's mean over several calibrations and the uncertainty of its next use."""
+    from inercal.calibration.files import save
+    from inercal.cli.outputs import CALIBRATION, REPEATABILITY, check_outputs
+    from inercal.cli.repeat_view import print_repeatability
+    from inercal.errors import InputError
+    from inercal.io.atomic_files import write_text
+    from inercal.repeatability import repeat
+    from inercal.repeatability.files import as_object, next_use_calibration, to_text
+
+    given = {"FILE…": files, "--table": table, "--register": register}
+    if sum(one is not None and one != [] for one in given.values()) != 1:
+        raise InputError(
+            "give the sessions in one way: files, --table, or --register with --sensor"
+        )
+    if (sensor is not None) != (register is not None):
+        raise InputError("--register and --sensor go together", key="--sensor")
+    if table is not None:
+        sessions, inputs = _of_table(table, same)
+    elif register is not None and sensor is not None:
+        sessions, inputs = _of_register(register, sensor, same), []
+    else:
+        sessions, inputs = _of_files(files or [], same), files or []
+    targets: list[Path] = []
+    if out is not None:
+        stem = sessions[-1].calibration.sensor.name.replace("/", "_")
+        targets = [
+            out / f"{stem}.{kind}.json" for kind in ("repeatability", "next_use.calibration")
+        ]
+        kinds = dict(zip(targets, (REPEATABILITY, CALIBRATION), strict=True))
+        check_outputs(kinds, inputs, force=force)
+    found = repeat(sessions, scope=scope, mount_owner=mount)
+    if targets:
+        write_text(targets[0], to_text(found))
+        save(next_use_calibration(found), targets[1])
+    if json:
+        print_json(as_object(found))
+        return
+    print_repeatability(found)
+    for path in targets:
+        print(f"wrote {path}")
+
+
+def _labels(same: list[Same] | None, number: int, label: str) -> tuple[str, str, str]:
+    """Return day, mount and turn-on of a session of which nothing else is stated."""
+    day, mount, turn_on = ("same" if one in (same or []) else f"{number} {label}" for one in Same)
+    return day, mount, turn_on
+
+
+def _of_files(files: list[Path], same: list[Same] | None) -> list["Session"]:
+    from inercal.calibration.files import load
+    from inercal.repeatability import Session
+
+    return [
+        Session(str(file), load(file), *_labels(same, k, str(file))) for k, file in enumerate(files)
+    ]
+
+
+def _of_register(address: str, sensor: str, same: list[Same] | None) -> list["Session"]:
+    from inercal.repeatability import Session
+    from inercal.store import Register
+
+    with Register(address, create=False) as opened:
+        entries = opened.history(sensor).entries
+    sessions: list[Session] = []
+    for k, entry in enumerate(entries):
+        day, mount, turn_on = _labels(same, k, f"#{entry.id}")
+        if Same.DAY not in (same or []):
+            day = entry.measured[:10]  # of ISO 8601
+        sessions.append(Session(f"#{entry.id}", entry.calibration, day, mount, turn_on))
+    return sessions
+
+
+def _of_table(table: Path, same: list[Same] | None) -> tuple[list["Session"], list[Path]]:
+    """Return the sessions of a table, and its files."""
+    import csv
+
+    from inercal.calibration.files import load
+    from inercal.errors import InputError
+    from inercal.repeatability import Session
+    from inercal.small_files import read_small_file
+
+    try:
+        text = read_small_file(table, "table of sessions").decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{table}: it is not UTF-8 text ({error.reason})", file=table) from None
+    rows = list(csv.DictReader(text.splitlines()))
+    columns = set(rows[0]) if rows else set[str]()
+    possible = {"file", *_TABLE.split(", ")}
+    if "file" not in columns or columns - possible:
+        raise InputError(
+            f"{table}: its columns are {', '.join(sorted(map(str, columns))) or 'none'}; give file "
+            f"and of {_TABLE} those that sessions share",
+            file=table,
+        )
+    sessions: list[Session] = []
+    files: list[Path] = []
+    for k, row in enumerate(rows):
+        if any(not (value or "").strip() for value in row.values()):
+            raise InputError(f"{table} line {k + 2}: an empty cell; fill it", file=table)
+        file = table.parent / row["file"]
+        default = _labels(same, k, row["file"])
+        own = [row.get(name, word) for name, word in zip(_TABLE.split(", "), default, strict=True)]
+        sessions.append(Session(row["file"], load(file), *own))
+        files.append(file)
+    return sessions, [table, *files]

@@ -1,0 +1,266 @@
+"""The main path: sessions, to the mean of a sensor and its next use, each with its U.
+
+With the scatter of the sessions estimated (`effects`), V the covariance of all sessions from own
+covariances and scatter, and W = V⁻¹, the mean is θ̂ = A⁻¹ XᵀWy, A = XᵀWX. Two statements::
+
+    mean       u_A² = max(1, q) [A⁻¹]
+    next use   u_A² = σ² + [A⁻¹],  σ² the scatter that goes with the sensor
+    both       U² = t_ν² u_A² + 4 u_B²
+
+u_B is that of errors which sessions share, L = A⁻¹ XᵀW P / u_q for each determination: no number of
+sessions lowers it. q is the weighted scatter about the mean over its expectation (Hartung and Knapp
+2001). Like axes share a variance; an axis that scatters more by itself takes its own. t_ν has the
+coverage of 2u, with ν = m (n − 1) of m like axes and n levels.
+
+Sources: JCGM 100:2008, G.4; Hartung and Knapp, Statistics in Medicine 20 (2001), 3875–3889;
+Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159 (prediction).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.repeatability.effects import NamedEffect, Owner, named_effects, scatter
+from inercal.repeatability.findings import Prediction, findings
+from inercal.repeatability.session_fit import SessionFit, fit_sessions
+from inercal.repeatability.sessions import JoinedSessions, Session, join_sessions
+from inercal.uncertainty.components import variance_components
+from inercal.uncertainty.conformity import expanded_uncertainty
+from inercal.uncertainty.coverage import COVERAGE
+from inercal.uncertainty.scatter_limits import scatter_limits
+
+Scope = Literal["day", "turn-on"]
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """A component of the scatter between sessions, SI.
+
+    Parameters
+    ----------
+    effect : NamedEffect
+    sd, low, high : float
+        Standard deviation, and its limits with 95.45 % coverage.
+    dof : int
+    """
+
+    effect: NamedEffect
+    sd: float
+    low: float
+    high: float
+    dof: int
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """Uncertainty of a value, SI.
+
+    Parameters
+    ----------
+    scatter_std : (p,) array
+        u_A, of scatter.
+    shared_std : (p,) array
+        u_B, of what sessions share.
+    dof : (p,) array
+        Degrees of freedom of u_A.
+    expanded : (p,) array
+        U, with 95.45 % coverage.
+    covariance : (p, p) array
+        With U/2 as standard uncertainties, for what reads a covariance alone.
+    """
+
+    scatter_std: Array
+    shared_std: Array
+    dof: Array
+    expanded: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Repeatability:
+    """What repeated sessions of a sensor say.
+
+    Parameters
+    ----------
+    joined : JoinedSessions
+        The sessions in the same terms.
+    values : (p,) array
+        Mean, SI, of `joined.names`.
+    scope : "day" or "turn-on"
+        What is new in the next use.
+    mount_owner : "sensor" or "bench"
+        Whether the next use holds a new mounting.
+    mean, next_use : Statement
+    scatter : (p, p) array
+        Covariance that a next use adds to the mean, SI.
+    components : tuple of Scatter
+    findings : tuple of str
+        What the sessions do not agree with, and what was assumed.
+    """
+
+    joined: JoinedSessions
+    values: Array
+    scope: Scope
+    mount_owner: Owner
+    mean: Statement
+    next_use: Statement
+    scatter: Array
+    components: tuple[Scatter, ...]
+    findings: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The coefficients."""
+        return self.joined.names
+
+
+def repeat(
+    sessions: Sequence[Session], *, scope: Scope = "day", mount_owner: Owner = "bench"
+) -> Repeatability:
+    """Return the mean of a sensor over its sessions, and its next use.
+
+    Parameters
+    ----------
+    sessions : sequence of Session
+        Two or more, the last in the terms of which all are stated.
+    scope : "day" or "turn-on"
+        Whether the next use is on another day, or after another turn-on of the same day.
+    mount_owner : "sensor" or "bench"
+        Whether the rotation of a new mounting is part of the next use, or of the user's mounting.
+
+    Raises
+    ------
+    InputError
+        Calibrations that cannot be compared, or sessions that do not show the scope.
+    """
+    joined = join_sessions(sessions)
+    days, turn_ons = int(joined.level(0).max()) + 1, int(joined.level(2).max()) + 1
+    if scope == "day" and days < 2:
+        raise InputError(
+            "all sessions are of one day: they do not show how the sensor scatters from day to "
+            "day; give sessions of other days, or state the next turn-on of a day (--next turn-on)",
+            key="--next",
+        )
+    if scope == "turn-on" and turn_ons < 2:
+        raise InputError(
+            "all sessions are of one turn-on: they do not show how the sensor scatters; give "
+            "sessions after other turn-ons",
+            key="--next",
+        )
+    effects = named_effects(joined, mount_owner)
+    return _state(fit_sessions(joined, effects), scope, mount_owner)
+
+
+def _state(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Repeatability:
+    """Return the two statements of fitted sessions."""
+    joined, size = fit.joined, len(fit.joined.names)
+    dof = fit.like * (_count_of_scope(joined, scope) - 1)
+    next_use = _next_use_scatter(fit, scope, mount_owner)
+    spread = _spread_ratio(fit)
+    mean = _statement(fit, fit.inverse * np.outer(spread, spread), dof)
+    components = tuple(_component(fit, k) for k in range(len(fit.effects)))
+    prediction = _prediction(fit, int(dof.max()))
+    return Repeatability(
+        joined=joined,
+        values=fit.mean * fit.unit,
+        scope=scope,
+        mount_owner=mount_owner,
+        mean=mean,
+        next_use=_statement(fit, next_use + fit.inverse, dof),
+        scatter=next_use * np.outer(fit.unit, fit.unit).reshape(size, size),
+        components=components,
+        findings=findings(joined, fit.groups, fit.effects, prediction, fit.variances.converged),
+    )
+
+
+def _count_of_scope(joined: JoinedSessions, scope: Scope) -> int:
+    days, turn_ons = (int(joined.level(which).max()) + 1 for which in (0, 2))
+    return days if scope == "day" or days == turn_ons else turn_ons - days + 1
+
+
+def _next_use_scatter(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Array:
+    """Return the covariance of the next use, (p, p), in units of the fit.
+
+    A coefficient that scatters more by itself than like ones takes its own variance.
+    """
+    chosen = [
+        one.owner == "sensor" and (scope == "day" or one.level in ("turn-on", "session"))
+        for one in fit.effects
+    ]
+    size = len(fit.unit)
+    pooled = scatter(fit.effects, fit.variances.variance, chosen, size)
+    pooled = pooled / np.outer(fit.unit, fit.unit)
+    alone = _scatter_alone(fit, mount_owner)
+    diagonal = np.diag(pooled)
+    ratio = np.divide(np.maximum(diagonal, alone), diagonal, out=np.ones(size), where=diagonal > 0)
+    found: Array = pooled * np.sqrt(np.outer(ratio, ratio))
+    found[np.diag_indices(size)] = np.maximum(diagonal, alone)
+    return found
+
+
+def _scatter_alone(fit: SessionFit, mount_owner: Owner) -> Array:
+    """Return the variance of each coefficient from its own values, (p,), in units of the fit.
+
+    Of sessions that are not all of other days there is none; nor of misalignments that a mounting
+    moves for which the bench answers.
+    """
+    if not fit.is_simple:
+        return np.zeros(len(fit.unit))
+    moved = {p for one in fit.effects if one.owner == "bench" for p in one.places}
+    std = np.sqrt(np.diagonal(fit.own, axis1=1, axis2=2))
+    return np.array([
+        0.0 if j in moved and mount_owner == "bench"
+        else variance_components(fit.values[:, j], std[:, j]).within.sd ** 2
+        for j in range(len(fit.unit))
+    ])  # fmt: skip
+
+
+def _spread_ratio(fit: SessionFit) -> Array:
+    """Return √max(1, q) of each coefficient, that of like axes together or its own."""
+    ratio = np.ones(len(fit.unit))
+    if not fit.is_simple:
+        return ratio
+    q = ((fit.values - fit.mean) ** 2 / fit.variance).sum(axis=0) / (len(fit.values) - 1)
+    for places in fit.groups.values():
+        picks = list(places)
+        ratio[picks] = np.sqrt(np.maximum(1.0, np.maximum(q[picks].mean(), q[picks])))
+    return ratio
+
+
+def _statement(fit: SessionFit, scattered: Array, dof: Array) -> Statement:
+    u_a, u_b = np.sqrt(np.diag(scattered)), np.sqrt(np.diag(fit.shared))
+    enlarged = expanded_uncertainty(u_a, dof)
+    expanded = np.hypot(enlarged, COVERAGE * u_b)
+    by = expanded_uncertainty(np.ones(len(dof)), dof) / COVERAGE
+    covariance = scattered * np.outer(by, by) + fit.shared
+    unit = fit.unit
+    return Statement(
+        u_a * unit, u_b * unit, dof, expanded * unit, covariance * np.outer(unit, unit)
+    )
+
+
+def _component(fit: SessionFit, k: int) -> Scatter:
+    effect, variances = fit.effects[k], fit.variances
+    dof = effect.like * (effect.effect.levels - 1)
+    limits = scatter_limits(float(variances.variance[k]), float(variances.covariance[k, k]), dof)
+    return Scatter(effect, *limits, dof)
+
+
+def _prediction(fit: SessionFit, dof: int) -> Prediction | None:
+    """Compare each session with the mean of the others; None where days have several."""
+    count = len(fit.values)
+    if not fit.is_simple or count < 3:
+        return None
+    weight = np.linalg.inv(fit.blocks)
+    weighted = np.einsum("kpq,kq->kp", weight, fit.values)
+    chi2 = np.empty(count)
+    for i in range(count):
+        others = [j for j in range(count) if j != i]
+        inverse: Array = np.asarray(np.linalg.inv(weight[others].sum(axis=0)), dtype=float)
+        off: Array = fit.values[i] - inverse @ weighted[others].sum(axis=0)
+        chi2[i] = off @ np.linalg.solve(fit.blocks[i] + inverse, off)
+    return Prediction(chi2, len(fit.unit), dof)

@@ -1,0 +1,124 @@
+"""Sessions and their scatter fitted, in units in which the coefficients are comparable."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.repeatability.effects import NamedEffect, like_coefficients
+from inercal.repeatability.sessions import JoinedSessions
+from inercal.uncertainty.repeated_measurements import (
+    EffectVariances,
+    RandomEffect,
+    block_diagonal,
+    effect_variances,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class SessionFit:
+    """k sessions of p coefficients, fitted.
+
+    Parameters
+    ----------
+    joined : JoinedSessions
+    effects : tuple of NamedEffect
+    groups : mapping
+        Places of like coefficients.
+    unit : (p,) array
+        SI size of the units of what follows, equal for like coefficients.
+    values : (k, p) array
+    own : (k, p, p) array
+        Covariances without what is shared.
+    variances : EffectVariances
+        SI.
+    blocks : (k, p, p) array
+        Covariance of each session about the mean, without what is shared.
+    mean : (p,) array
+    inverse : (p, p) array
+        A⁻¹, covariance of the mean without what is shared.
+    shared : (p, p) array
+        Covariance of the mean by what is shared.
+    """
+
+    joined: JoinedSessions
+    effects: tuple[NamedEffect, ...]
+    groups: Mapping[tuple[str, str, float], tuple[int, ...]]
+    unit: Array
+    values: Array
+    own: Array
+    variances: EffectVariances
+    blocks: Array
+    mean: Array
+    inverse: Array
+    shared: Array
+
+    @property
+    def is_simple(self) -> bool:
+        """Whether all sessions are of other days."""
+        return int(self.joined.level(0).max()) + 1 == len(self.joined.sessions)
+
+    @property
+    def variance(self) -> Array:
+        """Variance of each value about the mean, without what is shared, (k, p)."""
+        return np.diagonal(self.blocks, axis1=1, axis2=2)
+
+    @property
+    def like(self) -> Array:
+        """How many like coefficients each has, itself included, (p,)."""
+        count = np.ones(len(self.unit))
+        for places in self.groups.values():
+            count[list(places)] = len(places)
+        return count
+
+
+def fit_sessions(joined: JoinedSessions, effects: tuple[NamedEffect, ...]) -> SessionFit:
+    """Return sessions with the variances of their effects, and the mean by these."""
+    k, p = len(joined.sessions), len(joined.names)
+    groups = like_coefficients(joined)
+    unit = _units(joined, groups)
+    values, square = joined.values / unit, np.outer(unit, unit)
+    own: Array = joined.own / square
+    scaled = [RandomEffect(one.effect.shape / unit[:, None], one.effect.level) for one in effects]
+    columns = [(one.column / unit).ravel() for one in joined.shared]
+    known = block_diagonal(own)
+    for one, column in zip(joined.shared, columns, strict=True):
+        if not one.is_common:  # what all sessions share moves them alike
+            known += np.outer(column, column)
+    variances = effect_variances(values, known, scaled)
+    total = block_diagonal(_weighting(joined, square))
+    for size, one in zip(variances.variance, scaled, strict=True):
+        total += size * one.covariance()
+    x = np.tile(np.eye(p), (k, 1))
+    weighted = np.linalg.solve(total, x)
+    inverse: Array = np.asarray(np.linalg.inv(x.T @ weighted), dtype=float)
+    gain = inverse @ weighted.T
+    shared = np.zeros((p, p))
+    for column in columns:
+        moved = gain @ column
+        shared += np.outer(moved, moved)
+    every = np.arange(k)
+    blocks: Array = total.reshape(k, p, k, p)[every, :, every]
+    mean = gain @ values.ravel()
+    return SessionFit(
+        joined, effects, groups, unit, values, own, variances, blocks, mean, inverse, shared
+    )
+
+
+def _units(
+    joined: JoinedSessions, groups: Mapping[tuple[str, str, float], tuple[int, ...]]
+) -> Array:
+    """Return a size for each coefficient, equal for like ones: u and scatter together."""
+    unit = np.empty(len(joined.names))
+    spread: Array = np.var(joined.values, axis=0, ddof=1)
+    variance: Array = spread + np.diagonal(joined.whole, axis1=1, axis2=2).mean(axis=0)
+    for places in groups.values():
+        unit[list(places)] = np.sqrt(float(variance[list(places)].mean()))
+    return unit
+
+
+def _weighting(joined: JoinedSessions, square: Array) -> Array:
+    """Return the covariances that weigh: the whole one where nothing shared is stated."""
+    silent = np.array([one.calibration.shared is None for one in joined.sessions])
+    return np.where(silent[:, None, None], joined.whole, joined.own) / square

@@ -1,0 +1,218 @@
+"""Sessions of one sensor, and their calibrations in the same terms.
+
+What calibrations share, such as one value of local gravity, is not scatter and does not average:
+it is taken out of each session's own covariance, by the columns that the calibrations store.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.calibration import Calibration
+from inercal.comparison import fixed_coefficients, match_frame_and_form, recording_sha256
+from inercal.errors import InputError
+from inercal.sensors import Sensor
+
+_OWN_OF_UNSTATED = 1e-6  # part of a covariance that counts as own where nothing is stated
+_LEAST_EIGENVALUE = 1e-9  # of an own covariance, of that of the whole
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A calibration, and what was new in it.
+
+    Parameters
+    ----------
+    label : str
+        Name for messages, such as the file's.
+    calibration : Calibration
+    day, mount, turn_on : str
+        Sessions with equal words are of one day, one mounting in the fixture, one power cycle.
+    """
+
+    label: str
+    calibration: Calibration
+    day: str
+    mount: str
+    turn_on: str
+
+    def levels(self) -> tuple[str, str, str]:
+        """Return day, mount and turn-on."""
+        return self.day, self.mount, self.turn_on
+
+
+@dataclass(frozen=True, eq=False)
+class SharedColumn:
+    """An error of the bench in all sessions of one determination.
+
+    Parameters
+    ----------
+    name : str
+    column : (k, p) array
+        Covariance of coefficients and error, over the error's standard deviation; 0 in sessions
+        of another determination.
+    members : (k,) array of bool
+        The sessions of this determination.
+    """
+
+    name: str
+    column: Array
+    members: NDArray[np.bool_]
+
+    @property
+    def is_common(self) -> bool:
+        """Whether all sessions have it."""
+        return bool(self.members.all())
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedSessions:
+    """k sessions of p coefficients, SI.
+
+    Parameters
+    ----------
+    sessions : tuple of Session
+    sensor : Sensor
+        That of the last session.
+    frame : str
+        Body frame of the misalignments.
+    names : tuple of str
+        Coefficients that all sessions measured.
+    values : (k, p) array
+    own : (k, p, p) array
+        Covariance without what is shared.
+    whole : (k, p, p) array
+        With it.
+    shared : tuple of SharedColumn
+    unstated : tuple of str
+        Sessions that do not state what they share: all of it is taken as shared.
+    left_out : tuple of str
+        Coefficients that not all sessions measured.
+    """
+
+    sessions: tuple[Session, ...]
+    sensor: Sensor
+    frame: str
+    names: tuple[str, ...]
+    values: Array
+    own: Array
+    whole: Array
+    shared: tuple[SharedColumn, ...]
+    unstated: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    def level(self, which: int) -> NDArray[np.intp]:
+        """Return the number of each session's day (0), mount (1) or turn-on (2), (k,)."""
+        words = [one.levels()[which] for one in self.sessions]
+        order = {word: n for n, word in enumerate(dict.fromkeys(words))}
+        return np.array([order[word] for word in words], dtype=np.intp)
+
+
+def join_sessions(sessions: Sequence[Session]) -> JoinedSessions:
+    """Return sessions in the terms of the last one.
+
+    Raises
+    ------
+    InputError
+        Fewer than two sessions, two of one recording, or calibrations that cannot be compared.
+    """
+    if len(sessions) < 2:
+        raise InputError(
+            f"{len(sessions)} session: its scatter is not observed; give two or more calibrations "
+            "of one sensor"
+        )
+    _refuse_one_recording(sessions)
+    last = sessions[-1].calibration
+    matched: list[Calibration] = []
+    for one in sessions:
+        try:
+            matched.append(match_frame_and_form(one.calibration, last))
+        except InputError as error:
+            raise error.located(f"{one.label} beside {sessions[-1].label}") from None
+    fixed = frozenset[str]().union(*map(fixed_coefficients, matched))
+    names = tuple(
+        name
+        for name in last.sensor.coefficients
+        if name not in fixed and all(name in one.sensor.coefficients for one in matched)
+    )
+    if not names:
+        raise InputError("the calibrations have no coefficient in common that was measured")
+    known = {name for one in matched for name in one.sensor.coefficients}
+    whole = np.array([_covariance(one, names) for one in matched])
+    shared = _shared_columns(matched, names, whole)
+    unstated = [one.shared is None for one in matched]
+    own = whole - sum(
+        (np.einsum("kp,kq->kpq", one.column, one.column) for one in shared if one.name),
+        np.zeros_like(whole),
+    )
+    own[unstated] = _OWN_OF_UNSTATED * whole[unstated]
+    return JoinedSessions(
+        tuple(sessions),
+        last.sensor,
+        last.frame,
+        names,
+        np.array([[one.value(name) for name in names] for one in matched]),
+        np.array([_nonnegative(o, w) for o, w in zip(own, whole, strict=True)]),
+        whole,
+        shared,
+        tuple(s.label for s, is_so in zip(sessions, unstated, strict=True) if is_so),
+        tuple(sorted(known - set(names))),
+    )
+
+
+def _refuse_one_recording(sessions: Sequence[Session]) -> None:
+    by_recording: dict[str, str] = {}
+    for one in sessions:
+        recording = recording_sha256(one.calibration)
+        if recording and recording in by_recording:
+            raise InputError(
+                f"{by_recording[recording]} and {one.label} are of one recording; give one of them"
+            )
+        by_recording[recording] = one.label
+
+
+def _covariance(calibration: Calibration, names: Sequence[str]) -> Array:
+    place = {name: k for k, name in enumerate(calibration.sensor.coefficients)}
+    picks = [place[name] for name in names]
+    return calibration.covariance[np.ix_(picks, picks)]
+
+
+def _shared_columns(
+    calibrations: Sequence[Calibration], names: Sequence[str], whole: Array
+) -> tuple[SharedColumn, ...]:
+    """Return a column for each determination, and for what is not stated those of a root."""
+    k, p = len(calibrations), len(names)
+    columns: dict[tuple[str, str], Array] = {}
+    for i, one in enumerate(calibrations):
+        picks = [one.sensor.coefficients.index(name) for name in names]
+        for error in one.shared or ():
+            column = columns.setdefault((error.name, error.determination), np.zeros((k, p)))
+            column[i] = error.covariance[picks] / error.std
+    found = [
+        SharedColumn(name, column, np.asarray(column.any(axis=1)))
+        for (name, _), column in columns.items()
+    ]
+    silent = np.array([one.shared is None for one in calibrations])
+    if silent.any():
+        roots = np.zeros((p, k, p))
+        for i in np.flatnonzero(silent):
+            roots[:, i] = _root(whole[i]).T
+        found += [SharedColumn("", column, silent) for column in roots]
+    return tuple(found)
+
+
+def _root(covariance: Array) -> Array:
+    """Return the symmetric root: that of equal covariances is equal."""
+    values, vectors = np.linalg.eigh(covariance)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+
+
+def _nonnegative(own: Array, whole: Array) -> Array:
+    """Return an own covariance that is positive definite; rounding may have left it otherwise."""
+    scale = np.sqrt(np.diag(whole))
+    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
+    values = np.maximum(values, _LEAST_EIGENVALUE)
+    return (vectors * values) @ vectors.T * np.outer(scale, scale)
