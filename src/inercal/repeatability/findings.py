@@ -3,41 +3,42 @@
 # pyright: reportMissingTypeStubs=false
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
 from inercal.arrays import Array
-from inercal.repeatability.effects import NamedEffect
-from inercal.repeatability.sessions import JoinedSessions
+from inercal.repeatability.effects import Owner, named_effects, scatter
+from inercal.repeatability.session_fit import SessionFit, fit_sessions
 
 _CHANCE = 0.01  # of a false finding, of all axes of a group or of all sessions
 _LEAST_SESSIONS = 4  # to find one that lies apart
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """A session against the mean of the others.
+def sessions_apart(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
+    """Return the sessions that lie apart from the others, with the probability of chance.
 
-    Parameters
-    ----------
-    chi2 : (k,) array
-        Squared distance, by the covariance of the difference.
-    size : int
-        How many coefficients.
-    dof : int
-        Degrees of freedom of the scatter.
+    Each is compared with the mean and the scatter of the others, which it does not enlarge.
     """
-
-    chi2: Array
-    size: int
-    dof: int
-
-    @property
-    def p_value(self) -> Array:
-        """How likely chance makes each distance as large, (k,)."""
-        return np.asarray(scipy.special.fdtrc(self.size, self.dof, self.chi2 / self.size))
+    count, size = len(fit.values), len(fit.unit)
+    found: dict[str, float] = {}
+    if not fit.is_simple or count < _LEAST_SESSIONS:
+        return found
+    dof = int(fit.like.max()) * (count - 2)
+    for k, one in enumerate(fit.joined.sessions):
+        others = fit.joined.without(k)
+        apart = fit_sessions(others, named_effects(others, mount_owner))
+        rescaled = apart.unit / fit.unit
+        effects, variance = apart.effects, apart.variances.variance
+        spread = scatter(effects, variance, [True] * len(effects), size)
+        square: Array = np.outer(rescaled, rescaled)
+        covariance = fit.own[k] + spread / np.outer(fit.unit, fit.unit) + apart.inverse * square
+        off: Array = fit.values[k] - apart.mean * rescaled
+        chi2 = float(off @ np.linalg.solve(covariance, off))
+        chance = float(scipy.special.fdtrc(size, dof, chi2 / size))
+        if chance < _CHANCE / count:
+            found[one.label] = chance
+    return found
 
 
 def odd_axes(values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]) -> list[int]:
@@ -62,29 +63,22 @@ def odd_axes(values: Array, groups: Mapping[tuple[str, str, float], Sequence[int
     return found
 
 
-def findings(
-    joined: JoinedSessions,
-    groups: Mapping[tuple[str, str, float], Sequence[int]],
-    effects: Sequence[NamedEffect],
-    prediction: Prediction | None,
-    converged: bool,
-) -> tuple[str, ...]:
+def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
     """Return what a reader must know of the result, the gravest first."""
+    joined = fit.joined
     lines: list[str] = []
-    if not converged:
+    if not fit.variances.converged:
         lines.append("the estimate of the scatter did not converge: do not rely on it")
-    if prediction is not None and len(joined.sessions) >= _LEAST_SESSIONS:
-        lines += [
-            f"{one.label} lies apart from the other sessions (p = {p:.1g}): was the sensor "
-            "changed, or the bench?"
-            for one, p in zip(joined.sessions, prediction.p_value, strict=True)
-            if p < _CHANCE / len(joined.sessions)
-        ]
-    if prediction is not None:
+    lines += [
+        f"{label} lies apart from the other sessions (p = {p:.1g}): was the sensor changed, or the "
+        "bench?"
+        for label, p in sessions_apart(fit, mount_owner).items()
+    ]
+    if fit.is_simple:
         lines += [
             f"{joined.names[j]} scatters more than those of the other axes; U of the next use "
             "takes its own scatter, and covers less than 95 % with few sessions"
-            for j in odd_axes(joined.values, _without_rotated(groups, effects))
+            for j in odd_axes(joined.values, _without_rotated(fit))
         ]
     if joined.unstated:
         lines.append(
@@ -98,9 +92,7 @@ def findings(
     return tuple(lines)
 
 
-def _without_rotated(
-    groups: Mapping[tuple[str, str, float], Sequence[int]], effects: Sequence[NamedEffect]
-) -> Mapping[tuple[str, str, float], Sequence[int]]:
+def _without_rotated(fit: SessionFit) -> Mapping[tuple[str, str, float], Sequence[int]]:
     """Leave out what a mounting moves: its axes are not alike."""
-    moved = {place for one in effects if one.level == "mount" for place in one.places}
-    return {key: places for key, places in groups.items() if not moved & set(places)}
+    moved = {place for one in fit.effects if one.level == "mount" for place in one.places}
+    return {key: places for key, places in fit.groups.items() if not moved & set(places)}

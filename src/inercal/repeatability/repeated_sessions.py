@@ -4,7 +4,7 @@ With the scatter of the sessions estimated (`effects`), V the covariance of all 
 covariances and scatter, and W = V⁻¹, the mean is θ̂ = A⁻¹ XᵀWy, A = XᵀWX. Two statements::
 
     mean       u_A² = max(1, q) [A⁻¹]
-    next use   u_A² = σ² + [A⁻¹],  σ² the scatter that goes with the sensor
+    next use   u_A² = σ² + max(1, q) [A⁻¹],  σ² the scatter that goes with the sensor
     both       U² = t_ν² u_A² + 4 u_B²
 
 u_B is that of errors which sessions share, L = A⁻¹ XᵀW P / u_q for each determination: no number of
@@ -18,6 +18,7 @@ Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -25,7 +26,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.repeatability.effects import NamedEffect, Owner, named_effects, scatter
-from inercal.repeatability.findings import Prediction, findings
+from inercal.repeatability.findings import findings
 from inercal.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.repeatability.sessions import JoinedSessions, Session, join_sessions
 from inercal.uncertainty.components import variance_components
@@ -86,8 +87,8 @@ class Repeatability:
 
     Parameters
     ----------
-    joined : JoinedSessions
-        The sessions in the same terms.
+    fit : SessionFit
+        The sessions in the same terms, and their scatter.
     values : (p,) array
         Mean, SI, of `joined.names`.
     scope : "day" or "turn-on"
@@ -98,11 +99,9 @@ class Repeatability:
     scatter : (p, p) array
         Covariance that a next use adds to the mean, SI.
     components : tuple of Scatter
-    findings : tuple of str
-        What the sessions do not agree with, and what was assumed.
     """
 
-    joined: JoinedSessions
+    fit: SessionFit
     values: Array
     scope: Scope
     mount_owner: Owner
@@ -110,7 +109,16 @@ class Repeatability:
     next_use: Statement
     scatter: Array
     components: tuple[Scatter, ...]
-    findings: tuple[str, ...]
+
+    @property
+    def joined(self) -> JoinedSessions:
+        """The sessions in the same terms."""
+        return self.fit.joined
+
+    @cached_property
+    def findings(self) -> tuple[str, ...]:
+        """What the sessions do not agree with, and what was assumed."""
+        return findings(self.fit, self.mount_owner)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -157,23 +165,20 @@ def repeat(
 
 def _state(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Repeatability:
     """Return the two statements of fitted sessions."""
-    joined, size = fit.joined, len(fit.joined.names)
-    dof = fit.like * (_count_of_scope(joined, scope) - 1)
+    dof = fit.like * (_count_of_scope(fit.joined, scope) - 1)
     next_use = _next_use_scatter(fit, scope, mount_owner)
     spread = _spread_ratio(fit)
-    mean = _statement(fit, fit.inverse * np.outer(spread, spread), dof)
+    mean = fit.inverse * np.outer(spread, spread)
     components = tuple(_component(fit, k) for k in range(len(fit.effects)))
-    prediction = _prediction(fit, int(dof.max()))
     return Repeatability(
-        joined=joined,
+        fit=fit,
         values=fit.mean * fit.unit,
         scope=scope,
         mount_owner=mount_owner,
-        mean=mean,
-        next_use=_statement(fit, next_use + fit.inverse, dof),
-        scatter=next_use * np.outer(fit.unit, fit.unit).reshape(size, size),
+        mean=_statement(fit, mean, dof),
+        next_use=_statement(fit, next_use + mean, dof),
+        scatter=next_use * np.outer(fit.unit, fit.unit),
         components=components,
-        findings=findings(joined, fit.groups, fit.effects, prediction, fit.variances.converged),
     )
 
 
@@ -248,19 +253,3 @@ def _component(fit: SessionFit, k: int) -> Scatter:
     dof = effect.like * (effect.effect.levels - 1)
     limits = scatter_limits(float(variances.variance[k]), float(variances.covariance[k, k]), dof)
     return Scatter(effect, *limits, dof)
-
-
-def _prediction(fit: SessionFit, dof: int) -> Prediction | None:
-    """Compare each session with the mean of the others; None where days have several."""
-    count = len(fit.values)
-    if not fit.is_simple or count < 3:
-        return None
-    weight = np.linalg.inv(fit.blocks)
-    weighted = np.einsum("kpq,kq->kp", weight, fit.values)
-    chi2 = np.empty(count)
-    for i in range(count):
-        others = [j for j in range(count) if j != i]
-        inverse: Array = np.asarray(np.linalg.inv(weight[others].sum(axis=0)), dtype=float)
-        off: Array = fit.values[i] - inverse @ weighted[others].sum(axis=0)
-        chi2[i] = off @ np.linalg.solve(fit.blocks[i] + inverse, off)
-    return Prediction(chi2, len(fit.unit), dof)

@@ -5,7 +5,7 @@ it is taken out of each session's own covariance, by the columns that the calibr
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +109,21 @@ class JoinedSessions:
         words = [one.levels()[which] for one in self.sessions]
         order = {word: n for n, word in enumerate(dict.fromkeys(words))}
         return np.array([order[word] for word in words], dtype=np.intp)
+
+    def without(self, index: int) -> "JoinedSessions":
+        """Return the other sessions."""
+        kept = [k for k in range(len(self.sessions)) if k != index]
+        shared = (
+            replace(one, column=one.column[kept], members=one.members[kept]) for one in self.shared
+        )
+        return replace(
+            self,
+            sessions=tuple(self.sessions[k] for k in kept),
+            values=self.values[kept],
+            own=self.own[kept],
+            whole=self.whole[kept],
+            shared=tuple(one for one in shared if one.members.any()),
+        )
 
 
 def join_sessions(sessions: Sequence[Session]) -> JoinedSessions:

@@ -1,0 +1,119 @@
+"""What repeated sessions say, and what they are refused for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.repeatability.laboratory import KIND, Laboratory, draw
+from tests.repeatability.sessions import sessions_of
+
+from inercal.errors import InputError
+from inercal.repeatability import Session, repeat
+from inercal.repeatability.advice import advice_lines, sessions_needed
+
+
+def drawn_sessions(k: int, seed: int = 1, laboratory: Laboratory | None = None) -> list[Session]:
+    rng = np.random.default_rng(seed)
+    return sessions_of(draw(laboratory or Laboratory(), k, rng))
+
+
+def test_what_sessions_share_is_not_averaged():
+    few, many = (repeat(drawn_sessions(k)) for k in (4, 40))
+    np.testing.assert_allclose(many.mean.shared_std, few.mean.shared_std, rtol=0.05)
+    expected = np.array([0.0, 10e-6, 20e-6])[KIND]
+    np.testing.assert_allclose(many.mean.shared_std, expected, rtol=0.05, atol=1e-12)
+    assert np.all(many.mean.scatter_std < 0.6 * few.mean.scatter_std)
+
+
+def test_another_determination_in_each_session_is_averaged():
+    sessions = [
+        replace(one, calibration=replace(one.calibration, shared=tuple(
+            replace(error, determination=f"{k:064x}") for error in one.calibration.shared or ())))
+        for k, one in enumerate(drawn_sessions(40))
+    ]  # fmt: skip
+    found, common = repeat(sessions), repeat(drawn_sessions(40))
+    tilted = KIND == 2
+    assert np.all(found.mean.shared_std[tilted] < 0.3 * common.mean.shared_std[tilted])
+
+
+def test_files_that_state_nothing_are_taken_as_fully_shared():
+    rng = np.random.default_rng(1)
+    drawn = draw(Laboratory(), 10, rng)
+    found = repeat(sessions_of(drawn, stated=False))
+    np.testing.assert_allclose(found.mean.shared_std, np.sqrt(np.diag(drawn.covariance)), rtol=1e-6)
+    assert any("taken as shared" in line for line in found.findings)
+
+
+def test_the_rotation_of_the_mounting_is_told_from_the_sensor():
+    found = repeat(drawn_sessions(60))
+    by_name = {one.effect.name: one for one in found.components}
+    rotation = by_name["rotation of the mounting"]
+    assert rotation.sd == pytest.approx(40e-6, rel=0.25)
+    assert by_name["misalignment of accelerometers"].sd < 10e-6
+    assert by_name["bias of accelerometers"].low < 60e-6 < by_name["bias of accelerometers"].high
+    # The bench answers for the mounting unless the user says otherwise.
+    own, with_mount = found, repeat(drawn_sessions(60), mount_owner="sensor")
+    moved = KIND == 2
+    assert np.all(with_mount.next_use.expanded[moved] > 1.5 * own.next_use.expanded[moved])
+    np.testing.assert_allclose(
+        with_mount.next_use.expanded[~moved], own.next_use.expanded[~moved], rtol=1e-6
+    )
+
+
+def test_days_and_turn_ons_are_told_apart():
+    laboratory = Laboratory(day=(200.0, 100.0, 0.0))
+    days = np.repeat(np.arange(12), 4)
+    drawn = draw(laboratory, 48, np.random.default_rng(2), days)
+    found = repeat(sessions_of(drawn, days))
+    sd = {one.effect.level: one.sd for one in found.components if "bias" in one.effect.name}
+    assert sd["turn-on"] == pytest.approx(60e-6, rel=0.2)
+    assert sd["day"] == pytest.approx(200e-6, rel=0.4)
+    same_day = repeat(sessions_of(drawn, days), scope="turn-on")
+    assert np.all(same_day.next_use.expanded[KIND == 0] < 0.7 * found.next_use.expanded[KIND == 0])
+
+
+def test_one_day_says_nothing_of_the_next():
+    sessions = [replace(one, day="Monday") for one in drawn_sessions(10)]
+    with pytest.raises(InputError, match="day to day"):
+        repeat(sessions)
+    assert repeat(sessions, scope="turn-on").scope == "turn-on"
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_one_session_has_no_scatter(count: int):
+    with pytest.raises(InputError, match="two or more"):
+        repeat(drawn_sessions(2)[:count])
+
+
+def test_two_of_one_recording_are_refused():
+    source = {"recording sha256": "a" * 64}
+    first, second = (
+        replace(one, calibration=replace(one.calibration, provenance=source))
+        for one in drawn_sessions(2)
+    )
+    with pytest.raises(InputError, match="one recording"):
+        repeat([first, second])
+
+
+def test_a_session_that_lies_apart_is_named():
+    sessions = drawn_sessions(8)
+    off = sessions[3].calibration
+    values = off.values + np.where(KIND == 0, 5e-3, 0.0)
+    sessions[3] = replace(sessions[3], calibration=replace(off, values=values))
+    assert any("session 3 lies apart" in line for line in repeat(sessions).findings)
+    quiet = sum(
+        "apart" in line for s in range(40) for line in repeat(drawn_sessions(8, s)).findings
+    )
+    assert quiet <= 3
+
+
+def test_an_axis_that_scatters_more_is_named_and_takes_its_own_scatter():
+    found = repeat(drawn_sessions(20, laboratory=Laboratory(odd=5.0)))
+    assert any("ax.k0 scatters more" in line for line in found.findings)
+    assert found.next_use.expanded[0] > 1.4 * found.next_use.expanded[4]
+
+
+def test_advice_names_the_sessions_that_are_needed():
+    assert [sessions_needed(x, 1) for x in (0.0, 0.25, 1.0)] == [7, 10, 24]  # of the note
+    assert [sessions_needed(x, 3) for x in (0.0, 0.25, 1.0)] == [3, 4, 9]
+    assert any("here are 2" in line for line in advice_lines(repeat(drawn_sessions(2))))
