@@ -4,7 +4,7 @@ import numpy as np
 from tests.repeatability.laboratory import AXES, NAMES, Drawn
 
 from inercal.calibration import Calibration, SharedError
-from inercal.repeatability import Session
+from inercal.repeatability import RepeatedSession
 from inercal.sensors import Axis, Sensor
 
 TRIAD = Sensor(
@@ -26,7 +26,7 @@ def sessions_of(drawn: Drawn, days: np.ndarray | None = None, *, stated: bool = 
     )
     days = np.arange(len(drawn.values)) if days is None else days
     return [
-        Session(
+        RepeatedSession(
             f"session {k}",
             Calibration(TRIAD, value, drawn.covariance, shared=shared if stated else None),
             str(days[k]), str(k), str(k),

@@ -83,4 +83,4 @@ def test_the_calibration_of_the_next_use_corrects_readings(folder: Path):
     assert found.sensor.coefficients == last.sensor.coefficients
     assert np.all(found.std[:2] > last.std[:2])
     readings = np.array([[0.1, -0.2, 1.0]])
-    np.testing.assert_allclose(found.correct(readings).f, last.correct(readings).f, atol=0.02)
+    np.testing.assert_allclose(found.correct(readings).f, last.correct(readings).f, atol=0.05)

@@ -8,11 +8,13 @@ from tests.repeatability.laboratory import KIND, Laboratory, draw
 from tests.repeatability.sessions import sessions_of
 
 from inercal.errors import InputError
-from inercal.repeatability import Session, repeat
-from inercal.repeatability.advice import advice_lines, sessions_needed
+from inercal.repeatability import RepeatedSession, repeat
+from inercal.repeatability.advice import advice_lines, required_sessions
 
 
-def drawn_sessions(k: int, seed: int = 1, laboratory: Laboratory | None = None) -> list[Session]:
+def drawn_sessions(
+    k: int, seed: int = 1, laboratory: Laboratory | None = None
+) -> list[RepeatedSession]:
     rng = np.random.default_rng(seed)
     return sessions_of(draw(laboratory or Laboratory(), k, rng))
 
@@ -114,6 +116,6 @@ def test_an_axis_that_scatters_more_is_named_and_takes_its_own_scatter():
 
 
 def test_advice_names_the_sessions_that_are_needed():
-    assert [sessions_needed(x, 1) for x in (0.0, 0.25, 1.0)] == [7, 10, 24]  # of the note
-    assert [sessions_needed(x, 3) for x in (0.0, 0.25, 1.0)] == [3, 4, 9]
+    assert [required_sessions(x, 1) for x in (0.0, 0.25, 1.0)] == [7, 10, 24]  # of the note
+    assert [required_sessions(x, 3) for x in (0.0, 0.25, 1.0)] == [3, 4, 9]
     assert any("here are 2" in line for line in advice_lines(repeat(drawn_sessions(2))))

@@ -108,7 +108,8 @@ def test_every_key_of_the_specification_counts(tmp_path: Path):
     others = {
         "rule": "simple",
         "factor": 0.1,
-        "uncertainty": "next_use",
+        "uncertainty": "next_use",  # without the file; tests/repeatability has both
+        "repeatability": "x.json",
         "limits": {"bias": "± 11 mg"},
     }
     assert set(others) == set(SpecificationSection.model_fields)
@@ -116,7 +117,7 @@ def test_every_key_of_the_specification_counts(tmp_path: Path):
     base = judged(content, tmp_path)
     for key, value in others.items():
         changed = content | {"specification": BASE | {key: value}}
-        if key == "uncertainty":
+        if key in ("uncertainty", "repeatability"):
             with pytest.raises(InputError, match="next_use"):
                 judged(changed, tmp_path)
         else:

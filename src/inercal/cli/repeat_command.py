@@ -9,7 +9,7 @@ import typer
 from inercal.cli.console import print_json
 
 if TYPE_CHECKING:
-    from inercal.repeatability import Session
+    from inercal.repeatability import RepeatedSession
 
 NAME = "repeat"
 _TABLE = "day, mount, turn_on"
@@ -103,37 +103,38 @@ def _labels(same: list[Same] | None, number: int, label: str) -> tuple[str, str,
     return day, mount, turn_on
 
 
-def _of_files(files: list[Path], same: list[Same] | None) -> list["Session"]:
+def _of_files(files: list[Path], same: list[Same] | None) -> list["RepeatedSession"]:
     from inercal.calibration.files import load
-    from inercal.repeatability import Session
+    from inercal.repeatability import RepeatedSession
 
     return [
-        Session(str(file), load(file), *_labels(same, k, str(file))) for k, file in enumerate(files)
+        RepeatedSession(str(file), load(file), *_labels(same, k, str(file)))
+        for k, file in enumerate(files)
     ]
 
 
-def _of_register(address: str, sensor: str, same: list[Same] | None) -> list["Session"]:
-    from inercal.repeatability import Session
+def _of_register(address: str, sensor: str, same: list[Same] | None) -> list["RepeatedSession"]:
+    from inercal.repeatability import RepeatedSession
     from inercal.store import Register
 
     with Register(address, create=False) as opened:
         entries = opened.history(sensor).entries
-    sessions: list[Session] = []
+    sessions: list[RepeatedSession] = []
     for k, entry in enumerate(entries):
         day, mount, turn_on = _labels(same, k, f"#{entry.id}")
         if Same.DAY not in (same or []):
             day = entry.measured[:10]  # of ISO 8601
-        sessions.append(Session(f"#{entry.id}", entry.calibration, day, mount, turn_on))
+        sessions.append(RepeatedSession(f"#{entry.id}", entry.calibration, day, mount, turn_on))
     return sessions
 
 
-def _of_table(table: Path, same: list[Same] | None) -> tuple[list["Session"], list[Path]]:
+def _of_table(table: Path, same: list[Same] | None) -> tuple[list["RepeatedSession"], list[Path]]:
     """Return the sessions of a table, and its files."""
     import csv
 
     from inercal.calibration.files import load
     from inercal.errors import InputError
-    from inercal.repeatability import Session
+    from inercal.repeatability import RepeatedSession
     from inercal.small_files import read_small_file
 
     try:
@@ -149,7 +150,7 @@ def _of_table(table: Path, same: list[Same] | None) -> tuple[list["Session"], li
             f"and of {_TABLE} those that sessions share",
             file=table,
         )
-    sessions: list[Session] = []
+    sessions: list[RepeatedSession] = []
     files: list[Path] = []
     for k, row in enumerate(rows):
         if any(not (value or "").strip() for value in row.values()):
@@ -157,6 +158,6 @@ def _of_table(table: Path, same: list[Same] | None) -> tuple[list["Session"], li
         file = table.parent / row["file"]
         default = _labels(same, k, row["file"])
         own = [row.get(name, word) for name, word in zip(_TABLE.split(", "), default, strict=True)]
-        sessions.append(Session(row["file"], load(file), *own))
+        sessions.append(RepeatedSession(row["file"], load(file), *own))
         files.append(file)
     return sessions, [table, *files]

@@ -10,11 +10,11 @@ from inercal.units import format_value_and_uncertainty
 
 def print_repeatability(found: Repeatability) -> None:
     """Print mean and next use of each coefficient, the scatter, and what was found."""
-    joined = found.joined
-    count = len(joined.sessions)
-    days, mounts, turn_ons = (int(joined.level(which).max()) + 1 for which in range(3))
+    matched = found.matched
+    count = len(matched.sessions)
+    days, mounts, turn_ons = (int(matched.level(which).max()) + 1 for which in range(3))
     print_line(
-        f"{joined.sensor.name}: {count} sessions of {days} days, {mounts} mountings, {turn_ons} "
+        f"{matched.sensor.name}: {count} sessions of {days} days, {mounts} mountings, {turn_ons} "
         f"turn-ons; U with 95 % coverage; the next use is on another {found.scope}"
     )
     heads = number_columns(("mean", "U of the mean", "U of the next use"))
@@ -22,7 +22,7 @@ def print_repeatability(found: Repeatability) -> None:
     previous = ""
     for k, name in enumerate(found.names):
         previous = begin_section(table, name, previous)
-        term = joined.sensor.coefficient(name)
+        term = matched.sensor.coefficient(name)
         value, expanded = format_value_and_uncertainty(
             float(found.values[k]) / term.si, float(found.mean.expanded[k]) / term.si
         )

@@ -5,7 +5,13 @@ and from one power cycle to the next a sensor scatters besides; that shows in re
 alone.
 """
 
-from inercal.repeatability.repeated_sessions import Owner, Repeatability, Scope, Statement, repeat
-from inercal.repeatability.sessions import Session
+from inercal.repeatability.repeated_sessions import (
+    Owner,
+    Repeatability,
+    Scope,
+    StatedUncertainty,
+    repeat,
+)
+from inercal.repeatability.sessions import RepeatedSession
 
-__all__ = ["Owner", "Repeatability", "Scope", "Session", "Statement", "repeat"]
+__all__ = ["Owner", "Repeatability", "RepeatedSession", "Scope", "StatedUncertainty", "repeat"]

@@ -8,36 +8,36 @@ from math import ceil
 
 import numpy as np
 
-from inercal.repeatability.repeated_sessions import Repeatability, Scatter
+from inercal.repeatability.repeated_sessions import Repeatability, ScatterComponent
 
 RELATIVE = 0.3  # standard deviation of σ that is worth to aim at
 _LONGEST = 4.0  # λ beyond which longer sessions help more than further ones
 
 
-def sessions_needed(noise_ratio: float, like: int, relative: float = RELATIVE) -> int:
+def required_sessions(noise_ratio: float, similar: int, relative: float = RELATIVE) -> int:
     """Return how many sessions give a relative standard deviation of σ.
 
     Parameters
     ----------
     noise_ratio : float
         λ.
-    like : int
+    similar : int
         m.
 
     Examples
     --------
-    >>> [sessions_needed(x, like=1) for x in (0.0, 0.25, 1.0)]
+    >>> [required_sessions(x, similar=1) for x in (0.0, 0.25, 1.0)]
     [7, 10, 24]
-    >>> [sessions_needed(x, like=3) for x in (0.0, 0.25, 1.0)]
+    >>> [required_sessions(x, similar=3) for x in (0.0, 0.25, 1.0)]
     [3, 4, 9]
     """
-    return 1 + ceil((1 + noise_ratio) ** 2 / (2 * relative**2 * like) - 1e-9)
+    return 1 + ceil((1 + noise_ratio) ** 2 / (2 * relative**2 * similar) - 1e-9)
 
 
-def noise_ratio(found: Repeatability, one: Scatter) -> float:
+def noise_ratio(found: Repeatability, one: ScatterComponent) -> float:
     """Return λ of a component; infinite where no scatter was found."""
     places = list(one.effect.places)
-    own = np.diagonal(found.joined.own, axis1=1, axis2=2)[:, places].mean()
+    own = np.diagonal(found.matched.own, axis1=1, axis2=2)[:, places].mean()
     shape = one.effect.effect.shape[places]
     scatter = one.sd**2 * float(np.sum(shape**2)) / len(places)
     return float(own / scatter) if scatter > 0 else float("inf")
@@ -52,7 +52,7 @@ def advice_lines(found: Repeatability) -> list[str]:
             lines.append(f"{what}: no scatter was found beside the sessions' own uncertainty")
         elif ratio > _LONGEST:
             lines.append(f"{what}: longer sessions show it better than further ones do")
-        elif (needed := sessions_needed(ratio, one.effect.like)) > one.effect.effect.levels:
+        elif (needed := required_sessions(ratio, one.effect.similar)) > one.effect.effect.levels:
             lines.append(
                 f"{what}: {needed} of them would give its standard deviation within "
                 f"{100 * RELATIVE:.0f} %; here are {one.effect.effect.levels}"

@@ -16,7 +16,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.keys import CoefficientName
-from inercal.repeatability.sessions import JoinedSessions
+from inercal.repeatability.sessions import MatchedSessions
 from inercal.uncertainty.repeated_measurements import RandomEffect
 
 Owner = Literal["sensor", "bench"]
@@ -53,15 +53,15 @@ class NamedEffect:
     effect: RandomEffect
 
     @property
-    def like(self) -> int:
+    def similar(self) -> int:
         """How many independent draws a level brings."""
         return self.effect.shape.shape[1]
 
 
-def named_effects(joined: JoinedSessions, mount_owner: Owner) -> tuple[NamedEffect, ...]:
+def named_effects(matched: MatchedSessions, mount_owner: Owner) -> tuple[NamedEffect, ...]:
     """Return the effects that sessions can show."""
-    days, mounts, turn_ons = (joined.level(which) for which in (_DAY, _MOUNT, _TURN_ON))
-    k = len(joined.sessions)
+    days, mounts, turn_ons = (matched.level(which) for which in (_DAY, _MOUNT, _TURN_ON))
+    k = len(matched.sessions)
     levels: list[tuple[LevelName, np.ndarray]] = []
     if days.max() + 1 == k:
         levels.append(("session", days))
@@ -71,15 +71,15 @@ def named_effects(joined: JoinedSessions, mount_owner: Owner) -> tuple[NamedEffe
         if turn_ons.max() > days.max():
             levels.append(("turn-on", turn_ons))
     found: list[NamedEffect] = []
-    for (name, unit, si), places in like_coefficients(joined).items():
-        shape = np.eye(len(joined.names))[:, list(places)]
+    for (name, unit, si), places in similar_coefficients(matched).items():
+        shape = np.eye(len(matched.names))[:, list(places)]
         found += [
             NamedEffect(name, level, "sensor", places, unit, si, RandomEffect(shape, number))
             for level, number in levels
         ]
-    rotation = _rotation(joined)
+    rotation = _rotation(matched)
     places = tuple(np.flatnonzero(rotation.any(axis=1)).tolist())
-    if joined.frame == "mount" and mounts.max() > 0 and is_rotation_told_apart(rotation):
+    if matched.frame == "mount" and mounts.max() > 0 and is_rotation_observed(rotation):
         effect = RandomEffect(rotation[:, rotation.any(axis=0)], mounts)
         found.append(
             NamedEffect("rotation of the mounting", "mount", mount_owner, places, "″",
@@ -88,29 +88,29 @@ def named_effects(joined: JoinedSessions, mount_owner: Owner) -> tuple[NamedEffe
     return tuple(found)
 
 
-def like_coefficients(joined: JoinedSessions) -> dict[tuple[str, str, float], tuple[int, ...]]:
+def similar_coefficients(matched: MatchedSessions) -> dict[tuple[str, str, float], tuple[int, ...]]:
     """Return the places of like coefficients, by name, unit and SI size of the unit."""
     groups: dict[tuple[str, str, float], list[int]] = {}
-    measures = {axis.name: axis.measures for axis in joined.sensor.axes}
+    measures = {axis.name: axis.measures for axis in matched.sensor.axes}
     kinds = {"f": "accelerometers", "w": "gyros"}
-    for place, name in enumerate(joined.names):
-        term = joined.sensor.coefficient(name)
+    for place, name in enumerate(matched.names):
+        term = matched.sensor.coefficient(name)
         meaning = "misalignment" if term.name in _ROTATED else term.meaning
         kind = kinds[measures[CoefficientName(name).axis]]
         groups.setdefault((f"{meaning} of {kind}", term.unit, term.si), []).append(place)
     return {key: tuple(places) for key, places in groups.items()}
 
 
-def is_rotation_told_apart(rotation: Array) -> bool:
+def is_rotation_observed(rotation: Array) -> bool:
     """Tell whether misalignments have directions that no rotation moves, and those it moves."""
     return 0 < np.linalg.matrix_rank(rotation) < int(rotation.any(axis=1).sum())
 
 
-def _rotation(joined: JoinedSessions) -> Array:
+def _rotation(matched: MatchedSessions) -> Array:
     """Return the derivatives of all coefficients by ψ, (p, 3)."""
-    axes = {axis.name: axis for axis in joined.sensor.axes}
-    result = np.zeros((len(joined.names), 3))
-    for place, name in enumerate(joined.names):
+    axes = {axis.name: axis for axis in matched.sensor.axes}
+    result = np.zeros((len(matched.names), 3))
+    for place, name in enumerate(matched.names):
         axis, term = CoefficientName(name).parts
         if term in _ROTATED:
             result[place] = axes[axis].frame[_ROTATED[term]]

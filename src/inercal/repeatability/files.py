@@ -8,24 +8,24 @@ from typing import Any
 
 from inercal.calibration import Calibration
 from inercal.calibration.next_use import SCHEMA
-from inercal.repeatability.repeated_sessions import Repeatability, Statement
+from inercal.repeatability.repeated_sessions import Repeatability, StatedUncertainty
 from inercal.sensors import SI_UNITS
 
 
 def as_object(found: Repeatability) -> dict[str, Any]:
     """Return the result as the JSON object of its file, SI."""
-    joined = found.joined
+    matched = found.matched
     return {
         "schema": SCHEMA,
-        "sensor": {"name": joined.sensor.name},
-        "frame": joined.frame,
-        "form": joined.sensor.form,
+        "sensor": {"name": matched.sensor.name},
+        "frame": matched.frame,
+        "form": matched.sensor.form,
         "next": found.scope,
         "mount": found.mount_owner,
         "coefficients": [
             {
                 "name": name,
-                "unit": SI_UNITS[joined.sensor.coefficient(name).unit],
+                "unit": SI_UNITS[matched.sensor.coefficient(name).unit],
                 "value": float(found.values[k]),
                 "dof": float(found.next_use.dof[k]),
                 "mean": _statement(found.mean, k),
@@ -59,7 +59,7 @@ def as_object(found: Repeatability) -> dict[str, Any]:
                 "turn_on": one.turn_on,
                 "recording_sha256": one.calibration.provenance.get("recording sha256", ""),
             }
-            for one in joined.sessions
+            for one in matched.sessions
         ],
         "findings": list(found.findings),
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -67,7 +67,7 @@ def as_object(found: Repeatability) -> dict[str, Any]:
     }
 
 
-def _statement(one: Statement, k: int) -> dict[str, float]:
+def _statement(one: StatedUncertainty, k: int) -> dict[str, float]:
     return {
         "scatter_std": float(one.scatter_std[k]),
         "shared_std": float(one.shared_std[k]),
@@ -81,8 +81,8 @@ def next_use_calibration(found: Repeatability) -> Calibration:
     It corrects readings and is exported like any other. Coefficients that not all sessions
     measured are left out.
     """
-    last = found.joined.sessions[-1].calibration
-    sessions = [one.label for one in found.joined.sessions]
+    last = found.matched.sessions[-1].calibration
+    sessions = [one.label for one in found.matched.sessions]
     return Calibration(
         replace(last.sensor, coefficients=found.names),
         found.values,

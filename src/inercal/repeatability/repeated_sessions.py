@@ -26,9 +26,9 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.repeatability.effects import NamedEffect, Owner, named_effects, scatter
-from inercal.repeatability.findings import findings
+from inercal.repeatability.session_findings import findings
 from inercal.repeatability.session_fit import SessionFit, fit_sessions
-from inercal.repeatability.sessions import JoinedSessions, Session, join_sessions
+from inercal.repeatability.sessions import MatchedSessions, RepeatedSession, match_sessions
 from inercal.uncertainty.components import variance_components
 from inercal.uncertainty.conformity import expanded_uncertainty
 from inercal.uncertainty.coverage import COVERAGE
@@ -38,7 +38,7 @@ Scope = Literal["day", "turn-on"]
 
 
 @dataclass(frozen=True, eq=False)
-class Scatter:
+class ScatterComponent:
     """A component of the scatter between sessions, SI.
 
     Parameters
@@ -57,7 +57,7 @@ class Scatter:
 
 
 @dataclass(frozen=True, eq=False)
-class Statement:
+class StatedUncertainty:
     """Uncertainty of a value, SI.
 
     Parameters
@@ -90,30 +90,30 @@ class Repeatability:
     fit : SessionFit
         The sessions in the same terms, and their scatter.
     values : (p,) array
-        Mean, SI, of `joined.names`.
+        Mean, SI, of `matched.names`.
     scope : "day" or "turn-on"
         What is new in the next use.
     mount_owner : "sensor" or "bench"
         Whether the next use holds a new mounting.
-    mean, next_use : Statement
+    mean, next_use : StatedUncertainty
     scatter : (p, p) array
         Covariance that a next use adds to the mean, SI.
-    components : tuple of Scatter
+    components : tuple of ScatterComponent
     """
 
     fit: SessionFit
     values: Array
     scope: Scope
     mount_owner: Owner
-    mean: Statement
-    next_use: Statement
+    mean: StatedUncertainty
+    next_use: StatedUncertainty
     scatter: Array
-    components: tuple[Scatter, ...]
+    components: tuple[ScatterComponent, ...]
 
     @property
-    def joined(self) -> JoinedSessions:
+    def matched(self) -> MatchedSessions:
         """The sessions in the same terms."""
-        return self.fit.joined
+        return self.fit.matched
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
@@ -123,17 +123,17 @@ class Repeatability:
     @property
     def names(self) -> tuple[str, ...]:
         """The coefficients."""
-        return self.joined.names
+        return self.matched.names
 
 
 def repeat(
-    sessions: Sequence[Session], *, scope: Scope = "day", mount_owner: Owner = "bench"
+    sessions: Sequence[RepeatedSession], *, scope: Scope = "day", mount_owner: Owner = "bench"
 ) -> Repeatability:
     """Return the mean of a sensor over its sessions, and its next use.
 
     Parameters
     ----------
-    sessions : sequence of Session
+    sessions : sequence of RepeatedSession
         Two or more, the last in the terms of which all are stated.
     scope : "day" or "turn-on"
         Whether the next use is on another day, or after another turn-on of the same day.
@@ -145,8 +145,8 @@ def repeat(
     InputError
         Calibrations that cannot be compared, or sessions that do not show the scope.
     """
-    joined = join_sessions(sessions)
-    days, turn_ons = int(joined.level(0).max()) + 1, int(joined.level(2).max()) + 1
+    matched = match_sessions(sessions)
+    days, turn_ons = int(matched.level(0).max()) + 1, int(matched.level(2).max()) + 1
     if scope == "day" and days < 2:
         raise InputError(
             "all sessions are of one day: they do not show how the sensor scatters from day to "
@@ -159,13 +159,13 @@ def repeat(
             "sessions after other turn-ons",
             key="--next",
         )
-    effects = named_effects(joined, mount_owner)
-    return _state(fit_sessions(joined, effects), scope, mount_owner)
+    effects = named_effects(matched, mount_owner)
+    return _state(fit_sessions(matched, effects), scope, mount_owner)
 
 
 def _state(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Repeatability:
     """Return the two statements of fitted sessions."""
-    dof = fit.like * (_count_of_scope(fit.joined, scope) - 1)
+    dof = fit.similar * (_count_of_scope(fit.matched, scope) - 1)
     next_use = _next_use_scatter(fit, scope, mount_owner)
     spread = _spread_ratio(fit)
     mean = fit.inverse * np.outer(spread, spread)
@@ -182,8 +182,8 @@ def _state(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Repeatability:
     )
 
 
-def _count_of_scope(joined: JoinedSessions, scope: Scope) -> int:
-    days, turn_ons = (int(joined.level(which).max()) + 1 for which in (0, 2))
+def _count_of_scope(matched: MatchedSessions, scope: Scope) -> int:
+    days, turn_ons = (int(matched.level(which).max()) + 1 for which in (0, 2))
     return days if scope == "day" or days == turn_ons else turn_ons - days + 1
 
 
@@ -213,7 +213,7 @@ def _scatter_alone(fit: SessionFit, mount_owner: Owner) -> Array:
     Of sessions that are not all of other days there is none; nor of misalignments that a mounting
     moves for which the bench answers.
     """
-    if not fit.is_simple:
+    if not fit.has_other_days:
         return np.zeros(len(fit.unit))
     moved = {p for one in fit.effects if one.owner == "bench" for p in one.places}
     std = np.sqrt(np.diagonal(fit.own, axis1=1, axis2=2))
@@ -227,7 +227,7 @@ def _scatter_alone(fit: SessionFit, mount_owner: Owner) -> Array:
 def _spread_ratio(fit: SessionFit) -> Array:
     """Return √max(1, q) of each coefficient, that of like axes together or its own."""
     ratio = np.ones(len(fit.unit))
-    if not fit.is_simple:
+    if not fit.has_other_days:
         return ratio
     q = ((fit.values - fit.mean) ** 2 / fit.variance).sum(axis=0) / (len(fit.values) - 1)
     for places in fit.groups.values():
@@ -236,20 +236,20 @@ def _spread_ratio(fit: SessionFit) -> Array:
     return ratio
 
 
-def _statement(fit: SessionFit, scattered: Array, dof: Array) -> Statement:
+def _statement(fit: SessionFit, scattered: Array, dof: Array) -> StatedUncertainty:
     u_a, u_b = np.sqrt(np.diag(scattered)), np.sqrt(np.diag(fit.shared))
     enlarged = expanded_uncertainty(u_a, dof)
     expanded = np.hypot(enlarged, COVERAGE * u_b)
     by = expanded_uncertainty(np.ones(len(dof)), dof) / COVERAGE
     covariance = scattered * np.outer(by, by) + fit.shared
     unit = fit.unit
-    return Statement(
+    return StatedUncertainty(
         u_a * unit, u_b * unit, dof, expanded * unit, covariance * np.outer(unit, unit)
     )
 
 
-def _component(fit: SessionFit, k: int) -> Scatter:
+def _component(fit: SessionFit, k: int) -> ScatterComponent:
     effect, variances = fit.effects[k], fit.variances
-    dof = effect.like * (effect.effect.levels - 1)
+    dof = effect.similar * (effect.effect.levels - 1)
     limits = scatter_limits(float(variances.variance[k]), float(variances.covariance[k, k]), dof)
-    return Scatter(effect, *limits, dof)
+    return ScatterComponent(effect, *limits, dof)

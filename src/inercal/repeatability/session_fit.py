@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.repeatability.effects import NamedEffect, like_coefficients
-from inercal.repeatability.sessions import JoinedSessions
+from inercal.repeatability.effects import NamedEffect, similar_coefficients
+from inercal.repeatability.sessions import MatchedSessions
 from inercal.uncertainty.repeated_measurements import (
     EffectVariances,
     RandomEffect,
-    block_diagonal,
+    block_matrix,
     effect_variances,
 )
 
@@ -22,7 +22,7 @@ class SessionFit:
 
     Parameters
     ----------
-    joined : JoinedSessions
+    matched : MatchedSessions
     effects : tuple of NamedEffect
     groups : mapping
         Places of like coefficients.
@@ -42,7 +42,7 @@ class SessionFit:
         Covariance of the mean by what is shared.
     """
 
-    joined: JoinedSessions
+    matched: MatchedSessions
     effects: tuple[NamedEffect, ...]
     groups: Mapping[tuple[str, str, float], tuple[int, ...]]
     unit: Array
@@ -55,9 +55,9 @@ class SessionFit:
     shared: Array
 
     @property
-    def is_simple(self) -> bool:
+    def has_other_days(self) -> bool:
         """Whether all sessions are of other days."""
-        return int(self.joined.level(0).max()) + 1 == len(self.joined.sessions)
+        return int(self.matched.level(0).max()) + 1 == len(self.matched.sessions)
 
     @property
     def variance(self) -> Array:
@@ -65,7 +65,7 @@ class SessionFit:
         return np.diagonal(self.blocks, axis1=1, axis2=2)
 
     @property
-    def like(self) -> Array:
+    def similar(self) -> Array:
         """How many like coefficients each has, itself included, (p,)."""
         count = np.ones(len(self.unit))
         for places in self.groups.values():
@@ -73,21 +73,21 @@ class SessionFit:
         return count
 
 
-def fit_sessions(joined: JoinedSessions, effects: tuple[NamedEffect, ...]) -> SessionFit:
+def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> SessionFit:
     """Return sessions with the variances of their effects, and the mean by these."""
-    k, p = len(joined.sessions), len(joined.names)
-    groups = like_coefficients(joined)
-    unit = _units(joined, groups)
-    values, square = joined.values / unit, np.outer(unit, unit)
-    own: Array = joined.own / square
+    k, p = len(matched.sessions), len(matched.names)
+    groups = similar_coefficients(matched)
+    unit = _units(matched, groups)
+    values, square = matched.values / unit, np.outer(unit, unit)
+    own: Array = matched.own / square
     scaled = [RandomEffect(one.effect.shape / unit[:, None], one.effect.level) for one in effects]
-    columns = [(one.column / unit).ravel() for one in joined.shared]
-    known = block_diagonal(own)
-    for one, column in zip(joined.shared, columns, strict=True):
+    columns = [(one.column / unit).ravel() for one in matched.shared]
+    known = block_matrix(own)
+    for one, column in zip(matched.shared, columns, strict=True):
         if not one.is_common:  # what all sessions share moves them alike
             known += np.outer(column, column)
     variances = effect_variances(values, known, scaled)
-    total = block_diagonal(_weighting(joined, square))
+    total = block_matrix(_weighting(matched, square))
     for size, one in zip(variances.variance, scaled, strict=True):
         total += size * one.covariance()
     x = np.tile(np.eye(p), (k, 1))
@@ -102,23 +102,23 @@ def fit_sessions(joined: JoinedSessions, effects: tuple[NamedEffect, ...]) -> Se
     blocks: Array = total.reshape(k, p, k, p)[every, :, every]
     mean = gain @ values.ravel()
     return SessionFit(
-        joined, effects, groups, unit, values, own, variances, blocks, mean, inverse, shared
+        matched, effects, groups, unit, values, own, variances, blocks, mean, inverse, shared
     )
 
 
 def _units(
-    joined: JoinedSessions, groups: Mapping[tuple[str, str, float], tuple[int, ...]]
+    matched: MatchedSessions, groups: Mapping[tuple[str, str, float], tuple[int, ...]]
 ) -> Array:
     """Return a size for each coefficient, equal for like ones: u and scatter together."""
-    unit = np.empty(len(joined.names))
-    spread: Array = np.var(joined.values, axis=0, ddof=1)
-    variance: Array = spread + np.diagonal(joined.whole, axis1=1, axis2=2).mean(axis=0)
+    unit = np.empty(len(matched.names))
+    spread: Array = np.var(matched.values, axis=0, ddof=1)
+    variance: Array = spread + np.diagonal(matched.whole, axis1=1, axis2=2).mean(axis=0)
     for places in groups.values():
         unit[list(places)] = np.sqrt(float(variance[list(places)].mean()))
     return unit
 
 
-def _weighting(joined: JoinedSessions, square: Array) -> Array:
+def _weighting(matched: MatchedSessions, square: Array) -> Array:
     """Return the covariances that weigh: the whole one where nothing shared is stated."""
-    silent = np.array([one.calibration.shared is None for one in joined.sessions])
-    return np.where(silent[:, None, None], joined.whole, joined.own) / square
+    silent = np.array([one.calibration.shared is None for one in matched.sessions])
+    return np.where(silent[:, None, None], matched.whole, matched.own) / square

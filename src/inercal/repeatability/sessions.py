@@ -21,7 +21,7 @@ _LEAST_EIGENVALUE = 1e-9  # of an own covariance, of that of the whole
 
 
 @dataclass(frozen=True, eq=False)
-class Session:
+class RepeatedSession:
     """A calibration, and what was new in it.
 
     Parameters
@@ -39,7 +39,7 @@ class Session:
     mount: str
     turn_on: str
 
-    def levels(self) -> tuple[str, str, str]:
+    def level_names(self) -> tuple[str, str, str]:
         """Return day, mount and turn-on."""
         return self.day, self.mount, self.turn_on
 
@@ -69,12 +69,12 @@ class SharedColumn:
 
 
 @dataclass(frozen=True, eq=False)
-class JoinedSessions:
+class MatchedSessions:
     """k sessions of p coefficients, SI.
 
     Parameters
     ----------
-    sessions : tuple of Session
+    sessions : tuple of RepeatedSession
     sensor : Sensor
         That of the last session.
     frame : str
@@ -93,7 +93,7 @@ class JoinedSessions:
         Coefficients that not all sessions measured.
     """
 
-    sessions: tuple[Session, ...]
+    sessions: tuple[RepeatedSession, ...]
     sensor: Sensor
     frame: str
     names: tuple[str, ...]
@@ -106,11 +106,11 @@ class JoinedSessions:
 
     def level(self, which: int) -> NDArray[np.intp]:
         """Return the number of each session's day (0), mount (1) or turn-on (2), (k,)."""
-        words = [one.levels()[which] for one in self.sessions]
+        words = [one.level_names()[which] for one in self.sessions]
         order = {word: n for n, word in enumerate(dict.fromkeys(words))}
         return np.array([order[word] for word in words], dtype=np.intp)
 
-    def without(self, index: int) -> "JoinedSessions":
+    def without(self, index: int) -> "MatchedSessions":
         """Return the other sessions."""
         kept = [k for k in range(len(self.sessions)) if k != index]
         shared = (
@@ -126,7 +126,7 @@ class JoinedSessions:
         )
 
 
-def join_sessions(sessions: Sequence[Session]) -> JoinedSessions:
+def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
     """Return sessions in the terms of the last one.
 
     Raises
@@ -164,7 +164,7 @@ def join_sessions(sessions: Sequence[Session]) -> JoinedSessions:
         np.zeros_like(whole),
     )
     own[unstated] = _OWN_OF_UNSTATED * whole[unstated]
-    return JoinedSessions(
+    return MatchedSessions(
         tuple(sessions),
         last.sensor,
         last.frame,
@@ -178,7 +178,7 @@ def join_sessions(sessions: Sequence[Session]) -> JoinedSessions:
     )
 
 
-def _refuse_one_recording(sessions: Sequence[Session]) -> None:
+def _refuse_one_recording(sessions: Sequence[RepeatedSession]) -> None:
     by_recording: dict[str, str] = {}
     for one in sessions:
         recording = recording_sha256(one.calibration)

@@ -76,7 +76,7 @@ class EffectVariances:
     converged: bool
 
 
-def block_diagonal(blocks: Array) -> Array:
+def block_matrix(blocks: Array) -> Array:
     """Return (k p, k p) of blocks (k, p, p)."""
     k, p, _ = blocks.shape
     result = np.zeros((k, p, k, p))

@@ -15,33 +15,38 @@ _CHANCE = 0.01  # of a false finding, of all axes of a group or of all sessions
 _LEAST_SESSIONS = 4  # to find one that lies apart
 
 
-def sessions_apart(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
+def outlier_sessions(fit: SessionFit, mount_owner: Owner) -> dict[str, float]:
     """Return the sessions that lie apart from the others, with the probability of chance.
 
     Each is compared with the mean and the scatter of the others, which it does not enlarge.
     """
     count, size = len(fit.values), len(fit.unit)
     found: dict[str, float] = {}
-    if not fit.is_simple or count < _LEAST_SESSIONS:
+    if not fit.has_other_days or count < _LEAST_SESSIONS:
         return found
-    dof = int(fit.like.max()) * (count - 2)
-    for k, one in enumerate(fit.joined.sessions):
-        others = fit.joined.without(k)
+    dof = int(fit.similar.max()) * (count - 2)
+    for k, one in enumerate(fit.matched.sessions):
+        others = fit.matched.without(k)
         apart = fit_sessions(others, named_effects(others, mount_owner))
         rescaled = apart.unit / fit.unit
         effects, variance = apart.effects, apart.variances.variance
         spread = scatter(effects, variance, [True] * len(effects), size)
         square: Array = np.outer(rescaled, rescaled)
-        covariance = fit.own[k] + spread / np.outer(fit.unit, fit.unit) + apart.inverse * square
+        covariance: Array = (
+            fit.own[k] + spread / np.outer(fit.unit, fit.unit) + apart.inverse * square
+        )
         off: Array = fit.values[k] - apart.mean * rescaled
-        chi2 = float(off @ np.linalg.solve(covariance, off))
+        whitened = np.linalg.solve(np.linalg.cholesky(covariance), off)
+        chi2 = float(np.sum(whitened**2))
         chance = float(scipy.special.fdtrc(size, dof, chi2 / size))
         if chance < _CHANCE / count:
             found[one.label] = chance
     return found
 
 
-def odd_axes(values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]) -> list[int]:
+def outlier_axes(
+    values: Array, groups: Mapping[tuple[str, str, float], Sequence[int]]
+) -> list[int]:
     """Return coefficients that scatter more than the like ones of other axes.
 
     Parameters
@@ -65,30 +70,30 @@ def odd_axes(values: Array, groups: Mapping[tuple[str, str, float], Sequence[int
 
 def findings(fit: SessionFit, mount_owner: Owner) -> tuple[str, ...]:
     """Return what a reader must know of the result, the gravest first."""
-    joined = fit.joined
+    matched = fit.matched
     lines: list[str] = []
     if not fit.variances.converged:
         lines.append("the estimate of the scatter did not converge: do not rely on it")
     lines += [
         f"{label} lies apart from the other sessions (p = {p:.1g}): was the sensor changed, or the "
         "bench?"
-        for label, p in sessions_apart(fit, mount_owner).items()
+        for label, p in outlier_sessions(fit, mount_owner).items()
     ]
-    if fit.is_simple:
+    if fit.has_other_days:
         lines += [
-            f"{joined.names[j]} scatters more than those of the other axes; U of the next use "
+            f"{matched.names[j]} scatters more than those of the other axes; U of the next use "
             "takes its own scatter, and covers less than 95 % with few sessions"
-            for j in odd_axes(joined.values, _without_rotated(fit))
+            for j in outlier_axes(matched.values, _without_rotated(fit))
         ]
-    if joined.unstated:
+    if matched.unstated:
         lines.append(
-            f"{', '.join(joined.unstated)}: states no errors that calibrations share; all of its "
+            f"{', '.join(matched.unstated)}: states no errors that calibrations share; all of its "
             "uncertainty is taken as shared, which no number of sessions lowers"
         )
-    if common := [one.name for one in joined.shared if one.name and one.is_common]:
+    if common := [one.name for one in matched.shared if one.name and one.is_common]:
         lines.append(f"shared by all sessions, and not averaged: {', '.join(common)}")
-    if joined.left_out:
-        lines.append(f"not in all sessions, or fixed: {', '.join(joined.left_out)}")
+    if matched.left_out:
+        lines.append(f"not in all sessions, or fixed: {', '.join(matched.left_out)}")
     return tuple(lines)
 
 
