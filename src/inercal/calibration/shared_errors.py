@@ -87,3 +87,22 @@ SharedErrors = tuple[SharedError, ...] | None
 def transform_shared(shared: SharedErrors, jacobian: Array) -> SharedErrors:
     """Return the errors for other coefficients; None remains None."""
     return None if shared is None else tuple(one.transform(jacobian) for one in shared)
+
+
+def shared_covariance(first: SharedErrors, second: SharedErrors, size: int) -> Array:
+    """Return the covariance of two calibrations by the errors that both state, (p, p).
+
+    Parameters
+    ----------
+    first, second : tuple of SharedError or None
+        None, of a file that states nothing, shares nothing.
+    size : int
+        p, of both.
+    """
+    total = np.zeros((size, size))
+    others = {(one.name, one.determination): one for one in second or ()}
+    for one in first or ():
+        other = others.get((one.name, one.determination))
+        if other is not None:
+            total += np.outer(one.covariance, other.covariance) / (one.std * other.std)
+    return total

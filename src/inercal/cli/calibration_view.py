@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import numpy as np
 from rich.text import Text
 
 from inercal.calibration import Calibration
@@ -51,7 +50,7 @@ def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
         previous = begin_section(table, name, previous)
         line = compared.second.sensor.coefficient(name)
         found = [(one.value(name), float(u[k])) for one, u in zip(both, std, strict=True)]
-        found.append((float(compared.difference[k]), float(np.hypot(std[0][k], std[1][k]))))
+        found.append((float(compared.difference[k]), float(compared.difference_std[k])))
         cells = [
             cell
             for x, u in found
@@ -79,6 +78,7 @@ def comparison_object(compared: Comparison, names: tuple[str, str]) -> dict[str,
                 "first": {"value": both[0].value(name), "std": float(std[0][k])},
                 "second": {"value": both[1].value(name), "std": float(std[1][k])},
                 "difference": float(compared.difference[k]),
+                "difference_std": float(compared.difference_std[k]),
                 "en": float(compared.normalised_errors[k]),
             }
             for k, name in enumerate(compared.names)

@@ -3,17 +3,19 @@
 Both are first converted to the same axes, nominal readout, form of the model and body frame.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
+from inercal.calibration.shared_errors import shared_covariance
 from inercal.comparison import changes
 from inercal.errors import InercalError, InputError
 from inercal.units import ZERO_CELSIUS
 
+ROUNDING = 1e-6  # of u, what cancels in full
 _FIXED_STD = 1e-12  # of a coefficient's natural size: fixed by a frame or a user, not measured
 
 
@@ -48,21 +50,46 @@ class Comparison:
         return first, second
 
     @cached_property
+    def difference_covariance(self) -> Array:
+        """Covariance of the difference, SI, (p, p); errors that both state to share cancel."""
+        first, second = self.first, self.second
+        picks = [[one.sensor.coefficients.index(n) for n in self.names] for one in self._both]
+        own = [
+            one.covariance[np.ix_(pick, pick)] for one, pick in zip(self._both, picks, strict=True)
+        ]
+        errors = [
+            None
+            if one.shared is None
+            else tuple(replace(e, covariance=e.covariance[pick]) for e in one.shared)
+            for one, pick in zip((first, second), picks, strict=True)
+        ]
+        shared = shared_covariance(errors[0], errors[1], len(self.names))
+        return own[0] + own[1] - shared - shared.T
+
+    @property
+    def states_shared(self) -> bool:
+        """Whether both calibrations state what they share with others."""
+        return all(one.shared is not None for one in self._both)
+
+    @cached_property
+    def difference_std(self) -> Array:
+        """Standard uncertainty of the difference, SI, (p,)."""
+        own = np.hypot(*self.std)
+        # Rounding leaves something of two equal calibrations.
+        found = np.sqrt(np.maximum(np.diag(self.difference_covariance), (ROUNDING * own) ** 2))
+        return found if self.states_shared else own
+
+    @cached_property
     def normalised_errors(self) -> Array:
         """E_n, (p,)."""
-        return changes.normalised_errors(self.difference, *self.std)
+        return changes.normalised_errors(self.difference, self.difference_std)
 
     @cached_property
     def joint_test(self) -> changes.JointTest | None:
         """All coefficients together; None without a common coefficient."""
         if not self.names:
             return None
-        total = np.zeros((len(self.names), len(self.names)))
-        for one in self._both:
-            place = {name: k for k, name in enumerate(one.sensor.coefficients)}
-            picks = [place[name] for name in self.names]
-            total += one.covariance[np.ix_(picks, picks)]
-        return changes.joint_test(self.difference, total)
+        return changes.joint_test(self.difference, self.difference_covariance)
 
     @property
     def same_recording(self) -> bool:

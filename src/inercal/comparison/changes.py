@@ -3,15 +3,16 @@
 Between two calibrations, the normalised error of ISO/IEC 17043:2010 (annex B) and ISO 13528:2022,
 here of the later beyond the earlier::
 
-    E_n = (x₂ − x₁) / √(U₁² + U₂²),   U = 2 u  (GUM 6.2.1)
+    E_n = (x₂ − x₁) / U,   U = 2 √(u₁² + u₂² − 2 cov)  (GUM 6.2.1, 5.2.2)
 
 |E_n| ≤ 1 is not called a change. Where nothing changed, 4.55 % of them exceed 1 by chance, one in
 22. For many coefficients together there is a joint test as well, with all covariances::
 
-    χ² = dᵀ (C₁ + C₂)⁺ d,   d = x₂ − x₁
+    χ² = dᵀ C⁺ d,   d = x₂ − x₁,   C = C₁ + C₂ − S − Sᵀ
 
-with as many degrees of freedom as C₁ + C₂ has rank; a difference along directions that C₁ + C₂ does
-not span is left out of χ².
+with as many degrees of freedom as C has rank; a difference along directions that C does not span is
+left out of χ². S is the covariance of both by errors that they state to share (`shared_errors`):
+those cancel in the difference.
 
 Through a history, at times t, the straight line of least weighted squares about the weighted mean
 time t̄, w = 1/u² (GUM H.3, with weights)::
@@ -21,10 +22,9 @@ time t̄, w = 1/u² (GUM H.3, with weights)::
 Where the χ² of the line exceeds its 95 % bound, its uncertainties are scaled by the Birge ratio
 √(χ²/ν). The χ² of constancy is that about the weighted mean.
 
-All of it takes the errors of different calibrations as independent. Those that they share, of one
-bench above all, cancel in a difference, but are counted in each u: |E_n| comes out smaller than it
-is then, χ² too, and U(b) larger. Chance calls fewer changes than one in 22, and a change must
-be larger to be seen.
+The line takes the errors of different calibrations as independent, and so does all of it where a
+calibration does not state what it shares: |E_n| comes out smaller then, χ² too, and chance calls
+fewer changes than one in 22.
 """
 
 # scipy has no type stubs.
@@ -48,27 +48,27 @@ _MIN_POINTS = 3  # of a line
 _RANK_TOLERANCE = 1e-9  # of the largest eigenvalue of the scaled covariance
 
 
-def normalised_errors(difference: Array, first: Array, second: Array) -> Array:
+def normalised_errors(difference: Array, std: Array) -> Array:
     """Return E_n of differences.
 
     Parameters
     ----------
     difference : (...,) array
         Later minus earlier.
-    first, second : (...,) arrays
-        Standard uncertainties (k = 1).
+    std : (...,) array
+        Standard uncertainty (k = 1) of the difference: √(u₁² + u₂²) of independent values.
 
     Returns
     -------
     (...,) array
-        NaN where both uncertainties are zero.
+        NaN where there is no uncertainty.
 
     Examples
     --------
-    >>> float(normalised_errors(np.array(5.0), np.array(3.0), np.array(4.0)))
+    >>> float(normalised_errors(np.array(5.0), np.hypot(3.0, 4.0)))
     0.5
     """
-    expanded = COVERAGE * np.hypot(first, second)
+    expanded = COVERAGE * np.asarray(std, dtype=float)
     return np.divide(difference, expanded, out=np.full_like(expanded, np.nan), where=expanded > 0)
 
 
@@ -79,7 +79,7 @@ class JointTest(NamedTuple):
     ----------
     chi2 : float
     rank : int
-        Its degrees of freedom: the rank of C₁ + C₂.
+        Its degrees of freedom: the rank of the covariance.
     size : int
         How many coefficients there are.
     p_value : float
@@ -93,7 +93,7 @@ class JointTest(NamedTuple):
 
 
 def joint_test(difference: Array, covariance: Array) -> JointTest:
-    """Return the joint test of a difference, (p,), with the covariance C₁ + C₂, (p, p)."""
+    """Return the joint test of a difference, (p,), with its covariance, (p, p)."""
     size = difference.size
     scale = np.sqrt(np.diag(covariance))
     if not size or not (scale > 0).all():

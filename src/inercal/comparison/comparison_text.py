@@ -7,6 +7,9 @@ from inercal.calibration.verdict import p_value_text
 from inercal.comparison import Comparison
 from inercal.comparison.changes import JointTest
 
+SHARED_NOTE = (
+    "errors that both state to share cancel in the difference: E_n and χ² do not hold them"
+)
 INDEPENDENCE_NOTE = (
     "errors that calibrations share, such as those of the bench, are treated as independent: E_n "
     "and χ² are then too small, and only larger changes are detected"
@@ -48,7 +51,8 @@ def comparison_lines(compared: Comparison) -> list[str]:
     )
     if compared.joint_test is not None:
         lines.append(f"all together: {joint_test_text(compared.joint_test)}")
-    return [*lines, INDEPENDENCE_NOTE, *(f"left out: {one}" for one in compared.exclusions)]
+    lines.append(SHARED_NOTE if compared.states_shared else INDEPENDENCE_NOTE)
+    return [*lines, *(f"left out: {one}" for one in compared.exclusions)]
 
 
 def exceedance_text(beyond: int, of: int, by_chance: float) -> str:

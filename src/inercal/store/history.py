@@ -11,6 +11,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.comparison import (
+    ROUNDING,
     build_comparison,
     changes,
     fixed_coefficients,
@@ -41,6 +42,8 @@ class CoefficientTrend:
         Years since the first of the history's calibrations.
     values, std : (n,) arrays
         With standard uncertainties (k = 1).
+    step_std : (n - 1,) array
+        Standard uncertainties of the differences between successive values.
     """
 
     name: str
@@ -51,11 +54,12 @@ class CoefficientTrend:
     time: Array
     values: Array
     std: Array
+    step_std: Array
 
     @cached_property
     def normalised_errors(self) -> Array:
         """E_n of each calibration against the previous, (n,); NaN for the first."""
-        steps = changes.normalised_errors(np.diff(self.values), self.std[:-1], self.std[1:])
+        steps = changes.normalised_errors(np.diff(self.values), self.step_std)
         return np.concatenate([[np.nan], steps])
 
     @cached_property
@@ -247,6 +251,9 @@ def _coefficient_trend(
 ) -> CoefficientTrend:
     points = [k for k, one in enumerate(found) if name in one.sensor.coefficients]
     line = newest.sensor.coefficient(name)
+    std = np.array([found[k].uncertainty(name) for k in points])
+    shared = [_shared_covariance(name, found[a], found[b]) for a, b in pairwise(points)]
+    own = std[:-1] ** 2 + std[1:] ** 2
     return CoefficientTrend(
         name,
         line.meaning,
@@ -255,8 +262,22 @@ def _coefficient_trend(
         tuple(points),
         years[points],
         np.array([found[k].value(name) for k in points]),
-        np.array([found[k].uncertainty(name) for k in points]),
+        std,
+        np.sqrt(np.maximum(own - 2 * np.array(shared), ROUNDING**2 * own)),
     )
+
+
+def _shared_covariance(name: str, first: Calibration, second: Calibration) -> float:
+    """Return the covariance of a coefficient by errors that both state to share."""
+    others = {(one.name, one.determination): one for one in second.shared or ()}
+    places = [one.sensor.coefficients.index(name) for one in (first, second)]
+    total = 0.0
+    for one in first.shared or ():
+        other = others.get((one.name, one.determination))
+        if other is not None:
+            pair = one.covariance[places[0]] * other.covariance[places[1]]
+            total += float(pair) / (one.std * other.std)
+    return total
 
 
 def _exclusion_lines(*parts: tuple[Collection[str], str]) -> list[str]:

@@ -1,7 +1,12 @@
 """Histories in words and rounded figures."""
 
 from inercal.calibration.verdict import p_value_text
-from inercal.comparison.comparison_text import INDEPENDENCE_NOTE, exceedance_text, joint_test_text
+from inercal.comparison.comparison_text import (
+    INDEPENDENCE_NOTE,
+    SHARED_NOTE,
+    exceedance_text,
+    joint_test_text,
+)
 from inercal.store.history import CoefficientTrend, SensorHistory
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
@@ -53,5 +58,6 @@ def history_lines(history: SensorHistory) -> list[str]:
     if any(one.line is not None for one in history.trends):
         lines.append("without any change, about one coefficient in 13 is not called steady")
     if history.comparison_count:
-        lines.append(INDEPENDENCE_NOTE)
+        stated = all(one.shared is not None for one in history.calibrations)
+        lines.append(SHARED_NOTE if stated else INDEPENDENCE_NOTE)
     return [*lines, *(f"left out: {one}" for one in history.exclusions)]
