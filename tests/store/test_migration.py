@@ -38,7 +38,7 @@ def test_migrations_lead_to_the_tables_of_this_version(address: str):
     with engine.connect() as db:
         context = MigrationContext.configure(db, opts={"version_table": VERSION_TABLE})
         assert compare_metadata(context, metadata) == []
-        assert context.get_current_revision() == "0002"
+        assert context.get_current_revision() == "0003"
     engine.dispose()
 
 
@@ -57,7 +57,7 @@ def test_a_newer_register_is_refused_and_left_as_it_is(address: str):
         Register(address)
     assert "9999" in str(refusal.value)
     assert "\n" not in str(refusal.value)
-    revised(address, "0002")
+    revised(address, "0003")
     Register(address).close()
 
 

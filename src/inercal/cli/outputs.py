@@ -32,7 +32,8 @@ PAGE = OutputKind("page", b'<meta name="generator" content="inercal">')
 CALIBRATION = OutputKind("calibration file", b'"schema": "inercal/calibration/')
 BUDGET = OutputKind("budget file", b'"schema": "inercal budget ')
 RECORDING, WORKSHEET = OutputKind("recording"), OutputKind("worksheet")
-RUN_FILE = OutputKind("run file")
+RUN_FILE, BACKUP = OutputKind("run file"), OutputKind("backup")
+CERTIFICATE = OutputKind("certificate")
 
 
 def table_kind(name: str, columns: Iterable[str]) -> OutputKind:

@@ -9,16 +9,27 @@ from inercal.errors import require_extra
 
 _PACKAGES = ("sqlalchemy", "alembic", "psycopg")
 with require_extra("store", "the register needs SQLAlchemy and Alembic", _PACKAGES):
+    from inercal.store.backup import backup_register, restore_register
+    from inercal.store.certificates import (
+        CertificateEntry,
+        CertificateFiles,
+        CertificateRequest,
+    )
     from inercal.store.entries import CalibrationEntry, FileEntry, RunEntry, RunFacts, SensorEntry
     from inercal.store.history import SensorHistory
     from inercal.store.register import Register
 
 __all__ = [
     "CalibrationEntry",
+    "CertificateEntry",
+    "CertificateFiles",
+    "CertificateRequest",
     "FileEntry",
     "Register",
     "RunEntry",
     "RunFacts",
     "SensorEntry",
     "SensorHistory",
+    "backup_register",
+    "restore_register",
 ]
