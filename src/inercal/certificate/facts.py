@@ -61,7 +61,7 @@ def _ranges(texts: Texts, calibration: Calibration) -> list[Fact]:
     found: list[Fact] = []
     for name, ends in calibration.validity.ranges.items():
         unit, size, zero = units[name]
-        low, high = (f"{(end - zero) / size:.4g}" for end in ends)
+        low, high = (f"{(end - zero) / size:.4g}".replace("-", "−") for end in ends)
         found.append(
             (texts.text(f"range_{name}"), texts.text("range", low=low, high=high, unit=unit))
         )

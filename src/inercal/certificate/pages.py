@@ -17,6 +17,7 @@ from inercal.certificate.facts import (
 from inercal.certificate.marks import is_overdue
 from inercal.certificate.results import ResultSet
 from inercal.keys import CoefficientName
+from inercal.units import format_value_and_uncertainty
 from inercal.visible_text import visible_text
 
 _LONG_WORD = re.compile(r"\S{64}(?=\S)")  # it would pass the margin
@@ -190,7 +191,7 @@ def _limit_table(certificate: Certificate) -> dict[str, Any] | None:
                 one.name,
                 f"{row.value} ± {row.expanded}".replace("-", "−"),
                 limit_text(one.lower, one.upper, term).replace("-", "−"),
-                f"{one.guard / term.si:.3g}",
+                format_value_and_uncertainty(0.0, one.guard / term.si)[1],
                 probability_text(one.probability),
                 t.word("result", one.result),
             ]

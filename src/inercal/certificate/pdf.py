@@ -17,7 +17,7 @@ from inercal.certificate.pages import page_data
 from inercal.errors import InputError
 
 STANDARD = "a-3b"
-_MISSING = re.compile(r'the text "(.+?)" could not be displayed', re.DOTALL)
+_MISSING = re.compile(r'the text `?"(.+?)"`? could not be displayed', re.DOTALL)
 
 
 def write_pdf(certificate: Certificate, dcc: bytes, font: Path | None) -> bytes:
