@@ -8,7 +8,7 @@ from tests.certificate.signing_keys import PASSPHRASE, write_key
 from tests.program import Ended, run_program
 
 import inercal
-from inercal.cli.certificate_command import PASSPHRASE as PASSPHRASE_VARIABLE
+from inercal.cli.certificate_commands import PASSPHRASE as PASSPHRASE_VARIABLE
 from inercal.pipeline import calibrate
 
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ import inercal
 from inercal.calibration.files import load
 from inercal.calibration.simulated import SIMULATED
 from inercal.certificate.texts import LANGUAGES, Texts
-from inercal.cli import certificate_command
+from inercal.cli import certificate_commands
 
 Change = Callable[[Laboratory], None]
 
@@ -142,7 +142,7 @@ def test_no_option_removes_a_mark(laboratory: Laboratory):
 def _options(command: str) -> list[str]:
     import typer.main
 
-    group = typer.main.get_command(certificate_command.app)
+    group = typer.main.get_command(certificate_commands.app)
     found = group.commands[command]  # pyright: ignore[reportAttributeAccessIssue]
     return [option for parameter in found.params for option in parameter.opts]
 

@@ -18,7 +18,7 @@ from inercal.calibration.files import load
 from inercal.certificate.content import CertificateChange, CertificateInput, make_certificate
 from inercal.certificate.fonts import find_font
 from inercal.certificate.job import read_job
-from inercal.certificate.pdf import write_twin
+from inercal.certificate.pdf import write_pdf_a1
 from inercal.certificate.texts import LANGUAGES, Language, Texts, text_table
 from inercal.errors import InputError
 from inercal.runfile.laboratory_file import read_laboratory
@@ -93,7 +93,7 @@ def test_structure_is_that_of_pdf_a_3b(issued: Path):
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_preflight_finds_the_twin_of_the_pages_valid(
+def test_preflight_finds_the_pages_valid_as_a_1b(
     language: Language, example: Path, tmp_path: Path
 ):
     jars = [Path(f"/usr/share/java/{name}.jar") for name in JARS]
@@ -112,10 +112,10 @@ def test_preflight_finds_the_twin_of_the_pages_valid(
         draft=True,
     )
     certificate = make_certificate(given, "", CertificateChange())
-    twin = tmp_path / "twin.pdf"
-    twin.write_bytes(write_twin(certificate, find_font(language, None)))
+    copy = tmp_path / "a1b.pdf"
+    copy.write_bytes(write_pdf_a1(certificate, find_font(language, None)))
     command = ["java", "-cp", ":".join(map(str, jars))]
-    command += ["org.apache.pdfbox.preflight.Validator_A1b", str(twin)]
+    command += ["org.apache.pdfbox.preflight.Validator_A1b", str(copy)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert "is a valid PDF/A-1b file" in done.stdout, done.stdout + done.stderr
 

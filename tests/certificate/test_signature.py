@@ -12,7 +12,7 @@ from tests.certificate.signing_keys import PASSPHRASE
 from tests.program import run_program
 
 from inercal.certificate.schema import schema_defects
-from inercal.cli.certificate_command import PASSPHRASE as VARIABLE
+from inercal.cli.certificate_commands import PASSPHRASE as VARIABLE
 
 
 def verified(*arguments: str | Path) -> tuple[int, dict[str, bool | None]]:

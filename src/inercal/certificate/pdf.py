@@ -43,7 +43,7 @@ def write_pdf(certificate: Certificate, dcc: bytes, font: Path | None) -> bytes:
     return _compile(certificate, attached, font, STANDARD)
 
 
-def write_twin(certificate: Certificate, font: Path | None) -> bytes:
+def write_pdf_a1(certificate: Certificate, font: Path | None) -> bytes:
     """Return the same pages as PDF/A-1b without attachments, which other validators know."""
     return _compile(certificate, {}, font, "a-1b")
 
