@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import xmlschema
 from dsi_unit import DsiUnit
-from lxml import etree
 from numpy.typing import NDArray
 from tests.certificate.conftest import Laboratory
+from tests.certificate.dcc_xml import etree
 from tests.refusals import refused
 
 from inercal.calibration import Calibration
@@ -35,7 +35,8 @@ from inercal.sensors.coefficient_tables import TABLES
 Array = NDArray[np.float64]
 SIGNATURE = (
     '<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" '
-    'targetNamespace="http://www.w3.org/2000/09/xmldsig#"><xs:element name="Signature"/></xs:schema>'
+    'targetNamespace="http://www.w3.org/2000/09/xmldsig#"><xs:element name="Signature"/>'
+    "</xs:schema>"
 )
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from lxml import etree
 from tests.certificate.conftest import Laboratory
+from tests.certificate.dcc_xml import etree
 from tests.certificate.pdf_text import page_texts, squeezed
 
 import inercal

@@ -10,8 +10,8 @@ from typing import Any
 
 import pikepdf
 import pytest
-from lxml import etree
 from tests.certificate.conftest import Laboratory
+from tests.certificate.dcc_xml import etree
 from tests.certificate.pdf_text import page_texts, squeezed
 
 from inercal.calibration.files import load
@@ -93,9 +93,7 @@ def test_structure_is_that_of_pdf_a_3b(issued: Path):
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_preflight_finds_the_pages_valid_as_a_1b(
-    language: Language, example: Path, tmp_path: Path
-):
+def test_preflight_finds_the_pages_valid_as_a_1b(language: Language, example: Path, tmp_path: Path):
     jars = [Path(f"/usr/share/java/{name}.jar") for name in JARS]
     if shutil.which("java") is None or not all(jar.is_file() for jar in jars):
         pytest.skip("no Java with Debian's libpdfbox2-java, libactivation-java, libjaxb-api-java")

@@ -6,8 +6,8 @@ from typing import Any
 
 import pikepdf
 import pytest
-from lxml import etree
 from tests.certificate.conftest import Laboratory
+from tests.certificate.dcc_xml import etree
 from tests.certificate.signing_keys import PASSPHRASE
 from tests.program import run_program
 

@@ -91,19 +91,25 @@ def read_laboratory(path: Path) -> LaboratoryFile:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))
         raise InputError(
-            f"{path}: {key}: {first['msg'].lower()}; {_keys_text()}", file=path, key=key
+            f"{path}: {key}: {_reason(first['type'], first['msg'], first['loc'])}",
+            file=path,
+            key=key,
         ) from None
 
 
-def _keys_text() -> str:
-    tables = {
-        "[[instrument]]": InstrumentSection,
-        "[[person]]": PersonSection,
-        "[capability]": CapabilitySection,
-        "[policy]": PolicySection,
-    }
-    own = ", ".join(
-        name for name in LaboratoryFile.model_fields if not any(name in table for table in tables)
-    )
-    parts = (f"{table} {', '.join(kind.model_fields)}" for table, kind in tables.items())
-    return f"keys are {own}; of {'; of '.join(parts)}"
+def _reason(kind: str, message: str, place: tuple[int | str, ...]) -> str:
+    """Return what is wrong with a key, and what is possible."""
+    if kind == "string_pattern_mismatch":
+        return 'give two capital letters, such as "DE"'
+    if kind != "extra_forbidden":
+        return message[0].lower() + message[1:]
+    section = _SECTIONS.get(str(place[0]), LaboratoryFile) if len(place) > 1 else LaboratoryFile
+    return f"unknown key; possible here: {', '.join(section.model_fields)}"
+
+
+_SECTIONS: dict[str, type[Section]] = {
+    "instrument": InstrumentSection,
+    "person": PersonSection,
+    "capability": CapabilitySection,
+    "policy": PolicySection,
+}
