@@ -100,6 +100,9 @@ def test_a_change_names_the_earlier_certificate_and_its_hash(
     core = etree.parse(pdf.with_suffix(".xml")).getroot().find(".//{*}coreData")
     assert core.findtext(".//{*}typeOfChange") == kind
     assert core.findtext(".//{*}replacedUniqueIdentifier") == "IL-2026-0001"
+    listed = run_program("certificate", "list", "--register", laboratory.register, "--json")
+    found = [(one["number"], one["change"]) for one in json.loads(listed.output)["certificates"]]
+    assert found == [("IL-2026-0001", ""), ("IL-2026-0002", kind)]
     with Register(laboratory.register) as opened:
         earlier = opened.certificate("IL-2026-0001")
         assert opened.successors("IL-2026-0001") == (("IL-2026-0002", kind),)

@@ -213,6 +213,26 @@ def copy_(
         print(f"wrote {path}")
 
 
+@app.command("list")
+def list_(register: _Register = None, json: _Json = False) -> None:
+    """List the certificates that the register issued."""
+    from inercal.cli.tables import add_row, make_table
+    from inercal.cli.terminal import terminal
+    from inercal.store import Register
+
+    with Register(register, create=False) as opened:
+        address, found = opened.address, opened.certificates()
+    if json:
+        print_json({"register": address, "certificates": [one._asdict() for one in found]})
+        return
+    table = make_table("number", "issued", "sensor", "calibration", "changes", "issued by")
+    words = {"": "", "amended": "amends ", "substituted": "replaces "}
+    for one in found:
+        change = words[one.change] + one.previous
+        add_row(table, one.number, one.issued, one.sensor, f"#{one.calibration}", change, one.by)
+    terminal(highlight=False).print(table)
+
+
 def _options(
     font: Path | None,
     schema: Path | None,

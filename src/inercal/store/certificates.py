@@ -11,12 +11,13 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
+from typing import NamedTuple
 
 from sqlalchemy import Connection, func, insert, select
 
 from inercal.errors import InputError
 from inercal.store.insertions import EntryAuthor
-from inercal.store.register_tables import certificate
+from inercal.store.register_tables import calibration, certificate, sensor
 
 DEFAULT_SERIES = "{year}-{sequence:4}"
 _SERIES = re.compile(r"(?:[A-Za-z0-9._-]|\{year\}|\{sequence(?::[1-9])?\})+")
@@ -64,6 +65,18 @@ class CertificateEntry:
     at: str
 
 
+class CertificateSummary(NamedTuple):
+    """A certificate without its files; fields as of `CertificateEntry`."""
+
+    number: str
+    issued: str
+    sensor: str
+    calibration: int
+    change: str
+    previous: str
+    by: str
+
+
 @dataclass(frozen=True)
 class CertificateRequest:
     """What the register must know before it issues a certificate.
@@ -83,7 +96,7 @@ class CertificateRequest:
     issued: date
     change: str
     previous: str
-    make: "Callable[[str, CertificateEntry | None], CertificateFiles]"
+    make: Callable[[str, CertificateEntry | None], CertificateFiles]
 
 
 def require_series(series: str) -> None:
@@ -183,6 +196,25 @@ def find_certificate(db: Connection, number: str) -> CertificateEntry:
         found.entered_by,
         found.entered_at,
     )
+
+
+def list_certificates(db: Connection) -> tuple[CertificateSummary, ...]:
+    """Return all certificates without their files, as they were issued."""
+    query = (
+        select(
+            certificate.c.number,
+            certificate.c.issued,
+            sensor.c.name.label("sensor"),
+            certificate.c.calibration_id.label("calibration"),
+            certificate.c.change,
+            certificate.c.previous,
+            certificate.c.entered_by.label("by"),
+        )
+        .join(calibration, calibration.c.id == certificate.c.calibration_id)
+        .join(sensor, sensor.c.id == calibration.c.sensor_id)
+        .order_by(certificate.c.id)
+    )
+    return tuple(CertificateSummary(*row) for row in db.execute(query))
 
 
 def successors(db: Connection, number: str) -> tuple[tuple[str, str], ...]:

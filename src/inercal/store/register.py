@@ -279,6 +279,11 @@ class Register:
         with self._transaction(read_transaction) as db:
             return certificates.find_certificate(db, number)
 
+    def certificates(self) -> tuple[certificates.CertificateSummary, ...]:
+        """Return all certificates without their files, as they were issued."""
+        with self._transaction(read_transaction) as db:
+            return certificates.list_certificates(db)
+
     def successors(self, number: str) -> tuple[tuple[str, str], ...]:
         """Return number and change of each certificate that amends or replaces this one."""
         with self._transaction(read_transaction) as db:
