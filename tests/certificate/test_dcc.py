@@ -259,3 +259,15 @@ def test_the_verb_validates_by_a_schema(laboratory: Laboratory, schema: Path, tm
     assert ended.status == 2
     assert "9\\.9\\.9" in ended.error or "schemaVersion" in ended.error
     assert laboratory.issue().name == "IL-2026-0002.pdf"
+
+
+def test_a_blank_in_the_name_of_an_axis_parts_no_list(
+    laboratory_file: LaboratoryFile, job: JobSection
+):
+    plain = imu().with_coefficients("bias")
+    axes = (replace(plain.axes[0], name="a x"), *plain.axes[1:])
+    names = ("a x.k0", *plain.coefficients[1:])
+    sensor = replace(plain, axes=axes, coefficients=names)
+    calibration = Calibration(sensor, 1e-3 * np.arange(6.0), 1e-8 * np.eye(6))
+    (found,) = read_dcc(write_dcc(certificate(calibration, laboratory_file, job))).results
+    assert found.names == ("a_x.k0", *names[1:])

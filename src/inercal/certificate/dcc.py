@@ -25,6 +25,7 @@ from inercal.certificate.dcc_elements import (
     SI_NAMESPACE,
     content,
     dcc,
+    list_label,
     rich,
     si,
     to_bytes,
@@ -168,7 +169,7 @@ def _rounded_result(texts: Texts, results: ResultSet) -> Any:
                 "quantity",
                 si(
                     "realListXMLList",
-                    si("labelXMLList", " ".join(row.name for row in rows)),
+                    si("labelXMLList", " ".join(list_label(row.name) for row in rows)),
                     si("valueXMLList", _numbers(row.value_si for row in rows)),
                     si("unitXMLList", " ".join(dsi_unit(row.si_unit) for row in rows)),
                     uncertainty,
@@ -210,7 +211,7 @@ def _full_result(texts: Texts, results: ResultSet) -> Any:
                 "quantity",
                 si(
                     "realListXMLList",
-                    si("labelXMLList", " ".join(row.name for row in results.rows)),
+                    si("labelXMLList", " ".join(list_label(row.name) for row in results.rows)),
                     si("valueXMLList", _numbers(calibration.values.tolist())),
                     si("unitXMLList", " ".join(map(dsi_unit, units))),
                     si(

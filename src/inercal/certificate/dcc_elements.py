@@ -37,6 +37,11 @@ def rich(name: str, texts: Texts, *lines: str, more: Sequence[Any] = ()) -> Any:
     return dcc(name, *(dcc("content", line, lang=texts.language) for line in lines), *more)
 
 
+def list_label(name: str) -> str:
+    """Return a name as an entry of a list, which blanks part."""
+    return "_".join(name.split())
+
+
 def to_bytes(root: Any) -> bytes:
     """Return the document as UTF-8."""
     etree.indent(root, space=" ")

@@ -23,6 +23,7 @@ class StatedResults:
     Parameters
     ----------
     names, units : tuple of str
+        Names without blanks.
     value, expanded, k : (p,) arrays
         As the certificate states them, rounded.
     full_value : (p,) array

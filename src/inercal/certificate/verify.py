@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from inercal.certificate.dcc_elements import etree
+from inercal.certificate.dcc_elements import etree, list_label
 from inercal.certificate.dcc_reading import StatedCertificate, StatedResults, read_dcc
 from inercal.certificate.libraries import signature_library
 from inercal.certificate.schema import SIGNATURE_NAMESPACE, schema_defects
@@ -214,14 +214,13 @@ def _agreement(stated: StatedResults, number: int) -> Check:
     """Check that rounded numbers, covariance and attached calibration file agree."""
     name = f"results {number}"
     calibration = stated.calibration
-    if stated.names != calibration.sensor.coefficients or not np.array_equal(
-        stated.full_value, calibration.values
-    ):
+    names = tuple(map(list_label, calibration.sensor.coefficients))
+    if stated.names != names or not np.array_equal(stated.full_value, calibration.values):
         return Check(name, False, "coefficients differ from the attached calibration file")
     std = np.sqrt(np.diag(stated.covariance))
     if np.any(std < calibration.std * (1 - 1e-9)):
         return Check(name, False, "covariance below that of the attached calibration file")
-    for k, coefficient in enumerate(stated.names):
+    for k, coefficient in enumerate(calibration.sensor.coefficients):
         si = calibration.sensor.coefficient(coefficient).si
         full = stated.k[k] * std[k] / si
         shown = format_value_and_uncertainty(float(stated.full_value[k]) / si, float(full))
