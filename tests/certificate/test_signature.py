@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pikepdf
 import pytest
 from tests.certificate.conftest import Laboratory
@@ -87,6 +88,41 @@ def test_a_pdf_with_an_update_after_the_signature_is_found(signed: Path, keys: P
         document.save(signed)
     status, checks = verified(signed, "--trust", keys / "own.pem")
     assert (status, checks["signature of the PDF"]) == (3, False)
+
+
+def test_a_signed_dcc_does_not_vouch_for_the_pages_that_it_is_attached_to(
+    signed: Path, keys: Path, laboratory: Laboratory
+):
+    """The bytes before the update with the signature are a PDF with the signed DCC, unsigned."""
+    content = signed.read_bytes()
+    end = content.index(b"%%EOF") + len(b"%%EOF\n")
+    pages = laboratory.folder / "pages.pdf"
+    pages.write_bytes(content[:end])
+    status, checks = verified(pages, "--trust", keys / "own.pem")
+    assert status == 3
+    assert checks["signature of the PDF"] is None
+    assert checks["signature of the DCC"] is True
+
+
+def test_damaged_certificates_are_never_verified(signed: Path, keys: Path):
+    damaged = signed.with_name("damaged")
+    rng = np.random.default_rng(3)
+    for file in (signed, signed.with_suffix(".xml")):
+        whole = file.read_bytes()
+        # The place of the signature itself ends with zeros, which are no part of anything.
+        place_of_signature = range(start := whole.find(b"/Contents <"), whole.find(b">", start))
+        for _ in range(25):
+            content = bytearray(whole)
+            place = int(rng.integers(100, len(content) - 400))
+            if place in place_of_signature:
+                continue
+            if rng.random() < 0.5:
+                content[place] ^= 1 << int(rng.integers(8))
+            else:
+                del content[place : place + int(rng.integers(1, 300))]
+            damaged.write_bytes(content)
+            ended = run_program("certificate", "verify", damaged, "--trust", keys / "own.pem")
+            assert ended.status in (2, 3), place
 
 
 def test_the_register_vouches_for_an_unsigned_certificate(laboratory: Laboratory):

@@ -80,7 +80,7 @@ def _results(measurement: Any) -> StatedResults:
     attached = _text(measurement, ".//dcc:file/dcc:dataBase64")
     content = base64.b64decode(attached).decode()
     json.loads(content)
-    return StatedResults(
+    found = StatedResults(
         tuple(_text(rounded, "si:labelXMLList").split()),
         tuple(_text(rounded, "si:unitXMLList").split()),
         _numbers(rounded, "si:valueXMLList"),
@@ -91,6 +91,11 @@ def _results(measurement: Any) -> StatedResults:
         tuple(zip(*(tuple(_text(c, "si:unit") for c in column) for column in cells), strict=True)),
         parse(content, "attached calibration file"),
     )
+    p = len(found.names)
+    shapes = {len(found.units), *(one.size for one in (found.value, found.expanded, found.k))}
+    if shapes | {found.full_value.size} != {p} or found.covariance.shape != (p, p):
+        raise ValueError("lists of different lengths")
+    return found
 
 
 def _quantity(measurement: Any, kind: str) -> Any:

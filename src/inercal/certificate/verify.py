@@ -2,8 +2,9 @@
 
 import base64
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from inercal.certificate.dcc_elements import etree, list_label
 from inercal.certificate.dcc_reading import StatedCertificate, StatedResults, read_dcc
 from inercal.certificate.libraries import signature_library
 from inercal.certificate.schema import SIGNATURE_NAMESPACE, schema_defects
-from inercal.errors import InputError
+from inercal.errors import InercalError, InputError
 from inercal.small_files import read_small_file
 from inercal.store import Register
 from inercal.units import format_value_and_uncertainty
@@ -93,11 +94,15 @@ def verify(
     trusted = None if trust is None else read_small_file(trust, "PEM file")
     checks: list[Check] = []
     document = content
-    if content.startswith(_PDF_HEAD):
-        document = _attached_dcc(content, path)
-        checks.append(_pdf_signature(content, trusted))
+    is_pdf = content.startswith(_PDF_HEAD)
+    if is_pdf:
+        with _readable(path):
+            document = _attached_dcc(content, path)
+            checks.append(_pdf_signature(content, trusted))
     stated = read_dcc(document, str(path))
-    checks.append(_dcc_signature(document, trusted))
+    of_dcc = _dcc_signature(document, trusted)
+    # A DCC with a good signature can be attached to any pages.
+    checks.append(replace(of_dcc, vouches=False) if is_pdf else of_dcc)
     checks += [_agreement(one, k) for k, one in enumerate(stated.results, start=1)]
     if schema is not None:
         defects = schema_defects(document, schema)
@@ -107,15 +112,25 @@ def verify(
     return Verification(stated.number, tuple(checks))
 
 
+@contextmanager
+def _readable(path: Path) -> Generator[None]:
+    """Raise what the reader of a damaged PDF raises as one line."""
+    try:
+        yield
+    except InercalError:
+        raise
+    except Exception as error:  # of any kind, for the reader takes any bytes
+        raise InputError(
+            f"{path}: a PDF without an attached DCC, or a damaged one: {error}; get the file again",
+            file=path,
+        ) from None
+
+
 def _attached_dcc(content: bytes, path: Path) -> bytes:
     reader = signature_library("pyhanko.pdf_utils.reader").PdfFileReader
-    unreadable = signature_library("pyhanko.pdf_utils.misc").PdfReadError
-    try:
-        names = reader(BytesIO(content), strict=False).root["/Names"]["/EmbeddedFiles"]
-        listed = list(_name_tree(names))
-        found = [file["/EF"]["/F"].data for name, file in listed if name.endswith(".xml")]
-    except (unreadable, KeyError) as error:
-        raise InputError(f"{path}: a PDF without an attached DCC: {error}", file=path) from None
+    names = reader(BytesIO(content), strict=False).root["/Names"]["/EmbeddedFiles"]
+    listed = list(_name_tree(names))
+    found = [file["/EF"]["/F"].data for name, file in listed if name.endswith(".xml")]
     if len(found) != 1:
         raise InputError(f"{path}: a PDF with {len(found)} attached DCCs, not one", file=path)
     return bytes(found[0])
@@ -187,7 +202,12 @@ def _dcc_signature(document: bytes, trusted: bytes | None) -> Check:
         x509 = signature_library("cryptography.x509")
         own = x509.load_der_x509_certificate(base64.b64decode(text))
         signed = verifier.verify(document, x509_cert=own)[0].signed_xml
-    except (refusals.InvalidSignature, refusals.InvalidInput, ValueError) as error:
+    except (
+        refusals.InvalidSignature,
+        refusals.InvalidInput,
+        etree.LxmlError,
+        ValueError,
+    ) as error:
         return Check(name, False, f"the DCC was changed after it was signed: {error}")
     if signed is None or signed.tag != root.tag:
         return Check(name, False, "the signature is of a part of the DCC")
