@@ -3,6 +3,7 @@
 import builtins
 import json
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from tests.certificate.pdf_text import page_texts, squeezed
 from tests.program import run_program
 from tests.refusals import refused
 
+import inercal
 from inercal.calibration.files import load
 from inercal.certificate.content import CertificateInput
 from inercal.certificate.issue import IssueOptions, issue
@@ -232,3 +234,12 @@ def test_the_schema_is_not_in_the_package():
     package = Path(__file__).parents[2] / "src" / "inercal"
     assert not list(package.rglob("*.xsd"))
     assert builtins.any(package.rglob("certificate.typ"))
+
+
+def test_a_calibration_as_found_is_of_the_same_sensor(laboratory: Laboratory, tmp_path: Path):
+    other = load(laboratory.calibration)
+    other = replace(other, sensor=replace(other.sensor, name="SN 0418"))
+    found = inercal.save(other, tmp_path / "found.calibration.json")
+    ended = laboratory.run("--as-found", found)
+    assert ended.status == 2
+    assert "SN 0418" in ended.error
