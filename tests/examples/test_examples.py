@@ -74,6 +74,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {f"hand_held/{name}.toml" for name in ("xsens", "mpu9150")}  # by tests/accuracy
     run |= {"six_position/archive.toml"}
     run |= {"six_position/job.toml", "six_position/lab.toml"}  # by tests/runfile/test_job.py
+    run |= {"certificate/run.toml", "certificate/lab.toml"}  # by tests/certificate
     run |= {"six_position/specification.toml"}  # by tests/runfile/test_specification_section.py
     run |= {"six_position/soaks.toml"}  # by tests/runs/test_temperature_runs.py
     # by tests/runs/test_centrifuge_runs.py

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from tests.host.simulated_runs import plan, quick
 
+from inercal.calibration.simulated import SIMULATED
 from inercal.cli.app import main
 from inercal.errors import InputError
 from inercal.host.bench_simulator import BenchSimulator
@@ -66,6 +67,8 @@ def test_a_run_is_entered_as_it_begins_and_with_its_calibration_at_the_end(
         assert {one.name: (one.size, one.sha256) for one in entered.files} == journal.files()
         assert calibration.measured == entered.begun == journal.header().begun
     assert calibration.run == entered.id
+    assert bench.clock
+    assert bench.clock in calibration.calibration.provenance[SIMULATED]
     report = (tmp_path / "run" / "plan.report.html").read_text(encoding="utf-8")
     assert 'id="over-time"' in report
 

@@ -38,6 +38,7 @@ _MIN_PULL = 2.0  # standard deviations; smaller residuals are not reported
 _UNIT_RATIO_TOLERANCE = 0.1  # relative distance within which a scale factor is a ratio of units
 _CHANGE_PREFIX = "change "  # begins the name of a candidate that changes within one row
 NO_PARAMETERS: Mapping[str, Parameter] = MappingProxyType({})
+LARGEST_UNCERTAINTIES = "expanded uncertainties (k = 2) are at most: "  # begins a line
 
 
 def verdict(
@@ -437,7 +438,7 @@ def _largest_uncertainty_lines(estimate: Estimate, sensor: Sensor) -> list[str]:
         line = sensor.coefficient(sensor.coefficients[worst])
         size = format_value_and_uncertainty(0.0, COVERAGE * float(std[worst]) / line.si)[1]
         parts.append(f"{group} {size} {line.unit}")
-    return ["expanded uncertainties (k = 2) are at most: " + ", ".join(parts)]
+    return [LARGEST_UNCERTAINTIES + ", ".join(parts)]
 
 
 __all__ = ["NO_PARAMETERS", "format_component", "p_value_text", "verdict"]

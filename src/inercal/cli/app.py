@@ -16,6 +16,7 @@ from inercal.cli import (
     bench_commands,
     budget_command,
     calibrate_command,
+    certificate_commands,
     compare_command,
     compile_command,
     demo_command,
@@ -75,6 +76,7 @@ for verb in (
 ):
     app.command(verb.NAME)(verb.run)
 app.add_typer(bench_commands.app, name=bench_commands.NAME)
+app.add_typer(certificate_commands.app, name=certificate_commands.NAME)
 app.add_typer(fleet_commands.app, name=fleet_commands.NAME)
 app.add_typer(store_commands.app, name=store_commands.NAME)
 

@@ -33,7 +33,8 @@ CALIBRATION = OutputKind("calibration file", b'"schema": "inercal/calibration/')
 REPEATABILITY = OutputKind("result of repeat", b'"schema": "inercal/repeatability/')
 BUDGET = OutputKind("budget file", b'"schema": "inercal budget ')
 RECORDING, WORKSHEET = OutputKind("recording"), OutputKind("worksheet")
-RUN_FILE = OutputKind("run file")
+RUN_FILE, BACKUP = OutputKind("run file"), OutputKind("backup")
+CERTIFICATE = OutputKind("certificate")
 
 
 def table_kind(name: str, columns: Iterable[str]) -> OutputKind:

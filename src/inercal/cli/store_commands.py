@@ -205,6 +205,46 @@ def import_(
                 print_json({"register": opened.address, "entered": entered})
 
 
+@app.command()
+def backup(
+    out: Annotated[Path, typer.Argument(help="The file to write; SQLite, whatever the register.")],
+    force: Annotated[bool, typer.Option("--force", help="Write over an existing file.")] = False,
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Write the whole register, certificates included, to one file."""
+    from inercal.cli.outputs import BACKUP, check_outputs
+    from inercal.store import backup_register
+    from inercal.store.address import resolve_address
+
+    file = resolve_address(register).file
+    check_outputs({out: BACKUP}, () if file is None else (file,), force=force)
+    _print_rows(backup_register(register, out), f"wrote {out}", {"backup": str(out)}, json)
+
+
+@app.command()
+def restore(
+    file: Annotated[Path, typer.Argument(help="A file of inercal store backup.")],
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Read a backup into a register that is empty or does not exist."""
+    from inercal.store import restore_register
+    from inercal.store.address import resolve_address
+
+    shown = resolve_address(register).display_url
+    rows = restore_register(file, register)
+    _print_rows(rows, f"restored {shown}", {"register": shown}, json)
+
+
+def _print_rows(rows: dict[str, int], what: str, names: dict[str, str], json: bool) -> None:
+    if json:
+        print_json({**names, "rows": rows})
+        return
+    kept = ("sensor", "run", "calibration", "certificate")
+    print(f"{what}: " + ", ".join(f"{rows[name]} {name}s" for name in kept))
+
+
 def _enter_path(opened: "Register", path: Path, measured: str | None) -> dict[str, Any]:
     """Enter one path; return run and calibrations."""
     from inercal.errors import InputError

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from inercal.calibration.files import save
+from inercal.calibration.simulated import SIMULATED
 from inercal.host.addresses import layout_of_address
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
@@ -65,7 +66,7 @@ def finish_run(
     _record_file(journal, folder.log, came)
     _record_file(journal, run.path)
     _record_file(journal, recording)
-    outcome = _with_notes(calibrate(run), journal)
+    outcome = _with_notes(_with_bench(calibrate(run), was.clock), journal)
     if live is not None and live.has_estimate:
         _compare_live_estimate(journal, live, outcome)
     files["calibration_file"] = save(outcome.calibration, folder.output_path("calibration.json"))
@@ -77,6 +78,14 @@ def finish_run(
     journal.set_state("done")
     named = {kind: str(path) for kind, path in files.items()}
     return FinishedRun(outcome, named | {"journal": str(folder.journal)})
+
+
+def _with_bench(outcome: Outcome, clock: str) -> Outcome:
+    """Return the outcome, which says where the bench was simulated: that has a clock of its own."""
+    if not clock:
+        return outcome
+    provenance = {**outcome.calibration.provenance, SIMULATED: f"bench with the clock {clock}"}
+    return replace(outcome, calibration=replace(outcome.calibration, provenance=provenance))
 
 
 def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:

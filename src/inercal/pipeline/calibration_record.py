@@ -20,6 +20,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.calibration import SharedError, Validity
+from inercal.calibration.simulated import SIMULATED, SIMULATION_SOURCE
 from inercal.calibration.validity import Range
 from inercal.data import EstimatorInput
 from inercal.data.recording_loader import gyro_file
@@ -67,6 +68,8 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     for what, name in run.data.further_files().items():
         further[what] = name
         further[f"{what} sha256"] = file_sha256(run.file(name))
+    if simulated := _simulation(run, inputs):
+        further[SIMULATED] = simulated
     return {
         "recording": run.data.file,
         "recording sha256": file_sha256(run.file(run.data.file))
@@ -78,6 +81,14 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "inercal": version("inercal"),
     }
+
+
+def _simulation(run: Run, inputs: EstimatorInput) -> str:
+    """Return by what the data are known to be simulated; empty where nothing says so."""
+    source = "" if inputs.recording is None else inputs.recording.source
+    if source.startswith(SIMULATION_SOURCE):
+        return source
+    return "[sensor.truth] of the run file" if run.truth else ""
 
 
 def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:

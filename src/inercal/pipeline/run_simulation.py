@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from inercal.benches.contract import SimulatedMotion
+from inercal.calibration.simulated import SIMULATION_SOURCE
 from inercal.data.recording_loader import (
     apply_axis_signs,
     range_limits,
@@ -123,7 +124,7 @@ def _simulate_run(
         units=tuple(axis.readout.unit for axis in sensor.axes),
         labels=done.labels,
         readback=readback,
-        source=f"simulation of {run.path.name}, seed {seed}",
+        source=f"{SIMULATION_SOURCE}{run.path.name}, seed {seed}",
     )
     return recording, done
 

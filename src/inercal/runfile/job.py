@@ -4,16 +4,16 @@ Nothing here changes a coefficient. A calibration carries it as texts; an instru
 certificate was due before the date of the measurement is a warning.
 """
 
-from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from inercal.errors import InputError
 from inercal.recording import Finding
+from inercal.runfile.laboratory_file import read_laboratory
 from inercal.section_settings import DESCRIPTION, Section
-from inercal.small_files import read_toml
+
+_LABORATORY_TEXTS = {"laboratory", "address", "accreditation", "approved_by"}
 
 
 def _text(*example: str) -> str | None:
@@ -31,6 +31,9 @@ class JobSection(Section):
     )
     number: str | None = _text("2026-117")
     customer: str | None = _text("Basin No. 3")
+    customer_address: str | None = _text("Wharf 2, Kiel")
+    customer_email: str | None = _text("test@basin.example")
+    item: str | None = _text("accelerometer triad")
     maker: str | None = _text("Q-Flex")
     model: str | None = _text("QA 2000")
     serial_number: str | None = _text("0417")
@@ -41,29 +44,22 @@ class JobSection(Section):
     measured: date | None = Field(
         None, examples=[date(2026, 11, 25)], json_schema_extra=DESCRIPTION
     )
+    measured_until: date | None = Field(
+        None, examples=[date(2026, 11, 26)], json_schema_extra=DESCRIPTION
+    )
+    place: str | None = _text("at the customer's, Kiel")
+    procedure: str | None = _text("QA-17")
     operator: str | None = _text("A. Lovelace")
     ambient_temperature: str | None = _text("22.3 °C ± 0.5 °C")
     ambient_humidity: str | None = _text("45 %")
+    ambient_pressure: str | None = _text("1013 hPa ± 2 hPa")
+    degrees_of_freedom: float | None = Field(
+        None, gt=0, examples=[8.0], json_schema_extra=DESCRIPTION
+    )
+    deviations: str | None = _text("position 3 was omitted")
+    external: str | None = _text("temperature tests by Laboratory B")
+    opinions: str | None = _text("the bias agrees with that of a new sensor")
     notes: str | None = _text("after repair of the cable")
-
-
-class InstrumentSection(Section):
-    """[[instrument]] of the laboratory's file."""
-
-    name: str = Field(examples=["dividing head 2"])
-    serial_number: str | None = None
-    certificate: str | None = Field(None, examples=["PTB 4711/25"])
-    due: date | None = Field(None, examples=[date(2027, 3, 1)])
-
-
-class LaboratoryFile(Section):
-    """The laboratory's file."""
-
-    laboratory: str = Field(examples=["Inertial Laboratory"])
-    address: str | None = None
-    accreditation: str | None = Field(None, examples=["D-K-15000-01-00"])
-    approved_by: str | None = Field(None, examples=["C. F. Gauss"])
-    instrument: tuple[InstrumentSection, ...] = ()
 
 
 def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tuple[Finding, ...]]:
@@ -86,8 +82,8 @@ def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tup
     texts = {name.replace("_", " "): str(value) for name, value in stated.items()}
     if job.lab is None:
         return texts, ()
-    found = _read_laboratory(folder / job.lab)
-    own = found.model_dump(exclude_none=True, exclude={"instrument"})
+    found = read_laboratory(folder / job.lab)
+    own = found.model_dump(exclude_none=True, include=_LABORATORY_TEXTS)
     texts |= {name.replace("_", " "): str(value) for name, value in own.items()}
     warnings: list[Finding] = []
     for one in found.instrument:
@@ -100,19 +96,3 @@ def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tup
             )
             warnings.append(Finding("warning", "instrument", message))
     return texts, tuple(warnings)
-
-
-def _read_laboratory(path: Path) -> LaboratoryFile:
-    content: Mapping[str, object] = read_toml(path, "file of the laboratory")
-    try:
-        return LaboratoryFile.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        known = ", ".join(LaboratoryFile.model_fields)
-        raise InputError(
-            f"{path}: {key}: {first['msg'].lower()}; keys are {known}, and name, serial_number, "
-            "certificate and due of each [[instrument]]",
-            file=path,
-            key=key,
-        ) from None

@@ -1,24 +1,36 @@
 """The register of a laboratory's sensors, in SQLite or on a PostgreSQL server.
 
 It stores sensors, benches, runs with the hashes of their raw data, and complete calibration files,
-each with who entered it and when. It is never the only copy: folders of runs and calibration files
-can be entered again at any time.
+each with who entered it and when. Of these it is never the only copy: folders of runs and
+calibration files can be entered again at any time. Of certificates it is the record; `backup` has
+the copy of a whole register.
 """
 
 from inercal.errors import require_extra
 
 _PACKAGES = ("sqlalchemy", "alembic", "psycopg")
 with require_extra("store", "the register needs SQLAlchemy and Alembic", _PACKAGES):
+    from inercal.store.backup import backup_register, restore_register
+    from inercal.store.certificates import (
+        CertificateEntry,
+        CertificateFiles,
+        CertificateRequest,
+    )
     from inercal.store.entries import CalibrationEntry, FileEntry, RunEntry, RunFacts, SensorEntry
     from inercal.store.history import SensorHistory
     from inercal.store.register import Register
 
 __all__ = [
     "CalibrationEntry",
+    "CertificateEntry",
+    "CertificateFiles",
+    "CertificateRequest",
     "FileEntry",
     "Register",
     "RunEntry",
     "RunFacts",
     "SensorEntry",
     "SensorHistory",
+    "backup_register",
+    "restore_register",
 ]

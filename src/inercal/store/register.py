@@ -12,7 +12,7 @@ from sqlalchemy import Connection, Engine, select
 from inercal.calibration import Calibration
 from inercal.errors import InputError
 from inercal.sensors import Sensor
-from inercal.store import insertions, queries
+from inercal.store import certificates, insertions, queries
 from inercal.store.address import (
     RegisterAddress,
     require_place_of_register,
@@ -239,6 +239,55 @@ class Register:
                 insertions.enter_calibration(db, one, kind, measured, self._author())
                 for one, kind in zip(result, kinds, strict=True)
             )
+
+    def issue_certificate(
+        self,
+        source: Calibration | str | Path,
+        wanted: certificates.CertificateRequest,
+        measured: str,
+    ) -> certificates.CertificateEntry:
+        """Issue a certificate of a calibration with the next number; the calibration is entered.
+
+        Parameters
+        ----------
+        source : Calibration or path
+        wanted : CertificateRequest
+        measured : str
+            When the calibration was measured, ISO 8601, where it is new to the register.
+
+        Raises
+        ------
+        InputError
+            The file cannot be used, an earlier certificate is unknown, or the files of the
+            certificate cannot be made; no number is used then.
+        """
+        document = make_document(source)
+        kind = _bench_kind(document.calibration)
+        with self._transaction(write_transaction) as db:
+            who = self._author()
+            entered = insertions.enter_calibration(db, document, kind, measured, who)
+            return certificates.issue_certificate(db, entered, wanted, who)
+
+    def certificate(self, number: str) -> certificates.CertificateEntry:
+        """Return a certificate by its number.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        with self._transaction(read_transaction) as db:
+            return certificates.find_certificate(db, number)
+
+    def certificates(self) -> tuple[certificates.CertificateSummary, ...]:
+        """Return all certificates without their files, as they were issued."""
+        with self._transaction(read_transaction) as db:
+            return certificates.list_certificates(db)
+
+    def successors(self, number: str) -> tuple[tuple[str, str], ...]:
+        """Return number and change of each certificate that amends or replaces this one."""
+        with self._transaction(read_transaction) as db:
+            return certificates.successors(db, number)
 
     def _author(self) -> insertions.EntryAuthor:
         return insertions.EntryAuthor(self._by, utc_now())

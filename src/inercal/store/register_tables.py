@@ -9,6 +9,7 @@ from sqlalchemy import (
     Double,
     ForeignKey,
     Integer,
+    LargeBinary,
     MetaData,
     String,
     Table,
@@ -99,4 +100,22 @@ coefficient = Table(
     Column("value", Double, nullable=False),
     Column("std", Double, nullable=False),
     Column("unit", String, nullable=False),  # SI
+)
+certificate = Table(  # a row is neither changed nor deleted: triggers of the database refuse it
+    "certificate",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("number", String, nullable=False, unique=True),
+    Column("series", String, nullable=False),  # the pattern of the number
+    Column("year", Integer, nullable=False),
+    Column("sequence", Integer, nullable=False),
+    Column("calibration_id", Integer, ForeignKey("calibration.id"), nullable=False, index=True),
+    *_text_columns("issued"),  # ISO date
+    *_text_columns("change"),  # "amended" or "substituted"; empty where it changes no other
+    *_text_columns("previous"),  # the number of the certificate that it changes
+    *_text_columns("pdf_sha256", "dcc_sha256"),
+    Column("pdf", LargeBinary, nullable=False),
+    Column("dcc", LargeBinary, nullable=False),  # XML
+    *_entry_columns(),
+    UniqueConstraint("series", "year", "sequence"),
 )

@@ -1,0 +1,6 @@
+"""Whether a calibration is of simulated data: its provenance says by what that is known."""
+
+SIMULATED = "simulated"
+"""The key of `Calibration.provenance`."""
+SIMULATION_SOURCE = "simulation of "
+"""Begins the source of a simulated recording."""

@@ -1,0 +1,84 @@
+"""What the order contributes to a certificate: [job] of the run file, and a file that adds."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from inercal.errors import InputError
+from inercal.runfile.job import JobSection
+from inercal.runfile.laboratory_file import LaboratoryFile
+from inercal.small_files import read_toml
+
+_OF_JOB = ("customer", "customer_address", "serial_number", "condition", "measured")
+_OF_LABORATORY = ("address", "country", "approved_by", "procedure", "traceability")
+
+
+def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
+    """Return the order of a calibration.
+
+    Parameters
+    ----------
+    texts : mapping of str to str
+        `Calibration.job`.
+    path : Path, optional
+        A TOML file whose [job] adds keys, or replaces those of the calibration.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, has another section or key, or a date that is none.
+    """
+    named = {name.replace(" ", "_"): text for name, text in texts.items()}
+    stated: dict[str, object] = {
+        name: text for name, text in named.items() if name in JobSection.model_fields
+    }
+    where = "[job] of the calibration"
+    if path is not None:
+        content = read_toml(path, "file of the order")
+        if set(content) != {"job"} or not isinstance(content["job"], dict):
+            raise InputError(
+                f"{path}: a file of the order has one section, [job]; remove the rest", file=path
+            )
+        stated |= content["job"]
+        where = f"{path}: [job]"
+    try:
+        return JobSection.model_validate(stated)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        raise InputError(
+            f"{where} {key}: {first['msg'].lower()}; keys are {', '.join(JobSection.model_fields)}",
+            file=path,
+            key=f"[job] {key}",
+        ) from None
+
+
+def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:
+    """Refuse to issue a certificate that would lack an item of ISO/IEC 17025:2017, 7.8.2 or 7.8.4.
+
+    Raises
+    ------
+    InputError
+        It names every key that is missing.
+    """
+    missing = [f"[job] {key}" for key in _OF_JOB if getattr(job, key) is None]
+    procedure = job.procedure or laboratory.procedure
+    missing += [
+        f"{key} of the laboratory's file"
+        for key in _OF_LABORATORY
+        if getattr(laboratory, key) is None and not (key == "procedure" and procedure)
+    ]
+    if missing:
+        raise InputError(
+            f"a certificate needs {', '.join(missing)}; state them in the run file's [job], in a "
+            "file given by --job, or in the laboratory's file",
+            key=missing[0],
+            names=tuple(missing),
+        )
+    if job.measured_until and job.measured and job.measured_until < job.measured:
+        raise InputError(
+            f"[job] measured_until {job.measured_until} is before measured {job.measured}; correct "
+            "one of them",
+            key="[job] measured_until",
+        )

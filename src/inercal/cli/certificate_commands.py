@@ -1,0 +1,306 @@
+"""`inercal certificate`: issue a calibration certificate, verify it, copy it from the register."""
+
+import os
+import sys
+from datetime import date
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from inercal.cli.console import print_json
+
+if TYPE_CHECKING:
+    from inercal.certificate.issue import IssueOptions
+    from inercal.store import CertificateFiles
+
+NAME = "certificate"
+PASSPHRASE = "INERCAL_SIGNING_PASSPHRASE"
+_ISSUE = "issue"
+
+
+class _Commands(TyperGroup):
+    """`inercal certificate FILE` issues: the word for it need not be written."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] != "--help":
+            args = [_ISSUE, *args]
+        return super().parse_args(ctx, args)
+
+
+class _Language(StrEnum):
+    en = "en"
+    de = "de"
+    zh = "zh"
+
+
+app = typer.Typer(
+    cls=_Commands,
+    help="Issue a calibration certificate (PDF/A-3 and DCC) from a calibration file: "
+    "inercal certificate FILE --lab lab.toml. Verify one, or copy one from the register.",
+    no_args_is_help=True,
+)
+
+_Register = Annotated[
+    str | None,
+    typer.Option(
+        "--register",
+        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER.",
+    ),
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
+_Out = Annotated[Path, typer.Option("--out", "-o", help="The folder for the files.")]
+_Schema = Annotated[
+    Path | None, typer.Option("--schema", help="dcc.xsd, to validate the DCC; not in the package.")
+]
+_Force = Annotated[bool, typer.Option("--force", help="Write over existing files.")]
+
+
+@app.command(_ISSUE)
+def issue(
+    file: Annotated[Path, typer.Argument(help="A calibration file.")],
+    lab: Annotated[Path, typer.Option("--lab", help="The laboratory's file (TOML).")],
+    job: Annotated[
+        Path | None, typer.Option("--job", help="A TOML file whose \\[job] adds to the run's.")
+    ] = None,
+    as_found: Annotated[
+        Path | None, typer.Option("--as-found", help="The calibration file before adjustment.")
+    ] = None,
+    language: Annotated[_Language, typer.Option("--language", help="en, de or zh.")] = _Language.en,
+    issued: Annotated[
+        str | None, typer.Option("--date", help="Date of issue, such as 2026-11-26; else today.")
+    ] = None,
+    amends: Annotated[
+        str | None, typer.Option("--amends", help="Number of the certificate that this one amends.")
+    ] = None,
+    replaces: Annotated[
+        str | None, typer.Option("--replaces", help="Number of the certificate that it replaces.")
+    ] = None,
+    reason: Annotated[
+        str | None, typer.Option("--reason", help="Why an earlier certificate is changed.")
+    ] = None,
+    font: Annotated[
+        Path | None, typer.Option("--font", help="A font file, for characters that others lack.")
+    ] = None,
+    sign: Annotated[
+        Path | None,
+        typer.Option("--sign", help=f"PKCS#12 file of the key; passphrase: ${PASSPHRASE}."),
+    ] = None,
+    schema: _Schema = None,
+    draft: Annotated[
+        bool, typer.Option("--draft", help="A marked draft without a number, not registered.")
+    ] = False,
+    out: _Out = Path(),
+    force: _Force = False,
+    by: Annotated[
+        str | None, typer.Option(help="Who issues it; by default the user's name.")
+    ] = None,
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Issue a certificate: a number of the register, a PDF/A-3, and the DCC as XML."""
+    from inercal.certificate.libraries import CERTIFICATE
+    from inercal.errors import require_installed
+    from inercal.runfile.laboratory_file import read_laboratory
+
+    require_installed(*CERTIFICATE)
+    laboratory = read_laboratory(lab)
+    day = _read_date(issued)
+    # The modules of the work load after the inputs were checked.
+    from inercal.calibration.files import load
+    from inercal.certificate.content import CertificateInput
+    from inercal.certificate.issue import issue as issue_certificate
+    from inercal.certificate.issue import make_files
+    from inercal.certificate.job import read_job
+    from inercal.store import Register
+
+    options = _options(font, schema, sign, (amends, replaces, reason))
+    calibration = load(file)
+    given = CertificateInput(
+        calibration,
+        None if as_found is None else load(as_found),
+        laboratory,
+        read_job(calibration.job, job),
+        language.value,
+        day,
+        draft,
+    )
+    if draft:
+        if options.change:
+            raise _option_error("--draft", "a draft changes no certificate; remove --draft")
+        files, number, address = make_files(given, "", options), "", None
+        written = _write(files, out, f"{file.name.partition('.')[0]}.draft", force)
+    else:
+        with Register(register, by) as opened:
+            entry = issue_certificate(file, given, options, opened)
+            address = opened.address
+        number = entry.number
+        written = _write(entry.files, out, number, force, number)
+    if json:
+        print_json({"number": number, "register": address, **written})
+        return
+    for path in written.values():
+        print(f"wrote {path}")
+
+
+@app.command()
+def verify(
+    file: Annotated[Path, typer.Argument(help="A certificate: the PDF or the DCC.")],
+    trust: Annotated[
+        Path | None, typer.Option("--trust", help="PEM file of the certificates to trust.")
+    ] = None,
+    schema: _Schema = None,
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Check signatures, agreement of the numbers, schema, and the register.
+
+    The exit status is 0 where nothing fails and a signature that --trust names, or the register,
+    vouches for the file, else 3. The register is asked where --register names one.
+    """
+    from inercal.certificate.libraries import CERTIFICATE, SIGNATURE
+    from inercal.errors import require_installed
+
+    require_installed(*CERTIFICATE)
+    require_installed(*SIGNATURE)
+    from inercal.certificate.verify import verify as verify_certificate
+    from inercal.store import Register
+
+    if register is None:
+        found = verify_certificate(file, trust=trust, schema=schema)
+    else:
+        with Register(register, create=False) as opened:
+            found = verify_certificate(file, trust=trust, schema=schema, register=opened)
+    if json:
+        print_json(
+            {
+                "number": found.number,
+                "authentic": found.authentic,
+                "checks": [vars(one) for one in found.checks],
+            }
+        )
+    else:
+        words = {True: "passed", False: "FAILED", None: "not made"}
+        print(f"certificate {found.number}")
+        for one in found.checks:
+            print(f"{one.name}: {words[one.passed]}: {one.text}")
+        if not found.authentic:
+            print("the certificate is not verified", file=sys.stderr)
+    if not found.authentic:
+        raise typer.Exit(3)
+
+
+@app.command("copy")
+def copy_(
+    number: Annotated[str, typer.Argument(help="The number of a certificate.")],
+    out: _Out = Path(),
+    force: _Force = False,
+    register: _Register = None,
+    json: _Json = False,
+) -> None:
+    """Write the files of an issued certificate again, as the register keeps them."""
+    from inercal.store import Register
+
+    with Register(register, create=False) as opened:
+        entry = opened.certificate(number)
+    written = _write(entry.files, out, entry.number, force)
+    if json:
+        print_json({"number": entry.number, **written})
+        return
+    for path in written.values():
+        print(f"wrote {path}")
+
+
+@app.command("list")
+def list_(register: _Register = None, json: _Json = False) -> None:
+    """List the certificates that the register issued."""
+    from inercal.cli.tables import add_row, make_table
+    from inercal.cli.terminal import terminal
+    from inercal.store import Register
+
+    with Register(register, create=False) as opened:
+        address, found = opened.address, opened.certificates()
+    if json:
+        print_json({"register": address, "certificates": [one._asdict() for one in found]})
+        return
+    table = make_table("number", "issued", "sensor", "calibration", "changes", "issued by")
+    words = {"": "", "amended": "amends ", "substituted": "replaces "}
+    for one in found:
+        change = words[one.change] + one.previous
+        add_row(table, one.number, one.issued, one.sensor, f"#{one.calibration}", change, one.by)
+    terminal(highlight=False).print(table)
+
+
+def _options(
+    font: Path | None,
+    schema: Path | None,
+    sign: Path | None,
+    change: tuple[str | None, str | None, str | None],
+) -> "IssueOptions":
+    from inercal.certificate.issue import IssueOptions
+    from inercal.certificate.signature import read_signing_key
+
+    amends, replaces, reason = change
+    if amends and replaces:
+        raise _option_error("--replaces", "give --amends or --replaces, not both")
+    if bool(amends or replaces) != bool(reason):
+        raise _option_error(
+            "--reason", "--amends and --replaces go with --reason, and it with them"
+        )
+    key = None if sign is None else read_signing_key(sign, _passphrase(sign))
+    kind = "amended" if amends else "substituted" if replaces else ""
+    return IssueOptions(font, schema, key, kind, amends or replaces or "", reason or "")
+
+
+def _passphrase(path: Path) -> str:
+    from inercal.certificate.libraries import SIGNATURE
+    from inercal.errors import require_installed
+
+    require_installed(*SIGNATURE)
+    known = os.environ.get(PASSPHRASE)
+    if known is not None:
+        return known
+    if not sys.stdin.isatty():
+        raise _option_error("--sign", f"state the passphrase of {path} in ${PASSPHRASE}")
+    return str(typer.prompt(f"passphrase of {path}", hide_input=True, err=True))
+
+
+def _read_date(text: str | None) -> date:
+    if text is None:
+        return date.today()
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        raise _option_error("--date", f"{text!r} is not a date such as 2026-11-26") from None
+
+
+def _option_error(key: str, message: str) -> Exception:
+    from inercal.errors import InputError
+
+    return InputError(f"{key}: {message}" if key not in message else message, key=key)
+
+
+def _write(
+    files: "CertificateFiles", out: Path, stem: str, force: bool, number: str = ""
+) -> dict[str, str]:
+    """Write both files; where that fails, say how a certificate that was issued is had again."""
+    from inercal.cli.outputs import CERTIFICATE, check_outputs
+    from inercal.errors import InercalError
+    from inercal.io.atomic_files import atomic_write_all
+
+    paths = [out / f"{stem}.pdf", out / f"{stem}.xml"]
+    try:
+        check_outputs(dict.fromkeys(paths, CERTIFICATE), force=force)
+        with atomic_write_all(paths) as parts:
+            parts[0].write_bytes(files.pdf)
+            parts[1].write_bytes(files.dcc)
+    except InercalError as error:
+        if number:
+            raise error.located(
+                f"certificate {number} was issued, get its files by `inercal certificate copy "
+                f"{number}`"
+            ) from None
+        raise
+    return {"pdf": str(paths[0]), "dcc": str(paths[1])}

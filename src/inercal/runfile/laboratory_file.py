@@ -1,0 +1,115 @@
+"""The laboratory's file, lab.toml: what all its jobs share.
+
+[job] of a run file takes the names from it, a certificate all of it.
+"""
+
+from datetime import date
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, ValidationError
+
+from inercal.errors import InputError
+from inercal.section_settings import Section
+from inercal.small_files import read_toml
+
+Action = Literal["refuse", "mark"]
+
+
+class InstrumentSection(Section):
+    """[[instrument]] of the laboratory's file."""
+
+    name: str = Field(examples=["dividing head 2"])
+    serial_number: str | None = None
+    certificate: str | None = Field(None, examples=["PTB 4711/25"])
+    calibrated_by: str | None = Field(None, examples=["PTB"])
+    due: date | None = Field(None, examples=[date(2027, 3, 1)])
+
+
+class PersonSection(Section):
+    """[[person]] of the laboratory's file: one who took part, beside the one who approves."""
+
+    name: str = Field(examples=["A. Lovelace"])
+    role: str | None = Field(None, examples=["performed the calibration"])
+
+
+class CapabilitySection(Section):
+    """[capability]: the calibration and measurement capability (CMC).
+
+    `uncertainty` has the smallest U (k = 2) that the laboratory states, by the words of
+    [specification.limits]; a coefficient that no word names is outside the capability. A range is
+    two quantities.
+    """
+
+    uncertainty: dict[str, str] = Field({}, examples=[{"bias": "20 µg"}])
+    force: tuple[str, str] | None = Field(None, examples=[("-1.1 g", "1.1 g")])
+    rate: tuple[str, str] | None = Field(None, examples=[("-200 °/s", "200 °/s")])
+    temperature: tuple[str, str] | None = Field(None, examples=[("18 °C", "28 °C")])
+
+
+class PolicySection(Section):
+    """[policy]: what is refused, and what is marked on every page of a certificate."""
+
+    unreliable: Action = "refuse"
+    simulated: Action = "mark"
+    outside_capability: Action = "mark"
+    overdue: Action = "refuse"
+
+
+class LaboratoryFile(Section):
+    """The laboratory's file."""
+
+    laboratory: str = Field(examples=["Inertial Laboratory"])
+    address: str | None = None
+    country: str | None = Field(None, pattern="^[A-Z]{2}$", examples=["DE"])
+    email: str | None = None
+    accreditation: str | None = Field(None, examples=["D-K-15000-01-00"])
+    approved_by: str | None = Field(None, examples=["C. F. Gauss"])
+    approver_role: str | None = Field(None, examples=["head of the laboratory"])
+    procedure: str | None = Field(None, examples=["QA-17, after IEEE Std 1293-2018"])
+    traceability: str | None = None
+    statements: tuple[str, ...] = ()
+    certificate_number: str | None = Field(None, examples=["IL-{year}-{sequence:4}"])
+    instrument: tuple[InstrumentSection, ...] = ()
+    person: tuple[PersonSection, ...] = ()
+    capability: CapabilitySection | None = None
+    policy: PolicySection = PolicySection()
+
+
+def read_laboratory(path: Path) -> LaboratoryFile:
+    """Read the laboratory's file.
+
+    Raises
+    ------
+    InputError
+        It cannot be read, has another key, or a value that is not possible.
+    """
+    content = read_toml(path, "file of the laboratory")
+    try:
+        return LaboratoryFile.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        raise InputError(
+            f"{path}: {key}: {_reason(first['type'], first['msg'], first['loc'])}",
+            file=path,
+            key=key,
+        ) from None
+
+
+def _reason(kind: str, message: str, place: tuple[int | str, ...]) -> str:
+    """Return what is wrong with a key, and what is possible."""
+    if kind == "string_pattern_mismatch":
+        return 'give two capital letters, such as "DE"'
+    if kind != "extra_forbidden":
+        return message[0].lower() + message[1:]
+    section = _SECTIONS.get(str(place[0]), LaboratoryFile) if len(place) > 1 else LaboratoryFile
+    return f"unknown key; possible here: {', '.join(section.model_fields)}"
+
+
+_SECTIONS: dict[str, type[Section]] = {
+    "instrument": InstrumentSection,
+    "person": PersonSection,
+    "capability": CapabilitySection,
+    "policy": PolicySection,
+}
