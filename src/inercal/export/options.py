@@ -1,47 +1,53 @@
 """Options of a target: from what the user states to what the target declares."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Protocol
 
 from inercal.errors import InputError
-from inercal.export.contract import Option, Target
+from inercal.export.contract import Option
 from inercal.units import parse_quantity
 
 
-def resolve_options(target: Target, stated: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the value of every option of a target.
+class _WithOptions(Protocol):
+    @property
+    def name(self) -> str: ...
+    @property
+    def options(self) -> tuple[Option, ...]: ...
+
+
+def resolve_options(of: _WithOptions, stated: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the value of every option of a target, or of a format to import.
 
     Parameters
     ----------
-    target : Target
+    of : Target or CalibrationReader
     stated : mapping of str to object
         Texts or values by name.
 
     Raises
     ------
     InputError
-        An option that the target has not, one that is missing, or a value that it cannot be.
+        An option that it has not, one that is missing, or a value that it cannot be.
     """
-    known = {one.name: one for one in target.options}
+    known = {one.name: one for one in of.options}
     for name in stated:
         if name not in known:
             raise InputError(
-                f"target {target.name} has no option {name!r}; it has "
-                f"{', '.join(known) or 'no options'}",
+                f"{of.name} has no option {name!r}; it has {', '.join(known) or 'no options'}",
                 key="--set",
                 names=(name,),
             )
-    missing = [one for one in target.options if one.required and stated.get(one.name) is None]
+    missing = [one for one in of.options if one.required and stated.get(one.name) is None]
     if missing:
         needs = "; ".join(f"--set {one.name}=… ({one.meaning})" for one in missing)
         raise InputError(
-            f"target {target.name} needs {needs}",
+            f"{of.name} needs {needs}",
             key="--set",
             names=tuple(one.name for one in missing),
         )
     return {
         one.name: one.default if (value := stated.get(one.name)) is None else _value(one, value)
-        for one in target.options
+        for one in of.options
     }
 
 

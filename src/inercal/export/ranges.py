@@ -120,7 +120,7 @@ def temperature_limits(
     if low is None or high is None:
         raise InputError(
             f"{target} corrects between two temperatures, which the calibration does not state: "
-            "give --temperature, such as '-10 60 degC'",
+            "give --over-temperature, such as '-10 60 °C'",
             key="temperature",
         )
     return low, high

@@ -1,0 +1,69 @@
+"""Kalibr: imu.yaml of a result; y = M f + b, y_g = M_g C_gyro_i ω + A C_gyro_i f + b_g.
+
+The file has no biases. In its frame x lies along the accelerometers' x, y in the plane of x, y.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, cast
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError, require_extra
+from inercal.export.contract import Option
+from inercal.export.readers.contract import CalibrationReader, StatedCalibration, StatedTriad
+
+
+def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
+    with require_extra("kalibr", "files of Kalibr need PyYAML", ("yaml",)):
+        yaml: Any = import_module("yaml")
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise InputError(f"no YAML: {error}") from None
+    name = options["imu"]
+    one = _section(content, name)
+    if one is None:
+        raise InputError(
+            f"no IMU {name!r}: give a result of Kalibr, or --set imu=… with another name",
+            names=(name,),
+        )
+    force, rate = _section(one, "accelerometers"), _section(one, "gyroscopes")
+    if force is None or rate is None:
+        raise InputError(
+            f"{name} is of model {one.get('model')!r}, without intrinsics: calibrate with Kalibr's "
+            "model scale-misalignment"
+        )
+    matrix, gyro = _matrix(force, "M"), _matrix(rate, "M")
+    turn = _matrix(rate, "C_gyro_i")
+    return StatedCalibration(
+        StatedTriad(matrix=matrix),
+        StatedTriad(matrix=gyro @ turn, sensitivity=_matrix(rate, "A") @ turn),
+        frame="triangular",
+        notes=("Kalibr states no biases",),
+    )
+
+
+def _section(content: Any, name: str) -> dict[str, Any] | None:
+    """Return a map within a map; None where there is none."""
+    found = cast("dict[str, Any]", content).get(name) if isinstance(content, dict) else None
+    return cast("dict[str, Any]", found) if isinstance(found, dict) else None
+
+
+def _matrix(content: Mapping[str, Any], name: str) -> Array:
+    try:
+        found = np.array(content[name], dtype=float)
+    except (KeyError, TypeError, ValueError):
+        found = np.zeros(0)
+    if found.shape != (3, 3) or not np.isfinite(found).all():
+        raise InputError(f"{name} must be 3 × 3 finite numbers", names=(name,))
+    return found
+
+
+READER = CalibrationReader(
+    "kalibr",
+    "Kalibr imu.yaml",
+    _read,
+    (Option("imu", "which IMU of the file", "imu0", kind=str),),
+)
