@@ -1,12 +1,13 @@
 """Calibrations to export, and readings over their range."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration, Validity
-from inercal.sensors import G0, Readout, imu
+from inercal.sensors import G0, Form, Noise, Readout, imu
 from inercal.units import ZERO_CELSIUS
 
 RANGES = Validity(rate=(-2.0, 2.0), force=(-20.0, 20.0), temperature=(263.15, 333.15))
@@ -37,13 +38,16 @@ OPTIONS = {
 
 
 def make_calibration(
-    *names: str, readouts=SI, form="reference", seed: int = 1, size: float = 2e-3, u: float = 1e-5
+    *names: str,
+    readouts: tuple[Readout, Readout] = SI,
+    form: Form = "reference",
+    seed: int = 1,
+    size: float = 2e-3,
+    u: float = 1e-5,
 ) -> Calibration:
-    """Return an IMU with random coefficients: `size` and u are of 1 g or 1 rad/s at 1 g, 1 rad/s."""
-    sensor = imu("IMU-7", *((one, imu().axes[0].noise) for one in readouts))
+    """Return an IMU with random coefficients; `size` and u are in natural units (unit_scale)."""
+    sensor = imu("IMU-7", (readouts[0], Noise()), (readouts[1], Noise()))
     sensor = sensor.with_coefficients(*(names or LINEAR))
-    from dataclasses import replace
-
     sensor = replace(sensor, form=form)
     rng = np.random.default_rng(seed)
     c = rng.normal(size=len(sensor.coefficients)) * sensor.unit_scale * size

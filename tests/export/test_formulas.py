@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable
 from functools import reduce
 from io import StringIO
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from tests.export.calibrations import (
     LINEAR,
     NONLINEAR,
     OPTIONS,
-    SI,
     TEMPERATURE,
     Readings,
     make_calibration,
@@ -28,6 +28,7 @@ from tests.export.calibrations import (
 from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.export import Export, export_calibration
+from inercal.sensors import Form
 
 Applied = Callable[[str, Readings], Array]
 SINGLE = 16 * 2.0**-24
@@ -140,7 +141,7 @@ def table(text: str, seen: Readings) -> Array:
 
 def python(text: str, seen: Readings) -> Array:
     assert "import" not in [line.split()[:1] for line in text.splitlines()]
-    module: dict = {}
+    module: dict[str, Any] = {}
     exec(compile(text, "export.py", "exec"), module)
     if "temperature" in text.partition("def correct(")[2].partition(")")[0]:
         pairs = zip(seen.output.tolist(), seen.celsius.tolist(), strict=True)
@@ -169,10 +170,10 @@ def matlab(text: str, seen: Readings) -> Array:
         if found := re.fullmatch(r"    for pass = 1:(\d+)", line):
             line = f"    for _ in range({found[1]}):"
         source += [line] * (line.strip() != "end")
-    module = {"np": np}
+    module: dict[str, Any] = {"np": np}
     code = "def correct(reading, temperature):\n" + "\n".join(source) + "\n    return motion"
     exec(code, module)
-    return module["correct"](seen.output, seen.celsius)  # type: ignore[operator]
+    return module["correct"](seen.output, seen.celsius)
 
 
 LINEAR_TARGETS: dict[str, Applied] = {
@@ -250,7 +251,7 @@ def test_what_a_target_can_hold_is_exact_to_single_precision(to: str, kind: str)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=SINGLE * np.abs(wanted).max())
 
 
-def kalibr_matrices(text: str) -> dict[str, Array]:
+def kalibr_matrices(text: str) -> dict[str, Any]:
     yaml = pytest.importorskip("yaml")
     one = yaml.safe_load(text.removeprefix("%YAML:1.0\n"))["imu0"]
     return one
@@ -279,8 +280,8 @@ def test_kalibr_and_openvins_predict_the_readings_of_the_calibration(to: str):
         np.testing.assert_array_equal(one["R_IMUtoACC"], np.eye(3))
         y, y_g = f @ m.T, (w @ c.T) @ g.T + f @ a.T
     assert np.abs(np.triu(m, 1)).max() == np.abs(np.triu(g, 1)).max() == 0
-    bias = [calibration.value(f"{name}.{b}") for name, b in
-            zip(("ax", "ay", "az", "gx", "gy", "gz"), ["k0"] * 3 + ["bias"] * 3, strict=True)]  # fmt: skip
+    names = [*(f"a{x}.k0" for x in "xyz"), *(f"g{x}.bias" for x in "xyz")]
+    bias = [calibration.value(name) for name in names]
     wanted = seen.output - bias
     np.testing.assert_allclose(y, wanted[:, :3], rtol=0, atol=1e-9)
     np.testing.assert_allclose(y_g, wanted[:, 3:], rtol=0, atol=1e-10)
@@ -309,7 +310,7 @@ def test_axes_of_another_frame_are_turned_with_their_channels():
 
 
 @pytest.mark.parametrize("form", ["reference", "tilted"])
-def test_code_holds_the_model_in_both_forms(form: str):
+def test_code_holds_the_model_in_both_forms(form: Form):
     calibration = make_calibration(*SETS["full"], readouts=COUNTS, form=form)
     seen = random_readings(calibration)
     for to in ("python", "matlab"):

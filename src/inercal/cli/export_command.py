@@ -95,8 +95,8 @@ def run(
     print(f"wrote {path}")
 
 
-def stated_options(texts: Sequence[str]) -> dict[str, str]:
-    """Return the values of `--set` by name.
+def stated_options(texts: Sequence[str], option: str = "--set") -> dict[str, str]:
+    """Return the values of `--set`, or of another such option, by name.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def stated_options(texts: Sequence[str]) -> dict[str, str]:
         name, separator, value = text.partition("=")
         if not separator or name in found:
             what = f"{name} is stated twice" if separator else "give OPTION=VALUE"
-            raise InputError(f"--set {text}: {what}", key="--set", names=(name,))
+            raise InputError(f"{option} {text}: {what}", key=option, names=(name,))
         found[name.strip()] = value.strip()
     return found
 

@@ -67,6 +67,7 @@ def _render(request: Request) -> Rendering:
         rows = ",\n".join(
             "        {" + ", ".join(f"INT64_C({x})" for x in row) + "}" for row in factors.tolist()
         )
+        loops = [line for k in range(len(kinds)) for line in _loop(n, 3 * k, int(shift[3 * k]))]
         guard = f"INERCAL_{name.upper()}_FIXED_H"
         steps = {"f": "2^-16 m/s^2", "w": "2^-20 rad/s"}
         what = {"f": "specific force", "w": "angular rate"}
@@ -87,19 +88,8 @@ def _render(request: Request) -> Rendering:
             f"    static const int64_t constant[{n}] = {{"
             + ", ".join(f"INT64_C({x})" for x in constants)
             + "};",
-            f"    static const int64_t one[{n}] = {{"
-            + ", ".join(f"INT64_C({1 << int(s)})" for s in shift)
-            + "};",
             "    int i, j;",
-            f"    for (i = 0; i < {n}; ++i) {{",
-            "        int64_t sum = constant[i];",
-            f"        for (j = 0; j < {n}; ++j) {{",
-            "            sum += factor[i][j] * reading[j];",
-            "        }",
-            "        /* Halves are rounded away from zero. */",
-            "        sum += sum < 0 ? -(one[i] / 2) : one[i] / 2;",
-            "        motion[i] = (int32_t)(sum / one[i]);",
-            "    }",
+            *loops,
             "}",
             "",
             "/* Returns 0 where a reading gives the motion that it must. */",
@@ -134,6 +124,25 @@ def _render(request: Request) -> Rendering:
         takes_output=True,
         possible=possible,
     )
+
+
+def _loop(n: int, first: int, shift: int) -> list[str]:
+    """Return the loop over three channels.
+
+    Their divisor is a constant, so that a compiler of 32 bits needs no division of 64.
+    """
+    one, half = f"INT64_C({1 << shift})", f"INT64_C({1 << (shift - 1)})"
+    return [
+        f"    for (i = {first}; i < {first + 3}; ++i) {{",
+        "        int64_t sum = constant[i];",
+        f"        for (j = 0; j < {n}; ++j) {{",
+        "            sum += factor[i][j] * reading[j];",
+        "        }",
+        "        /* Halves are rounded away from zero. */",
+        f"        sum += sum < 0 ? -{half} : {half};",
+        f"        motion[i] = (int32_t)(sum / {one});",
+        "    }",
+    ]
 
 
 def _shift(largest: float) -> int:
