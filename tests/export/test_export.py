@@ -22,8 +22,8 @@ from tests.refusals import refused
 import inercal
 from inercal.calibration.files import as_object
 from inercal.export import TARGETS, export_calibration
-from inercal.export.contract import Rendering, Request, Target
 from inercal.export.model import parse_axes
+from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.term_kinds import kinds_of
 from inercal.sensors import Sensor, imu, triad
 
@@ -171,7 +171,7 @@ def test_the_noise_of_an_analysis_is_taken_from_its_file(tmp_path: Path):
     path = tmp_path / "imu.yaml"
     path.write_text("\n".join(f"{key}: {value}" for key, value in NOISE.items()), encoding="utf-8")
     text = export_calibration(make_calibration(), "kalibr", options={"noise": str(path)}).text
-    assert "  gyroscope_random_walk: 1e-05\n" in text
+    assert "  gyroscope_random_walk: 1.0e-05\n" in text
 
 
 def test_a_target_of_another_package_is_found():

@@ -46,7 +46,6 @@ def test_nothing_is_written_where_a_sensor_is_refused(line: Path, tmp_path: Path
     for more in (
         ["--to", "px4"],
         ["--to", "px4", "--column", "acc_id=serial"],
-        ["--to", "px4", "--column", "acc_id=device_id", "--lossless"],
         ["--to", "nothing"],
         ["--to", "csv", "--sensor", "S000"],
         ["--set", "acc_id=1"],

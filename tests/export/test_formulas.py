@@ -17,6 +17,7 @@ import pytest
 from tests.export.calibrations import (
     COUNTS,
     LINEAR,
+    NOISE,
     NONLINEAR,
     OPTIONS,
     TEMPERATURE,
@@ -254,6 +255,7 @@ def test_what_a_target_can_hold_is_exact_to_single_precision(to: str, kind: str)
 def kalibr_matrices(text: str) -> dict[str, Any]:
     yaml = pytest.importorskip("yaml")
     one = yaml.safe_load(text.removeprefix("%YAML:1.0\n"))["imu0"]
+    assert all(isinstance(one[name], float) for name in NOISE)
     return one
 
 
@@ -297,12 +299,11 @@ def test_targets_of_the_output_take_counts(to: str):
 
 def test_axes_of_another_frame_are_turned_with_their_channels():
     calibration = make_calibration(*SETS["full"])
-    seen = random_readings(calibration)
     turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     both = np.kron(np.eye(2), turn)
     for to in ("python", "imucal"):
         chosen = calibration if to == "python" else make_calibration()
-        seen = random_readings(chosen)
+        seen = random_readings(chosen, 2000)
         made = export_calibration(chosen, to, axes="y -x z")
         turned = Readings(seen.output @ both.T, seen.corrected @ both.T, seen.celsius)
         found = LINEAR_TARGETS[to](made.text, turned)
@@ -312,7 +313,7 @@ def test_axes_of_another_frame_are_turned_with_their_channels():
 @pytest.mark.parametrize("form", ["reference", "tilted"])
 def test_code_holds_the_model_in_both_forms(form: Form):
     calibration = make_calibration(*SETS["full"], readouts=COUNTS, form=form)
-    seen = random_readings(calibration)
+    seen = random_readings(calibration, 2000)
     for to in ("python", "matlab"):
         found = LINEAR_TARGETS[to](export(calibration, to).text, seen)
         np.testing.assert_allclose(found, seen.corrected, rtol=0, atol=1e-7)

@@ -1,8 +1,8 @@
 """Calibrations written for the programs, devices and languages that use them, and read from them.
 
 `export_calibration` gives the text of a file and what it loses; `TARGETS` has the targets. Each is
-a module with `TARGET = Target(...)` (`inercal.export.contract`); a package of its own registers one
-by the entry point `inercal.exports`.
+a module with `TARGET = Target(...)`, by `inercal.export.target_definition`; a package of its own
+registers one by the entry point `inercal.exports`.
 """
 
 import re
@@ -13,12 +13,12 @@ from typing import Any
 
 from inercal.calibration import Calibration
 from inercal.errors import InputError
-from inercal.export.contract import Request, Target
 from inercal.export.cost import Cost, Loss, costs, losses, possible_samples, sample
 from inercal.export.header import header_lines
 from inercal.export.model import UNITS, export_model
 from inercal.export.options import resolve_options
 from inercal.export.ranges import Range, calibrated_ranges
+from inercal.export.target_definition import Request, Target
 from inercal.registry import Registry
 
 TARGETS: Registry[Target] = Registry(

@@ -16,9 +16,9 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError, NotInvertible
-from inercal.export.contract import Rendering, Target
 from inercal.export.model import ExportModel
 from inercal.export.ranges import Ranges, sample_motions
+from inercal.export.target_definition import Rendering, Target
 from inercal.export.term_kinds import WORDS, kinds_of
 from inercal.motion import Motion
 from inercal.uncertainty.coverage import COVERAGE

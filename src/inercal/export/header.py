@@ -8,10 +8,10 @@ from importlib.metadata import version
 import numpy as np
 
 from inercal.calibration.files import as_object
-from inercal.export.contract import Rendering, Target
 from inercal.export.cost import Cost, Loss, Samples
 from inercal.export.model import UNITS, ExportModel
 from inercal.export.ranges import Ranges
+from inercal.export.target_definition import Rendering, Target
 from inercal.units import ZERO_CELSIUS
 
 _WIDTH = 96

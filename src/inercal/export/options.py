@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from inercal.errors import InputError
-from inercal.export.contract import Option
+from inercal.export.target_definition import TargetOption
 from inercal.units import parse_quantity
 
 
@@ -12,7 +12,7 @@ class _WithOptions(Protocol):
     @property
     def name(self) -> str: ...
     @property
-    def options(self) -> tuple[Option, ...]: ...
+    def options(self) -> tuple[TargetOption, ...]: ...
 
 
 def resolve_options(of: _WithOptions, stated: Mapping[str, Any]) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def resolve_options(of: _WithOptions, stated: Mapping[str, Any]) -> dict[str, An
     }
 
 
-def _value(option: Option, value: Any) -> Any:
+def _value(option: TargetOption, value: Any) -> Any:
     try:
         if option.like and isinstance(value, str):
             return parse_quantity(value, like=option.like).value

@@ -17,9 +17,9 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.export.contract import Request
 from inercal.export.model import ExportModel
 from inercal.export.ranges import sample_motions
+from inercal.export.target_definition import Request
 from inercal.export.term_kinds import LINEAR, kinds_of
 from inercal.keys import CoefficientName
 from inercal.motion import Motion

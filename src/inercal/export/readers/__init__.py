@@ -18,7 +18,7 @@ from inercal.calibration import Calibration
 from inercal.errors import InputError
 from inercal.export.options import resolve_options
 from inercal.export.readers.coefficients import build_calibration
-from inercal.export.readers.contract import CalibrationReader
+from inercal.export.readers.reader_definition import CalibrationReader
 from inercal.registry import Registry
 from inercal.small_files import read_small_file
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.export.contract import Option
-from inercal.export.readers.contract import (
+from inercal.export.readers.reader_definition import (
     REFERENCE,
     CalibrationReader,
     StatedCalibration,
     StatedTriad,
 )
+from inercal.export.target_definition import TargetOption
 from inercal.export.targets.ardupilot import CENTRE, ORDERS, UNIT, parameter_names, shifted
 from inercal.units import ZERO_CELSIUS
 
@@ -84,5 +84,5 @@ READER = CalibrationReader(
     "ardupilot",
     "ArduPilot parameter",
     _read,
-    (Option("imu", "number of the IMU, 1 to 3", 1, kind=int),),
+    (TargetOption("imu", "number of the IMU, 1 to 3", 1, kind=int),),
 )

@@ -11,7 +11,7 @@ import numpy as np
 
 from inercal.calibration import Calibration
 from inercal.errors import InputError
-from inercal.export.readers.contract import StatedCalibration, StatedTriad
+from inercal.export.readers.reader_definition import StatedCalibration, StatedTriad
 from inercal.export.term_kinds import temperature_order, term_kind
 from inercal.keys import CoefficientName
 from inercal.sensors import TABLES, Axis, Readout, Sensor, imu

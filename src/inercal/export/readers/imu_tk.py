@@ -6,8 +6,12 @@ from typing import Any
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.export.contract import Option
-from inercal.export.readers.contract import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.readers.reader_definition import (
+    CalibrationReader,
+    StatedCalibration,
+    StatedTriad,
+)
+from inercal.export.target_definition import TargetOption
 
 _COUNT = 21
 
@@ -41,5 +45,9 @@ READER = CalibrationReader(
     "imu_tk",
     "imu_tk .calib",
     _read,
-    (Option("part", "which triad", "accelerometer", kind=str, choices=("accelerometer", "gyro")),),
+    (
+        TargetOption(
+            "part", "which triad", "accelerometer", kind=str, choices=("accelerometer", "gyro")
+        ),
+    ),
 )

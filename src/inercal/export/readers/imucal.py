@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.export.readers.contract import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.readers.reader_definition import (
+    CalibrationReader,
+    StatedCalibration,
+    StatedTriad,
+)
 from inercal.units import si_factor
 
 _UNITS = {"deg/s": "°/s", "dps": "°/s"}

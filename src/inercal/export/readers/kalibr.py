@@ -11,8 +11,12 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError, require_extra
-from inercal.export.contract import Option
-from inercal.export.readers.contract import CalibrationReader, StatedCalibration, StatedTriad
+from inercal.export.readers.reader_definition import (
+    CalibrationReader,
+    StatedCalibration,
+    StatedTriad,
+)
+from inercal.export.target_definition import TargetOption
 
 
 def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
@@ -65,5 +69,5 @@ READER = CalibrationReader(
     "kalibr",
     "Kalibr imu.yaml",
     _read,
-    (Option("imu", "which IMU of the file", "imu0", kind=str),),
+    (TargetOption("imu", "which IMU of the file", "imu0", kind=str),),
 )

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.export.contract import Option
-from inercal.export.readers.contract import (
+from inercal.export.readers.reader_definition import (
     REFERENCE,
     CalibrationReader,
     StatedCalibration,
     StatedTriad,
 )
+from inercal.export.target_definition import TargetOption
 from inercal.units import ZERO_CELSIUS
 
 _FIELDS = 5
@@ -99,5 +99,5 @@ READER = CalibrationReader(
     "px4",
     "PX4 parameter",
     _read,
-    (Option("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int),),
+    (TargetOption("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int),),
 )

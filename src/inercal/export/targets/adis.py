@@ -13,23 +13,27 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.export.contract import Option, Rendering, Request, Target
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import Correction, by_triad, comments, needed, require_aligned
 from inercal.export.term_kinds import TermKind
 
 _SCALE_BITS = 16
 OPTIONS = (
-    Option(
+    TargetOption(
         "order",
         "what the part does first, by its data sheet: scale or bias",
         required=True,
         kind=str,
         choices=("scale", "bias"),
     ),
-    Option("acc_bias_lsb", "size of a step of the bias registers, '0.8 mg'", like="m/s^2"),
-    Option("gyro_bias_lsb", "size of a step of the bias registers, '0.02 deg/s'", like="rad/s"),
-    Option("scale_lsb", "size of a step of the scale registers, 2^-15; absent: no such registers"),
-    Option("bias_bits", "bits of a bias register", required=True, kind=int),
+    TargetOption("acc_bias_lsb", "size of a step of the bias registers, '0.8 mg'", like="m/s^2"),
+    TargetOption(
+        "gyro_bias_lsb", "size of a step of the bias registers, '0.02 deg/s'", like="rad/s"
+    ),
+    TargetOption(
+        "scale_lsb", "size of a step of the scale registers, 2^-15; absent: no such registers"
+    ),
+    TargetOption("bias_bits", "bits of a bias register", required=True, kind=int),
 )
 _KINDS = {"f": ("acc_bias_lsb", "ACCL", "A"), "w": ("gyro_bias_lsb", "GYRO", "G")}
 _HELD: frozenset[TermKind] = frozenset({"bias", "scale"})

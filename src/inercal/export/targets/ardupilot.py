@@ -16,8 +16,8 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.export.contract import Option, Rendering, Request, Target
 from inercal.export.ranges import temperature_limits
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import (
     Correction,
     by_triad,
@@ -35,11 +35,11 @@ _MIN_SPAN = 10.0  # K
 _SMALLEST = 1e-9  # an offset of exactly 0 reads as "not calibrated"
 
 OPTIONS = (
-    Option("imu", "number of the IMU, 1 to 3", 1, kind=int),
-    Option("acc_id", "INS_ACC_ID of this board", kind=int),
-    Option("gyro_id", "INS_GYR_ID of this board", kind=int),
-    Option("lowest", "INS_TCALn_TMIN, where temperature is corrected, degC"),
-    Option("highest", "INS_TCALn_TMAX, where temperature is corrected, degC"),
+    TargetOption("imu", "number of the IMU, 1 to 3", 1, kind=int),
+    TargetOption("acc_id", "INS_ACC_ID of this board", kind=int),
+    TargetOption("gyro_id", "INS_GYR_ID of this board", kind=int),
+    TargetOption("lowest", "INS_TCALn_TMIN, where temperature is corrected, degC"),
+    TargetOption("highest", "INS_TCALn_TMAX, where temperature is corrected, degC"),
 )
 
 

@@ -14,15 +14,15 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.export.contract import Option, Rendering, Request, Target
 from inercal.export.cost import sample
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.c_text import block_comment
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 
 _FRACTION = {"f": 16, "w": 20}
 _BITS = 28  # of K, so that six products of 32 bit counts fit 63 bits
 _MAX_SHIFT = 40
-OPTIONS = (Option("lsb", "output units of one count of the reading", 1.0),)
+OPTIONS = (TargetOption("lsb", "output units of one count of the reading", 1.0),)
 
 
 def _render(request: Request) -> Rendering:

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.export.contract import Rendering, Request, Target
 from inercal.export.cost import sample
 from inercal.export.polynomial import code_model
+from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.c_text import (
     CODE,
     MAX_ORDER,

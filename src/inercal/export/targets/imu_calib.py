@@ -8,8 +8,8 @@ dpkoch/imu_calib (BSD-3), described in words.
 
 from collections.abc import Sequence
 
-from inercal.export.contract import Rendering, Request, Target
-from inercal.export.targets.shared import MATRIX, by_triad, comments, row_text, written
+from inercal.export.target_definition import Rendering, Request, Target
+from inercal.export.targets.shared import MATRIX, by_triad, comments, written, yaml_row
 
 
 def _render(request: Request) -> Rendering:
@@ -19,8 +19,8 @@ def _render(request: Request) -> Rendering:
     bias = written(triad.correction @ triad.bias, 12)
 
     def write(header: Sequence[str]) -> str:
-        rows = ",\n     ".join(row_text(row, 12) for row in matrix)
-        return comments(header, "#") + f"SM: [{rows}]\nbias: [{row_text(bias, 12)}]\n"
+        rows = ",\n     ".join(yaml_row(row, 12) for row in matrix)
+        return comments(header, "#") + f"SM: [{rows}]\nbias: [{yaml_row(bias, 12)}]\n"
 
     gyros = ("gyros are not corrected: imu_calib takes a mean at rest",) * (model.gyro is not None)
     return Rendering(

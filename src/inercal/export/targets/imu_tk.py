@@ -12,11 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.export.contract import Option, Rendering, Request, Target
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import MATRIX, by_triad, number, output_text, written
 
 OPTIONS = (
-    Option("part", "which triad", "accelerometer", kind=str, choices=("accelerometer", "gyro")),
+    TargetOption(
+        "part", "which triad", "accelerometer", kind=str, choices=("accelerometer", "gyro")
+    ),
 )
 
 

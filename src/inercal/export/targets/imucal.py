@@ -12,13 +12,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.export.contract import Option, Rendering, Request, Target
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 
 OPTIONS = (
-    Option("from_acc_unit", "unit of the readings, as the user of imucal passes it", kind=str),
-    Option("from_gyr_unit", "unit of the readings, as the user of imucal passes it", kind=str),
-    Option(
+    TargetOption(
+        "from_acc_unit", "unit of the readings, as the user of imucal passes it", kind=str
+    ),
+    TargetOption(
+        "from_gyr_unit", "unit of the readings, as the user of imucal passes it", kind=str
+    ),
+    TargetOption(
         "cal_type",
         "class of imucal",
         "Ferraris",

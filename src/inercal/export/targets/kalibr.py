@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.export.contract import Rendering, Request, Target
+from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.noise import NOISE_OPTIONS, noise_lines
 from inercal.export.targets.shared import comments, written
 from inercal.export.targets.triangular import (

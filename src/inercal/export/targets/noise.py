@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from inercal.errors import InputError
-from inercal.export.contract import Option
-from inercal.export.targets.shared import number
+from inercal.export.target_definition import TargetOption
+from inercal.export.targets.shared import yaml_number
 from inercal.small_files import read_small_file
 
 _KEYS = {
@@ -19,9 +19,9 @@ _KEYS = {
 }
 _LARGEST = 1 << 20
 NOISE_OPTIONS = (
-    *(Option(name, f"{unit}; or in the file of noise") for name, unit in _KEYS.items()),
-    Option("noise", "imu.yaml of a noise analysis, with these keys", kind=str),
-    Option("rostopic", "topic of the IMU", "/imu0", kind=str),
+    *(TargetOption(name, f"{unit}; or in the file of noise") for name, unit in _KEYS.items()),
+    TargetOption("noise", "imu.yaml of a noise analysis, with these keys", kind=str),
+    TargetOption("rostopic", "topic of the IMU", "/imu0", kind=str),
 )
 
 
@@ -57,7 +57,7 @@ def noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
             key="--set",
             names=tuple(wrong),
         )
-    return [f"{name}: {number(known[name])}" for name in _KEYS] + [
+    return [f"{name}: {yaml_number(known[name])}" for name in _KEYS] + [
         f"rostopic: {options['rostopic']}",
         "time_offset: 0.0",
     ]

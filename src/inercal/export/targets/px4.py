@@ -14,9 +14,9 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.export.contract import Option, Rendering, Request, Target
 from inercal.export.model import Triad
 from inercal.export.ranges import temperature_limits
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import (
     Correction,
     by_triad,
@@ -33,13 +33,13 @@ _NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G")}
 _ORDERS = 3
 
 OPTIONS = (
-    Option("acc_id", "device id of the accelerometer, CAL_ACCn_ID of this board", kind=int),
-    Option("gyro_id", "device id of the gyro, CAL_GYROn_ID of this board", kind=int),
-    Option("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int),
-    Option("priority", "CAL_ACCn_PRIO", 50, kind=int),
-    Option("rotation", "CAL_ACCn_ROT; -1 for a sensor on the board", -1, kind=int),
-    Option("lowest", "TC_An_TMIN, where temperature is corrected, degC"),
-    Option("highest", "TC_An_TMAX, where temperature is corrected, degC"),
+    TargetOption("acc_id", "device id of the accelerometer, CAL_ACCn_ID of this board", kind=int),
+    TargetOption("gyro_id", "device id of the gyro, CAL_GYROn_ID of this board", kind=int),
+    TargetOption("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int),
+    TargetOption("priority", "CAL_ACCn_PRIO", 50, kind=int),
+    TargetOption("rotation", "CAL_ACCn_ROT; -1 for a sensor on the board", -1, kind=int),
+    TargetOption("lowest", "TC_An_TMIN, where temperature is corrected, degC"),
+    TargetOption("highest", "TC_An_TMAX, where temperature is corrected, degC"),
 )
 
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from inercal.export.contract import Rendering, Request, Target
 from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
+from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.c_text import (
     CODE,
     MAX_ORDER,

@@ -7,8 +7,8 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.export.contract import Option
 from inercal.export.model import ExportModel, Triad
+from inercal.export.target_definition import TargetOption
 from inercal.export.term_kinds import TermKind
 
 MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
@@ -20,6 +20,21 @@ _LARGEST_OFF_DIAGONAL = 0.5
 def number(value: float, digits: int = 9) -> str:
     """Return a number with so many significant digits; 9 tell single precision numbers apart."""
     return f"{float(value) + 0.0:.{digits}g}"
+
+
+def yaml_number(value: float, digits: int = 9) -> str:
+    """Return a number with a point: some readers of YAML take 1e-05 for a text.
+
+    >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(0.25)
+    ('1.0e-05', '2.0', '0.25')
+    """
+    mantissa, exponent, power = number(value, digits).partition("e")
+    return f"{mantissa}{'' if '.' in mantissa else '.0'}{exponent}{power}"
+
+
+def yaml_row(values: Sequence[float] | Array, digits: int = 9) -> str:
+    """Return numbers of YAML with commas between them."""
+    return ", ".join(yaml_number(x, digits) for x in values)
 
 
 def row_text(values: Sequence[float] | Array, digits: int = 9) -> str:
@@ -43,7 +58,9 @@ def comments(lines: Sequence[str], mark: str) -> str:
     return "".join(f"{mark} {line}\n" for line in lines)
 
 
-def needed(options: Mapping[str, Any], declared: Sequence[Option], name: str, target: str) -> Any:
+def needed(
+    options: Mapping[str, Any], declared: Sequence[TargetOption], name: str, target: str
+) -> Any:
     """Return an option that this calibration needs.
 
     Raises

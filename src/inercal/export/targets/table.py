@@ -4,8 +4,8 @@ import csv
 from collections.abc import Sequence
 from io import StringIO
 
-from inercal.export.contract import Rendering, Request, Target
 from inercal.export.model import UNITS
+from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.shared import (
     MATRIX,
     MATRIX_AND_G,

@@ -6,12 +6,10 @@ has a frame of its own, G Qᵀ = L_g C_g, and y_g = L_g C_g ω + A Qᵀ f + b_g.
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from inercal import frames
 from inercal.arrays import Array
 from inercal.export.model import ExportModel
-from inercal.export.targets.shared import require_aligned, row_text, written
+from inercal.export.targets.shared import require_aligned, row_text, written, yaml_row
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +47,5 @@ def turn_remark(one: TriangularModel) -> str:
 
 def yaml_matrix(name: str, matrix: Array, indent: str, digits: int = 12) -> list[str]:
     """Return a matrix as YAML, a flow list a row."""
-    rows = [f"{indent}- [{row_text(row, digits)}]" for row in matrix]
+    rows = [f"{indent}- [{yaml_row(row, digits)}]" for row in matrix]
     return [f"{indent}{name}:", *rows]
-
-
-def homogeneous(turn: Array) -> Array:
-    """Return the 4 × 4 matrix of a rotation."""
-    whole = np.eye(4)
-    whole[:3, :3] = turn
-    return whole

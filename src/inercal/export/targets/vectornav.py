@@ -9,7 +9,7 @@ user manual UM001 v2, 6.2.2. The check of a message is the XOR of the characters
 from collections.abc import Sequence
 from functools import reduce
 
-from inercal.export.contract import Rendering, Request, Target
+from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.targets.shared import (
     MATRIX,
     Correction,

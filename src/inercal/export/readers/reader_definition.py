@@ -8,7 +8,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Frame
-from inercal.export.contract import Option
+from inercal.export.target_definition import TargetOption
 from inercal.sensors.sensor import Sensor
 
 REFERENCE = Sensor("", ()).reference_temperature
@@ -78,10 +78,10 @@ class CalibrationReader:
     name, meaning : str
     read : callable
         (text, options) -> StatedCalibration.
-    options : tuple of Option
+    options : tuple of TargetOption
     """
 
     name: str
     meaning: str
     read: Callable[[str, Mapping[str, Any]], StatedCalibration]
-    options: tuple[Option, ...] = ()
+    options: tuple[TargetOption, ...] = ()

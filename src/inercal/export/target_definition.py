@@ -11,7 +11,7 @@ from inercal.export.term_kinds import TermKind
 
 
 @dataclass(frozen=True)
-class Option:
+class TargetOption:
     """Something that a target needs or takes beside the calibration.
 
     Parameters
@@ -108,7 +108,7 @@ class Target:
         The terms of accelerometers and gyros that it can apply; a kind that is absent is not taken.
     render : callable
         Request -> Rendering.
-    options : tuple of Option
+    options : tuple of TargetOption
     temperature_order : int
         The highest power of temperature of a bias that it can apply.
     clips_temperature : bool
@@ -120,6 +120,6 @@ class Target:
     suffix: str
     holds: Mapping[str, frozenset[TermKind]]
     render: Callable[[Request], Rendering]
-    options: tuple[Option, ...] = field(default=())
+    options: tuple[TargetOption, ...] = field(default=())
     temperature_order: int = 0
     clips_temperature: bool = False
