@@ -1,5 +1,6 @@
 """Options of a target: from what the user states to what the target declares."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, Protocol
 
@@ -61,7 +62,10 @@ def _value(option: TargetOption, value: Any) -> Any:
             return value
         if option.kind is int:
             return int(value, 0) if isinstance(value, str) else int(value)
-        return option.kind(value)
+        found = option.kind(value)
+        if option.kind is float and not math.isfinite(found):
+            raise ValueError
+        return found
     except InputError as error:
         raise error.located(f"--set {option.name}", key="--set") from None
     except (TypeError, ValueError) as error:

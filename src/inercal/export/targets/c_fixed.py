@@ -22,6 +22,7 @@ from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 _FRACTION = {"f": 16, "w": 20}
 _BITS = 28  # of K, so that six products of 32 bit counts fit 63 bits
 _MAX_SHIFT = 40
+_LARGEST_CONSTANT = 1 << 61  # beside the products, of 2^61.6 at most
 OPTIONS = (TargetOption("lsb", "output units of one count of the reading", 1.0),)
 
 
@@ -45,6 +46,10 @@ def _render(request: Request) -> Rendering:
     one = 2.0 ** (shift + fraction)
     factors = np.rint(whole * one[:, None]).astype(np.int64)
     constants = [round(float(x)) for x in -(whole @ offset) * one]
+    if max(map(abs, constants)) >= _LARGEST_CONSTANT:
+        raise InputError(
+            "c_fixed: the offset is too large for these integers; choose target c", key="--to"
+        )
     name = request.name
 
     def correct(readings: Array, dT: Array) -> Array:
