@@ -14,6 +14,12 @@ from inercal.calibration import Calibration
 from inercal.comparison import compare
 from inercal.export import export_calibration
 
+# Aliases of aliases: 10⁹ numbers, if an array were made of them.
+BOMB = "a: &a [1,1,1,1,1,1,1,1,1,1]\n" + "".join(
+    f"{new}: &{new} [{','.join([f'*{old}'] * 10)}]\n"
+    for old, new in zip("abcdefgh", "bcdefghi", strict=True)
+)
+BOMB += "imu0:\n  accelerometers: {M: *i}\n  gyroscopes: {M: *i, A: *i, C_gyro_i: *i}\n"
 STATED = {
     "imucal": ("bias", "scale", "misalignment", "g"),
     "kalibr": ("scale", "misalignment", "g"),
@@ -110,6 +116,9 @@ def test_imu_tk_of_its_own_frame_becomes_triangular(tmp_path: Path):
         ("kalibr", "imu0:\n  model: calibrated\n"),
         ("kalibr", "- 1\n"),
         ("kalibr", "a: [1\n"),
+        ("kalibr", "[" * 20_000),
+        ("imucal", "[" * 200_000),
+        ("kalibr", BOMB),
         ("px4", "1 1 CAL_ACC0_XOFF 0.1\n"),
         ("px4", "1\t1\tSYS_AUTOSTART\t4001\t6\n"),
         ("ardupilot", "INS_ACCOFFS_X\n"),

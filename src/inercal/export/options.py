@@ -63,7 +63,7 @@ def _value(option: TargetOption, value: Any) -> Any:
         if option.kind is int:
             return int(value, 0) if isinstance(value, str) else int(value)
         found = option.kind(value)
-        if option.kind is float and not math.isfinite(found):
+        if isinstance(found, float) and not math.isfinite(found):
             raise ValueError
         return found
     except InputError as error:

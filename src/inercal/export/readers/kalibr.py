@@ -24,8 +24,8 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         yaml: Any = import_module("yaml")
     try:
         content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise InputError(f"no YAML: {error}") from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise InputError(f"no YAML that can be read: {error}") from None
     name = options["imu"]
     one = _section(content, name)
     if one is None:
@@ -56,13 +56,19 @@ def _section(content: Any, name: str) -> dict[str, Any] | None:
 
 
 def _matrix(content: Mapping[str, Any], name: str) -> Array:
-    try:
-        found = np.array(content[name], dtype=float)
-    except (KeyError, TypeError, ValueError):
-        found = np.zeros(0)
-    if found.shape != (3, 3) or not np.isfinite(found).all():
+    found = content.get(name)
+    rows = cast("list[Any]", found) if isinstance(found, list) else []
+    # Looked at before numpy does: aliases make a small file stand for a huge array.
+    numbers = [
+        float(x)
+        for row in rows[:4]
+        if isinstance(row, list)
+        for x in cast("list[Any]", row)[:4]
+        if isinstance(x, int | float)
+    ]
+    if len(rows) != 3 or len(numbers) != 9 or not np.isfinite(numbers).all():
         raise InputError(f"{name} must be 3 × 3 finite numbers", names=(name,))
-    return found
+    return np.array(numbers).reshape(3, 3)
 
 
 READER = CalibrationReader(
