@@ -5,6 +5,7 @@
 - `write_report`, `plot_residuals`, `plot_coverage`: what the outcome shows;
 - `save`, `load`: its `Calibration` as a file, which also has `correct`, `to_dataframe`, `to_latex`;
 - `apply`: a recording corrected by a calibration;
+- `export_calibration`, `import_calibration`: files of other programs, written and read;
 - `simulate`, `demo`: the same on simulated benches.
 
 >>> import inercal
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from inercal.calibration import Calibration
     from inercal.calibration.files import load, save
     from inercal.demonstration import demo
+    from inercal.export import export_calibration
+    from inercal.export.readers import import_calibration
     from inercal.pipeline import Outcome, apply, calibrate, simulate
     from inercal.pipeline.batch import calibrate_batch
     from inercal.report import plot_coverage, plot_residuals, write_report
@@ -34,6 +37,8 @@ _EXPORT_MODULES = {
     "calibrate": "inercal.pipeline",
     "calibrate_batch": "inercal.pipeline.batch",
     "demo": "inercal.demonstration",
+    "export_calibration": "inercal.export",
+    "import_calibration": "inercal.export.readers",
     "load": "inercal.calibration.files",
     "plot_coverage": "inercal.report",
     "plot_residuals": "inercal.report",
@@ -69,6 +74,8 @@ __all__ = [
     "calibrate",
     "calibrate_batch",
     "demo",
+    "export_calibration",
+    "import_calibration",
     "load",
     "plot_coverage",
     "plot_residuals",

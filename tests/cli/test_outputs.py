@@ -13,13 +13,22 @@ from tests.runfile.run_file_texts import SIX_POSITIONS, run_file
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SENSOR = "triad 3"
-READ = ("run.toml", "head.toml", "means.toml", "run.calibration.json", "register.db")
+READ = ("run.toml", "head.toml", "means.toml", "run.calibration.json", "register.db",
+        "board.params")  # fmt: skip
 # Verbs that write one file, by --out; the inputs that each reads.
 FILE_VERBS = {
     "report": (("report", "run.toml"), ("run.toml", "log.csv")),
     "apply": (
         ("apply", "run.calibration.json", "run.toml", "--force"),
         ("run.toml", "log.csv", "run.calibration.json"),
+    ),
+    "export": (
+        ("export", "run.calibration.json", "--to", "csv", "--force"),
+        ("run.calibration.json",),
+    ),
+    "import": (
+        ("import", "board.params", "--from", "px4", "--like", "run.calibration.json", "--force"),
+        ("board.params", "run.calibration.json"),
     ),
     "simulate": (("simulate", "run.toml", "--force"), ("run.toml",)),
     "plan": (("plan", "dual-orthogonal", "--run", "head.toml", "--force"), ("head.toml",)),
@@ -45,6 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         shutil.copy(EXAMPLES / "dividing_head" / "pair.toml", "head.toml")
         shutil.copy(EXAMPLES / "six_position" / "run.toml", "means.toml")
         shutil.copy(EXAMPLES / "turntable" / "filter_keys.toml", "table.toml")
+        shutil.copy(EXAMPLES / "export" / "board.params", "board.params")
         assert run_program("simulate", "run.toml").status == 0
         assert run_program("calibrate", "run.toml", "--register", "register.db").status == 0
         for name in (*READ, "log.csv"):

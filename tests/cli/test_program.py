@@ -20,6 +20,8 @@ VERBS = (
     "budget",
     "simulate",
     "apply",
+    "export",
+    "import",
     "report",
     "reproduce",
     "compile",

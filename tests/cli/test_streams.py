@@ -49,6 +49,7 @@ VERBS = (
     ("budget", "run.toml", "--trials", "2"),
     ("simulate", "run.toml", "--force"),
     ("apply", "run.calibration.json", "run.toml", "--out", "corrected.csv", "--force"),
+    ("export", "run.calibration.json", "--to", "csv", "--out", "run.csv", "--force"),
     ("store", "import", "run.calibration.json", "--register", "register.db"),
     ("store", "list", "--register", "register.db"),
     ("bench", "devices"),

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from inercal.cli import export_command
 from inercal.cli.worker_option import SCHEDULER, WORKERS
 
 if TYPE_CHECKING:
@@ -162,22 +163,63 @@ def report(
 @app.command()
 def export(
     line: _Line,
-    path: Annotated[Path, typer.Argument(help="The table to write: .csv or .parquet.")],
+    path: Annotated[
+        Path, typer.Argument(help="The table to write: .csv or .parquet; with --to a folder.")
+    ],
     sensor: Annotated[
         str | None,
         typer.Option("--sensor", help="Write the calibration file of this sensor instead."),
     ] = None,
+    to: Annotated[
+        str | None,
+        typer.Option("--to", help="Write a file a sensor for this target (inercal export --help)."),
+    ] = None,
+    stated: list[str] = export_command.SET,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--column",
+            metavar="OPTION=COLUMN",
+            help="With --to: an option by the table of sensors, acc_id=device_id.",
+        ),
+    ] = None,
+    axes: str = export_command.AXES,
+    lossless: bool = export_command.LOSSLESS,
     out: _Out = None,
     force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
 ) -> None:
-    """Write the results as one table, or the calibration file of one sensor."""
+    """Write the results as one table, the calibration file of one sensor, or files for a target."""
     from inercal.cli.outputs import CALIBRATION, OutputKind, check_outputs
+    from inercal.errors import InputError
     from inercal.fleet import results
-    from inercal.fleet.export import COLUMNS, export_table
+    from inercal.fleet.export import COLUMNS, export_files, export_table
     from inercal.fleet.line import read_line
     from inercal.io.atomic_files import write_text
 
     folder = line / results.FOLDER if out is None else out
+    if to is not None:
+        if sensor is not None:
+            raise InputError("--sensor: --to writes all sensors; leave one out", key="--sensor")
+        options = export_command.stated_options(stated)
+        columns = export_command.stated_options(column or [], "--column")
+        made = export_files(
+            read_line(line),
+            folder,
+            path,
+            to,
+            columns=columns,
+            force=force,
+            options=options,
+            axes=axes,
+            lossless=lossless,
+        )
+        print(f"wrote {path}: {len(made.files)} files")
+        for name, reason in made.without.items():
+            print(f"{name} has none: {reason}")
+        return
+    for option, given in (("--set", stated), ("--column", column), ("--lossless", lossless)):
+        if given:
+            raise InputError(f"{option}: it goes with --to", key=option)
     table = OutputKind("table of sensors", ",".join(COLUMNS).encode())
     kind = CALIBRATION if sensor is not None else table
     check_outputs({path: kind}, force=force or None)

@@ -86,8 +86,8 @@ class Comparison:
 
     @cached_property
     def joint_test(self) -> changes.JointTest | None:
-        """All coefficients together; None without a common coefficient."""
-        if not self.names:
+        """All coefficients together; None without a common coefficient, or without covariance."""
+        if not self.names or not any(one.covariance.any() for one in self._both):
             return None
         return changes.joint_test(self.difference, self.difference_covariance)
 
@@ -133,7 +133,10 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
 
 def build_comparison(first: Calibration, second: Calibration) -> Comparison:
     """Return the comparison of two calibrations that are in the same terms."""
-    fixed = fixed_coefficients(first) | fixed_coefficients(second)
+    # An imported calibration has no covariance: none of its coefficients is known to be fixed.
+    fixed = frozenset[str]().union(
+        *(fixed_coefficients(one) for one in (first, second) if one.covariance.any())
+    )
     mine, its = (one.sensor.coefficients for one in (first, second))
     names = tuple(name for name in its if name in mine and name not in fixed)
     left_out = [

@@ -46,6 +46,9 @@ def comparison_lines(compared: Comparison) -> list[str]:
         lines.append(
             "both are of the same recording and share its errors: E_n shows no change of the sensor"
         )
+    for word, one in (("first", compared.first), ("second", compared.second)):
+        if not one.covariance.any():
+            lines.append(f"the {word} has no uncertainties: E_n and χ² count those of the other")
     lines.append(
         exceedance_text(compared.exceedances, len(compared.names), compared.expected_exceedances)
     )

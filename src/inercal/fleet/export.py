@@ -1,16 +1,16 @@
-"""Results of a fleet as one table: a row a sensor, value and U of each coefficient in its unit."""
+"""Results of a fleet: a table with a row a sensor, or a file a sensor for a program or device."""
 
 import csv
 import math
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 from inercal.errors import InputError
 from inercal.fleet import results
-from inercal.fleet.line import Line
-from inercal.io.atomic_files import atomic_write
+from inercal.fleet.line import Line, SensorRow
+from inercal.io.atomic_files import atomic_write, atomic_write_all, make_folder
 from inercal.uncertainty.coverage import COVERAGE
 
 COLUMNS = (
@@ -77,3 +77,106 @@ def _wide_row(row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]) ->
         wide[f"{name} [{unit}]"] = value / si
         wide[f"U({name}) [{unit}]"] = COVERAGE * std / si
     return wide
+
+
+class FleetExport(NamedTuple):
+    """What was written: the files, and why sensors have none, by id."""
+
+    files: tuple[Path, ...]
+    without: Mapping[str, str]
+
+
+def export_files(
+    line: Line,
+    folder: Path,
+    out: Path,
+    to: str,
+    *,
+    options: Mapping[str, Any] | None = None,
+    columns: Mapping[str, str] | None = None,
+    axes: str = "x y z",
+    lossless: bool = False,
+    force: bool = False,
+) -> FleetExport:
+    """Write the calibration of each sensor as the file of a target, `ID.TARGET` and its suffix.
+
+    Parameters
+    ----------
+    line : Line
+        Its sensors are written; those without a calibration are left out.
+    folder : Path
+        Of the parts.
+    out : Path
+        Folder of the files.
+    to : str
+        Name of the target.
+    options, axes, lossless
+        As of `export_calibration`, for all sensors.
+    columns : mapping of str to str, optional
+        Columns of the table of sensors by option of the target, such as the device id of each.
+    force : bool
+        Whether to write over files.
+
+    Raises
+    ------
+    InputError
+        No results, a column that is missing or empty, a file that exists, or what the target
+        refuses, with the sensor. No file is written then.
+    """
+    from inercal.calibration.files import parse
+    from inercal.export import TARGETS, export_calibration
+
+    target = TARGETS.find(to)
+    texts: dict[Path, str] = {}
+    without: dict[str, str] = {}
+    by_id = {row.id: row for row in line.rows}
+    for rows in results.last_rows_by_part(folder, ("status", "error", "calibration")):
+        for row in rows:
+            if row["id"] not in by_id:
+                continue
+            if row["status"] != results.DONE:
+                without[row["id"]] = row["error"] or row["status"]
+                continue
+            try:
+                stated = dict(options or {}) | _from_columns(by_id[row["id"]], columns or {})
+                calibration = parse(row["calibration"], row["id"])
+                made = export_calibration(
+                    calibration,
+                    to,
+                    options=stated,
+                    axes=axes,
+                    lossless=lossless,
+                    source=f"{row['id']}.calibration.json",
+                )
+            except InputError as error:
+                raise error.located(f"sensor {row['id']}") from None
+            texts[_sensor_file(out, row["id"], f".{to}{target.suffix}")] = made.text
+    if not texts:
+        raise InputError(f"{folder}: no calibrated sensors; calibrate the line first", file=folder)
+    taken = next((path for path in texts if path.exists() and not force), None)
+    if taken is not None:
+        raise InputError(f"{taken} exists: name another folder, or use --force", file=taken)
+    make_folder(out)
+    with atomic_write_all(list(texts)) as parts:
+        for part, text in zip(parts, texts.values(), strict=True):
+            part.write_text(text, encoding="utf-8")
+    return FleetExport(tuple(texts), without)
+
+
+def _sensor_file(out: Path, name: str, suffix: str) -> Path:
+    if Path(name).name != name or name in (".", ".."):
+        raise InputError(f"sensor {name!r}: its id is no name of a file", names=(name,))
+    return out / f"{name}{suffix}"
+
+
+def _from_columns(row: SensorRow, columns: Mapping[str, str]) -> dict[str, str]:
+    known = {"id": row.id, **row.columns}
+    for option, column in columns.items():
+        if not known.get(column):
+            raise InputError(
+                f"the table of sensors states no {column!r} for --column {option}; it has "
+                f"{', '.join(known)}",
+                key="--column",
+                names=(column,),
+            )
+    return {option: known[column] for option, column in columns.items()}

@@ -1,0 +1,187 @@
+"""`inercal export`: a calibration as the file of a program, a device or a language."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from inercal.cli.console import print_json
+
+if TYPE_CHECKING:
+    from inercal.export import Export
+    from inercal.export.ranges import Range
+
+NAME = "export"
+
+SET = typer.Option(
+    [], "--set", metavar="OPTION=VALUE", help="What the target needs: --set acc_id=1310988."
+)
+AXES = typer.Option(
+    "x y z",
+    "--axes",
+    help="The target's x, y, z along the body's: 'x -y -z' from front-left-up to front-right-down.",
+)
+LOSSLESS = typer.Option(
+    False, "--lossless", help="Refuse an export whose error exceeds U of the calibration."
+)
+REFIT = typer.Option(
+    False, "--refit", help="Fit the linear terms over the range, where others are left out."
+)
+FORCE_RANGE = typer.Option(
+    None, "--over-force", help="Range of an axis, '-2 2 g' (default: that of the data)."
+)
+RATE_RANGE = typer.Option(None, "--over-rate", help="Range of an axis, '-200 200 deg/s'.")
+TEMPERATURE_RANGE = typer.Option(
+    None, "--over-temperature", help="Range of temperatures, '-10 60 °C'."
+)
+
+
+def run(
+    calibration_file: Path = typer.Argument(help="A *.calibration.json file."),
+    to: str = typer.Option(
+        ...,
+        "--to",
+        help="kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, imucal, c, "
+        "c_fixed, cpp, matlab, python, csv, or a target of another package.",
+    ),
+    out: Path | None = typer.Option(None, "--out", "-o", help="The file to write."),
+    stated: list[str] = SET,
+    axes: str = AXES,
+    lossless: bool = LOSSLESS,
+    refit: bool = REFIT,
+    over_force: str | None = FORCE_RANGE,
+    over_rate: str | None = RATE_RANGE,
+    over_temperature: str | None = TEMPERATURE_RANGE,
+    name: str | None = typer.Option(
+        None, "--name", help="For names in code (default: the sensor's name)."
+    ),
+    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Write a calibration for a program, a device or a language, and say what that loses."""
+    from inercal.calibration.files import load
+    from inercal.cli.outputs import OutputKind, check_outputs
+    from inercal.export import TARGETS, export_calibration
+    from inercal.io.atomic_files import write_text
+
+    target = TARGETS.find(to)
+    calibration = load(calibration_file)
+    stem = calibration_file.name.removesuffix(".json").removesuffix(".calibration")
+    path = out or Path(f"{stem}.{to}{target.suffix}")
+    check_outputs({path: OutputKind("export")}, [calibration_file], force=force)
+    made = export_calibration(
+        calibration,
+        to,
+        options=stated_options(stated),
+        axes=axes,
+        lossless=lossless,
+        refit=refit,
+        force=parse_range(over_force, "m/s^2", "--over-force"),
+        rate=parse_range(over_rate, "rad/s", "--over-rate"),
+        temperature=parse_range(over_temperature, "K", "--over-temperature"),
+        source=str(calibration_file),
+        name=name or "",
+    )
+    write_text(path, made.text)
+    if (verdict := calibration.verdict) is not None and verdict.grade == "unreliable":
+        print(f"inercal: warning: {calibration_file} is {verdict.word}", file=sys.stderr)
+    if json:
+        print_json({"file": str(path), "target": to, **costs_object(made)})
+        return
+    for line in cost_lines(made):
+        print(line)
+    print(f"wrote {path}")
+
+
+def stated_options(texts: Sequence[str], option: str = "--set") -> dict[str, str]:
+    """Return the values of `--set`, or of another such option, by name.
+
+    Raises
+    ------
+    InputError
+        A text without "=", or a name twice.
+    """
+    from inercal.errors import InputError
+
+    found: dict[str, str] = {}
+    for text in texts:
+        name, separator, value = text.partition("=")
+        if not separator or name in found:
+            what = f"{name} is stated twice" if separator else "give OPTION=VALUE"
+            raise InputError(f"{option} {text}: {what}", key=option, names=(name,))
+        found[name.strip()] = value.strip()
+    return found
+
+
+def parse_range(text: str | None, unit: str, option: str) -> "Range | None":
+    """Return a range such as "-2 2 g" in SI.
+
+    Raises
+    ------
+    InputError
+        Not two numbers and a unit of this dimension.
+    """
+    if text is None:
+        return None
+    import numpy as np
+
+    from inercal.errors import InputError
+    from inercal.units import to_si
+
+    parts = text.split(maxsplit=2)
+    try:
+        numbers = np.array([float(part) for part in parts[:2]])
+        if len(parts) < 3 or not np.isfinite(numbers).all():
+            raise ValueError
+    except ValueError:
+        raise InputError(
+            f"{option} {text!r}: give the lower end, the upper end and the unit, such as "
+            f"'-10 10 {unit}'",
+            key=option,
+        ) from None
+    try:
+        low, high = to_si(numbers, parts[2], unit).tolist()
+    except InputError as error:
+        raise error.located(f"{option} {text!r}", key=option) from None
+    return low, high
+
+
+def costs_object(made: "Export") -> dict[str, Any]:
+    """Return what an export loses, in SI."""
+    return {
+        "errors": {
+            one.measures: {
+                "max": one.largest,
+                "rms": one.rms,
+                "U": one.expanded,
+                "exceeds_U": one.exceeds,
+            }
+            for one in made.costs
+        },
+        "not_held": [
+            {"of": one.measures, "what": one.word, "names": list(one.names), "effect": one.effect}
+            for one in made.losses
+        ],
+    }
+
+
+def cost_lines(made: "Export") -> list[str]:
+    """Return what an export loses, in lines."""
+    from inercal.export.model import UNITS
+
+    words = {"f": "specific force", "w": "angular rate"}
+    lines = [
+        f"not held by {made.target.name}: {one.word} ({words[one.measures]}), up to "
+        f"{one.effect:.2g} {UNITS[one.measures]}"
+        for one in made.losses
+    ]
+    for one in made.costs:
+        against = f", U there {one.expanded:.2g}" if one.expanded else ""
+        lines.append(
+            f"error in {words[one.measures]} over the range: at most {one.largest:.2g} "
+            f"{UNITS[one.measures]}, rms {one.rms:.2g}{against}"
+            + (" (exceeds U)" if one.exceeds else "")
+        )
+    return lines

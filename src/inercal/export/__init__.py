@@ -1,0 +1,178 @@
+"""Calibrations written for the programs, devices and languages that use them, and read from them.
+
+`export_calibration` gives the text of a file and what it loses; `TARGETS` has the targets. Each is
+a module with `TARGET = Target(...)`, by `inercal.export.target_definition`; a package of its own
+registers one by the entry point `inercal.exports`.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from inercal.calibration import Calibration
+from inercal.errors import InputError
+from inercal.export.cost import Cost, Loss, costs, losses, possible_samples, sample
+from inercal.export.header import header_lines
+from inercal.export.model import UNITS, export_model
+from inercal.export.options import resolve_options
+from inercal.export.ranges import Range, calibrated_ranges
+from inercal.export.target_definition import Request, Target
+from inercal.registry import Registry
+
+TARGETS: Registry[Target] = Registry(
+    "inercal.exports",
+    "target",
+    {
+        name: f"inercal.export.targets.{module}:TARGET"
+        for name, module in {
+            "kalibr": "kalibr",
+            "openvins": "openvins",
+            "imu_calib": "imu_calib",
+            "px4": "px4",
+            "ardupilot": "ardupilot",
+            "vectornav": "vectornav",
+            "adis": "adis",
+            "imu_tk": "imu_tk",
+            "imucal": "imucal",
+            "c": "c_header",
+            "c_fixed": "c_fixed",
+            "cpp": "cpp_header",
+            "matlab": "matlab",
+            "python": "python_module",
+            "csv": "table",
+        }.items()
+    },
+)
+
+
+@dataclass(frozen=True)
+class Export:
+    """A calibration as the file of a target.
+
+    Parameters
+    ----------
+    target : Target
+    text : str
+        The content of the file.
+    costs : tuple of Cost
+        Errors against the calibration over its range, by kind of motion.
+    losses : tuple of Loss
+        What the target cannot hold.
+    header : tuple of str
+        What the file says of itself, line by line.
+    """
+
+    target: Target
+    text: str
+    costs: tuple[Cost, ...]
+    losses: tuple[Loss, ...]
+    header: tuple[str, ...]
+
+
+def export_calibration(
+    calibration: Calibration,
+    to: str,
+    *,
+    options: Mapping[str, Any] | None = None,
+    axes: str = "x y z",
+    lossless: bool = False,
+    refit: bool = False,
+    force: Range | None = None,
+    rate: Range | None = None,
+    temperature: Range | None = None,
+    source: str = "",
+    name: str = "",
+) -> Export:
+    """Return a calibration as the file of a target, with what the target loses.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    to : str
+        Name of the target, one of `TARGETS`.
+    options : mapping of str to object, optional
+        What the target needs beside the calibration, by name.
+    axes : str
+        The target's x, y and z along the body's axes, "x -y -z" from front-left-up to
+        front-right-down; the channels of the sensor turn likewise.
+    lossless : bool
+        Whether to refuse an export whose error exceeds U (k = 2) of the calibration.
+    refit : bool
+        Whether scale factors, misalignments and biases are fitted over the range, where the
+        target holds no nonlinear terms; else these are left out.
+    force, rate, temperature : (float, float), optional
+        Range of an axis, m/s², rad/s and K; those of the calibration's data by default.
+    source : str
+        Name of the calibration file, for the explanation in the file.
+    name : str
+        For names in code; the sensor's name by default.
+
+    Raises
+    ------
+    InputError
+        No such target, an option that is missing or wrong, a sensor that the target cannot take, or
+        an error above U with `lossless`.
+    """
+    target = TARGETS.find(to)
+    resolved = resolve_options(target, options or {})
+    ranges = calibrated_ranges(calibration, force=force, rate=rate, temperature=temperature)
+    model = export_model(calibration, axes)
+    samples = sample(model, ranges)
+    if refit:
+        if any("polynomial" in held for held in target.holds.values()):
+            raise InputError(
+                f"refit: target {to} holds nonlinear terms; leave --refit out", key="--refit"
+            )
+        sensor = calibration.sensor
+        readings = sensor.forward(samples.motion, calibration.values)
+        model = export_model(calibration, axes, refit=(samples.motion, readings))
+    request = Request(model, ranges, resolved, identifier(name or calibration.sensor.name))
+    rendering = target.render(request)
+    if rendering.possible is not None:
+        samples = possible_samples(model, samples, rendering.possible)
+    lost = losses(model, samples, target, rendering)
+    cost = costs(model, samples, rendering.correct)
+    if lossless and any(one.exceeds for one in cost):
+        raise InputError(_refusal(target, cost, lost), key="--lossless")
+    biased = rendering.correct_with_bias
+    header = header_lines(
+        model,
+        target,
+        rendering,
+        samples,
+        ranges,
+        cost,
+        lost,
+        with_bias=() if biased is None else costs(model, samples, biased),
+        source=Path(source).name,
+        refitted=refit,
+    )
+    return Export(target, rendering.write(header), cost, lost, header)
+
+
+def identifier(text: str) -> str:
+    """Return a name for code: letters, digits and underscores of a text, in small letters.
+
+    >>> identifier("IMU-7 (left)")
+    'imu_7_left'
+    """
+    plain = re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_").lower()
+    return plain if plain[:1].isalpha() else f"imu_{plain}".rstrip("_")
+
+
+def _refusal(target: Target, cost: tuple[Cost, ...], lost: tuple[Loss, ...]) -> str:
+    worst = "; ".join(
+        f"{one.largest:.3g} {UNITS[one.measures]} where U is {one.expanded:.3g}"
+        for one in cost
+        if one.exceeds
+    )
+    what = ", ".join(dict.fromkeys(one.word for one in lost)) or "digits of its numbers"
+    return (
+        f"--lossless: {target.name} cannot hold {what}; the error over the calibrated range is at "
+        f"most {worst}: choose another target, or leave out --lossless"
+    )
+
+
+__all__ = ["TARGETS", "Cost", "Export", "Loss", "export_calibration", "identifier"]

@@ -1,0 +1,200 @@
+"""What an export loses: the correction of the target against `Calibration.correct`.
+
+Motions that fill the calibrated range are turned into output by the calibration's own model. The
+error is what the target makes of this output, minus what `correct` makes of it; U is the expanded
+uncertainty (k = 2) of what `correct` makes of it, by the calibration's covariance::
+
+    u²(x) = J C Jᵀ,   J = −(∂y/∂x)⁻¹ ∂y/∂c
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.calibration import Calibration
+from inercal.errors import InputError, NotInvertible
+from inercal.export.model import ExportModel
+from inercal.export.ranges import Ranges, sample_motions
+from inercal.export.target_definition import Rendering, Target
+from inercal.export.term_kinds import WORDS, kinds_of
+from inercal.motion import Motion
+from inercal.uncertainty.coverage import COVERAGE
+
+_FLOAT32 = 2.0**-24
+_ROUNDINGS = 16  # of a target that computes in single precision: sums of some products
+
+
+@dataclass(frozen=True)
+class Cost:
+    """The error of the export in one kind of motion.
+
+    Parameters
+    ----------
+    measures : "f" or "w"
+    largest, rms : float
+        Of the error's components over the range, m/s² or rad/s.
+    expanded : float
+        U (k = 2) of the correction where the error is largest.
+    exceeds : bool
+        Whether a component's error is somewhere larger than its U and than rounding.
+    rounding : float
+        What single precision may cost over this range, SI.
+    """
+
+    measures: Literal["f", "w"]
+    largest: float
+    rms: float
+    expanded: float
+    exceeds: bool
+    rounding: float
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Terms that the target cannot hold.
+
+    Parameters
+    ----------
+    measures : "f" or "w"
+    word : str
+        "misalignment".
+    names : tuple of str
+        The coefficients.
+    effect : float
+        The largest reading that they make over the range, m/s² or rad/s.
+    """
+
+    measures: Literal["f", "w"]
+    word: str
+    names: tuple[str, ...]
+    effect: float
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Motions over the range with their readings and corrections; rows agree.
+
+    Parameters
+    ----------
+    motion : Motion
+    readings : (n, k) array
+        SI, of the target's channels.
+    corrected : (n, k) array
+        Of `Calibration.correct`, in the target's axes.
+    dT : (n,) array
+        K from the reference.
+    """
+
+    motion: Motion
+    readings: Array
+    corrected: Array
+    dT: Array
+
+
+def sample(model: ExportModel, ranges: Ranges) -> Samples:
+    """Return motions over the ranges, with readings and corrections by the calibration.
+
+    Raises
+    ------
+    InputError
+        The model has no inverse somewhere in the ranges.
+    """
+    sensor = model.sensor
+    motion = sample_motions(model.calibration, ranges)
+    y = sensor.forward(motion, model.calibration.values)
+    return _corrected(model, motion, np.broadcast_to(y, (len(motion.f), y.shape[-1])))
+
+
+def possible_samples(
+    model: ExportModel, samples: Samples, possible: Callable[[Array], Array]
+) -> Samples:
+    """Return samples whose readings are the nearest that a target can be given."""
+    readings = possible(samples.readings)
+    y = np.zeros((len(readings), len(model.sensor.axes)))
+    for k, (_, triad) in enumerate(model.triads):
+        y[:, list(triad.rows)] = readings[:, 3 * k : 3 * k + 3] * triad.signs
+    return _corrected(model, samples.motion, y)
+
+
+def _corrected(model: ExportModel, motion: Motion, y: Array) -> Samples:
+    """Return samples of readings y, (n, m), in SI of the sensor's axes."""
+    calibration, sensor = model.calibration, model.sensor
+    output = sensor.to_output(y)
+    dT = np.broadcast_to(np.asarray(motion.dT, dtype=float), y.shape[:1])
+    try:
+        back = calibration.correct(output, dw=np.zeros((1, 3)), dT=dT)
+    except NotInvertible as error:
+        raise InputError(
+            f"over the calibrated range the model of {sensor.name} has no inverse ({error}); give "
+            "smaller ranges by --over-force and --over-rate"
+        ) from None
+    return Samples(motion, model.readings(output), model.motion(back), dT)
+
+
+def costs(
+    model: ExportModel, samples: Samples, correct: Callable[[Array, Array], Array]
+) -> tuple[Cost, ...]:
+    """Return the error of a target's correction, by kind of motion."""
+    error = correct(samples.readings, samples.dT) - samples.corrected
+    expanded = _expanded(model, samples)
+    found: list[Cost] = []
+    for k, (kind, _) in enumerate(model.triads):
+        mine, limits = error[:, 3 * k : 3 * k + 3], expanded[:, 3 * k : 3 * k + 3]
+        size = float(np.abs(samples.corrected[:, 3 * k : 3 * k + 3]).max())
+        rounding = _ROUNDINGS * _FLOAT32 * size
+        at = np.unravel_index(int(np.abs(mine).argmax()), mine.shape)
+        found.append(
+            Cost(
+                kind,
+                float(np.abs(mine).max()),
+                float(np.sqrt(np.mean(mine**2))),
+                float(limits[at]),
+                bool((np.abs(mine) > np.maximum(limits, rounding)).any()),
+                rounding,
+            )
+        )
+    return tuple(found)
+
+
+def losses(
+    model: ExportModel, samples: Samples, target: Target, rendering: Rendering
+) -> tuple[Loss, ...]:
+    """Return what a target cannot hold of a calibration, with the readings that it makes."""
+    holds = target.holds if rendering.holds is None else rendering.holds
+    sensor, values = model.sensor, model.calibration.values
+    whole = sensor.forward(samples.motion, values)
+    groups: dict[tuple[Literal["f", "w"], str], list[int]] = {}
+    for k, (measures, kind, order) in enumerate(kinds_of(sensor)):
+        held = kind in holds.get(measures, ())
+        if kind == "bias_temperature" and order > target.temperature_order:
+            held = False
+        if not held:
+            groups.setdefault((measures, WORDS[kind]), []).append(k)
+    found: list[Loss] = []
+    for (measures, word), members in groups.items():
+        less = values.copy()
+        less[members] = 0.0
+        change = whole - sensor.forward(samples.motion, less)
+        names = tuple(sensor.coefficients[k] for k in members)
+        found.append(Loss(measures, word, names, float(np.abs(change).max())))
+    return tuple(found)
+
+
+def _expanded(model: ExportModel, samples: Samples) -> Array:
+    """Return U (k = 2) of what `correct` gives, (n, k), in the target's axes."""
+    calibration: Calibration = model.calibration
+    kinds = [kind for kind, _ in model.triads]
+    columns = [k for k in range(6) if ("f" if k < 3 else "w") in kinds]
+    sensor = calibration.sensor
+    lines = sensor.linearise(samples.motion, calibration.values)
+    n = samples.dT.size
+    slope = np.broadcast_to(lines.slope, (n, *lines.slope.shape[-2:]))[..., columns]
+    design = np.broadcast_to(lines.design, (n, *lines.design.shape[-2:]))
+    by = np.linalg.solve(slope, design)
+    turn = np.kron(np.eye(len(kinds)), model.turn)
+    by = turn @ by
+    variance = np.einsum("nip,pq,niq->ni", by, calibration.covariance, by, optimize=True)
+    return COVERAGE * np.sqrt(np.maximum(variance, 0.0))

@@ -1,0 +1,164 @@
+"""The explanation that every exported file holds, in ASCII: a device may have no other letters."""
+
+import textwrap
+import unicodedata
+from collections.abc import Sequence
+from importlib.metadata import version
+
+import numpy as np
+
+from inercal.calibration.files import as_object
+from inercal.export.cost import Cost, Loss, Samples
+from inercal.export.model import UNITS, ExportModel
+from inercal.export.ranges import Ranges
+from inercal.export.target_definition import Rendering, Target
+from inercal.units import ZERO_CELSIUS
+
+_WIDTH = 96
+_KINDS = {"f": "specific force", "w": "angular rate"}
+_ASCII = str.maketrans(
+    {"µ": "u", "μ": "u", "²": "^2", "³": "^3", "°": "deg", "…": "...", "·": "*", "×": "x",
+     "−": "-", "–": "-", "ω": "w", "Δ": "d", "±": "+-", "″": "arcsec", "√": "sqrt"}
+)  # fmt: skip
+
+
+def plain_text(text: str) -> str:
+    """Return a text as one line of ASCII, without what would end a comment.
+
+    >>> plain_text("µg */ B²")
+    'ug * / B^2'
+    """
+    plain = unicodedata.normalize("NFKD", " ".join(text.split()).translate(_ASCII))
+    plain = plain.encode("ascii", "ignore").decode().replace("\\", "/").replace("??", "? ?")
+    return plain.replace("*/", "* /").replace("/*", "/ *")
+
+
+def header_lines(
+    model: ExportModel,
+    target: Target,
+    rendering: Rendering,
+    samples: Samples,
+    ranges: Ranges,
+    costs: Sequence[Cost],
+    losses: Sequence[Loss],
+    *,
+    with_bias: Sequence[Cost] = (),
+    source: str = "",
+    refitted: bool = False,
+) -> tuple[str, ...]:
+    """Return what the file says of itself.
+
+    Parameters
+    ----------
+    model, target, rendering, samples, ranges
+    costs, losses : sequences of Cost and of Loss
+    with_bias : sequence of Cost
+        Where the target estimates the bias.
+    source : str
+        Name of the calibration file; empty where there is none.
+    refitted : bool
+        Whether the linear terms were fitted over the range.
+    """
+    lines = [f"{target.meaning}, by inercal {version('inercal')}"]
+    lines += _source_lines(model, source)
+    kinds = " and ".join(f"{_KINDS[k]} in {UNITS[k]}" for k, _ in model.triads)
+    lines.append(f"takes {rendering.reads}; gives {kinds}")
+    lines.append(_frame_text(model))
+    lines += [f"formula: {text}" for text in rendering.formula]
+    if refitted:
+        lines.append("the linear terms are a least-squares fit over the range below (refit)")
+    lines += [_loss_text(one) for one in losses] or ["holds every coefficient of the calibration"]
+    lines += _cost_lines("this file", costs, ranges, model)
+    if with_bias:
+        lines += [_cost_text("the same with the biases below subtracted", c) for c in with_bias]
+        lines += [
+            f"bias of {_KINDS[kind]} at {_celsius(model):.6g} degC, not read by the target: "
+            + ", ".join(f"{x:.9g}" for x in triad.bias)
+            + f" {UNITS[kind]}"
+            for kind, triad in model.triads
+        ]
+    if np.any(model.calibration.covariance):
+        lines.append("uncertainties and covariance are in the calibration file alone")
+    else:
+        lines.append("the calibration has no uncertainties (it was imported)")
+    lines += rendering.remarks
+    lines.append(_check_text(model, rendering, samples))
+    return tuple(
+        part
+        for line in lines
+        for part in textwrap.wrap(plain_text(line), _WIDTH, subsequent_indent="  ")
+    )
+
+
+def _source_lines(model: ExportModel, source: str) -> list[str]:
+    calibration = model.calibration
+    sha256 = as_object(calibration)["sha256"]
+    parts = [source or "not saved", f"sha256 {sha256}", f"sensor {calibration.sensor.name}"]
+    if calibration.method:
+        parts.append(f"method {calibration.method}")
+    if created := calibration.provenance.get("created"):
+        parts.append(f"of {created}")
+    lines = [f"calibration: {', '.join(parts)}"]
+    verdict = calibration.verdict
+    if verdict is not None:
+        mark = "NOT TO BE RELIED ON: " if verdict.grade == "unreliable" else "verdict: "
+        lines.append(mark + (verdict.word if not verdict.reasons else "; ".join(verdict.reasons)))
+    return lines
+
+
+def _frame_text(model: ExportModel) -> str:
+    text = f"frame: {model.calibration.frame} of the calibration"
+    if np.array_equal(model.turn, np.eye(3)):
+        return f"{text}, x y z; channels in the order of the calibration"
+    names = [
+        ("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in model.turn
+    ]
+    return f"{text} with axes {' '.join(names)}; the channels are turned likewise"
+
+
+def _loss_text(one: Loss) -> str:
+    shown = ", ".join(one.names[:6]) + (" ..." if len(one.names) > 6 else "")
+    return (
+        f"NOT held: {one.word} ({shown}), which reads up to {one.effect:.3g} {UNITS[one.measures]} "
+        "over the range"
+    )
+
+
+def _cost_lines(what: str, costs: Sequence[Cost], ranges: Ranges, model: ExportModel) -> list[str]:
+    kinds = {kind for kind, _ in model.triads}
+    parts: list[str] = []
+    for kind, name, (low, high) in (("f", "force", ranges.force), ("w", "rate", ranges.rate)):
+        if kind in kinds:
+            word = " (assumed)" if name in ranges.assumed else ""
+            parts.append(f"{low:.4g} to {high:.4g} {UNITS[kind]} an axis{word}")
+    if ranges.temperature is not None and model.sensor.uses("dT"):
+        low, high = (t - ZERO_CELSIUS for t in ranges.temperature)
+        parts.append(f"{low:.4g} to {high:.4g} degC")
+    elif model.sensor.uses("dT"):
+        parts.append(f"{_celsius(model):.4g} degC alone: no range of temperatures is stated")
+    return [f"range: {'; '.join(parts)}", *[_cost_text(f"error of {what}", c) for c in costs]]
+
+
+def _cost_text(what: str, one: Cost) -> str:
+    unit = UNITS[one.measures]
+    against = f"; U (k = 2) of the calibration there: {one.expanded:.3g}" if one.expanded else ""
+    if one.exceeds:
+        against += ", which the error exceeds somewhere"
+    return (
+        f"{what} in {_KINDS[one.measures]} against the calibration: at most {one.largest:.3g} "
+        f"{unit} a component, rms {one.rms:.3g}{against}"
+    )
+
+
+def _celsius(model: ExportModel) -> float:
+    return model.sensor.reference_temperature - ZERO_CELSIUS
+
+
+def _check_text(model: ExportModel, rendering: Rendering, samples: Samples) -> str:
+    """Return a reading and what the target makes of it."""
+    readings, dT = samples.readings[-1:], samples.dT[-1:]
+    corrected = rendering.correct(readings, dT)[0]
+    at = f" at {_celsius(model) + float(dT[0]):.6g} degC" if model.sensor.uses("dT") else ""
+    shown = model.outputs(readings)[0] if rendering.takes_output else readings[0]
+    numbers = ", ".join(f"{x:.9g}" for x in shown)
+    return f"check: readings ({numbers}){at} give ({', '.join(f'{x:.7g}' for x in corrected)})"

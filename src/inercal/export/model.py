@@ -1,0 +1,295 @@
+"""A calibration in the terms of a target: matrices and biases of triads, in the target's axes.
+
+    y = M f + b + Σ b_k ΔT^k              accelerometers, m/s²
+    y = G ω + A f + b + Σ b_k ΔT^k        gyros, rad/s
+
+y is a reading after the nominal readout, y = (output − offset)/scale. Where the target's axes are
+other than the body's, by a signed permutation S, vectors and channels turn together:
+M′ = S M Sᵀ, b′ = S b, and likewise G and A.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.calibration import Calibration
+from inercal.errors import InputError
+from inercal.export.term_kinds import LINEAR, kinds_of
+from inercal.keys import CoefficientName
+from inercal.motion import Motion
+from inercal.sensors import Readout, Sensor
+
+_WORDS = {"f": "accelerometers", "w": "gyros"}
+UNITS = {"f": "m/s^2", "w": "rad/s"}
+
+
+@dataclass(frozen=True, eq=False)
+class Triad:
+    """Three axes of one kind in the target's axes.
+
+    Parameters
+    ----------
+    rows : tuple of 3 int
+        The sensor's axis of each channel of the target.
+    signs : (3,) array
+        Sign of each channel against that axis.
+    matrix : (3, 3) array
+        Readings by the motion.
+    bias : (3,) array
+        m/s² or rad/s, at the reference temperature.
+    bias_powers : (k, 3) array
+        Coefficients of ΔT, ΔT², …, SI.
+    scale, offset : (3,) arrays
+        Of the nominal readout, output units.
+    unit : str
+        Output unit.
+    """
+
+    rows: tuple[int, ...]
+    signs: Array
+    matrix: Array
+    bias: Array
+    bias_powers: Array
+    scale: Array
+    offset: Array
+    unit: str
+
+    @cached_property
+    def correction(self) -> Array:
+        """Inverse of the matrix, (3, 3)."""
+        return np.asarray(np.linalg.inv(self.matrix), dtype=float)
+
+    def bias_at(self, dT: Array) -> Array:
+        """Return the bias, (n, 3), at temperatures dT, (n,), from the reference."""
+        total = np.broadcast_to(self.bias, (dT.size, 3)).copy()
+        for power, coefficients in enumerate(self.bias_powers, start=1):
+            total += dT[:, None] ** power * coefficients
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class ExportModel:
+    """A calibration in the target's axes; see the module.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    turn : (3, 3) array
+        S, from body axes to the target's.
+    accelerometer, gyro : Triad or None
+    g_sensitivity : (3, 3) array
+        A, (rad/s)/(m/s²).
+    """
+
+    calibration: Calibration
+    turn: Array
+    accelerometer: Triad | None
+    gyro: Triad | None
+    g_sensitivity: Array
+
+    @property
+    def sensor(self) -> Sensor:
+        """The sensor of the calibration."""
+        return self.calibration.sensor
+
+    @cached_property
+    def triads(self) -> tuple[tuple[Literal["f", "w"], Triad], ...]:
+        """The triads that there are, accelerometers first."""
+        found: list[tuple[Literal["f", "w"], Triad]] = []
+        if self.accelerometer is not None:
+            found.append(("f", self.accelerometer))
+        if self.gyro is not None:
+            found.append(("w", self.gyro))
+        return tuple(found)
+
+    @cached_property
+    def matrix(self) -> Array:
+        """[M 0; A G] or the one block that there is, (n, n)."""
+        blocks = [triad.matrix for _, triad in self.triads]
+        whole = np.zeros((3 * len(blocks),) * 2)
+        for k, block in enumerate(blocks):
+            whole[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = block
+        if len(blocks) == 2:
+            whole[3:, :3] = self.g_sensitivity
+        return whole
+
+    @cached_property
+    def correction(self) -> Array:
+        """Inverse of `matrix`, (n, n): its lower left block is −G⁻¹ A M⁻¹."""
+        return np.asarray(np.linalg.inv(self.matrix), dtype=float)
+
+    def joined(self, what: Literal["bias", "scale", "offset"]) -> Array:
+        """Return a quantity of all channels, (n,)."""
+        return np.concatenate([getattr(triad, what) for _, triad in self.triads])
+
+    def readings(self, output: Array) -> Array:
+        """Return readings in SI, (n, k), of the target's channels from the sensor's output."""
+        y = self.sensor.to_si(output)
+        return np.concatenate([y[:, list(t.rows)] * t.signs for _, t in self.triads], axis=-1)
+
+    def outputs(self, readings: Array) -> Array:
+        """Return the output, (n, k), of the target's channels for readings in SI."""
+        return self.joined("offset") + self.joined("scale") * readings
+
+    def motion(self, motion: Motion) -> Array:
+        """Return f, then ω, (n, k), of the kinds that there are, in the target's axes."""
+        parts = {"f": motion.f, "w": motion.w}
+        return np.concatenate([parts[kind] @ self.turn.T for kind, _ in self.triads], axis=-1)
+
+    def require(self, kind: Literal["f", "w"], target: str) -> Triad:
+        """Return a triad that the target needs.
+
+        Raises
+        ------
+        InputError
+            The sensor has none.
+        """
+        for have, triad in self.triads:
+            if have == kind:
+                return triad
+        raise InputError(
+            f"{target} holds {_WORDS[kind]}, and sensor {self.sensor.name} has none; choose "
+            "another target",
+            names=self.sensor.channels,
+        )
+
+
+def export_model(
+    calibration: Calibration, axes: str = "x y z", refit: tuple[Motion, Array] | None = None
+) -> ExportModel:
+    """Return a calibration in the terms of a target.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    axes : str
+        The target's x, y and z along the body's axes: "x -y -z" takes front-left-up to
+        front-right-down.
+    refit : (Motion, (n, m) array), optional
+        Motions and their readings in SI, to which the linear terms are fitted by least squares.
+
+    Raises
+    ------
+    InputError
+        `axes` is no right-handed choice, or there are not three accelerometers or three gyros.
+    """
+    if calibration.sensor.form == "tilted" and set(_kinds(calibration.sensor)) <= LINEAR:
+        calibration = calibration.in_form("reference")
+    sensor = calibration.sensor
+    turn = parse_axes(axes)
+    slope, bias = _linear_part(calibration) if refit is None else _fitted(calibration, *refit)
+    powers = _bias_powers(calibration)
+    triads: dict[str, Triad] = {}
+    sensitivity = np.zeros((3, 3))
+    for kind, start in (("f", 0), ("w", 3)):
+        rows = [k for k, axis in enumerate(sensor.axes) if axis.measures == kind]
+        if not rows:
+            continue
+        picked, readouts = _turned_rows(sensor, kind, rows, turn)
+        signs = turn.sum(axis=1)
+        triads[kind] = Triad(
+            picked,
+            signs,
+            turn @ slope[rows, start : start + 3] @ turn.T,
+            turn @ bias[rows],
+            powers[:, rows] @ turn.T,
+            np.array([one.scale for one in readouts]),
+            np.array([one.offset for one in readouts]) * signs,
+            readouts[0].unit,
+        )
+        if kind == "w" and "f" in triads:
+            sensitivity = turn @ slope[rows, :3] @ turn.T
+    if not triads:
+        raise InputError(f"sensor {sensor.name} has no axes", names=sensor.channels)
+    return ExportModel(calibration, turn, triads.get("f"), triads.get("w"), sensitivity)
+
+
+def _turned_rows(
+    sensor: Sensor, kind: str, rows: Sequence[int], turn: Array
+) -> tuple[tuple[int, ...], tuple[Readout, ...]]:
+    """Return the sensor's axis of each channel of the target, and its readout."""
+    if len(rows) != 3:
+        raise InputError(
+            f"sensor {sensor.name} has {len(rows)} {_WORDS[kind]}: an export takes three of a kind",
+            names=sensor.channels,
+        )
+    picked = tuple(rows[int(k)] for k in np.abs(turn).argmax(axis=1))
+    readouts = tuple(sensor.axes[k].readout for k in picked)
+    if len({one.unit for one in readouts}) > 1:
+        raise InputError(
+            f"the {_WORDS[kind]} of {sensor.name} have readings in "
+            f"{', '.join(one.unit for one in readouts)}: an export takes one unit",
+            names=sensor.channels,
+        )
+    return picked, readouts
+
+
+def parse_axes(text: str) -> Array:
+    """Return S, (3, 3), of axes such as "x -y -z".
+
+    Raises
+    ------
+    InputError
+        Not three different axes, or a left-handed choice.
+    """
+    words = text.replace(",", " ").split()
+    plain = [word.lstrip("+-") for word in words]
+    turn = np.zeros((3, 3))
+    if sorted(plain) == ["x", "y", "z"]:
+        for row, (word, name) in enumerate(zip(words, plain, strict=True)):
+            turn[row, "xyz".index(name)] = -1.0 if word.startswith("-") else 1.0
+    if np.linalg.det(turn) < 0.5:
+        raise InputError(
+            f"axes {text!r}: give x, y and z once each, right-handed, such as 'x -y -z'", key="axes"
+        )
+    return turn
+
+
+def _kinds(sensor: Sensor) -> Sequence[str]:
+    return [kind for _, kind, _ in kinds_of(sensor)]
+
+
+def _linear_part(calibration: Calibration) -> tuple[Array, Array]:
+    """Return slope (m, 6) and bias (m,) of the linear terms alone, at the reference temperature."""
+    sensor = calibration.sensor
+    kept = [kind in LINEAR for kind in _kinds(sensor)]
+    c = np.where(kept, calibration.values, 0.0)
+    # A linear model needs no sign or temperature, and is exact in differences of unit motions.
+    sensor = replace(sensor, coefficients=tuple(np.array(sensor.coefficients)[kept].tolist()))
+    sensed = np.concatenate([np.zeros((1, 6)), np.eye(6)])
+    y = sensor.forward(Motion(sensed[:, :3], sensed[:, 3:]), c[kept])
+    return (y[1:] - y[0]).T, y[0]
+
+
+def _fitted(calibration: Calibration, motion: Motion, readings: Array) -> tuple[Array, Array]:
+    """Return slope (m, 6) and bias (m,) of the straight line through readings."""
+    n = readings.shape[0]
+    sensed = [np.broadcast_to(v, (n, 3)) for v in (motion.f, motion.w)]
+    columns = np.concatenate([*sensed, np.ones((n, 1))], axis=1)
+    used = [*np.flatnonzero(np.ptp(columns, axis=0) > 0).tolist(), 6]
+    solution = np.zeros((7, readings.shape[1]))
+    known = _bias_powers(calibration)
+    dT = np.broadcast_to(motion.dT, (n,))
+    rest = readings - sum((dT[:, None] ** k * line for k, line in enumerate(known, 1)), np.zeros(1))
+    solution[used] = np.linalg.lstsq(columns[:, used], rest, rcond=None)[0]
+    return solution[:6].T, solution[6]
+
+
+def _bias_powers(calibration: Calibration) -> Array:
+    """Return the coefficients of ΔT, ΔT², … of each axis, (k, m)."""
+    sensor = calibration.sensor
+    kinds = kinds_of(sensor)
+    highest = max((order for _, kind, order in kinds if kind == "bias_temperature"), default=0)
+    powers = np.zeros((highest, len(sensor.axes)))
+    for full, value, (_, kind, order) in zip(
+        sensor.coefficients, calibration.values, kinds, strict=True
+    ):
+        if kind == "bias_temperature":
+            row = sensor.channels.index(CoefficientName(full).axis)
+            factor = sum(p.factor for p in sensor.coefficient(full).basis.products)
+            powers[order - 1, row] += factor * value
+    return powers

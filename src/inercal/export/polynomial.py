@@ -1,0 +1,260 @@
+"""Corrections as code: the matrix, the terms that no matrix holds, and how often they are repeated.
+
+With y = M x + b + n(x, ΔT), in the sensor's own output units s y + o, the motion x is the limit of
+
+    x ← C (output − o − s n(x, ΔT)),   C = M⁻¹/s,   beginning with n = 0
+
+The number of passes is found over the calibrated range and written as a constant: a device needs no
+test of convergence. n is written out from the declarations of the basis functions.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.export.model import ExportModel
+from inercal.export.ranges import sample_motions
+from inercal.export.target_definition import Request
+from inercal.export.term_kinds import LINEAR, kinds_of
+from inercal.keys import CoefficientName
+from inercal.motion import Motion
+from inercal.units import ZERO_CELSIUS
+
+_SETTLED = 1e-10  # of the range, between two passes
+_MAX_PASSES = 30
+_PARALLEL = 1e-12
+_COMPONENTS = {"fi": 0, "fp": 1, "fo": 2, "wi": 0, "wp": 1, "wo": 2}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a language writes numbers, products, and the parts of the motion.
+
+    Parameters
+    ----------
+    number : callable
+        float -> text.
+    component : callable
+        (what, index) -> text; `what` is "f" or "w", the index 0 to 2.
+    sign : callable
+        Name of a variable -> its sign.
+    times : str
+    """
+
+    number: Callable[[float], str]
+    component: Callable[[str, int], str]
+    sign: Callable[[str], str]
+    times: str = "*"
+
+
+@dataclass(frozen=True)
+class Statement:
+    """`name = expression`."""
+
+    name: str
+    expression: str
+
+
+@dataclass(frozen=True, eq=False)
+class CodeModel:
+    """A correction as code.
+
+    Parameters
+    ----------
+    model : ExportModel
+    limits : (float, float) or None
+        °C, between which temperatures are clipped; None where no range is stated.
+    passes : int
+        How often n is put in; 0 for a linear model.
+    """
+
+    model: ExportModel
+    limits: tuple[float, float] | None
+    passes: int
+
+    @cached_property
+    def matrix(self) -> Array:
+        """C, (n, n), by output units."""
+        return self.model.correction / self.model.joined("scale")
+
+    @cached_property
+    def offset(self) -> Array:
+        """The output at rest, o + s b, (n,)."""
+        return self.model.outputs(self.model.joined("bias"))
+
+    @property
+    def takes_temperature(self) -> bool:
+        """Whether the correction depends on temperature."""
+        return _held(self.model).uses("dT")
+
+    @property
+    def reference(self) -> float:
+        """Reference temperature, °C."""
+        return self.model.sensor.reference_temperature - ZERO_CELSIUS
+
+    def correct(self, readings: Array, dT: Array, digits: type[Any] = np.float64) -> Array:
+        """Return the motion, (n, k), of readings in SI as the code computes it.
+
+        Parameters
+        ----------
+        readings : (n, k) array
+        dT : (n,) array
+        digits : type
+            numpy.float32 or numpy.float64, of numbers and constants.
+        """
+        output = self.model.outputs(readings).astype(digits)
+        matrix, offset = self.matrix.astype(digits), self.offset.astype(digits)
+        if self.limits is not None:
+            dT = np.clip(dT + self.reference, *self.limits) - self.reference
+        scale = self.model.joined("scale")
+        x: Any = (output - offset) @ matrix.T
+        for _ in range(self.passes):
+            extra: Any = (scale * nonlinear(self.model, x.astype(float), dT)).astype(digits)
+            x = (output - offset - extra) @ matrix.T
+        return x.astype(float)
+
+
+def code_model(request: Request) -> CodeModel:
+    """Return the correction of a calibration as code.
+
+    Raises
+    ------
+    InputError
+        The passes do not converge over the calibrated range.
+    """
+    model, known = request.model, request.ranges.temperature
+    limits = None if known is None else (known[0] - ZERO_CELSIUS, known[1] - ZERO_CELSIUS)
+    if not _held(model).uses("dT"):
+        limits = None
+    one = CodeModel(model, limits, 0)
+    if not _nonlinear_names(model):
+        return one
+    motion = sample_motions(model.calibration, request.ranges)
+    x = model.motion(motion)
+    dT = np.broadcast_to(motion.dT, x.shape[:1])
+    y = x @ model.matrix.T + model.joined("bias") + nonlinear(model, x, dT)
+    size = np.abs(x).max()
+    estimate = (y - model.joined("bias")) @ model.correction.T
+    for passes in range(1, _MAX_PASSES + 1):
+        extra = nonlinear(model, estimate, dT)
+        estimate = (y - model.joined("bias") - extra) @ model.correction.T
+        if np.abs(estimate - x).max() <= _SETTLED * size:
+            return replace(one, passes=passes)
+    raise InputError(
+        f"the nonlinear terms of {model.sensor.name} are too large for code of {_MAX_PASSES} "
+        "passes over the range; give a smaller range, or --refit to a target without them"
+    )
+
+
+def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
+    """Return n(x, ΔT), SI, (n, k), of the target's channels at a motion (n, k)."""
+    parts = {kind: x[:, 3 * k : 3 * k + 3] @ model.turn for k, (kind, _) in enumerate(model.triads)}
+    zero = np.zeros((1, 3))
+    motion = Motion(parts.get("f", zero), parts.get("w", zero), zero, dT)
+    sensor, names = model.sensor, _nonlinear_names(model)
+    values = np.array(model.calibration.values)
+    kinds = [kind for _, kind, _ in kinds_of(sensor)]
+    linear = np.where([kind in LINEAR for kind in kinds], values, 0.0)
+    whole = np.where([name in names for name in sensor.coefficients], values, linear)
+    change = sensor.forward(motion, whole) - sensor.forward(motion, linear)
+    change = np.broadcast_to(change, (*x.shape[:1], change.shape[-1]))
+    return np.concatenate([change[:, list(t.rows)] * t.signs for _, t in model.triads], axis=-1)
+
+
+def statements(model: ExportModel, dialect: Dialect) -> tuple[list[Statement], list[str]]:
+    """Return auxiliary variables, and the expression of s n for each channel ("" where it is 0).
+
+    `dT` is the temperature from the reference, K.
+    """
+    sensor = model.sensor
+    names = _nonlinear_names(model)
+    values = dict(zip(sensor.coefficients, model.calibration.values.tolist(), strict=True))
+    made: dict[str, str] = {}
+    lines: list[str] = []
+    scales = model.joined("scale")
+    channel = 0
+    for _, triad in model.triads:
+        for row, sign in zip(triad.rows, triad.signs.tolist(), strict=True):
+            axis = sensor.axes[row]
+            mine = [n for n in names if CoefficientName(n).axis == axis.name]
+            directions = _directions(model, row)
+            parts: list[str] = []
+            for name in mine:
+                for product in sensor.coefficient(name).basis.products:
+                    size = sign * scales[channel] * values[name] * product.factor
+                    factors = [
+                        _variable(one, directions, axis.measures, dialect, made)
+                        for one in product.components
+                    ]
+                    parts.append(dialect.times.join([dialect.number(float(size)), *factors]))
+            lines.append(" + ".join(parts))
+            channel += 1
+    return [Statement(name, text) for name, text in made.items()], lines
+
+
+def _variable(
+    component: str, directions: Array, measures: str, dialect: Dialect, made: dict[str, str]
+) -> str:
+    """Return the variable of a component of the motion along an axis; it is made once."""
+    if component == "dT":
+        return "dT"
+    if component in ("si", "swi"):
+        along = _variable("fi" if component == "si" else "wi", directions, measures, dialect, made)
+        made.setdefault(f"sign_{along}", dialect.sign(along))
+        return f"sign_{along}"
+    kind, k = component[0], _COMPONENTS[component]
+    # Only the input axis of the own kind is tilted by the misalignments.
+    vector = directions[k if kind == measures or k else 3]
+    parts = np.flatnonzero(np.abs(vector) > _PARALLEL).tolist()
+    for j in parts:
+        made.setdefault(f"{kind}{j}", dialect.component(kind, j))
+    if len(parts) == 1 and vector[parts[0]] > 0:
+        return f"{kind}{parts[0]}"
+    if len(parts) == 1:
+        made.setdefault(f"minus_{kind}{parts[0]}", f"-{kind}{parts[0]}")
+        return f"minus_{kind}{parts[0]}"
+    text = " + ".join(f"{dialect.number(float(vector[j]))}{dialect.times}{kind}{j}" for j in parts)
+    name = next((name for name, known in made.items() if known == text), f"along_{len(made)}")
+    made.setdefault(name, text)
+    return name
+
+
+def _directions(model: ExportModel, row: int) -> Array:
+    """Return I (tilted as in the tilted form), P, O and the nominal I, (4, 3), in target axes."""
+    sensor = model.sensor
+    axis = sensor.axes[row]
+    frame = axis.frame
+    along = frame[0]
+    if sensor.form == "tilted":
+        values = dict(zip(sensor.coefficients, model.calibration.values.tolist(), strict=True))
+        tangents = [np.tan(values.get(f"{axis.name}.delta_{k}", 0.0)) for k in "op"]
+        along = np.array([1.0, tangents[0], -tangents[1]]) @ frame
+        along = along / np.linalg.norm(along)
+    return np.array([along, frame[1], frame[2], frame[0]]) @ model.turn.T
+
+
+def _held(model: ExportModel):
+    """Return the sensor with the terms that code holds."""
+    kept = tuple(
+        name
+        for name, (_, kind, _) in zip(
+            model.sensor.coefficients, kinds_of(model.sensor), strict=True
+        )
+        if kind != "angular_acceleration"
+    )
+    return replace(model.sensor, coefficients=kept)
+
+
+def _nonlinear_names(model: ExportModel) -> Sequence[str]:
+    kinds = kinds_of(model.sensor)
+    values = model.calibration.values
+    return [
+        name
+        for name, value, (_, kind, _) in zip(model.sensor.coefficients, values, kinds, strict=True)
+        if kind not in LINEAR and kind != "angular_acceleration" and value != 0
+    ]

@@ -1,0 +1,126 @@
+"""The ranges over which an export is compared with its calibration, and motions that fill them."""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.calibration import Calibration
+from inercal.errors import InputError
+from inercal.motion import Motion
+from inercal.sensors import G0
+from inercal.units import ZERO_CELSIUS
+
+Range = tuple[float, float]
+_SAMPLES = 10_000
+_SEED = 20261
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Ranges of one axis; `assumed` names those that the calibration does not state.
+
+    Parameters
+    ----------
+    force, rate : (float, float)
+        m/s² and rad/s.
+    temperature : (float, float) or None
+        K; None where the calibration states none.
+    assumed : tuple of str
+    """
+
+    force: Range
+    rate: Range
+    temperature: Range | None
+    assumed: tuple[str, ...] = ()
+
+
+def calibrated_ranges(
+    calibration: Calibration,
+    *,
+    force: Range | None = None,
+    rate: Range | None = None,
+    temperature: Range | None = None,
+) -> Ranges:
+    """Return the ranges that are stated, else those of the calibration's data, else 1 g, 1 rad/s.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    force, rate, temperature : (float, float), optional
+        m/s², rad/s, K; they replace the ranges of the data.
+
+    Raises
+    ------
+    InputError
+        A range whose end is not above its begin.
+    """
+    known = {} if calibration.validity is None else calibration.validity.ranges
+    for name, stated in (("force", force), ("rate", rate), ("temperature", temperature)):
+        if stated is not None:
+            if not stated[0] < stated[1]:
+                raise InputError(
+                    f"{name} from {stated[0]:g} to {stated[1]:g}: give the lower end first",
+                    key=name,
+                )
+            known[name] = stated
+    kinds = {axis.measures for axis in calibration.sensor.axes}
+    # Gyros of a table have a range of rates, and feel gravity at most.
+    assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]
+    return Ranges(
+        known.get("force", (-G0, G0)),
+        known.get("rate", (-1.0, 1.0)),
+        known.get("temperature"),
+        tuple(assumed),
+    )
+
+
+def sample_motions(calibration: Calibration, ranges: Ranges) -> Motion:
+    """Return motions that fill the ranges: all corners, and 10⁴ random ones.
+
+    Kinds of motion that the sensor does not measure are zero.
+    """
+    sensor = calibration.sensor
+    kinds = {axis.measures for axis in sensor.axes}
+    still = (0.0, 0.0)
+    sides = [ranges.force if "f" in kinds else still] * 3
+    sides += [ranges.rate if "w" in kinds else still] * 3
+    span = ranges.temperature if sensor.uses("dT") else None
+    reference = sensor.reference_temperature
+    sides.append(still if span is None else (span[0] - reference, span[1] - reference))
+    low, high = np.array(sides).T
+    corners = np.array(list(product(*[sorted({a, b}) for a, b in sides])))
+    random = np.random.default_rng(_SEED).uniform(size=(_SAMPLES, 7)) * (high - low) + low
+    points: Array = np.concatenate([corners, random])
+    return Motion(points[:, :3], points[:, 3:6], np.zeros((1, 3)), points[:, 6])
+
+
+def temperature_limits(
+    ranges: Ranges, target: str, lowest: float | None = None, highest: float | None = None
+) -> Range:
+    """Return the temperatures between which an export corrects, °C.
+
+    Parameters
+    ----------
+    ranges : Ranges
+    target : str
+        For the message.
+    lowest, highest : float, optional
+        °C, as the user states them.
+
+    Raises
+    ------
+    InputError
+        Neither the calibration nor the user states them.
+    """
+    known = ranges.temperature
+    low = lowest if known is None or lowest is not None else known[0] - ZERO_CELSIUS
+    high = highest if known is None or highest is not None else known[1] - ZERO_CELSIUS
+    if low is None or high is None:
+        raise InputError(
+            f"{target} corrects between two temperatures, which the calibration does not state: "
+            "give --over-temperature, such as '-10 60 °C'",
+            key="temperature",
+        )
+    return low, high

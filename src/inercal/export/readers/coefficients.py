@@ -1,0 +1,160 @@
+"""Coefficients of matrices and biases: the inverse of `inercal.export.model`.
+
+An axis with I, P, O reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form), so that with row
+r of the matrix k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; of gyros likewise, and g_i = r·I, g_p, g_o.
+"""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from inercal.calibration import Calibration
+from inercal.errors import InputError
+from inercal.export.readers.reader_definition import StatedCalibration, StatedTriad
+from inercal.export.term_kinds import temperature_order, term_kind
+from inercal.keys import CoefficientName
+from inercal.sensors import TABLES, Axis, Readout, Sensor, imu
+from inercal.units import si_factor
+
+_WORDS = {"f": "accelerometers", "w": "gyros"}
+_LARGEST_SCALE_ERROR = 0.5
+_NAMES = {"f": ("k0", "k1"), "w": ("bias", "scale")}
+
+
+def build_calibration(
+    stated: StatedCalibration, like: Calibration | None, name: str, estimator: str
+) -> Calibration:
+    """Return the calibration of what a file states, with a covariance of zero.
+
+    Parameters
+    ----------
+    stated : StatedCalibration
+    like : Calibration or None
+        Gives axes and readouts.
+    name : str
+        Of the sensor where `like` gives none.
+    estimator : str
+        The format.
+
+    Raises
+    ------
+    InputError
+        `like` has not three axes of a kind, or a term has no name in inercal.
+    """
+    axes: list[Axis] = []
+    values: dict[str, float] = {}
+    triads: tuple[tuple[Literal["f", "w"], StatedTriad | None], ...] = (
+        ("f", stated.accelerometer),
+        ("w", stated.gyro),
+    )
+    for kind, triad in triads:
+        if triad is None:
+            continue
+        mine = _axes(stated, like, kind)
+        axes += mine
+        for row, axis in enumerate(mine):
+            values |= _coefficients(triad, row, axis, kind, output=stated.output)
+    sensor = Sensor(
+        name if like is None else like.sensor.name,
+        tuple(axes),
+        reference_temperature=stated.reference_temperature,
+    )
+    sensor = sensor.with_coefficients(*values)
+    p = len(sensor.coefficients)
+    _require_nominal(values, like)
+    calibration = Calibration(
+        sensor,
+        np.array([values[full] for full in sensor.coefficients]),
+        np.zeros((p, p)),
+        "imported",
+        estimator,
+        frame=stated.frame,
+    )
+    return calibration.in_frame("triangular") if stated.own_frame else calibration
+
+
+def _axes(
+    stated: StatedCalibration, like: Calibration | None, kind: Literal["f", "w"]
+) -> list[Axis]:
+    if like is None:
+        return _nominal_axes(stated, kind)
+    found = [axis for axis in like.sensor.axes if axis.measures == kind]
+    if len(found) != 3:
+        raise InputError(
+            f"the file states three {_WORDS[kind]}, and {like.sensor.name} has {len(found)}; give "
+            "a calibration of the same sensor by --like",
+            key="--like",
+        )
+    return found
+
+
+def _nominal_axes(stated: StatedCalibration, kind: Literal["f", "w"]) -> list[Axis]:
+    """Return axes x, y, z with readings in the unit of the file, or in SI."""
+    like = {"f": "m/s^2", "w": "rad/s"}[kind]
+    unit = like if stated.units is None else stated.units["fw".index(kind)]
+    try:
+        readout = Readout(1 / si_factor(unit, like=like), 0.0, unit)
+    except InputError:
+        raise InputError(
+            f"the {_WORDS[kind]} read {unit!r}, which is no unit: give a calibration of the same "
+            "sensor by --like, with its nominal readout",
+            key="--like",
+        ) from None
+    return [replace(axis, readout=readout) for axis in imu().axes if axis.measures == kind]
+
+
+def _coefficients(
+    triad: StatedTriad, row: int, axis: Axis, kind: Literal["f", "w"], *, output: bool
+) -> dict[str, float]:
+    """Return the coefficients of an axis by full name, SI."""
+    readout = axis.readout
+    scale, offset = (readout.scale, readout.offset) if output else (1.0, 0.0)
+    bias_name, scale_name = _NAMES[kind]
+    found: dict[str, float] = {}
+    along, pendulous, across = axis.frame
+    if triad.matrix is not None:
+        line = triad.matrix[row] / scale
+        found[scale_name] = float(line @ along) - 1
+        found["delta_o"] = float(line @ pendulous)
+        found["delta_p"] = -float(line @ across)
+    elif triad.scale is not None:
+        found[scale_name] = float(triad.scale[row]) / scale - 1
+    if triad.bias is not None:
+        found[bias_name] = (float(triad.bias[row]) - offset) / scale
+    if triad.sensitivity is not None:
+        line = triad.sensitivity[row] / scale
+        found |= {f"g_{k}": float(line @ v) for k, v in zip("ipo", axis.frame, strict=True)}
+    for order, values in enumerate(triad.bias_powers, start=1):
+        if np.any(triad.bias_powers[order - 1]):
+            found[_temperature_name(kind, order)] = float(values[row])
+    return {f"{axis.name}.{short}": value for short, value in found.items()}
+
+
+def _require_nominal(values: dict[str, float], like: Calibration | None) -> None:
+    far = [
+        full
+        for full, value in values.items()
+        if CoefficientName(full).term in ("k1", "scale") and abs(value) > _LARGEST_SCALE_ERROR
+    ]
+    if far:
+        what = (
+            "of that sensor" if like is None else f"that fits: that of {like.sensor.name} does not"
+        )
+        raise InputError(
+            f"the scale factor of {CoefficientName(far[0]).axis} is {1 + values[far[0]]:.3g} of "
+            f"nominal; give a calibration by --like with the nominal readout {what}",
+            key="--like",
+            names=tuple(far),
+        )
+
+
+def _temperature_name(kind: Literal["f", "w"], order: int) -> str:
+    """Return the term of a power of temperature."""
+    for term in TABLES[kind]:
+        if term_kind(kind, term) == "bias_temperature" and temperature_order(term) == order:
+            return term.name
+    raise InputError(
+        f"the bias of {_WORDS[kind]} has a term of order {order} in temperature, for which inercal "
+        "has no coefficient"
+    )

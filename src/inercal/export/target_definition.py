@@ -1,0 +1,125 @@
+"""What a target of `inercal export` declares, as data, and what it returns."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from inercal.arrays import Array
+from inercal.export.model import ExportModel
+from inercal.export.ranges import Ranges
+from inercal.export.term_kinds import TermKind
+
+
+@dataclass(frozen=True)
+class TargetOption:
+    """Something that a target needs or takes beside the calibration.
+
+    Parameters
+    ----------
+    name, meaning : str
+    default : object
+        None where it need not be stated and has no default.
+    required : bool
+    kind : type
+        int, float or str; a text becomes one.
+    like : str
+        A unit of the dimension of a quantity ("0.8 mg"), which becomes a float in SI.
+    choices : tuple of str
+        The possible words.
+    """
+
+    name: str
+    meaning: str
+    default: Any = None
+    required: bool = False
+    kind: type[int] | type[float] | type[str] = float
+    like: str = ""
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Request:
+    """A calibration to write for a target.
+
+    Parameters
+    ----------
+    model : ExportModel
+    ranges : Ranges
+    options : mapping of str to object
+        Every option of the target, as declared.
+    name : str
+        An identifier (letters, digits, _) for names in code.
+    """
+
+    model: ExportModel
+    ranges: Ranges
+    options: Mapping[str, Any]
+    name: str
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """A calibration in the form of a target.
+
+    Parameters
+    ----------
+    correct : callable
+        (readings (n, k) in SI, dT (n,)) -> motion (n, k): what the target computes, from the
+        numbers as written. Channels and motion are those of `ExportModel`.
+    write : callable
+        Lines of explanation, ASCII -> the content of the file.
+    formula : tuple of str
+        What the target computes, in ASCII.
+    reads : str
+        What the formula takes: "readings in m/s^2 and rad/s".
+    remarks : tuple of str
+        What the user must set or know beside the file.
+    correct_with_bias : callable or None
+        As `correct`, where the target estimates the bias itself and the file has none.
+    takes_output : bool
+        Whether the formula takes the sensor's own output, not SI.
+    possible : callable or None
+        Readings (n, k) in SI -> the nearest that the target can be given, as whole counts.
+    holds : mapping of "f" or "w" to set of TermKind, or None
+        Of this file, where its options leave out what the target can hold.
+    """
+
+    correct: Callable[[Array, Array], Array]
+    write: Callable[[Sequence[str]], str]
+    formula: tuple[str, ...]
+    reads: str = "readings after the nominal readout, in m/s^2 and rad/s"
+    remarks: tuple[str, ...] = ()
+    correct_with_bias: Callable[[Array, Array], Array] | None = None
+    takes_output: bool = False
+    possible: Callable[[Array], Array] | None = None
+    holds: Mapping[str, frozenset[TermKind]] | None = None
+
+
+@dataclass(frozen=True)
+class Target:
+    """A program, device or language that a calibration is written for.
+
+    Parameters
+    ----------
+    name, meaning : str
+    suffix : str
+        Of the file, ".params".
+    holds : mapping of "f" or "w" to set of TermKind
+        The terms of accelerometers and gyros that it can apply; a kind that is absent is not taken.
+    render : callable
+        Request -> Rendering.
+    options : tuple of TargetOption
+    temperature_order : int
+        The highest power of temperature of a bias that it can apply.
+    clips_temperature : bool
+        Whether it corrects between two temperatures and holds the correction beyond them.
+    """
+
+    name: str
+    meaning: str
+    suffix: str
+    holds: Mapping[str, frozenset[TermKind]]
+    render: Callable[[Request], Rendering]
+    options: tuple[TargetOption, ...] = field(default=())
+    temperature_order: int = 0
+    clips_temperature: bool = False

@@ -1,0 +1,1 @@
+"""The targets, a module each; the registry `inercal.export.TARGETS` names them."""

@@ -1,0 +1,101 @@
+"""Analog Devices ADIS16xxx: words of the scale and bias registers, by sizes that the user states.
+
+    scale, then bias   out = (1 + n_s u_s) raw + n_b u_b
+    bias, then scale   out = (1 + n_s u_s) (raw + n_b u_b)
+
+u_s and u_b are the sizes of one step of the registers; which order a part has, and its sizes, stand
+in its data sheet. So 1 + s = 1/M_ii, and B = −b/M_ii or −b.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.targets.shared import Correction, by_triad, comments, needed, require_aligned
+from inercal.export.term_kinds import TermKind
+
+_SCALE_BITS = 16
+OPTIONS = (
+    TargetOption(
+        "order",
+        "what the part does first, by its data sheet: scale or bias",
+        required=True,
+        kind=str,
+        choices=("scale", "bias"),
+    ),
+    TargetOption("acc_bias_lsb", "size of a step of the bias registers, '0.8 mg'", like="m/s^2"),
+    TargetOption(
+        "gyro_bias_lsb", "size of a step of the bias registers, '0.02 deg/s'", like="rad/s"
+    ),
+    TargetOption(
+        "scale_lsb", "size of a step of the scale registers, 2^-15; absent: no such registers"
+    ),
+    TargetOption("bias_bits", "bits of a bias register", required=True, kind=int),
+)
+_KINDS = {"f": ("acc_bias_lsb", "ACCL", "A"), "w": ("gyro_bias_lsb", "GYRO", "G")}
+_HELD: frozenset[TermKind] = frozenset({"bias", "scale"})
+
+
+def _render(request: Request) -> Rendering:
+    model, options = request.model, request.options
+    require_aligned(model, "adis")
+    first, step = options["order"], options["scale_lsb"]
+    lines: list[str] = []
+    corrections: dict[str, Correction] = {}
+    for kind, triad in model.triads:
+        option, word, letter = _KINDS[kind]
+        lsb = needed(options, OPTIONS, option, "adis")
+        scale = 1 / np.diag(triad.matrix)
+        words = np.zeros(3) if step is None else np.rint((scale - 1) / step)
+        factor = 1 + words * (step or 0.0)
+        biases = np.rint(-triad.bias * (factor if first == "scale" else 1.0) / lsb)
+        if step is not None:
+            lines += _registers([f"{a}_{word}_SCALE" for a in "XYZ"], words, _SCALE_BITS)
+        lines += _registers([f"{a}{letter}_BIAS" for a in "XYZ"], biases, options["bias_bits"])
+        corrections[kind] = _correction(factor, biases * lsb, first)
+
+    def write(header: Sequence[str]) -> str:
+        body = "register,value,word\n" + "\n".join(lines) + "\n"
+        return comments(header, "#") + body
+
+    factor_text = "" if step is None else f"(1 + {step:.9g} SCALE) "
+    sizes = ", ".join(f"{options[_KINDS[k][0]]:.9g}" for k, _ in model.triads)
+    formula = {
+        "scale": f"out = {factor_text}raw + LSB BIAS",
+        "bias": f"out = {factor_text}(raw + LSB BIAS)",
+    }[first]
+    return Rendering(
+        by_triad(model, corrections),
+        write,
+        (f"{formula}; LSB = {sizes} (m/s^2, rad/s), as the user stated it",),
+        "readings with all these registers at 0, in m/s^2 and rad/s",
+        ("check order and sizes in the data sheet of the part: inercal does not know them",),
+        holds=dict.fromkeys("fw", _HELD if step is not None else frozenset({"bias"})),
+    )
+
+
+def _registers(names: Sequence[str], values: Array, bits: int) -> list[str]:
+    lines: list[str] = []
+    for name, value in zip(names, values.astype(int).tolist(), strict=True):
+        if not -(1 << (bits - 1)) <= value < 1 << (bits - 1):
+            raise InputError(
+                f"adis: {name} would be {value}, which {bits} bits do not hold; check the stated "
+                "sizes of a step",
+                names=(name,),
+            )
+        lines.append(f"{name},{value},0x{value & ((1 << bits) - 1):0{bits // 4}X}")
+    return lines
+
+
+def _correction(factor: Array, bias: Array, first: str):
+    def correct(y: Array, dT: Array) -> Array:
+        return factor * y + bias if first == "scale" else factor * (y + bias)
+
+    return correct
+
+
+TARGET = Target("adis", "Analog Devices ADIS16xxx scale and bias registers", ".csv",
+                {"f": _HELD, "w": _HELD}, _render, OPTIONS)  # fmt: skip

@@ -1,0 +1,56 @@
+"""imu_tk: a .calib file of one triad.
+
+    x = T K (raw − B)
+
+T has a unit diagonal and K is diagonal: K = diag(C_ii), T = C K⁻¹, B = o, of the sensor's own
+output x = C (output − o). The program reads 21 numbers and nothing behind them, so that the
+explanation stands there. Source: calibration.h of imu_tk (2-clause BSD), described in words.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.targets.shared import MATRIX, by_triad, number, output_text, written
+
+OPTIONS = (
+    TargetOption(
+        "part", "which triad", "accelerometer", kind=str, choices=("accelerometer", "gyro")
+    ),
+)
+
+
+def _render(request: Request) -> Rendering:
+    model = request.model
+    kind = "f" if request.options["part"] == "accelerometer" else "w"
+    triad = model.require(kind, "imu_tk")
+    whole = triad.correction / triad.scale
+    scale = np.diag(np.diag(whole))
+    parts = [written(m, 12) for m in (whole @ np.linalg.inv(scale), scale)]
+    bias = written(triad.offset + triad.scale * triad.bias, 12)
+
+    def write(header: Sequence[str]) -> str:
+        blocks = ["\n".join(" ".join(number(x, 12) for x in row) for row in m) for m in parts]
+        blocks.append("\n".join(number(x, 12) for x in bias))
+        return "\n\n".join([*blocks, "\n".join(header)]) + "\n"
+
+    def correct(y: Array, dT: Array) -> Array:
+        return (triad.offset + triad.scale * y - bias) @ (parts[0] @ parts[1]).T
+
+    other = "w" if kind == "f" else "f"
+    beside = ("the other triad has a file of its own: --set part=accelerometer or part=gyro",)
+    return Rendering(
+        by_triad(model, {kind: correct}),
+        write,
+        ("x = T K (raw - B): T, then K, then B above",),
+        output_text(triad),
+        beside * any(k == other for k, _ in model.triads),
+        takes_output=True,
+        holds={kind: MATRIX},
+    )
+
+
+TARGET = Target("imu_tk", "imu_tk .calib of one triad", ".calib", {"f": MATRIX, "w": MATRIX},
+                _render, OPTIONS)  # fmt: skip

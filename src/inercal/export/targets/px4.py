@@ -1,0 +1,142 @@
+"""PX4: parameters of accelerometers, gyros and their thermal calibration, as QGroundControl loads.
+
+    accelerometer   f = SCALE ∘ (raw − thermal − OFF)
+    gyro            ω = raw − thermal − OFF
+    thermal         X1 Δ + X2 Δ² + X3 Δ³ + X0,  Δ = T − TREF, T within TMIN … TMAX
+
+with OFF the bias, SCALE = 1/M_ii. Source: the classes of src/lib/sensor_calibration and
+src/modules/temperature_compensation of PX4-Autopilot (BSD-3), described in words.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.export.model import Triad
+from inercal.export.ranges import temperature_limits
+from inercal.export.target_definition import Rendering, Request, Target, TargetOption
+from inercal.export.targets.shared import (
+    Correction,
+    by_triad,
+    comments,
+    needed,
+    number,
+    require_aligned,
+    single,
+)
+from inercal.units import ZERO_CELSIUS
+
+_INTEGER, _REAL = 6, 9  # MAV_PARAM_TYPE
+_NAMES = {"f": ("ACC", "A"), "w": ("GYRO", "G")}
+_ORDERS = 3
+
+OPTIONS = (
+    TargetOption("acc_id", "device id of the accelerometer, CAL_ACCn_ID of this board", kind=int),
+    TargetOption("gyro_id", "device id of the gyro, CAL_GYROn_ID of this board", kind=int),
+    TargetOption("instance", "n of CAL_ACCn and CAL_GYROn", 0, kind=int),
+    TargetOption("priority", "CAL_ACCn_PRIO", 50, kind=int),
+    TargetOption("rotation", "CAL_ACCn_ROT; -1 for a sensor on the board", -1, kind=int),
+    TargetOption("lowest", "TC_An_TMIN, where temperature is corrected, degC"),
+    TargetOption("highest", "TC_An_TMAX, where temperature is corrected, degC"),
+)
+
+
+def _render(request: Request) -> Rendering:
+    model, options = request.model, request.options
+    require_aligned(model, "px4")
+    n = options["instance"]
+    if not 0 <= n <= 3:
+        raise InputError(f"--set instance={n}: PX4 has 0 to 3", key="--set", names=("instance",))
+    lines: list[tuple[str, float, int]] = []
+    corrections: dict[str, Correction] = {}
+    limits = (-np.inf, np.inf)
+    if model.sensor.uses("dT") and any(t.bias_powers.any() for _, t in model.triads):
+        limits = temperature_limits(request.ranges, "px4", options["lowest"], options["highest"])
+    reference = model.sensor.reference_temperature - ZERO_CELSIUS
+    for kind, triad in model.triads:
+        word, letter = _NAMES[kind]
+        device = needed(options, OPTIONS, "acc_id" if kind == "f" else "gyro_id", "px4")
+        prefix = f"CAL_{word}{n}_"
+        lines += [
+            (prefix + "ID", device, _INTEGER),
+            (prefix + "PRIO", options["priority"], _INTEGER),
+            (prefix + "ROT", options["rotation"], _INTEGER),
+        ]
+        lines += [(f"{prefix}{a}OFF", x, _REAL) for a, x in zip("XYZ", triad.bias, strict=True)]
+        scale = 1 / np.diag(triad.matrix) if kind == "f" else np.ones(3)
+        if kind == "f":
+            lines += [(f"{prefix}{a}SCALE", x, _REAL) for a, x in zip("XYZ", scale, strict=True)]
+        powers = triad.bias_powers[:_ORDERS]
+        if powers.any():
+            thermal = f"TC_{letter}{n}_"
+            lines += [(f"TC_{letter}_ENABLE", 1, _INTEGER), (thermal + "ID", device, _INTEGER)]
+            lines += [
+                (f"{thermal}X{k}_{a}", powers[k - 1, a] if 0 < k <= len(powers) else 0.0, _REAL)
+                for k in range(_ORDERS + 1)
+                for a in range(3)
+            ]
+            ends = (("TREF", reference), ("TMIN", limits[0]), ("TMAX", limits[1]))
+            lines += [(thermal + name, value, _REAL) for name, value in ends]
+        corrections[kind] = _Correction(triad, scale, powers, reference, limits)
+
+    def write(header: Sequence[str]) -> str:
+        body = "".join(
+            f"1\t1\t{name}\t{number(value) if sort == _REAL else int(value)}\t{sort}\n"
+            for name, value, sort in lines
+        )
+        return comments(header, "#") + "#\n# Vehicle\tComponent\tName\tValue\tType\n" + body
+
+    formula = ["accelerometer: f = SCALE * (raw - thermal - OFF); gyro: w = raw - thermal - OFF"]
+    if np.isfinite(limits[0]):
+        formula.append(
+            "thermal = X1 D + X2 D^2 + X3 D^3 + X0, D = T - TREF in K, T within TMIN ... TMAX"
+        )
+    return Rendering(
+        by_triad(model, corrections),
+        write,
+        tuple(formula),
+        "readings of the driver in m/s^2 and rad/s, axes of the sensor before the board's rotation",
+        (
+            "PX4 turns the result by SENS_BOARD_ROT or CAL_*_ROT afterwards; it has no gyro scale",
+            "the ids must be those of this board's sensors, else PX4 ignores the set",
+        ),
+    )
+
+
+class _Correction:
+    """The correction of a triad, with parameters in single precision."""
+
+    def __init__(
+        self,
+        triad: Triad,
+        scale: Array,
+        powers: Array,
+        reference: float,
+        limits: tuple[float, float],
+    ) -> None:
+        self.bias, self.scale, self.powers = single(triad.bias), single(scale), single(powers)
+        self.reference, self.limits = reference, limits
+
+    def __call__(self, y: Array, dT: Array) -> Array:
+        delta = np.clip(dT + self.reference, *self.limits)[:, None] - self.reference
+        thermal = sum(
+            (delta**k * line for k, line in enumerate(self.powers, start=1)), np.zeros((1, 3))
+        )
+        return self.scale * (y - thermal - self.bias)
+
+
+TARGET = Target(
+    "px4",
+    "PX4 parameters (QGroundControl)",
+    ".params",
+    {
+        "f": frozenset({"bias", "scale", "bias_temperature"}),
+        "w": frozenset({"bias", "bias_temperature"}),
+    },
+    _render,
+    OPTIONS,
+    temperature_order=_ORDERS,
+    clips_temperature=True,
+)

@@ -1,0 +1,126 @@
+"""What targets share: numbers as written, comments, and the checks of a diagonal target."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.export.model import ExportModel, Triad
+from inercal.export.target_definition import TargetOption
+from inercal.export.term_kinds import TermKind
+
+MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
+MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
+Correction = Callable[[Array, Array], Array]
+_LARGEST_OFF_DIAGONAL = 0.5
+
+
+def number(value: float, digits: int = 9) -> str:
+    """Return a number with so many significant digits; 9 tell single precision numbers apart."""
+    return f"{float(value) + 0.0:.{digits}g}"
+
+
+def yaml_number(value: float, digits: int = 9) -> str:
+    """Return a number with a point: some readers of YAML take 1e-05 for a text.
+
+    >>> yaml_number(1e-5), yaml_number(2.0), yaml_number(0.25)
+    ('1.0e-05', '2.0', '0.25')
+    """
+    mantissa, exponent, power = number(value, digits).partition("e")
+    return f"{mantissa}{'' if '.' in mantissa else '.0'}{exponent}{power}"
+
+
+def yaml_row(values: Sequence[float] | Array, digits: int = 9) -> str:
+    """Return numbers of YAML with commas between them."""
+    return ", ".join(yaml_number(x, digits) for x in values)
+
+
+def row_text(values: Sequence[float] | Array, digits: int = 9) -> str:
+    """Return numbers with commas between them."""
+    return ", ".join(number(x, digits) for x in values)
+
+
+def written(values: Array, digits: int = 9) -> Array:
+    """Return numbers as a program reads them from such a text."""
+    flat = [float(number(x, digits)) for x in np.asarray(values).ravel()]
+    return np.array(flat).reshape(np.shape(values))
+
+
+def single(values: Array | float) -> Array:
+    """Return numbers rounded to single precision."""
+    return np.asarray(values, dtype=np.float32).astype(float)
+
+
+def comments(lines: Sequence[str], mark: str) -> str:
+    """Return lines of comment."""
+    return "".join(f"{mark} {line}\n" for line in lines)
+
+
+def needed(
+    options: Mapping[str, Any], declared: Sequence[TargetOption], name: str, target: str
+) -> Any:
+    """Return an option that this calibration needs.
+
+    Raises
+    ------
+    InputError
+        It is not stated.
+    """
+    if options[name] is None:
+        meaning = next(one.meaning for one in declared if one.name == name)
+        raise InputError(
+            f"target {target} needs --set {name}=… ({meaning})", key="--set", names=(name,)
+        )
+    return options[name]
+
+
+def require_aligned(model: ExportModel, target: str) -> None:
+    """Refuse axes that do not lie along the target's, where it has a number for each axis alone.
+
+    Raises
+    ------
+    InputError
+        An axis of the sensor does not lie along that of its channel.
+    """
+    for _, triad in model.triads:
+        far = np.abs(triad.matrix - np.eye(3)).max(axis=1) > _LARGEST_OFF_DIAGONAL
+        if far.any():
+            name = model.sensor.channels[triad.rows[int(np.flatnonzero(far)[0])]]
+            raise InputError(
+                f"{target} takes channels along x, y and z of the frame; {name} lies along another "
+                "axis: give --axes, or state the axes in [sensor] in this order",
+                names=(name,),
+            )
+
+
+def by_triad(model: ExportModel, corrections: Mapping[str, Correction]) -> Correction:
+    """Return the correction of all channels, of one for each kind; others stay as they are.
+
+    Parameters
+    ----------
+    model : ExportModel
+    corrections : mapping of "f" or "w" to callable
+        (readings (n, 3), dT (n,)) -> motion (n, 3).
+    """
+
+    def correct(readings: Array, dT: Array) -> Array:
+        parts: list[Array] = []
+        for k, (kind, _) in enumerate(model.triads):
+            mine = readings[:, 3 * k : 3 * k + 3]
+            parts.append(corrections[kind](mine, dT) if kind in corrections else mine)
+        return np.concatenate(parts, axis=-1)
+
+    return correct
+
+
+def matrix_correction(matrix: Array, bias: Array) -> Correction:
+    """Return x = C (y − b)."""
+    return lambda y, dT: (y - bias) @ matrix.T
+
+
+def output_text(*triads: Triad) -> str:
+    """Return what a formula of the sensor's own output takes."""
+    units = " and ".join(dict.fromkeys(triad.unit for triad in triads))
+    return f"readings as the sensor states them, in {units}"

@@ -1,0 +1,61 @@
+"""CSV: the correction C (output − offset), and every coefficient with its uncertainty in SI."""
+
+import csv
+from collections.abc import Sequence
+from io import StringIO
+
+from inercal.export.model import UNITS
+from inercal.export.target_definition import Rendering, Request, Target
+from inercal.export.targets.shared import (
+    MATRIX,
+    MATRIX_AND_G,
+    comments,
+    number,
+    output_text,
+    written,
+)
+from inercal.sensors import SI_UNITS
+
+_DIGITS = 15
+
+
+def _render(request: Request) -> Rendering:
+    model = request.model
+    matrix = written(model.correction / model.joined("scale"), _DIGITS)
+    offset = written(model.outputs(model.joined("bias")), _DIGITS)
+    units = [UNITS[kind] for kind, _ in model.triads for _ in range(3)]
+    outputs = [triad.unit for _, triad in model.triads for _ in range(3)]
+    motions = [kind + axis for kind, _ in model.triads for axis in "xyz"]
+    channels = [model.sensor.channels[row] for _, triad in model.triads for row in triad.rows]
+
+    def write(header: Sequence[str]) -> str:
+        text = StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(("quantity", "row", "column", "value", "std", "unit"))
+        for i, to in enumerate(motions):
+            for j, name in enumerate(channels):
+                unit = f"({units[i]})/({outputs[j]})"
+                table.writerow(("C", to, name, number(matrix[i, j], _DIGITS), "", unit))
+        for name, value, unit in zip(channels, offset, outputs, strict=True):
+            table.writerow(("offset", name, "", number(value, _DIGITS), "", unit))
+        calibration = model.calibration
+        for full, value, std in zip(
+            model.sensor.coefficients, calibration.values, calibration.std, strict=True
+        ):
+            unit = SI_UNITS[model.sensor.coefficient(full).unit]
+            row = (number(value, _DIGITS), number(std, 6), unit)
+            table.writerow(("coefficient", full, "", *row))
+        return comments(header, "#") + text.getvalue()
+
+    return Rendering(
+        lambda y, dT: (model.outputs(y) - offset) @ matrix.T,
+        write,
+        ("motion = C (output - offset)",),
+        output_text(*(triad for _, triad in model.triads)),
+        ("coefficients are those of the calibration in its own axes, u with k = 1, in SI",),
+        takes_output=True,
+    )
+
+
+TARGET = Target("csv", "CSV of the correction and of the coefficients", ".csv",
+                {"f": MATRIX, "w": MATRIX_AND_G}, _render)  # fmt: skip

@@ -1,0 +1,63 @@
+"""VectorNav VN-100, VN-200, VN-300: registers 25 (accelerometer) and 84 (gyro) compensation.
+
+    out = C (in − B)
+
+with C = M⁻¹ and B = b, on top of the factory's calibration, in single precision. Source: VN-100
+user manual UM001 v2, 6.2.2. The check of a message is the XOR of the characters between $ and *.
+"""
+
+from collections.abc import Sequence
+from functools import reduce
+
+from inercal.export.target_definition import Rendering, Request, Target
+from inercal.export.targets.shared import (
+    MATRIX,
+    Correction,
+    by_triad,
+    comments,
+    matrix_correction,
+    number,
+    single,
+)
+
+REGISTERS = {"f": 25, "w": 84}
+
+
+def message(body: str) -> str:
+    """Return a message with its check.
+
+    >>> message("VNRRG,25,1,0,0,0,1,0,0,0,1,0,0,0")
+    '$VNRRG,25,1,0,0,0,1,0,0,0,1,0,0,0*75'
+    """
+    return f"${body}*{reduce(lambda total, one: total ^ one, body.encode(), 0):02X}"
+
+
+def _render(request: Request) -> Rendering:
+    model = request.model
+    lines: list[str] = []
+    corrections: dict[str, Correction] = {}
+    for kind, triad in model.triads:
+        matrix, bias = single(triad.correction), single(triad.bias)
+        values = ",".join(number(x) for x in (*matrix.ravel(), *bias))
+        lines.append(message(f"VNWRG,{REGISTERS[kind]},{values}"))
+        corrections[kind] = matrix_correction(matrix, bias)
+
+    def write(header: Sequence[str]) -> str:
+        return comments(header, "#") + "\n".join([*lines, message("VNWNV")]) + "\n"
+
+    return Rendering(
+        by_triad(model, corrections),
+        write,
+        ("out = C (in - B), C row by row, then B: register 25 of force, 84 of rate",),
+        "readings that both registers leave as they are (C = I, B = 0), in m/s^2 and rad/s",
+        ("send the lines that begin with $; VNWNV stores them in the device",),
+    )
+
+
+TARGET = Target(
+    "vectornav",
+    "VectorNav compensation registers",
+    ".txt",
+    {"f": MATRIX, "w": MATRIX},
+    _render,
+)

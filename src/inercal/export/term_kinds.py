@@ -1,0 +1,74 @@
+"""What each coefficient is to a target, read from the declaration of its basis function.
+
+| kind | basis function |
+|---|---|
+| bias | 1 |
+| scale | along the input axis, once |
+| misalignment | across the input axis, once |
+| g | of a gyro: specific force, once |
+| bias_temperature | powers of the temperature alone |
+| polynomial | other products of force, rate, their signs and temperature |
+| angular_acceleration | with a component of the angular acceleration |
+"""
+
+from typing import Literal
+
+from inercal.keys import CoefficientName
+from inercal.sensors import Sensor
+from inercal.sensors.coefficient_tables import ErrorTerm
+
+Measures = Literal["f", "w"]
+TermKind = Literal[
+    "bias",
+    "scale",
+    "misalignment",
+    "g",
+    "bias_temperature",
+    "polynomial",
+    "angular_acceleration",
+]
+LINEAR: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment", "g"})
+WORDS: dict[TermKind, str] = {
+    "bias": "bias",
+    "scale": "scale factor",
+    "misalignment": "misalignment",
+    "g": "g-sensitivity",
+    "bias_temperature": "bias over temperature",
+    "polynomial": "nonlinear or temperature terms",
+    "angular_acceleration": "terms with angular acceleration",
+}
+
+
+def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
+    """Return the kind of a term of an accelerometer ("f") or of a gyro ("w")."""
+    products = [product.components for product in term.basis.products]
+    used = {name for product in products for name in product}
+    if used & {"ai", "ap", "ao"}:
+        return "angular_acceleration"
+    if not used:
+        return "bias"
+    if used == {"dT"}:
+        return "bias_temperature"
+    if any(len(product) != 1 for product in products) or used & {"si", "swi", "dT"}:
+        return "polynomial"
+    if used == {f"{measures}i"}:
+        return "scale"
+    if used <= {f"{measures}p", f"{measures}o"}:
+        return "misalignment"
+    return "g" if measures == "w" and used <= {"fi", "fp", "fo"} else "polynomial"
+
+
+def temperature_order(term: ErrorTerm) -> int:
+    """Return the power of the temperature in a term of kind "bias_temperature"."""
+    return term.basis.degree("dT")
+
+
+def kinds_of(sensor: Sensor) -> tuple[tuple[Measures, TermKind, int], ...]:
+    """Return what each coefficient measures, its kind and its power of temperature."""
+    measures: dict[str, Measures] = {axis.name: axis.measures for axis in sensor.axes}
+    found: list[tuple[Measures, TermKind, int]] = []
+    for full in sensor.coefficients:
+        term = sensor.coefficient(full)
+        sort = measures[CoefficientName(full).axis]
+        found.append((sort, term_kind(sort, term), temperature_order(term)))
+    return tuple(found)

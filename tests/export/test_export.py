@@ -1,0 +1,205 @@
+"""The verb, what a file says of itself, and what is refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.export.calibrations import (
+    COUNTS,
+    LINEAR,
+    NOISE,
+    NONLINEAR,
+    OPTIONS,
+    RANGES,
+    TEMPERATURE,
+    make_calibration,
+)
+from tests.program import run_program
+from tests.refusals import refused
+
+import inercal
+from inercal.calibration.files import as_object
+from inercal.export import TARGETS, export_calibration
+from inercal.export.model import parse_axes
+from inercal.export.target_definition import Rendering, Request, Target
+from inercal.export.term_kinds import kinds_of
+from inercal.sensors import Sensor, imu, triad
+
+FULL = (*LINEAR, *TEMPERATURE, *NONLINEAR)
+
+
+@pytest.mark.parametrize("to", list(TARGETS))
+def test_every_file_states_formula_frame_units_source_and_losses(to: str):
+    calibration = make_calibration(*FULL, readouts=COUNTS)
+    made = export_calibration(
+        calibration, to, options=OPTIONS.get(to), source="a/x.calibration.json"
+    )
+    header = "\n".join(made.header)
+    sha256 = as_object(calibration)["sha256"]
+    for word in (
+        sha256,
+        "x.calibration.json",
+        "formula: ",
+        "frame: mount",
+        "m/s^2",
+        "error of this",
+    ):
+        assert word in header
+    assert all(line.isascii() for line in made.header)
+    inside = json.loads(made.text)["comment"] if to == "imucal" else made.text
+    assert all(line in inside for line in made.header)
+    for one in made.losses:
+        assert set(one.names) <= set(calibration.sensor.coefficients)
+        assert one.effect > 0
+    exact = to in ("c", "cpp", "matlab", "python")
+    assert bool(made.losses) is not exact
+    assert any(one.exceeds for one in made.costs) is not exact
+
+
+def test_every_coefficient_is_of_one_kind_by_its_declaration():
+    sensor = imu().with_coefficients(*(t.name for table in inercal_tables() for t in table))
+    kinds = dict(zip(sensor.coefficients, (kind for _, kind, _ in kinds_of(sensor)), strict=True))
+    expected = {
+        "ax.k0": "bias", "ax.k1": "scale", "ax.delta_p": "misalignment", "gx.g_p": "g",
+        "ax.k0_dT2": "bias_temperature", "gx.bias_dT": "bias_temperature", "ax.k2": "polynomial",
+        "ax.k0_prime": "polynomial", "ax.k1_dT": "polynomial", "gx.scale_dT": "polynomial",
+        "ax.kspin": "polynomial", "ax.kang": "angular_acceleration",
+        "ax.arm_p": "angular_acceleration", "ax.arm_i": "polynomial", "gx.scale": "scale",
+        "gx.g_ii": "polynomial", "gx.delta_o": "misalignment",
+    }  # fmt: skip
+    assert {name: kinds[name] for name in expected} == expected
+
+
+def inercal_tables():
+    from inercal.sensors import TABLES
+
+    return TABLES.values()
+
+
+def test_lossless_refuses_an_error_above_u_and_passes_one_below():
+    exact = make_calibration(*LINEAR)
+    with refused(key="--lossless"):
+        export_calibration(exact, "vectornav", lossless=True)  # g-sensitivity
+    assert export_calibration(exact, "imucal", lossless=True).losses == ()
+    # The same loss is below U where U is large.
+    rough = make_calibration(*LINEAR, u=1e-3)
+    made = export_calibration(rough, "vectornav", lossless=True)
+    assert [one.word for one in made.losses] == ["g-sensitivity"]
+
+
+def test_the_cost_of_a_misalignment_is_its_angle_times_the_force_across():
+    sensor = triad("t").with_coefficients("bias", "scale", "misalignment")
+    c = np.zeros(len(sensor.coefficients))
+    c[sensor.coefficients.index("x.delta_o")] = 1e-3
+    calibration = inercal.Calibration(
+        sensor, c, 1e-18 * np.eye(c.size), validity=replace(RANGES, rate=None)
+    )
+    made = export_calibration(calibration, "px4", options={"acc_id": 1})
+    assert made.costs[0].largest == pytest.approx(20e-3, rel=1e-6)
+    assert made.losses[0].effect == pytest.approx(20e-3, rel=1e-6)
+
+
+def test_a_refit_lessens_the_error_of_what_is_left_out():
+    calibration = make_calibration(*LINEAR, "k2", "k3")
+    plain = export_calibration(calibration, "imucal")
+    fitted = export_calibration(calibration, "imucal", refit=True)
+    assert fitted.costs[0].rms < 0.8 * plain.costs[0].rms
+    assert "refit" in "\n".join(fitted.header)
+    with refused(key="--refit"):
+        export_calibration(calibration, "c", refit=True)
+
+
+@pytest.mark.parametrize(
+    ("to", "options"),
+    [
+        ("px4", {}),
+        ("px4", {"acc_id": "x", "gyro_id": 1}),
+        ("px4", {"acc_id": 1, "gyro_id": 1, "instance": 9}),
+        ("px4", {"acc_id": 1, "gyro_id": 1, "nothing": 9}),
+        ("kalibr", {}),
+        ("kalibr", {**NOISE, "update_rate": 0}),
+        ("openvins", {"noise": "no such file"}),
+        ("adis", {"order": "scale"}),
+        ("adis", {**OPTIONS["adis"], "order": "both"}),
+        ("adis", {**OPTIONS["adis"], "acc_bias_lsb": "1 V"}),
+        ("ardupilot", {"imu": 7}),
+        ("imu_tk", {"part": "magnetometer"}),
+        ("c_fixed", {"lsb": 0}),
+    ],
+)
+def test_options_that_are_missing_or_wrong_are_refused(to: str, options: dict[str, object]):
+    with refused():
+        export_calibration(make_calibration(), to, options=options)
+
+
+def test_sensors_that_a_target_cannot_take_are_refused():
+    pair = Sensor("pair", triad().axes[:2]).with_coefficients("bias")
+    with refused(names=("x", "y")):
+        export_calibration(inercal.Calibration(pair, np.zeros(2), np.eye(2)), "csv")
+    alone = triad("t", "f", "a").with_coefficients("bias")
+    accelerometers = inercal.Calibration(alone, np.zeros(3), np.eye(3))
+    with refused():
+        export_calibration(accelerometers, "imucal")
+    with refused(names=("nothing",)):
+        export_calibration(accelerometers, "nothing")
+    crossed = Sensor("t", (alone.axes[1], alone.axes[0], alone.axes[2])).with_coefficients("bias")
+    with refused(names=("ay",)):
+        export_calibration(
+            inercal.Calibration(crossed, np.zeros(3), np.eye(3)), "px4", options={"acc_id": 1}
+        )
+    for axes in ("x y", "x y -z", "x x z", "a b c"):
+        with refused(key="axes"):
+            parse_axes(axes)
+
+
+def test_temperature_is_refused_where_no_range_is_known():
+    calibration = replace(make_calibration("bias", "k0_dT"), validity=None)
+    with refused(key="temperature"):
+        export_calibration(calibration, "px4", options=OPTIONS["px4"])
+    made = export_calibration(
+        calibration, "px4", options=OPTIONS["px4"], temperature=(273.15, 323.15)
+    )
+    assert "TC_A0_TMAX\t50\t" in made.text
+    short = (293.15, 298.15)
+    with refused(key="temperature"):
+        export_calibration(calibration, "ardupilot", temperature=short)
+
+
+def test_the_noise_of_an_analysis_is_taken_from_its_file(tmp_path: Path):
+    path = tmp_path / "imu.yaml"
+    path.write_text("\n".join(f"{key}: {value}" for key, value in NOISE.items()), encoding="utf-8")
+    text = export_calibration(make_calibration(), "kalibr", options={"noise": str(path)}).text
+    assert "  gyroscope_random_walk: 1.0e-05\n" in text
+
+
+def test_a_target_of_another_package_is_found():
+    def render(request: Request) -> Rendering:
+        correct = lambda y, dT: y  # noqa: E731
+        return Rendering(correct, lambda header: "\n".join(header), ("out = in",))
+
+    with TARGETS.with_("raw", Target("raw", "Readings as they are", ".txt", {}, render)):
+        made = export_calibration(make_calibration(), "raw")
+    assert len(made.losses) == 7
+    assert made.costs[0].exceeds
+
+
+def test_the_verb_writes_beside_what_it_says(tmp_path: Path):
+    path = inercal.save(make_calibration(), tmp_path / "run.calibration.json")
+    out = tmp_path / "board.params"
+    arguments = ("export", path, "--to", "px4", "--out", out)
+    ids = ("--set", "acc_id=0x2", "--set", "gyro_id=3")
+    assert run_program(*arguments).status == 2
+    assert not out.exists()
+    ended = run_program(*arguments, *ids, "--json")
+    content = json.loads(ended.output)
+    assert ended.status == 0
+    assert content["errors"]["f"]["exceeds_U"]
+    assert "CAL_ACC0_ID\t2\t6" in out.read_text(encoding="utf-8")
+    assert run_program(*arguments, *ids).status == 2
+    assert run_program(*arguments, *ids, "--force", "--over-force", "-2 2 g").status == 0
+    for wrong in (["--over-force", "2 g"], ["--over-rate", "-1 1 V"], ["--set", "acc_id"]):
+        assert run_program(*arguments, *ids, "--force", *wrong).status == 2
+    assert run_program(*arguments, *ids, "--force", "--lossless").status == 2
+    assert run_program("export", path, "--to", "csv", "--out", path, "--force").status == 2

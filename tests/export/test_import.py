@@ -1,0 +1,159 @@
+"""Calibrations of other programs, read: round trips, and files that are none."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.export.calibrations import COUNTS, LINEAR, OPTIONS, make_calibration
+from tests.program import run_program
+from tests.refusals import refused
+
+import inercal
+from inercal.calibration import Calibration
+from inercal.comparison import compare
+from inercal.export import export_calibration
+
+# Aliases of aliases: 10⁹ numbers, if an array were made of them.
+BOMB = "a: &a [1,1,1,1,1,1,1,1,1,1]\n" + "".join(
+    f"{new}: &{new} [{','.join([f'*{old}'] * 10)}]\n"
+    for old, new in zip("abcdefgh", "bcdefghi", strict=True)
+)
+BOMB += "imu0:\n  accelerometers: {M: *i}\n  gyroscopes: {M: *i, A: *i, C_gyro_i: *i}\n"
+STATED = {
+    "imucal": ("bias", "scale", "misalignment", "g"),
+    "kalibr": ("scale", "misalignment", "g"),
+    "px4": ("k0", "k1", "bias", "k0_dT", "k0_dT2", "bias_dT"),
+    "ardupilot": ("k0", "k1", "bias", "k0_dT", "k0_dT2", "bias_dT"),
+    "imu_tk": ("k0", "k1", "delta_o", "delta_p"),
+}
+
+
+def round_trip(folder: Path, calibration: Calibration, to: str) -> Calibration:
+    made = export_calibration(calibration, to, options=OPTIONS.get(to))
+    path = folder / f"sensor{made.target.suffix}"
+    path.write_text(made.text, encoding="utf-8")
+    return inercal.import_calibration(path, to, like=calibration)
+
+
+@pytest.mark.parametrize("to", STATED)
+def test_what_an_export_holds_is_read_back(to: str, tmp_path: Path):
+    if to == "kalibr":
+        pytest.importorskip("yaml")
+    names = STATED[to]
+    calibration = make_calibration(*names, *(LINEAR if to == "imu_tk" else ()))
+    found = round_trip(tmp_path, calibration, to)
+    wanted = calibration.in_frame("triangular") if to == "kalibr" else calibration
+    both = set(found.sensor.coefficients) & set(wanted.sensor.coefficients)
+    measured = {n for n in calibration.sensor.coefficients if to != "imu_tk" or n.startswith("a")}
+    assert both == measured
+    scale = dict(zip(wanted.sensor.coefficients, wanted.sensor.unit_scale, strict=True))
+    for name in both:
+        # Single precision of numbers near 1 where the target has it.
+        assert abs(found.value(name) - wanted.value(name)) <= 1.3e-7 * scale[name]
+    assert not found.covariance.any()
+    compared = compare(calibration, found)
+    # Along the frame of Kalibr some misalignments are 0 by definition.
+    assert len(compared.names) >= len(both) - 3
+    assert np.nanmax(np.abs(compared.normalised_errors)) < 0.02
+
+
+def test_counts_need_the_readout_of_a_calibration(tmp_path: Path):
+    calibration = make_calibration(readouts=COUNTS)
+    path = tmp_path / "sensor.json"
+    path.write_text(export_calibration(calibration, "imucal").text, encoding="utf-8")
+    with refused(key="--like"):
+        inercal.import_calibration(path, "imucal")
+    found = inercal.import_calibration(path, "imucal", like=calibration)
+    assert found.value("ax.k1") == pytest.approx(calibration.value("ax.k1"), abs=1e-12)
+
+
+def test_imucal_in_its_own_units_is_read(tmp_path: Path):
+    """Truth by hand: readings of 2 % too much in g, and degrees per second."""
+    eye = np.eye(3).tolist()
+    content = {
+        "cal_type": "Ferraris", "_format_version": "2.0.0", "acc_unit": "m/s^2",
+        "gyr_unit": "deg/s", "from_acc_unit": "g", "from_gyr_unit": "deg/s", "comment": None,
+        "K_a": (np.eye(3) * 1.02 / 9.80665).tolist(), "R_a": eye, "b_a": [0.01, 0, 0],
+        "K_g": eye, "R_g": eye, "K_ga": np.zeros((3, 3)).tolist(), "b_g": [0, 0.5, 0],
+    }  # fmt: skip
+    path = tmp_path / "imu.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    found = inercal.import_calibration(path, "imucal")
+    motion = found.correct(np.array([[1.03, 0.0, 2.04, 0.0, 1.5, 0.0]]))
+    np.testing.assert_allclose(motion.f[0], [9.80665, 0, 2 * 9.80665], atol=1e-9)
+    np.testing.assert_allclose(motion.w[0], np.radians([0, 1.0, 0]), atol=1e-12)
+
+
+def test_imu_tk_of_its_own_frame_becomes_triangular(tmp_path: Path):
+    """The frame of imu_tk has z along the z axis; x along the x axis is the one of inercal."""
+    matrix = np.array([[1, -0.01, 0.02], [0, 1, -0.03], [0, 0, 1.0]])
+    text = "\n\n".join(
+        "\n".join(" ".join(map(str, row)) for row in block)
+        for block in (matrix, np.eye(3) * 1.001, np.array([[0.1], [0.2], [0.3]]))
+    )
+    path = tmp_path / "acc.calib"
+    path.write_text(text, encoding="utf-8")
+    found = inercal.import_calibration(path, "imu_tk")
+    assert found.frame == "triangular"
+    y = np.array([[1.0, 2.0, 9.0], [-3.0, 9.0, 1.0]])
+    force = found.correct(y).f
+    own = (y - [0.1, 0.2, 0.3]) @ (matrix * 1.001).T
+    # The same forces but for a rotation: lengths and the angle between them.
+    np.testing.assert_allclose(force @ force.T, own @ own.T, rtol=1e-12)
+    assert abs(found.value("ax.delta_o")) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("of", "text"),
+    [
+        ("imu_tk", "1 2 3"),
+        ("imu_tk", "nonsense " * 30),
+        ("imu_tk", "0 " * 21),
+        ("imucal", "{}"),
+        ("imucal", "[1, 2]"),
+        ("imucal", "not json"),
+        ("kalibr", "imu0:\n  model: calibrated\n"),
+        ("kalibr", "- 1\n"),
+        ("kalibr", "a: [1\n"),
+        ("kalibr", "[" * 20_000),
+        ("imucal", "[" * 200_000),
+        ("kalibr", BOMB),
+        ("px4", "1 1 CAL_ACC0_XOFF 0.1\n"),
+        ("px4", "1\t1\tSYS_AUTOSTART\t4001\t6\n"),
+        ("ardupilot", "INS_ACCOFFS_X\n"),
+        ("ardupilot", "FOO,1\n"),
+        ("ardupilot", "INS_ACCOFFS_X,0.1\nINS_ACCSCAL_X,0\n"),
+        ("ardupilot", "INS_ACCOFFS_X,0.1\nINS_TCAL1_ENABLE,1\n"),
+    ],
+)
+def test_a_file_of_another_kind_is_refused_by_name(of: str, text: str, tmp_path: Path):
+    if of == "kalibr":
+        pytest.importorskip("yaml")
+    path = tmp_path / "file"
+    path.write_text(text, encoding="utf-8")
+    with refused(file="file"):
+        inercal.import_calibration(path, of)
+    path.write_bytes(b"\xff\xfe\x00\x81")
+    with refused(file="file"):
+        inercal.import_calibration(path, of)
+
+
+def test_the_verb_writes_a_calibration_that_can_be_compared(tmp_path: Path):
+    calibration = make_calibration("k0", "k1", "bias")
+    own = inercal.save(calibration, tmp_path / "own.calibration.json")
+    params = tmp_path / "board.params"
+    text = export_calibration(calibration, "px4", options=OPTIONS["px4"]).text
+    params.write_text(text, encoding="utf-8")
+    out = tmp_path / "px4.calibration.json"
+    arguments = ("import", params, "--from", "px4", "--like", own, "--out", out)
+    assert run_program(*arguments).status == 0
+    assert run_program(*arguments).status == 2  # it exists
+    assert run_program(*arguments, "--force").status == 0
+    found = inercal.load(out)
+    assert (found.method, found.estimator) == ("imported", "px4")
+    ended = run_program("compare", own, out, "--json")
+    assert len(json.loads(ended.output)["coefficients"]) == 9
+    assert run_program("compare", out, out).status == 0
+    assert run_program("show", out).status == 0
+    assert run_program("import", params, "--from", "nothing", "--out", out).status == 2
