@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS, kind_name_for_class
+from inercal.environment import Environment
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.io.file_patterns import is_pattern, matching_files
@@ -25,6 +26,11 @@ from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
+from inercal.runfile.environment_section import (
+    TemperatureOrder,
+    stated_environment,
+    terms_of_order,
+)
 from inercal.runfile.filter_keys import with_filter_keys
 from inercal.runfile.job import job_texts
 from inercal.runfile.method_section import (
@@ -52,6 +58,7 @@ _QUESTION = re.compile(
     r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(please tell: )?(?P<comment>.*?)\s*)?'
 )
 _DEFAULT_KIND = "hand"  # [bench] kind
+RAMP_METHOD = "temperature_ramp"
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +105,10 @@ class Run:
         Texts of [job] and of the laboratory's file, by name.
     specification : Specification or None
         Limits of coefficients.
+    environment : Environment or None
+        The temperatures around the bench.
+    temperature_order : "auto", tuple of 3 int, or None
+        Orders of bias, scale factor and misalignment in temperature.
     """
 
     path: Path
@@ -121,6 +132,8 @@ class Run:
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
     job: Mapping[str, str] = field(default_factory=dict[str, str])
     specification: "Specification | None" = None
+    environment: Environment | None = None
+    temperature_order: TemperatureOrder = None
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -282,7 +295,11 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     chosen = method(schema.method.name)
     bench = kind.build(schema.bench, path.parent)
     full_sensor = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)
-    sensor = chosen.prepare(full_sensor, schema.method.coefficients, schema.method.also)
+    ordered = terms_of_order(
+        schema.method.temperature_order, full_sensor, chosen.possible(full_sensor)
+    )
+    also = (*schema.method.also, *ordered)
+    sensor = chosen.prepare(full_sensor, schema.method.coefficients, also)
     if not isinstance(bench, chosen.bench):
         needed = kind_name_for_class(chosen.bench)
         raise InputError(
@@ -342,6 +359,8 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         findings=check_stated_gravity(schema.bench) + overdue,
         job=job,
         specification=stated_specification(schema.specification, sensor),
+        environment=stated_environment(schema, sensor, chosen, chosen.name == RAMP_METHOD),
+        temperature_order=schema.method.temperature_order,
     )
 
 

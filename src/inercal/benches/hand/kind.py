@@ -38,6 +38,7 @@ class HandSection(BenchSection):
         found: dict[str, str] = {}
         if not use.attitudes:
             found["tilt"] = f"{use.method} estimates the attitudes"
+            found["placement"] = f"{use.method} estimates the attitudes"
             found["turn_on"] = f"{use.method} takes each bias as one"
         elif not use.gyros:
             found["turn_on"] = "there are no gyros"

@@ -144,8 +144,8 @@ METHOD = Method(
         "w": ("bias", "scale", "misalignment"),
     },
     also={
-        "f": ("nonlinearity", "asymmetry", "cross", "temperature"),
-        "w": ("nonlinearity", "asymmetry", "g", "g2", "temperature"),
+        "f": ("nonlinearity", "asymmetry", "cross", "temperature", "temperature_order"),
+        "w": ("nonlinearity", "asymmetry", "g", "g2", "temperature", "temperature_order"),
     },
     needs=(),
     plan=plan,

@@ -1,0 +1,360 @@
+"""Fits over temperatures: errors that a soak's rows share, orders by test, soaks left out.
+
+1. A first fit with the highest orders gives the slopes ∂y/∂T, by which an error of a soak's
+   temperature acts (`inercal.environment.soaks`).
+2. Orders of bias, scale factor and misalignment are those of the least AIC = χ² + 2 p. Without the
+   terms d of a fit with estimate θ and covariance C, χ² grows by θ_d' C_dd⁻¹ θ_d, exactly so for a
+   model that is linear in its coefficients: one fit compares all orders.
+3. Each soak is left out once. Its rows add χ²(all) − χ²(without it) to χ²: the square of their
+   prediction error in units of its uncertainty, n components.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.data import EstimatorInput
+from inercal.environment import Environment
+from inercal.environment.soaks import (
+    SOAK_SPREAD,
+    distinct_levels,
+    soak_numbers,
+    soak_temperatures,
+    with_soak_errors,
+)
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Estimate
+from inercal.keys import CoefficientName
+from inercal.recording import Finding, Observations
+from inercal.runfile import Run
+from inercal.runfile.environment_section import MAX_ORDERS, order_terms
+from inercal.section_settings import key_error
+from inercal.sensors import Sensor
+from inercal.units import ZERO_CELSIUS
+
+LEAST_SPAN = 10.0  # K
+LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty
+_TOO_LOW = 100.0  # χ²/ν beyond which an order is called too low
+Orders = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class OrderTest:
+    """One set of orders of a kind of axes, with its AIC above that of the best."""
+
+    kind: str
+    orders: Orders
+    excess: float
+    ratio: float  # χ²/ν
+
+
+@dataclass(frozen=True)
+class SoakLeftOut:
+    """The rows of a soak predicted by the other soaks.
+
+    Parameters
+    ----------
+    temperature : float
+        Of the soak, K.
+    ratio : float
+        Prediction error over its standard uncertainty, rms over the readings.
+    components : int
+        How many readings.
+    inside : bool
+        Whether soaks on both sides of it remain.
+    """
+
+    temperature: float
+    ratio: float
+    components: int
+    inside: bool
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureFit:
+    """What was done about the temperatures of a run.
+
+    Parameters
+    ----------
+    soaks : (s,) array
+        Temperatures of the soaks in their order, K; empty of a ramp.
+    orders : mapping of "f" or "w" to Orders
+        Used; empty where they were not stated or tested.
+    tests : tuple of OrderTest
+        All orders that were compared.
+    left_out : tuple of SoakLeftOut
+    ratio : float
+        χ²/ν of the fit.
+    """
+
+    soaks: NDArray[np.float64]
+    orders: Mapping[Literal["f", "w"], Orders]
+    tests: tuple[OrderTest, ...] = ()
+    left_out: tuple[SoakLeftOut, ...] = ()
+    ratio: float = 1.0
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Warnings: orders that are too low, soaks that the others do not predict."""
+        if self.orders and self.ratio > _TOO_LOW:
+            text = (
+                f"χ²/ν is {self.ratio:.3g}: the orders in temperature are too low for these "
+                'temperatures; state higher ones, or [method] temperature_order = "auto"'
+            )
+            return (Finding("warning", "order", text),)
+        inner = [one for one in self.left_out if one.inside and one.components]
+        bad = [one for one in inner if one.ratio > LARGEST_PREDICTION_RATIO * _bound(one)]
+        if not bad:
+            return ()
+        worst = max(bad, key=lambda one: one.ratio)
+        text = (
+            f"the soak at {worst.temperature - ZERO_CELSIUS:.1f} °C is predicted by the others "
+            f"with an error of {worst.ratio:.2f} times its uncertainty, rms; more than "
+            f"{LARGEST_PREDICTION_RATIO * _bound(worst):.2f} means that the order or the noise is "
+            "wrong"
+        )
+        return (Finding("warning", "prediction", text),)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Orders and prediction errors, in words."""
+        lines: list[str] = []
+        words = {"f": "accelerometers", "w": "gyros"}
+        for kind, orders in self.orders.items():
+            by = "by AIC" if any(one.kind == kind for one in self.tests) else "as stated"
+            lines.append(
+                f"orders in temperature of {words[kind]}, {by}: bias {orders[0]}, scale factor "
+                f"{orders[1]}, misalignment {orders[2]}"
+            )
+        ratios = [one.ratio for one in self.left_out if one.components]
+        if ratios:
+            lines.append(
+                "prediction error of a soak left out, in units of its uncertainty, rms: at most "
+                f"{max(ratios):.2f}"
+            )
+        return tuple(lines)
+
+
+def _bound(one: SoakLeftOut) -> float:
+    """Return what chance adds to the ratio of few readings: two standard deviations of χ²/n."""
+    return float(np.sqrt(1 + 2 * np.sqrt(2 / one.components)))
+
+
+def fit_over_temperatures(
+    run: Run, inputs: EstimatorInput
+) -> tuple[Run, EstimatorInput, TemperatureFit | None]:
+    """Return run and observations as they are to be estimated, and what was tested.
+
+    Without [environment] and [method] temperature_order both are unchanged, and the last is None.
+
+    Parameters
+    ----------
+    run : Run
+        With the terms of the highest orders, where orders are tested.
+    inputs : EstimatorInput
+
+    Raises
+    ------
+    InputError
+        The temperatures do not support the orders.
+    """
+    environment, stated = run.environment, run.temperature_order
+    if environment is None and stated is None:
+        return run, inputs, None
+    environment = environment or Environment("soaks")
+    observations = inputs.observations
+    _require_temperatures(run, observations)
+    if observations.track is not None:
+        _refuse_row_errors(run, environment)
+        used = {} if stated is None else _used_orders(run.sensor)
+        return run, inputs, TemperatureFit(np.zeros(0), used)
+    soaks = soak_temperatures(observations)
+    levels = distinct_levels(soaks) if environment.kind == "soaks" else 1 + max(MAX_ORDERS)
+    run = _within_levels(run, levels)
+    solver = _Solver(run, inputs)
+    first = solver.solve(observations, run.sensor)
+    c = first.value[..., : len(run.sensor.coefficients)]
+    observations = with_soak_errors(observations, run.sensor, c, environment)
+    tests: tuple[OrderTest, ...] = ()
+    if stated == "auto":
+        sensor, tests = choose_orders(solver.solve(observations, run.sensor), run.sensor)
+        run = replace(run, sensor=sensor)
+    whole = solver.solve(observations, run.sensor)
+    left_out = (
+        () if environment.kind == "ramp" else solver.leave_out(observations, run.sensor, whole)
+    )
+    found = TemperatureFit(
+        soaks if environment.kind == "soaks" else np.zeros(0),
+        {} if stated is None else _used_orders(run.sensor),
+        tests,
+        left_out,
+        float(whole.chi2) / max(whole.dof, 1),
+    )
+    return run, replace(inputs, observations=observations), found
+
+
+def _require_temperatures(run: Run, observations: Observations) -> None:
+    """Refuse a temperature that is absent, constant, or spans less than `LEAST_SPAN`."""
+    kelvin = (
+        observations.temperature if observations.track is None else observations.track.temperature
+    )
+    names = ", ".join(n for n in run.sensor.coefficients if "_dT" in n)
+    if kelvin is None:
+        raise key_error(
+            "[data] temperature",
+            f"is missing: {names} need the sensor's temperature; name its column",
+            run.path,
+        )
+    span = float(np.ptp(kelvin))
+    if span < LEAST_SPAN:
+        low, high = float(kelvin.min()) - ZERO_CELSIUS, float(kelvin.max()) - ZERO_CELSIUS
+        raise key_error(
+            "[data] temperature",
+            f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
+            f"coefficients of temperature need {LEAST_SPAN:g} K or more",
+            run.path,
+        )
+
+
+def _refuse_row_errors(run: Run, environment: Environment) -> None:
+    """Refuse errors of soaks where filters follow samples."""
+    for key, value in (
+        ("temperature_sd", environment.temperature_sd),
+        ("accelerometer_repeatability", environment.force_repeatability),
+        ("gyro_repeatability", environment.rate_repeatability),
+    ):
+        if value:
+            raise key_error(
+                f"[environment] {key}",
+                f"method {run.method.name} follows samples and cannot count it; remove {key}, or "
+                "use a method of means",
+                run.path,
+            )
+    if run.temperature_order == "auto":
+        raise key_error(
+            "[method] temperature_order",
+            f"method {run.method.name} follows samples and tests no orders; state them, such as "
+            "[1, 1, 0]",
+            run.path,
+        )
+
+
+def _within_levels(run: Run, levels: int) -> Run:
+    """Return the run with terms that so many temperatures determine; refuse stated orders."""
+    stated = run.temperature_order
+    if isinstance(stated, tuple):
+        for word, order in zip(("bias", "scale factor", "misalignment"), stated, strict=True):
+            if order >= levels:
+                raise key_error(
+                    "[method] temperature_order",
+                    f"order {order} of the {word} needs {order + 1} soaks at different "
+                    f"temperatures; there are {levels} (further apart than {SOAK_SPREAD:g} K)",
+                    run.path,
+                )
+    if stated != "auto":
+        return run
+    most = [min(order, levels - 1) for order in MAX_ORDERS]
+    return replace(run, sensor=_of_orders(run.sensor, {"f": most, "w": most}))
+
+
+def _of_orders(sensor: Sensor, orders: Mapping[Literal["f", "w"], Sequence[int]]) -> Sensor:
+    """Return the sensor with the terms of these orders alone, of those that it has."""
+    ordered = {kind: set(order_terms(kind, MAX_ORDERS)) for kind in orders}
+    wanted = {kind: set(order_terms(kind, most)) for kind, most in orders.items()}
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+
+    def kept(name: str) -> bool:
+        axis, term = CoefficientName(name).parts
+        kind = measures[axis]
+        return kind not in orders or term not in ordered[kind] or term in wanted[kind]
+
+    return replace(sensor, coefficients=tuple(n for n in sensor.coefficients if kept(n)))
+
+
+def _used_orders(sensor: Sensor) -> dict[Literal["f", "w"], Orders]:
+    """Return the highest order of bias, scale factor and misalignment by kind of axes."""
+    result: dict[Literal["f", "w"], Orders] = {}
+    kinds: tuple[Literal["f", "w"], ...] = ("f", "w")
+    for kind in kinds:
+        if all(axis.measures != kind for axis in sensor.axes):
+            continue
+        axes = sensor.select_axes(kind)
+        terms = {CoefficientName(name).term for name in axes.coefficients}
+        found: list[int] = []
+        for place, most in enumerate(MAX_ORDERS):
+            alone = [[n if k == place else 0 for k in range(3)] for n in range(1, most + 1)]
+            own = [n for n, one in enumerate(alone, 1) if order_terms(kind, one)[-1] in terms]
+            found.append(max(own, default=0))
+        result[kind] = (found[0], found[1], found[2])
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Solver:
+    """The estimator of a run."""
+
+    run: Run
+    inputs: EstimatorInput
+
+    def solve(self, observations: Observations, sensor: Sensor) -> Estimate:
+        bench = self.inputs.bench or self.run.bench
+        return self.run.solver()(observations, sensor, bench, self.inputs.plan, self.run.priors)
+
+    def leave_out(
+        self, observations: Observations, sensor: Sensor, whole: Estimate
+    ) -> tuple[SoakLeftOut, ...]:
+        """Return the prediction errors of the soaks; none where a soak is needed for a fit."""
+        number, temperatures = soak_numbers(observations), soak_temperatures(observations)
+        chi2 = float(whole.chi2)
+        result: list[SoakLeftOut] = []
+        for k, kelvin in enumerate(temperatures.tolist()):
+            kept = np.flatnonzero(number != k).tolist()
+            components = (len(number) - len(kept)) * len(sensor.axes)
+            try:
+                rest = self.solve(observations.rows(kept), sensor)
+            except (InputError, NotObserved):
+                continue
+            squares = max(chi2 - float(rest.chi2), 0.0)
+            others = np.delete(temperatures, k)
+            inside = bool(others.min() < kelvin < others.max())
+            ratio = float(np.sqrt(squares / components))
+            result.append(SoakLeftOut(kelvin, ratio, components, inside))
+        return tuple(result)
+
+
+def choose_orders(estimate: Estimate, sensor: Sensor) -> tuple[Sensor, tuple[OrderTest, ...]]:
+    """Return the sensor with the terms of least AIC, kind by kind, and all tests.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of one trial, with the highest orders.
+    sensor : Sensor
+        With its coefficients.
+    """
+    names, chosen, tests = sensor.coefficients, sensor, list[OrderTest]()
+    for kind, most in _used_orders(sensor).items():
+        compared: list[tuple[float, Orders, float]] = []
+        for orders in product(*(range(n + 1) for n in most)):
+            kept = _of_orders(sensor, {kind: orders}).coefficients
+            dropped = [k for k, name in enumerate(names) if name not in kept]
+            theta = estimate.value[dropped]
+            lost = float(theta @ _solve(estimate, dropped, theta))
+            ratio = (float(estimate.chi2) + lost) / max(estimate.dof + len(dropped), 1)
+            compared.append((lost - 2 * len(dropped), (orders[0], orders[1], orders[2]), ratio))
+        least = min(compared)
+        tests += [OrderTest(kind, orders, aic - least[0], ratio) for aic, orders, ratio in compared]
+        chosen = _of_orders(chosen, {kind: least[1]})
+    return chosen, tuple(tests)
+
+
+def _solve(estimate: Estimate, at: Sequence[int], theta: Array) -> Array:
+    """Return C⁻¹ θ of some parameters, whose units differ by orders of magnitude."""
+    covariance = estimate.covariance[np.ix_(at, at)]
+    sd = np.sqrt(np.diag(covariance))
+    return np.linalg.solve(covariance / sd[:, None] / sd, theta / sd) / sd
