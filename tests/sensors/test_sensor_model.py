@@ -138,7 +138,7 @@ def test_inverse_undoes_forward_with_every_smooth_coefficient_at_once(form: Form
     c = coefficients(sensor)
     y = sensor.forward(MOTION, c)
     assert np.abs(y[:, :3] - MOTION.f).max() > 0.01 * G0  # the coefficients do something
-    back = inverse(sensor, y, c, dw=MOTION.dw, dT=MOTION.dT)
+    back = inverse(sensor, y, c, dw=MOTION.dw, dT=MOTION.dT, dTdt=MOTION.dTdt)
     assert_allclose(back.f, MOTION.f, atol=1e-11)
     assert_allclose(back.w, MOTION.w, atol=1e-11)
 

@@ -53,6 +53,8 @@ class Environment:
         unknown: a ramp estimates it, and soaks neglect it.
     profile : ChamberProfile
         Of a simulation.
+    warm_up : float
+        Time constant of a warm-up of the biases in a ramp, s; 0 is none.
     """
 
     kind: EnvironmentKind
@@ -61,6 +63,7 @@ class Environment:
     rate_repeatability: float = 0.0
     lag: Measured | None = None
     profile: ChamberProfile = field(default_factory=ChamberProfile)
+    warm_up: float = 0.0
 
 
 __all__ = ["ChamberProfile", "Environment", "EnvironmentKind"]

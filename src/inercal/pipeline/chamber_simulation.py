@@ -206,5 +206,9 @@ def _follow(driving: Array, time_constant: float, step: float) -> Array:
     from scipy.signal import lfilter  # pyright: ignore
 
     keep = float(np.exp(-step / time_constant))
-    start = [keep * driving[0]]
-    return np.asarray(lfilter([1 - keep], [1.0, -keep], driving, zi=start)[0], dtype=float)
+    # Between samples the course is straight: weights of its value after and before a step.
+    after = 1 - (1 - keep) * time_constant / step
+    before = 1 - keep - after
+    start = [(1 - after) * driving[0]]
+    result = lfilter([after, before], [1.0, -keep], driving, zi=start)[0]
+    return np.asarray(result, dtype=float)

@@ -14,7 +14,7 @@ from inercal.data.recording_loader import readback_columns, reader_columns
 from inercal.errors import InputError
 from inercal.methods import METHODS
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
-from inercal.recording import Finding, Recording
+from inercal.recording import Finding, Recording, ahead_of_lag
 from inercal.runfile import Run, read
 from inercal.units import ZERO_CELSIUS, to_si
 
@@ -156,6 +156,9 @@ def apply(
                 names=(axis.name,),
             )
     recording = load_recording(run)
+    environment = run.environment
+    if run.method.follows_rest and environment is not None and environment.lag is not None:
+        recording = ahead_of_lag(recording, environment.lag.value)
     _require_same_corrections(calibration, recording, run)
     outside = np.zeros(0, dtype=np.bool_)
     if recording.temperature is not None:

@@ -169,6 +169,8 @@ def fit_over_temperatures(
     environment = environment or Environment("soaks")
     observations = inputs.observations
     _require_temperatures(run, observations)
+    if run.method.follows_rest:
+        return _ordered_ramp(run, inputs, stated)
     if observations.track is not None:
         _refuse_row_errors(run, environment)
         used = {} if stated is None else _used_orders(run.sensor)
@@ -196,6 +198,19 @@ def fit_over_temperatures(
         float(whole.chi2) / max(whole.dof, 1),
     )
     return run, replace(inputs, observations=observations), found
+
+
+def _ordered_ramp(
+    run: Run, inputs: EstimatorInput, stated: object
+) -> tuple[Run, EstimatorInput, TemperatureFit]:
+    """Return the run of a ramp with the orders of least AIC, where they are tested."""
+    tests: tuple[OrderTest, ...] = ()
+    if stated == "auto":
+        whole = _Solver(run, inputs).solve(inputs.observations, run.sensor)
+        sensor, tests = choose_orders(whole, run.sensor)
+        run = replace(run, sensor=sensor)
+    orders = {} if stated is None else _used_orders(run.sensor)
+    return run, inputs, TemperatureFit(np.zeros(0), orders, tests)
 
 
 def _require_temperatures(run: Run, observations: Observations) -> None:

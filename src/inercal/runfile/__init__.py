@@ -58,7 +58,6 @@ _QUESTION = re.compile(
     r'\s*(?P<key>[\w.]+)\s*=\s*"\?"\s*(#\s*(please tell: )?(?P<comment>.*?)\s*)?'
 )
 _DEFAULT_KIND = "hand"  # [bench] kind
-RAMP_METHOD = "temperature_ramp"
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +165,9 @@ class Run:
         progress : callable, optional
             Called after each generation of a search.
         """
+        if self.method.follows_rest and self.environment is not None:
+            estimator: Any = self.method.estimator(self.estimator)
+            return partial(estimator, environment=self.environment)
         if self.search is None:
             return self.method.estimator(self.estimator)
         from inercal.methods.ship_multi_angle import global_
@@ -327,7 +329,8 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     if schema.data.temperature is not None:
         si_value(f"1 {schema.data.temperature_unit}", "K", "[data] temperature_unit")
     has_gyros = bool(sensor.select_axes("w").axes)
-    if schema.method.time_offset and not (chosen.unknown_attitudes and has_gyros):
+    estimates_delay = chosen.unknown_attitudes and not chosen.follows_rest and has_gyros
+    if schema.method.time_offset and not estimates_delay:
         raise InputError(
             "[method] time_offset: only method multi_position with gyros estimates it; remove "
             "time_offset",
@@ -359,7 +362,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         findings=check_stated_gravity(schema.bench) + overdue,
         job=job,
         specification=stated_specification(schema.specification, sensor),
-        environment=stated_environment(schema, sensor, chosen, chosen.name == RAMP_METHOD),
+        environment=stated_environment(schema, sensor, chosen, chosen.follows_rest),
         temperature_order=schema.method.temperature_order,
     )
 

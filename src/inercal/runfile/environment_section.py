@@ -132,6 +132,7 @@ def stated_environment(
         _positive(section, "gyro_repeatability", "rad/s"),
         lag,
         profile,
+        _positive(section, "warm_up", "s"),
     )
 
 
@@ -171,6 +172,8 @@ def _require_used(
             unused[key] = "a ramp has no soaks from which a bias comes back"
         elif kind not in kinds:
             unused[key] = f"the method calibrates no {_WORDS[kind]}"
+    if not estimates_lag:
+        unused["warm_up"] = "only method temperature_ramp estimates a warm-up"
     if schema.data.kind == "means":
         unused["lag"] = "means hold no course of the temperature; correct their temperatures"
     for key, reason in unused.items():

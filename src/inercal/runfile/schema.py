@@ -194,6 +194,11 @@ class EnvironmentSection(Section):
         description="time by which the recorded temperature is behind the sensing element",
         examples=["20 s ± 5 s"],
     )
+    warm_up: str | None = Field(
+        None,
+        description="time constant of a warm-up of the biases, in a ramp up and down",
+        examples=["300 s"],
+    )
     temperatures: tuple[str, ...] = Field(
         (),
         description="of a simulation: of the soaks, or turning points of a ramp",
