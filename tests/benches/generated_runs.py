@@ -43,6 +43,13 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 }
 TURN_COLUMNS: Mapping[str, tuple[str, ...]] = {"ferraris": ('seconds = "seconds"',)}
 AXES: Mapping[str, tuple[str, ...]] = {"dual_orthogonal": ("a", "b"), "tumble": ("a",)}
+# Temperatures of a method that follows them, and the lines of its plan.
+ENVIRONMENT = (
+    "[environment]",
+    'kind = "ramp"',
+    'temperatures = ["0 °C", "40 °C", "0 °C"]',
+    'rate = "4 K/min"',
+)
 PRIORS: Mapping[str, tuple[str, ...]] = {
     "dual_orthogonal": ('prior."a.kip" = "0 ± 20 µg/g²"', 'prior."b.kip" = "0 ± 20 µg/g²"')
 }
@@ -90,7 +97,9 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         *(('gyro = ["gx", "gy", "gz"]',) if gyros else ()),
         *(f'{key} = "{key}"' for key in columns),
         *COLUMNS.get(kind.name, TURN_COLUMNS.get(method, ())),
+        *(('temperature = "temp"', *ENVIRONMENT) if METHODS[method].follows_rest else ()),
         "[method]",
+        *(('seconds = "1200 s"',) if METHODS[method].follows_rest else ()),
         f'name = "{method}"',
         *PRIORS.get(method, ()),
         more,

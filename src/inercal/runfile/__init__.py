@@ -166,8 +166,9 @@ class Run:
             Called after each generation of a search.
         """
         if self.method.follows_rest and self.environment is not None:
-            estimator: Any = self.method.estimator(self.estimator)
-            return partial(estimator, environment=self.environment)
+            follow: Any = self.method.estimator(self.estimator)
+            solve: Any = partial(follow, environment=self.environment)
+            return solve
         if self.search is None:
             return self.method.estimator(self.estimator)
         from inercal.methods.ship_multi_angle import global_

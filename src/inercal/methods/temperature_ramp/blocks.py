@@ -22,8 +22,11 @@ from inercal.recording import Track
 from inercal.segments.drift import even_drift_covariance
 from inercal.sensors import Noise, Sensor
 
-# s; shorter blocks leave noise of the temperature in its rate, which pulls the lag towards zero
-SHORTEST_BLOCK = 10.0
+SHORTEST_BLOCK = 10.0  # s
+# Noise of the temperature in its rate pulls the lag towards zero: blocks are lengthened, by these
+# factors, until its share is small.
+_LONGER = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
+_NOISE_SHARE = 0.03  # of the squares of the rate beyond a cubic of the temperature
 MOST_BLOCKS = 1000  # the covariance of an axis has the square of it
 _LEAST_BLOCKS = 30
 
@@ -59,17 +62,27 @@ class RampBlocks:
         InputError
             Fewer than 30 blocks of 10 s.
         """
-        assert track.temperature is not None
-        n, duration = track.time.size, float(track.time[-1] - track.time[0])
-        length = max(SHORTEST_BLOCK, duration / MOST_BLOCKS)
-        per_block = max(1, round(length * (n - 1) / duration))
-        count = n // per_block
-        if count < _LEAST_BLOCKS:
+        duration = float(track.time[-1] - track.time[0])
+        shortest = max(SHORTEST_BLOCK, duration / MOST_BLOCKS)
+        if duration < (_LEAST_BLOCKS + 2) * shortest:
             raise InputError(
                 f"the recording lasts {duration:.0f} s; a ramp needs "
-                f"{_LEAST_BLOCKS * SHORTEST_BLOCK:g} s at least: record longer",
+                f"{(_LEAST_BLOCKS + 2) * SHORTEST_BLOCK:g} s at least: record longer",
                 key="[data] file",
             )
+        found = cls._of_length(track, shortest)
+        for factor in _LONGER[1:]:
+            if found.noise_share <= _NOISE_SHARE or duration < 2 * _LEAST_BLOCKS * found.seconds:
+                break
+            found = cls._of_length(track, factor * shortest)
+        return found
+
+    @classmethod
+    def _of_length(cls, track: Track, length: float) -> "RampBlocks":
+        assert track.temperature is not None
+        n, duration = track.time.size, float(track.time[-1] - track.time[0])
+        per_block = max(1, round(length * (n - 1) / duration))
+        count = n // per_block
         used = count * per_block
 
         def means(values: Array) -> Array:
@@ -83,6 +96,21 @@ class RampBlocks:
             _weighted(means(track.reading)),
             seconds,
         )
+
+    @property
+    def noise_share(self) -> float:
+        """Share of the temperature sensor's noise in what of the rate determines the lag.
+
+        The noise is that of third differences of the rate, of which the course has little.
+        """
+        x = (self.kelvin - self.kelvin.mean()) / max(float(np.ptp(self.kelvin)), 1e-9)
+        beside = np.linalg.qr(np.stack([x**k for k in range(4)], axis=-1))[0]
+        rest = self.rate - beside @ (beside.T @ self.rate)
+        changes = np.diff(self.rate, n=3)
+        # Where block means have white noise, third differences of the rate have 14 times the
+        # variance of the rate. The median, .455 of the variance, is of the quiet course.
+        noise = float(np.median(changes**2)) / 0.455 / 14.0
+        return float(rest.size * noise / max(float(rest @ rest), 1e-30))
 
     def noise_covariance(self, noise: Noise) -> Array:
         """Return the covariance of the weighted means of an axis, (b, b) SI."""

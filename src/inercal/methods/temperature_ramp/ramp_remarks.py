@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.estimate import Estimate
@@ -46,7 +45,7 @@ def hysteresis(blocks: RampBlocks, estimate: Estimate, sensor: Sensor) -> list[H
     dT = blocks.kelvin + lag * blocks.rate - sensor.reference_temperature
     seen = {"dT": dT, "dTdt": blocks.rate}
     edges: Array = np.linspace(float(dT.min()), float(dT.max()), _BINS + 1)
-    place: NDArray[np.int64] = np.clip(np.digitize(dT, edges) - 1, 0, _BINS - 1)
+    place = np.minimum(np.searchsorted(edges[1:], np.asarray(dT)), _BINS - 1)
     found: list[Hysteresis] = []
     for k, axis in enumerate(sensor.axes):
         left = blocks.reading[:, k].copy()
