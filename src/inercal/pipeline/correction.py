@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
+from inercal.calibration.temperature_curves import temperatures_outside
 from inercal.data import recording_loader
 from inercal.data.recording_loader import readback_columns, reader_columns
 from inercal.errors import InputError
@@ -23,7 +24,6 @@ _MARGIN = 0.01  # of the range of the rates
 _DIGITS = 9  # significant, of numbers in a text file
 _LARGEST_EXACT = 1e22  # powers of ten beyond are rounded
 _TEMPERATURE_DECIMALS = 6
-TEMPERATURE_MARGIN = 1.0  # K beyond the temperatures of a calibration that still count as inside
 
 
 def load_recording(run: Run) -> Recording:
@@ -73,19 +73,6 @@ def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Findi
         f"reaches {reached:.4g} °/s, where scale factors and nonlinear terms were not measured"
     )
     return (Finding("warning", "range", text.replace("-", "−")),)
-
-
-def temperatures_outside(calibration: Calibration, kelvin: Array) -> NDArray[np.bool_]:
-    """Return which temperatures, (..., n) K, are beyond those of a calibration's data.
-
-    A kelvin beyond them still counts as inside. None are outside where the model does not depend on
-    temperature, or where the file of the calibration states no range.
-    """
-    limits = None if calibration.validity is None else calibration.validity.temperature
-    if limits is None or not calibration.sensor.uses("dT", "dTdt"):
-        return np.zeros(kelvin.shape, dtype=np.bool_)
-    low, high = limits
-    return (kelvin < low - TEMPERATURE_MARGIN) | (kelvin > high + TEMPERATURE_MARGIN)
 
 
 def _temperatures_beyond(
