@@ -69,7 +69,11 @@ def temperature_slopes(observations: Observations, sensor: Sensor, c: Array) -> 
 
 
 def with_soak_errors(
-    observations: Observations, sensor: Sensor, c: Array, environment: Environment
+    observations: Observations,
+    sensor: Sensor,
+    c: Array,
+    environment: Environment,
+    rates: Array | None = None,
 ) -> Observations:
     """Return the observations with the errors that the rows of a soak have in common.
 
@@ -82,15 +86,19 @@ def with_soak_errors(
         Its coefficients by a first fit, SI.
     environment : Environment
         The rows of a ramp are of one soak.
+    rates : (r,) array, optional
+        Mean rate of the temperature in each row, K/s, by which an error of the lag acts.
     """
     number = soak_numbers(observations)
     if environment.kind == "ramp":
         number = np.zeros_like(number)
     member: Array = np.eye(int(number.max()) + 1)[number]  # (r, s)
     columns: list[Array] = []
+    slope = temperature_slopes(observations, sensor, c)
     if environment.temperature_sd:
-        slope = temperature_slopes(observations, sensor, c) * environment.temperature_sd
-        columns.append(slope[..., None] * member[:, None, :])
+        columns.append(environment.temperature_sd * slope[..., None] * member[:, None, :])
+    if rates is not None and environment.lag is not None and environment.lag.sd:
+        columns.append((environment.lag.sd * rates[:, None] * slope)[..., None])
     sizes = {"f": environment.force_repeatability, "w": environment.rate_repeatability}
     for k, axis in enumerate(sensor.axes):
         if size := sizes[axis.measures]:

@@ -21,6 +21,7 @@ from inercal.motion import Motion
 from inercal.pipeline.chamber_simulation import (
     in_chamber,
     repeatability_errors,
+    require_profile,
     steps_of_soaks,
 )
 from inercal.recording import Recording
@@ -146,15 +147,12 @@ def _simulate_run(
 
 
 def _require_chamber(run: Run) -> None:
-    """Refuse to simulate temperatures that nothing records, or soaks of a bench without visits."""
+    """Refuse to simulate temperatures that are not stated, or soaks of a bench without visits."""
     assert run.environment is not None
-    if run.data.temperature is None:
-        raise InputError(
-            f"{run.path}: [data] temperature is missing; a simulation of [environment] writes the "
-            "temperature to that column: name it",
-            file=run.path,
-            key="[data] temperature",
-        )
+    try:
+        require_profile(run.environment)
+    except InputError as error:
+        raise error.located(run.path) from None
     if run.environment.kind == "soaks" and not _visits_again(run):
         raise InputError(
             f"{run.path}: [environment] kind: method {run.method.name} has no positions that come "

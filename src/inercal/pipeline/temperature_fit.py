@@ -30,7 +30,7 @@ from inercal.environment.soaks import (
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName
-from inercal.recording import Finding, Observations
+from inercal.recording import Finding, Observations, temperature_rate
 from inercal.runfile import Run
 from inercal.runfile.environment_section import MAX_ORDERS, order_terms
 from inercal.section_settings import key_error
@@ -172,7 +172,7 @@ def fit_over_temperatures(
     if run.method.follows_rest:
         return _ordered_ramp(run, inputs, stated)
     if observations.track is not None:
-        _refuse_row_errors(run, environment)
+        _refuse_row_errors(run)
         used = {} if stated is None else _used_orders(run.sensor)
         return run, inputs, TemperatureFit(np.zeros(0), used)
     soaks = soak_temperatures(observations)
@@ -181,7 +181,8 @@ def fit_over_temperatures(
     solver = _Solver(run, inputs)
     first = solver.solve(observations, run.sensor)
     c = first.value[..., : len(run.sensor.coefficients)]
-    observations = with_soak_errors(observations, run.sensor, c, environment)
+    rates = _row_rates(inputs)
+    observations = with_soak_errors(observations, run.sensor, c, environment, rates)
     tests: tuple[OrderTest, ...] = ()
     if stated == "auto":
         sensor, tests = choose_orders(solver.solve(observations, run.sensor), run.sensor)
@@ -213,6 +214,16 @@ def _ordered_ramp(
     return run, inputs, TemperatureFit(np.zeros(0), orders, tests)
 
 
+def _row_rates(inputs: EstimatorInput) -> Array | None:
+    """Return the mean rate of the temperature in each row, (r,) K/s; None of means."""
+    recording = inputs.recording
+    if recording is None or recording.temperature is None or not inputs.marks:
+        return None
+    rate = temperature_rate(recording.time, recording.temperature)
+    by_label = {mark.label: float(rate[mark.start : mark.stop].mean()) for mark in inputs.marks}
+    return np.array([by_label[label] for label in inputs.observations.labels])
+
+
 def _require_temperatures(run: Run, observations: Observations) -> None:
     """Refuse a temperature that is absent, constant, or spans less than `LEAST_SPAN`."""
     kelvin = (
@@ -236,8 +247,23 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
         )
 
 
-def _refuse_row_errors(run: Run, environment: Environment) -> None:
-    """Refuse errors of soaks where filters follow samples."""
+def _refuse_row_errors(run: Run) -> None:
+    """Refuse soaks and errors of soaks where filters follow samples."""
+    environment = run.environment or Environment("ramp")
+    if environment.kind == "soaks":
+        raise key_error(
+            "[environment] kind",
+            f"method {run.method.name} follows samples while the temperature moves; write kind = "
+            '"ramp"',
+            run.path,
+        )
+    if environment.lag is not None and environment.lag.sd:
+        raise key_error(
+            "[environment] lag",
+            f"method {run.method.name} follows samples and cannot count the uncertainty of the "
+            "lag; state the lag alone",
+            run.path,
+        )
     for key, value in (
         ("temperature_sd", environment.temperature_sd),
         ("accelerometer_repeatability", environment.force_repeatability),

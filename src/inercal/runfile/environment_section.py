@@ -111,6 +111,13 @@ def stated_environment(
         A key that changes no result, or a value that is not possible.
     """
     section = schema.environment
+    ordered = schema.method.temperature_order is not None
+    if (ordered or section is not None) and schema.data.temperature is None:
+        raise key_error(
+            "[data] temperature",
+            "is missing: coefficients of temperature need the sensor's temperature; name its "
+            "column",
+        )
     if section is None:
         return None
     _require_used(section, schema, sensor, chosen, estimates_lag)
