@@ -73,6 +73,7 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
     needed = [key for key, one in section.items() if one.is_required() and key != "kind"]
     columns = [key for key, one in data.items() if one.is_required()]
     columns = [key for key in columns if key not in DataSection.model_fields]
+    ramp = METHODS[method].follows_rest
     gyros = "w" in METHODS[method].default_coefficients
     lines = [
         "[sensor]",
@@ -83,9 +84,9 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         *(("[sensor.gyro]", 'unit = "°/s"', GYRO_WHITE) if gyros else ()),
         "[bench]",
         f'kind = "{kind.name}"',
-        'gravity = "9.8073 m/s² ± 0.1 mm/s²"',
+        *(() if ramp else ('gravity = "9.8073 m/s² ± 0.1 mm/s²"',)),
         *(f'{key} = "0.25 m ± 0.1 mm"' for key in needed),
-        *(('latitude = "48.1 °"',) if "latitude" in section else ()),
+        *(('latitude = "48.1 °"',) if "latitude" in section and not ramp else ()),
         *BENCHES.get(kind.name, HAND.get(method, ())),
         "[data]",
         'file = "made.npz"',

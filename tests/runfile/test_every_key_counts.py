@@ -83,10 +83,11 @@ QUICK = {
     ),
     "temperature_ramp": recording(
         "temperature/ramp.toml",
-        "2 Hz",
+        "10 Hz",
         seconds("1800 s"),
         ("environment", "rate", "4.667 K/min"),
         ("method", "temperature_order", [3, 0, 0]),
+        ("sensor", "truth", {"gx.bias": "25 °/s", "gx.bias_dT": "54 °/h/K"}),
     ),
     "six_position of means": Case("six_position/run.toml"),
     "dual_orthogonal of means": Case("dividing_head/lab.toml"),
@@ -102,6 +103,7 @@ SLOW = {
     "six_position over soaks": recording(
         "temperature/soaks.toml",
         "10 Hz",
+        ("sensor.accelerometer", "unit", "g"),
         seconds("4 s"),
         ("environment", "temperatures", ["-20 °C", "10 °C", "40 °C"]),
         ("environment", "rate", "60 K/min"),
