@@ -129,7 +129,7 @@ def test_orders_that_are_too_low_are_named(soaked: tuple[Path, Outcome], tmp_pat
     )
     outcome = calibrate(run)
     assert outcome.estimate.chi2 / outcome.estimate.dof > 100
-    assert any(finding.what == "order" for finding in outcome.findings)
+    assert any(finding.what == "temperature_order" for finding in outcome.findings)
 
 
 def test_shared_errors_of_soaks_are_in_the_uncertainty(soaked: tuple[Path, Outcome]):
@@ -200,7 +200,7 @@ def test_a_ramp_up_and_down_finds_the_lag_and_the_biases(tmp_path: Path):
     assert 1.8 < nees < 34.0  # 0.05 and 99.95 % points of χ² of 12
     assert any("dT/dt" in note for note in found.notes)
     assert "hysteresis of gx" in found.conditions
-    assert not {one.what for one in outcome.findings} & {"one_way", "time"}
+    assert not {one.what for one in outcome.findings} & {"one_way", "drift_in_time"}
 
 
 ONE_WAY = {', "60 °C", "-10 °C"]': ', "60 °C"]', "4.666 K/min": "2.333 K/min"}
@@ -211,7 +211,7 @@ def test_a_ramp_one_way_says_what_shifts_it(tmp_path: Path):
     outcome = calibrate(path)
     said = {one.what: one.message for one in outcome.findings}
     assert "b′ Ṫ τ" in said["one_way"]
-    assert "time" in said
+    assert "drift_in_time" in said
     assert outcome.verdict.grade != "consistent"
     warm = written(tmp_path, RAMP, ONE_WAY | {'kind = "ramp"': 'kind = "ramp"\nwarm_up = "300 s"'})
     with refused(InputError, key="[environment] warm_up"):

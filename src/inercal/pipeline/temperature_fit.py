@@ -106,7 +106,7 @@ class TemperatureFit:
                 f"χ²/ν is {self.ratio:.3g}: the orders in temperature are too low for these "
                 'temperatures; state higher ones, or [method] temperature_order = "auto"'
             )
-            return (Finding("warning", "order", text),)
+            return (Finding("warning", "temperature_order", text),)
         inner = [one for one in self.left_out if one.inside and one.components]
         bad = [one for one in inner if one.ratio > LARGEST_PREDICTION_RATIO * _bound(one)]
         if not bad:

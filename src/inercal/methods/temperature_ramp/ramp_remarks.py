@@ -150,7 +150,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
         findings.append(
             Finding(
                 "warning",
-                "time",
+                "drift_in_time",
                 f"temperature and time rise together (correlation {correlation:+.3f}): a drift in "
                 "time cannot be told from b(T); go up and down",
             )
