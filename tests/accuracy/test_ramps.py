@@ -55,7 +55,7 @@ def test_lag_and_rate_are_one_thing_one_way_and_nearly_so_up_and_down():
         slope = np.full(blocks.time.size, ramps.BIAS[1])
         whitening = blocks.whitening(temperature_ramps.gyro())[0]
         found[name] = lag_and_rate_correlation(blocks, slope, whitening)
-        assert blocks.one_way == (name == UP)
+        assert blocks.is_monotonic == (name == UP)
     assert found[UP] < -0.999
     assert found[UP_AND_DOWN] < -0.9
 

@@ -48,7 +48,7 @@ ENVIRONMENT = (
     "[environment]",
     'kind = "ramp"',
     'temperatures = ["0 °C", "40 °C", "0 °C"]',
-    'rate = "4 K/min"',
+    'ramp_rate = "4 K/min"',
 )
 PRIORS: Mapping[str, tuple[str, ...]] = {
     "dual_orthogonal": ('prior."a.kip" = "0 ± 20 µg/g²"', 'prior."b.kip" = "0 ± 20 µg/g²"')

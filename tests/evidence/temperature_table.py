@@ -81,8 +81,8 @@ def page(stored: Stored) -> str:
         "",
         "## Soaks",
         "",
-        f"{own['trials']} triads of MEMS accelerometers, seven soaks from −40 to 85 °C, six faces in",
-        "each; sizes and errors are in tests/accuracy/soaks.py. Coefficients are about 25 °C.",
+        f"{own['trials']} triads of MEMS accelerometers, seven soaks from −40 to 85 °C, six faces",
+        "in each; sizes and errors are in tests/accuracy/soaks.py. Coefficients are about 25 °C.",
         "",
         "| coefficient | unit | rms of the error | within 2 u |",
         "|---|---|---|---|",
@@ -92,8 +92,8 @@ def page(stored: Stored) -> str:
         lines.append(f"| `{term}` | {unit} | {rms / size:.3g} | {coverage:.3f} |")
     lines += [
         "",
-        f"NEES over the number of coefficients {own['nees']:.3f}; χ²/ν {own['chi2/dof']:.3f}. AIC names",
-        f"the orders 3, 2, 1 that made the data in {own['true orders']} of {own['trials']}. "
+        f"NEES over the number of coefficients {own['nees']:.3f}; χ²/ν {own['chi2/dof']:.3f}. AIC",
+        f"names the orders 3, 2, 1 that made the data in {own['true orders']} of {own['trials']}. "
         "χ²/ν of orders too low: "
         + "; ".join(f"{orders}: {ratio:.3g}" for orders, ratio in own["orders too low"].items())
         + ".",
@@ -111,9 +111,9 @@ def page(stored: Stored) -> str:
         "",
         "## Ramps at rest",
         "",
-        f"{runs} gyros on each profile, −10 to 60 °C (self-heating: 15 to 57 °C); a temperature sensor",
-        "that is 20 s behind and has .01 K of noise a second. Errors of b(T) − b(25 °C) from 0 to 50 °C,",
-        "where the profile was.",
+        f"{runs} gyros on each profile, −10 to 60 °C (self-heating: 15 to 57 °C); a temperature",
+        "sensor that is 20 s behind and has .01 K of noise a second. Errors of b(T) − b(25 °C)",
+        "from 0 to 50 °C, where the profile was.",
         "",
         "| profile | rms of the error, °/h | within 2 u | lag found, s |",
         "|---|---|---|---|",
@@ -123,8 +123,8 @@ def page(stored: Stored) -> str:
         lines.append(f"| {name} | {row['rms']:.2f} | {row['coverage']:.3f} | {lag} |")
     lines += [
         "",
-        "One way the noise of the temperature sensor pulls the lag towards zero; its scatter is that over",
-        "the gyros.",
+        "One way the noise of the temperature sensor pulls the lag towards zero; its scatter is",
+        "that over the gyros.",
         "",
     ]
     return "\n".join(lines)

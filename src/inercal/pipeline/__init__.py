@@ -188,8 +188,9 @@ def calibrate(
 
 def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Outcome:
     """Calibrate from a run that was read and checked."""
+    inputs = run.kind.observe(run)
     try:
-        run, inputs, thermal = fit_over_temperatures(run, run.kind.observe(run))
+        run, inputs, thermal = fit_over_temperatures(run, inputs)
     except (InputError, NotObserved) as error:
         raise error.located(run.path) from None
     sensor, bench = run.sensor, inputs.bench or run.bench

@@ -66,12 +66,12 @@ def require_profile(environment: Environment) -> ChamberProfile:
         Naming the key that is missing.
     """
     profile = environment.profile
-    needed = {"temperatures": len(profile.temperatures) > 1, "rate": profile.rate > 0}
+    needed = {"temperatures": len(profile.temperatures) > 1, "ramp_rate": profile.rate > 0}
     for key, stated in needed.items():
         if not stated:
             raise InputError(
                 f"[environment] {key} is missing; a simulation needs the temperatures of the "
-                f'chamber and the rate between them: add {key}, such as rate = "2 K/min"',
+                f'chamber and the rate between them: add {key}, such as ramp_rate = "2 K/min"',
                 key=f"[environment] {key}",
             )
     return profile

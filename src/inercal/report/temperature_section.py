@@ -62,7 +62,7 @@ def temperature_section(outcome: Outcome) -> TemperatureSection | None:
     tests = () if found is None else tuple(sorted(found.tests, key=lambda one: one.excess))
     return TemperatureSection(
         curve_figure(curves, course),
-        tuple(typeset_minus(f"{t - ZERO_CELSIUS:.1f}") for t in kelvin.tolist()),
+        tuple(typeset_minus(f"{t - ZERO_CELSIUS:.1f} °C") for t in kelvin.tolist()),
         temperature_rows(temperature_curves(calibration, kelvin)),
         tests[:_BEST_ORDERS],
         () if found is None else found.left_out,

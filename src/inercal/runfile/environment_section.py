@@ -128,7 +128,7 @@ def stated_environment(
             raise key_error("[environment] lag", f"{section.lag!r} is negative; give 0 or more")
     profile = ChamberProfile(
         tuple(si_value(t, "°C", "[environment] temperatures") for t in section.temperatures),
-        _positive(section, "rate", "K/s"),
+        _positive(section, "ramp_rate", "K/s"),
         _positive(section, "wait", "s"),
         _positive(section, "case_time", "s"),
     )

@@ -205,7 +205,7 @@ class EnvironmentSection(Section):
         examples=[["-40 °C", "25 °C", "85 °C"]],
         json_schema_extra=PLANNING,
     )
-    rate: str | None = Field(
+    ramp_rate: str | None = Field(
         None,
         description="of a simulation: of the chamber between them",
         examples=["2 K/min"],

@@ -175,7 +175,7 @@ def ramp_model(
         )
     blocks = RampBlocks.from_track(track)
     environment = environment or Environment("ramp")
-    if environment.warm_up and blocks.one_way:
+    if environment.warm_up and blocks.is_monotonic:
         raise InputError(
             "[environment] warm_up: the temperature goes one way, in which a warm-up cannot be "
             "told from the polynomial; go up and down, or remove warm_up and switch on "

@@ -162,7 +162,7 @@ class RampBlocks:
         return self.kelvin[:used].reshape(-1, every).mean(axis=1)
 
     @property
-    def one_way(self) -> bool:
+    def is_monotonic(self) -> bool:
         """Whether the temperature hardly comes back."""
         return min(self.rises, self.falls) < 0.5 * float(np.ptp(self.kelvin))
 

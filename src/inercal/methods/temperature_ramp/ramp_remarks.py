@@ -38,7 +38,7 @@ def bias_slopes(blocks: RampBlocks, sensor: Sensor, c: Array, lag: float) -> dic
 
 def hysteresis(blocks: RampBlocks, estimate: Estimate, sensor: Sensor) -> list[Hysteresis]:
     """Return the loops of each axis; none where the temperature does not come back."""
-    if blocks.one_way:
+    if blocks.is_monotonic:
         return []
     named = dict(zip(estimate.names, estimate.value.tolist(), strict=True))
     lag = named.get("lag", 0.0)
@@ -134,7 +134,7 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
         f"the lag by its u shifts b(T) by {shift * lag_sd:.2g} {unit}, and the random walk of the "
         f"bias over the run is {walk:.2g} {unit}"
     )
-    if blocks.one_way:
+    if blocks.is_monotonic:
         findings.append(
             Finding(
                 "warning",
