@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 from tests.refusals import refused
 
 import inercal
@@ -251,3 +252,23 @@ def test_a_simulation_without_temperatures_names_the_key(tmp_path: Path):
     path = written(tmp_path, SOAKS, {f"temperatures = {TEMPERATURES}\n": ""})
     with refused(InputError, key="[environment] temperatures"):
         simulate(path)
+
+
+HELD = (HERE / "hand_held_soaks.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_hand_held_soaks_count_what_rows_have_in_common(tmp_path: Path):
+    nees: list[float] = []
+    path = simulated(tmp_path, HELD, seed=0)
+    found = calibrate(path).calibration
+    for seed in range(1, 5):
+        simulated(tmp_path, HELD, seed=seed)
+        found = calibrate(path).calibration
+        error = found.values - truth_of(path, found)
+        nees.append(float(error @ np.linalg.solve(found.covariance, error)))
+    dof = 4 * len(found.sensor.coefficients)
+    assert float(chdtri(dof, 0.9995)) < sum(nees) < float(chdtri(dof, 0.0005))
+    shared = {'temperature_sd = "0.1 K"\n': "", 'accelerometer_repeatability = "50 µg"\n': ""}
+    alone = calibrate(written(tmp_path, HELD, shared)).calibration
+    assert 2 * alone.uncertainty("ax.k0_dT") < found.uncertainty("ax.k0_dT")

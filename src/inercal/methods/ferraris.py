@@ -23,5 +23,6 @@ METHOD = Method(
     needs=("w",),
     plan=ferraris_plan,
     estimators={"ml": ml, "classical": classical},
+    weighs_common_errors=True,
     source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",
 )

@@ -22,5 +22,6 @@ METHOD = Method(
     needs=("f",),
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},
+    weighs_common_errors=True,
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",
 )

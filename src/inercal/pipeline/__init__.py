@@ -40,7 +40,11 @@ from inercal.pipeline.stated_values import (
     find_assumed_constants,
     require_small_assumed_share,
 )
-from inercal.pipeline.temperature_fit import TemperatureFit, fit_over_temperatures
+from inercal.pipeline.temperature_fit import (
+    TemperatureFit,
+    fit_over_temperatures,
+    with_common_errors,
+)
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
@@ -219,6 +223,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         located = error.located(run.path)
         located.args = (f"{located}{_possible_causes(inputs, sensor, error)}",)
         raise located from None
+    estimate = with_common_errors(run, inputs, estimate)
     fit = Fit(
         run.estimator,
         sensor,

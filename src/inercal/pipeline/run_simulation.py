@@ -153,7 +153,7 @@ def _require_chamber(run: Run) -> None:
         require_profile(run.environment)
     except InputError as error:
         raise error.located(run.path) from None
-    if run.environment.kind == "soaks" and not _visits_again(run):
+    if run.environment.kind == "soaks" and run.kind.name != "hand":
         raise InputError(
             f"{run.path}: [environment] kind: method {run.method.name} has no positions that come "
             'again at another temperature; write kind = "ramp"',

@@ -20,6 +20,11 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.data import EstimatorInput
 from inercal.environment import Environment
+from inercal.environment.common_errors import (
+    changed_by_soak_errors,
+    with_added_covariance,
+    with_temperature_shift,
+)
 from inercal.environment.soaks import (
     SOAK_SPREAD,
     distinct_levels,
@@ -41,6 +46,7 @@ LEAST_SPAN = 10.0  # K
 LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty
 _TOO_LOW = 100.0  # χ²/ν beyond which an order is called too low
 Orders = tuple[int, int, int]
+_NO_SOAKS = np.zeros(0)
 
 
 @dataclass(frozen=True)
@@ -171,13 +177,28 @@ def fit_over_temperatures(
     _require_temperatures(run, observations)
     if run.method.follows_rest:
         return _ordered_ramp(run, inputs, stated)
+    weighs = run.method.weighs_common_errors and environment.kind == "soaks"
+    if stated == "auto" and not weighs:
+        raise key_error(
+            "[method] temperature_order",
+            f"method {run.method.name} tests no orders over {environment.kind}: state them, such "
+            "as [1, 1, 0]",
+            run.path,
+        )
     if observations.track is not None:
         _refuse_row_errors(run)
         used = {} if stated is None else _used_orders(run.sensor)
-        return run, inputs, TemperatureFit(np.zeros(0), used)
+        return run, inputs, TemperatureFit(_NO_SOAKS, used)
     soaks = soak_temperatures(observations)
     levels = distinct_levels(soaks) if environment.kind == "soaks" else 1 + max(MAX_ORDERS)
     run = _within_levels(run, levels)
+    if not weighs:
+        used = {} if stated is None else _used_orders(run.sensor)
+        return (
+            run,
+            inputs,
+            TemperatureFit(soaks if environment.kind == "soaks" else _NO_SOAKS, used),
+        )
     solver = _Solver(run, inputs)
     first = solver.solve(observations, run.sensor)
     c = first.value[..., : len(run.sensor.coefficients)]
@@ -192,13 +213,37 @@ def fit_over_temperatures(
         () if environment.kind == "ramp" else solver.leave_out(observations, run.sensor, whole)
     )
     found = TemperatureFit(
-        soaks if environment.kind == "soaks" else np.zeros(0),
+        soaks,
         {} if stated is None else _used_orders(run.sensor),
         tests,
         left_out,
         float(whole.chi2) / max(whole.dof, 1),
     )
     return run, replace(inputs, observations=observations), found
+
+
+def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> Estimate:
+    """Return the estimate of a run with the errors of [environment] that it has not weighed.
+
+    Parameters
+    ----------
+    run : Run
+    inputs : EstimatorInput
+        As they were estimated.
+    estimate : Estimate
+    """
+    environment = run.environment
+    if environment is None or run.method.follows_rest:
+        return estimate
+    if environment.kind == "ramp":
+        return with_temperature_shift(estimate, run.sensor, environment.temperature_sd)
+    if run.method.weighs_common_errors:
+        return estimate
+    added, solver = np.zeros(estimate.covariance.shape), _Solver(run, inputs)
+    for changed in changed_by_soak_errors(inputs.observations, run.sensor, environment):
+        moved = solver.solve(changed, run.sensor).value - estimate.value
+        added += np.outer(moved, moved)
+    return with_added_covariance(estimate, added)
 
 
 def _ordered_ramp(
@@ -211,7 +256,7 @@ def _ordered_ramp(
         sensor, tests = choose_orders(whole, run.sensor)
         run = replace(run, sensor=sensor)
     orders = {} if stated is None else _used_orders(run.sensor)
-    return run, inputs, TemperatureFit(np.zeros(0), orders, tests)
+    return run, inputs, TemperatureFit(_NO_SOAKS, orders, tests)
 
 
 def _row_rates(inputs: EstimatorInput) -> Array | None:
@@ -262,25 +307,6 @@ def _refuse_row_errors(run: Run) -> None:
             "[environment] lag",
             f"method {run.method.name} follows samples and cannot count the uncertainty of the "
             "lag; state the lag alone",
-            run.path,
-        )
-    for key, value in (
-        ("temperature_sd", environment.temperature_sd),
-        ("accelerometer_repeatability", environment.force_repeatability),
-        ("gyro_repeatability", environment.rate_repeatability),
-    ):
-        if value:
-            raise key_error(
-                f"[environment] {key}",
-                f"method {run.method.name} follows samples and cannot count it; remove {key}, or "
-                "use a method of means",
-                run.path,
-            )
-    if run.temperature_order == "auto":
-        raise key_error(
-            "[method] temperature_order",
-            f"method {run.method.name} follows samples and tests no orders; state them, such as "
-            "[1, 1, 0]",
             run.path,
         )
 

@@ -151,5 +151,6 @@ METHOD = Method(
     plan=plan,
     estimators={"ml": ml, "ieee": ieee},
     constant_rates=True,
+    weighs_common_errors=True,
     source="IEEE Std 952 and 1431, rate tests; IEEE Std 1293, multipoint tests",
 )

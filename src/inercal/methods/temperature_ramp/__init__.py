@@ -23,6 +23,7 @@ from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.earth import EARTH_RATE
 from inercal.environment import Environment
+from inercal.environment.common_errors import with_temperature_shift
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
 from inercal.methods._base import Method
@@ -160,7 +161,7 @@ def ramp(
     )
     # Thousands of residuals of blocks have no names of rows that a report could print.
     estimate = replace(estimate, residual=np.zeros(0), whitened=np.zeros(0))
-    return _with_temperature_error(estimate, sensor, found.temperature_sd)
+    return with_temperature_shift(estimate, sensor, found.temperature_sd)
 
 
 def ramp_model(
@@ -222,35 +223,6 @@ def _nuisance_priors(model: RampModel, environment: Environment) -> list[Gaussia
         value, sd = (0.0, WIDEST_LAG) if stated is None else (stated.value, stated.sd)
         result.append(Gaussian.independent((LAG,), [value], [sd]))
     return result
-
-
-def _with_temperature_error(estimate: Estimate, sensor: Sensor, sd: float) -> Estimate:
-    """Return the estimate with the error of all temperatures in common in its covariance.
-
-    Temperatures that are all δ too high give the polynomial b(T − δ): the coefficient of order k
-    moves by −(k + 1) times that of the next order, times δ.
-    """
-    if not sd:
-        return estimate
-    names, moved = estimate.names, np.zeros(len(estimate.names))
-    for at, name in enumerate(names[: len(sensor.coefficients)]):
-        axis, _, _term = name.partition(".")
-        basis = sensor.coefficient(name).basis
-        order = basis.degree("dT")
-        if basis.uses("dTdt") or not order:
-            continue
-        lower = [
-            k
-            for k, other in enumerate(sensor.coefficients)
-            if other.partition(".")[0] == axis
-            and not sensor.coefficient(other).basis.uses("dTdt")
-            and sensor.coefficient(other).basis.degree("dT") == order - 1
-        ]
-        place = lower[0] if lower else names.index(f"constant[{axis}]")
-        moved[place] -= order * estimate.value[at]
-    # The Birge ratio enlarges what the noise gives, not what is stated of the temperature.
-    added = sd**2 * np.outer(moved, moved) / float(estimate.birge) ** 2
-    return replace(estimate, covariance=estimate.covariance + added)
 
 
 METHOD = Method(
