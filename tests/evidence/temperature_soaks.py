@@ -17,7 +17,7 @@ from inercal.environment.soaks import with_soak_errors
 from inercal.estimate import Estimate
 from inercal.methods import METHODS
 from inercal.methods.hand_likelihood import ml
-from inercal.pipeline.temperature_fit import choose_orders
+from inercal.pipeline.temperature_orders import choose_orders
 from inercal.plan import Hold
 from inercal.recording import Observations
 from inercal.runfile.environment_section import order_terms

@@ -2,16 +2,14 @@
 
 1. A first fit with the highest orders gives the slopes ∂y/∂T, by which an error of a soak's
    temperature acts (`inercal.environment.soaks`).
-2. Orders of bias, scale factor and misalignment are those of the least AIC = χ² + 2 p. Without the
-   terms d of a fit with estimate θ and covariance C, χ² grows by θ_d' C_dd⁻¹ θ_d, exactly so for a
-   model that is linear in its coefficients: one fit compares all orders.
+2. Orders of bias, scale factor and misalignment are those of the least AIC
+   (`inercal.pipeline.temperature_orders`).
 3. Each soak is left out once. Its rows add χ²(all) − χ²(without it) to χ²: the square of their
    prediction error in units of its uncertainty, n components.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -34,10 +32,16 @@ from inercal.environment.soaks import (
 )
 from inercal.errors import InputError, NotObserved
 from inercal.estimate import Estimate
-from inercal.keys import CoefficientName
+from inercal.pipeline.temperature_orders import (
+    Orders,
+    OrderTest,
+    choose_orders,
+    used_orders,
+    with_orders,
+)
 from inercal.recording import Finding, Observations, temperature_rate
 from inercal.runfile import Run
-from inercal.runfile.environment_section import MAX_ORDERS, order_terms
+from inercal.runfile.environment_section import MAX_ORDERS
 from inercal.section_settings import key_error
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
@@ -45,18 +49,7 @@ from inercal.units import ZERO_CELSIUS
 LEAST_SPAN = 10.0  # K
 LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty
 _TOO_LOW = 100.0  # χ²/ν beyond which an order is called too low
-Orders = tuple[int, int, int]
 _NO_SOAKS = np.zeros(0)
-
-
-@dataclass(frozen=True)
-class OrderTest:
-    """One set of orders of a kind of axes, with its AIC above that of the best."""
-
-    kind: str
-    orders: Orders
-    excess: float
-    ratio: float  # χ²/ν
 
 
 @dataclass(frozen=True)
@@ -96,6 +89,8 @@ class TemperatureFit:
     left_out : tuple of SoakLeftOut
     ratio : float
         χ²/ν of the fit.
+    drift : float
+        Largest change of the recorded temperature within a section, K; NaN of means.
     """
 
     soaks: NDArray[np.float64]
@@ -103,6 +98,7 @@ class TemperatureFit:
     tests: tuple[OrderTest, ...] = ()
     left_out: tuple[SoakLeftOut, ...] = ()
     ratio: float = 1.0
+    drift: float = np.nan
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -137,6 +133,8 @@ class TemperatureFit:
                 f"orders in temperature of {words[kind]}, {by}: bias {orders[0]}, scale factor "
                 f"{orders[1]}, misalignment {orders[2]}"
             )
+        if np.isfinite(self.drift):
+            lines.append(f"within a section the temperature changes by at most {self.drift:.2g} K")
         ratios = [one.ratio for one in self.left_out if one.components]
         if ratios:
             lines.append(
@@ -187,13 +185,13 @@ def fit_over_temperatures(
         )
     if observations.track is not None:
         _refuse_row_errors(run)
-        used = {} if stated is None else _used_orders(run.sensor)
+        used = {} if stated is None else used_orders(run.sensor)
         return run, inputs, TemperatureFit(_NO_SOAKS, used)
     soaks = soak_temperatures(observations)
     levels = distinct_levels(soaks) if environment.kind == "soaks" else 1 + max(MAX_ORDERS)
     run = _within_levels(run, levels)
     if not weighs:
-        used = {} if stated is None else _used_orders(run.sensor)
+        used = {} if stated is None else used_orders(run.sensor)
         return (
             run,
             inputs,
@@ -214,10 +212,11 @@ def fit_over_temperatures(
     )
     found = TemperatureFit(
         soaks,
-        {} if stated is None else _used_orders(run.sensor),
+        {} if stated is None else used_orders(run.sensor),
         tests,
         left_out,
         float(whole.chi2) / max(whole.dof, 1),
+        np.nan if rates is None else float(np.abs(rates * observations.duration).max()),
     )
     return run, replace(inputs, observations=observations), found
 
@@ -255,7 +254,7 @@ def _ordered_ramp(
         whole = _Solver(run, inputs).solve(inputs.observations, run.sensor)
         sensor, tests = choose_orders(whole, run.sensor)
         run = replace(run, sensor=sensor)
-    orders = {} if stated is None else _used_orders(run.sensor)
+    orders = {} if stated is None else used_orders(run.sensor)
     return run, inputs, TemperatureFit(_NO_SOAKS, orders, tests)
 
 
@@ -326,39 +325,7 @@ def _within_levels(run: Run, levels: int) -> Run:
     if stated != "auto":
         return run
     most = [min(order, levels - 1) for order in MAX_ORDERS]
-    return replace(run, sensor=_of_orders(run.sensor, {"f": most, "w": most}))
-
-
-def _of_orders(sensor: Sensor, orders: Mapping[Literal["f", "w"], Sequence[int]]) -> Sensor:
-    """Return the sensor with the terms of these orders alone, of those that it has."""
-    ordered = {kind: set(order_terms(kind, MAX_ORDERS)) for kind in orders}
-    wanted = {kind: set(order_terms(kind, most)) for kind, most in orders.items()}
-    measures = {axis.name: axis.measures for axis in sensor.axes}
-
-    def kept(name: str) -> bool:
-        axis, term = CoefficientName(name).parts
-        kind = measures[axis]
-        return kind not in orders or term not in ordered[kind] or term in wanted[kind]
-
-    return replace(sensor, coefficients=tuple(n for n in sensor.coefficients if kept(n)))
-
-
-def _used_orders(sensor: Sensor) -> dict[Literal["f", "w"], Orders]:
-    """Return the highest order of bias, scale factor and misalignment by kind of axes."""
-    result: dict[Literal["f", "w"], Orders] = {}
-    kinds: tuple[Literal["f", "w"], ...] = ("f", "w")
-    for kind in kinds:
-        if all(axis.measures != kind for axis in sensor.axes):
-            continue
-        axes = sensor.select_axes(kind)
-        terms = {CoefficientName(name).term for name in axes.coefficients}
-        found: list[int] = []
-        for place, most in enumerate(MAX_ORDERS):
-            alone = [[n if k == place else 0 for k in range(3)] for n in range(1, most + 1)]
-            own = [n for n, one in enumerate(alone, 1) if order_terms(kind, one)[-1] in terms]
-            found.append(max(own, default=0))
-        result[kind] = (found[0], found[1], found[2])
-    return result
+    return replace(run, sensor=with_orders(run.sensor, {"f": most, "w": most}))
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,36 +359,3 @@ class _Solver:
             ratio = float(np.sqrt(squares / components))
             result.append(SoakLeftOut(kelvin, ratio, components, inside))
         return tuple(result)
-
-
-def choose_orders(estimate: Estimate, sensor: Sensor) -> tuple[Sensor, tuple[OrderTest, ...]]:
-    """Return the sensor with the terms of least AIC, kind by kind, and all tests.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of one trial, with the highest orders.
-    sensor : Sensor
-        With its coefficients.
-    """
-    names, chosen, tests = sensor.coefficients, sensor, list[OrderTest]()
-    for kind, most in _used_orders(sensor).items():
-        compared: list[tuple[float, Orders, float]] = []
-        for orders in product(*(range(n + 1) for n in most)):
-            kept = _of_orders(sensor, {kind: orders}).coefficients
-            dropped = [k for k, name in enumerate(names) if name not in kept]
-            theta = estimate.value[dropped]
-            lost = float(theta @ _solve(estimate, dropped, theta))
-            ratio = (float(estimate.chi2) + lost) / max(estimate.dof + len(dropped), 1)
-            compared.append((lost - 2 * len(dropped), (orders[0], orders[1], orders[2]), ratio))
-        least = min(compared)
-        tests += [OrderTest(kind, orders, aic - least[0], ratio) for aic, orders, ratio in compared]
-        chosen = _of_orders(chosen, {kind: least[1]})
-    return chosen, tuple(tests)
-
-
-def _solve(estimate: Estimate, at: Sequence[int], theta: Array) -> Array:
-    """Return C⁻¹ θ of some parameters, whose units differ by orders of magnitude."""
-    covariance = estimate.covariance[np.ix_(at, at)]
-    sd = np.sqrt(np.diag(covariance))
-    return np.linalg.solve(covariance / sd[:, None] / sd, theta / sd) / sd

@@ -11,7 +11,8 @@ from markupsafe import Markup
 from inercal.arrays import Array
 from inercal.calibration.temperature_curves import TemperatureCurve, temperature_curves
 from inercal.pipeline import Outcome
-from inercal.pipeline.temperature_fit import OrderTest, SoakLeftOut
+from inercal.pipeline.temperature_fit import SoakLeftOut
+from inercal.pipeline.temperature_orders import OrderTest
 from inercal.report import drawing
 from inercal.report.report_tables import typeset_minus
 from inercal.uncertainty.coverage import COVERAGE
