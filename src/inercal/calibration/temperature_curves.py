@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError
-from inercal.sensors.basis_functions import Product
-from inercal.sensors.coefficient_tables import TABLES, ErrorTerm
+from inercal.sensors.coefficient_tables import TABLES
 from inercal.units import ZERO_CELSIUS
 
 TEMPERATURE_MARGIN = 1.0  # K beyond the temperatures of a calibration that still count as inside
@@ -60,17 +59,18 @@ def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[Tempera
     found: list[TemperatureCurve] = []
     for axis in sensor.axes:
         own = [n for n in sensor.coefficients if n.partition(".")[0] == axis.name]
-        orders = {n: _base_and_order(sensor.coefficient(n)) for n in own}
-        for base in dict.fromkeys(key for key, order in orders.values() if order):
+        terms = {n: sensor.coefficient(n) for n in own}
+        warm = [one.without_temperature for one in terms.values() if one.temperature_order]
+        for base in dict.fromkeys(warm):
             line = next(
-                (one for one in TABLES[axis.measures] if _base_and_order(one) == (base, 0)), None
+                one
+                for one in TABLES[axis.measures]
+                if one.without_temperature == base and not one.temperature_order
             )
-            if line is None:
-                continue
             by = np.zeros((kelvin.size, len(sensor.coefficients)))
-            for name, (key, order) in orders.items():
-                if key == base:
-                    by[:, sensor.coefficients.index(name)] = dT**order
+            for name, one in terms.items():
+                if one.without_temperature == base:
+                    by[:, sensor.coefficients.index(name)] = dT**one.temperature_order
             variance = np.einsum("ni,ij,nj->n", by, calibration.covariance, by)
             found.append(
                 TemperatureCurve(
@@ -118,12 +118,3 @@ def temperatures_outside(calibration: Calibration, kelvin: Array) -> NDArray[np.
         return np.zeros(kelvin.shape, dtype=np.bool_)
     low, high = limits
     return (kelvin < low - TEMPERATURE_MARGIN) | (kelvin > high + TEMPERATURE_MARGIN)
-
-
-def _base_and_order(term: ErrorTerm) -> tuple[tuple[Product, ...], int]:
-    """Return the products of a basis function without ΔT, and the power of ΔT."""
-    bare = tuple(
-        Product(one.factor, tuple(c for c in one.components if c != "dT"))
-        for one in term.basis.products
-    )
-    return bare, term.basis.degree("dT")

@@ -17,8 +17,6 @@ from inercal.environment.soaks import soak_numbers
 from inercal.estimate import Estimate
 from inercal.recording import Observations, Transitions
 from inercal.sensors import Sensor
-from inercal.sensors.basis_functions import Product
-from inercal.sensors.coefficient_tables import ErrorTerm
 
 
 def with_temperature_shift(estimate: Estimate, sensor: Sensor, sd: float) -> Estimate:
@@ -36,9 +34,10 @@ def with_temperature_shift(estimate: Estimate, sensor: Sensor, sd: float) -> Est
     if not sd:
         return estimate
     names, moved = estimate.names, np.zeros(len(estimate.names))
+    terms = {name: sensor.coefficient(name) for name in sensor.coefficients}
     places = {
-        (name.partition(".")[0], *_base_and_order(sensor.coefficient(name))): at
-        for at, name in enumerate(sensor.coefficients)
+        (name.partition(".")[0], one.without_temperature, one.temperature_order): at
+        for at, (name, one) in enumerate(terms.items())
     }
     for (axis, base, order), at in places.items():
         if not order:
@@ -55,15 +54,6 @@ def with_added_covariance(estimate: Estimate, added: Array) -> Estimate:
     """Return an estimate with a further covariance, (p, p), which no Birge ratio enlarges."""
     covariance = estimate.covariance + added / float(estimate.birge) ** 2
     return replace(estimate, covariance=covariance)
-
-
-def _base_and_order(term: ErrorTerm) -> tuple[tuple[Product, ...], int]:
-    """Return the products of a basis function without ΔT, and the power of ΔT."""
-    bare = tuple(
-        Product(one.factor, tuple(c for c in one.components if c != "dT"))
-        for one in term.basis.products
-    )
-    return bare, term.basis.degree("dT")
 
 
 def changed_by_soak_errors(

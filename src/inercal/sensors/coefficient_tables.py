@@ -19,7 +19,7 @@ the lever r in f + dω/dt × r + ω × (ω × r).
 from dataclasses import dataclass, field
 from math import pi
 
-from inercal.sensors.basis_functions import Basis
+from inercal.sensors.basis_functions import Basis, Product
 
 G0 = 9.80665  # m/s², exact (CGPM 1901)
 _UG, _PPM, _ARCSEC, _MM = 1e-6 * G0, 1e-6, pi / 648_000, 1e-3
@@ -51,6 +51,19 @@ class ErrorTerm:
     def largest(self) -> float:
         """The largest plausible size, SI."""
         return LARGEST_RELATIVE_SIZE * self.unit_scale
+
+    @property
+    def temperature_order(self) -> int:
+        """The power of ΔT in the basis function."""
+        return self.basis.degree("dT")
+
+    @property
+    def without_temperature(self) -> tuple[Product, ...]:
+        """The products of the basis function without ΔT; equal for terms of one quantity."""
+        return tuple(
+            Product(one.factor, tuple(c for c in one.components if c != "dT"))
+            for one in self.basis.products
+        )
 
 
 def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
