@@ -28,17 +28,17 @@ def test_even_blocks_have_the_covariance_of_any_sections():
 
 def test_a_ramp_up_and_down_finds_its_lag_within_a_second_and_a_half():
     made = ramps.record(np.random.default_rng(3), ramps.PROFILES[UP_AND_DOWN]())
-    error, u, lag = temperature_ramps.errors_of_run(made)
+    error, u, lag, _ = temperature_ramps.errors_of_run(made)
     assert abs(lag - ramps.LAG) < 1.5
     assert (np.abs(error) < 4 * u + 1e-15).all()
 
 
 def test_a_wrong_lag_that_is_stated_shifts_the_curve_and_a_vague_one_counts_it():
     made = ramps.record(np.random.default_rng(4), ramps.PROFILES[UP]())
-    _, exact, _ = temperature_ramps.errors_of_run(
+    _, exact, *_ = temperature_ramps.errors_of_run(
         made, Environment("ramp", lag=Measured(ramps.LAG, 0.0))
     )
-    _, vague, _ = temperature_ramps.errors_of_run(
+    _, vague, *_ = temperature_ramps.errors_of_run(
         made, Environment("ramp", lag=Measured(ramps.LAG, 10.0))
     )
     assert (vague > exact)[ramps.COMPARED != ramps.REFERENCE].all()
@@ -62,8 +62,8 @@ def test_lag_and_rate_are_one_thing_one_way_and_nearly_so_up_and_down():
 
 def test_an_error_of_all_temperatures_moves_the_polynomial():
     made = ramps.record(np.random.default_rng(6), ramps.PROFILES[UP_AND_DOWN]())
-    _, without, _ = temperature_ramps.errors_of_run(made)
-    _, with_error, _ = temperature_ramps.errors_of_run(made, Environment("ramp", 1.0))
+    _, without, *_ = temperature_ramps.errors_of_run(made)
+    _, with_error, *_ = temperature_ramps.errors_of_run(made, Environment("ramp", 1.0))
     away = ramps.COMPARED != ramps.REFERENCE
     slope = np.gradient(ramps.change(ramps.COMPARED), ramps.COMPARED)
     at_reference = ramps.BIAS[1]

@@ -21,12 +21,13 @@ TERMS = ("bias", "bias_dT", "bias_dT2", "bias_dT3")
 
 
 class RampRow(NamedTuple):
-    """Errors of one profile over many gyros, °/h and s."""
+    """Errors of one profile over many gyros, °/h and s; NEES of the three terms over 3."""
 
     profile: str
     runs: int
     rms: float
     coverage: float
+    nees: float
     lag: float
     lag_scatter: float
 
@@ -69,8 +70,8 @@ def observed(made: ramps.Ramp) -> Observations:
 
 def errors_of_run(
     made: ramps.Ramp, environment: Environment | None = None
-) -> tuple[Array, Array, float]:
-    """Return errors of b(T) − b(25 °C) and their u, rad/s, at `ramps.COMPARED`; and the lag, s."""
+) -> tuple[Array, Array, float, float]:
+    """Return errors of b(T) − b(25 °C) and u, rad/s, at `ramps.COMPARED`; lag, s; NEES/3."""
     sensor = gyro()
     bench = Hand(Measured(9.81, 1e-4))
     estimate = ramp(observed(made), sensor, bench, rest(), environment=environment)
@@ -79,7 +80,10 @@ def errors_of_run(
     error = by @ estimate.value[:4] - ramps.change(ramps.COMPARED)
     u = np.sqrt(np.einsum("ki,ij,kj->k", by, estimate.stated_covariance[:4, :4], by))
     lag = estimate.value[estimate.names.index("lag")] if "lag" in estimate.names else np.nan
-    return error, u, float(lag)
+    off, covariance = estimate.value[1:4] - ramps.BIAS[1:], estimate.stated_covariance[1:4, 1:4]
+    size = np.sqrt(np.diag(covariance))
+    nees = (off / size) @ np.linalg.solve(covariance / size[:, None] / size, off / size)
+    return error, u, float(lag), float(nees) / 3
 
 
 def row(
@@ -90,7 +94,7 @@ def row(
     environment: Environment | None = None,
 ) -> RampRow:
     """Return the errors of one profile over many runs."""
-    element, found = profile(), list[tuple[Array, Array, float]]()
+    element, found = profile(), list[tuple[Array, Array, float, float]]()
     for k in range(runs):
         made = ramps.record(np.random.default_rng([seed, k]), element)
         found.append(errors_of_run(made, environment))
@@ -105,6 +109,7 @@ def row(
         runs,
         float(np.sqrt((error[:, away] ** 2).mean())) / ramps.DEG_H,
         float((np.abs(error) <= 2 * u)[:, away].mean()),
+        float(np.mean([one[3] for one in found])),
         float(lag.mean()),
         float(lag.std()),
     )

@@ -43,18 +43,19 @@ def test_stored_errors_over_soaks_are_within_the_bands():
 
 def test_stored_errors_on_the_ramp_up_and_down_are_within_the_bands():
     row = Stored.read().content["ramps"][UP_AND_DOWN]
-    assert row["runs"] == 100
+    assert row["runs"] == 300
+    assert 0.75 < row["nees"] < 1.25
     assert row["rms"] <= 3.3
     assert 0.91 <= row["coverage"] <= 0.98
     assert abs(row["lag"] - ramps.LAG) + row["lag_scatter"] <= 1.5
 
 
 @pytest.mark.slow
-def test_the_first_ramps_are_as_stored():
+def test_a_third_of_the_ramps_agree_with_all_that_are_stored():
     stored = Stored.read().content["ramps"][UP_AND_DOWN]
-    again = temperature_ramps.row(UP_AND_DOWN, ramps.PROFILES[UP_AND_DOWN], stored["runs"], SEED)
-    assert again.rms == pytest.approx(stored["rms"], rel=1e-4)
-    assert again.lag == pytest.approx(stored["lag"], rel=1e-4)
+    again = temperature_ramps.row(UP_AND_DOWN, ramps.PROFILES[UP_AND_DOWN], 100, SEED)
+    assert again.rms == pytest.approx(stored["rms"], rel=0.2)
+    assert again.lag == pytest.approx(stored["lag"], abs=0.2)
 
 
 @pytest.mark.evidence

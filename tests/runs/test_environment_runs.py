@@ -1,6 +1,7 @@
 """Run files with [environment]: from a chamber in simulation to a calibration in use."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,19 @@ from inercal.calibration.files import load, save
 from inercal.calibration.temperature_curves import temperature_curves
 from inercal.errors import InputError
 from inercal.io.write import write_recordings
-from inercal.pipeline import Outcome, apply, calibrate, simulate, simulate_files
+from inercal.pipeline import (
+    Outcome,
+    apply,
+    apply_data_columns,
+    calibrate,
+    simulate,
+    simulate_files,
+)
 from inercal.runfile import read
 from inercal.units import ZERO_CELSIUS
 
 HERE = Path(__file__).parent
+TEMPERATURES = '["-40 °C", "-20 °C", "0 °C", "25 °C", "45 °C", "65 °C", "85 °C"]'
 SOAKS, RAMP = ((HERE / f"{name}_run.toml").read_text(encoding="utf-8") for name in ("soak", "ramp"))
 
 
@@ -146,6 +155,26 @@ def test_shared_errors_of_soaks_are_in_the_uncertainty(soaked: tuple[Path, Outco
         assert less.uncertainty(name) < outcome.calibration.uncertainty(name)
 
 
+def test_a_bias_that_hangs_on_the_direction_shows_as_a_loop(tmp_path: Path):
+    there_and_back = '["0 °C", "20 °C", "40 °C", "60 °C", "40 °C", "20 °C", "0 °C"]'
+    path = simulated(tmp_path, SOAKS, {TEMPERATURES: there_and_back, '"auto"': "[3, 2, 1]"})
+    run = read(path)
+    recording = simulate(run, 3)
+    assert recording.temperature is not None
+    later = np.arange(recording.time.size) > recording.time.size / 2
+    changed = recording.data.copy()
+    changed[later, 0] -= 2 * 400e-6 * 9.80665  # half a loop of 400 µg
+    columns = apply_data_columns(run, replace(recording, data=changed))
+    write_recordings({run.file(run.data.file): columns})
+    fit = calibrate(path).temperature_fit
+    assert fit is not None
+    assert len(fit.loops) == 2  # the first soak was reached from nowhere
+    half = np.array([one.half for one in fit.loops]).mean(axis=0) / (1e-6 * 9.80665)
+    # The fit takes a part of the loop into its coefficients.
+    assert 200 < half[0] < 500
+    assert np.abs(half[1:]).max() < 100
+
+
 REFUSED = [
     ({"soaks.npz": "../soaks.npz", '"auto"': "[4, 0, 0]"}, "[method] temperature_order"),
     ({"soaks.npz": "../soaks.npz", 'temperature = "temp"\n': ""}, "[data] temperature"),
@@ -166,9 +195,6 @@ def test_a_key_that_cannot_be_used_is_refused(
     folder = soaked[0].parent / "refused"
     with refused(InputError, key=key):
         calibrate(written(folder, SOAKS, changes))
-
-
-TEMPERATURES = '["-40 °C", "-20 °C", "0 °C", "25 °C", "45 °C", "65 °C", "85 °C"]'
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from inercal.environment.common_errors import (
     with_added_covariance,
     with_temperature_shift,
 )
+from inercal.environment.soak_loops import SoakLoop, soak_loops
 from inercal.environment.soaks import (
     SOAK_SPREAD,
     distinct_levels,
@@ -43,13 +44,14 @@ from inercal.recording import Finding, Observations, temperature_rate
 from inercal.runfile import Run
 from inercal.runfile.environment_section import MAX_ORDERS
 from inercal.section_settings import key_error
-from inercal.sensors import Sensor
+from inercal.sensors import G0, Sensor
 from inercal.units import ZERO_CELSIUS
 
 LEAST_SPAN = 10.0  # K
 LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty
 _TOO_LOW = 100.0  # χ²/ν beyond which an order is called too low
 _NO_SOAKS = np.zeros(0)
+DEG_PER_H = np.pi / 180 / 3600
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,10 @@ class TemperatureFit:
     left_out : tuple of SoakLeftOut
     ratio : float
         χ²/ν of the fit.
+    loops : tuple of SoakLoop
+        Of temperatures that were reached from below and from above.
+    channels : tuple of m str
+        Axes of the loops.
     drift : float
         Largest change of the recorded temperature within a section, K; NaN of means.
     """
@@ -98,6 +104,8 @@ class TemperatureFit:
     tests: tuple[OrderTest, ...] = ()
     left_out: tuple[SoakLeftOut, ...] = ()
     ratio: float = 1.0
+    loops: tuple[SoakLoop, ...] = ()
+    channels: tuple[str, ...] = ()
     drift: float = np.nan
 
     @property
@@ -133,6 +141,8 @@ class TemperatureFit:
                 f"orders in temperature of {words[kind]}, {by}: bias {orders[0]}, scale factor "
                 f"{orders[1]}, misalignment {orders[2]}"
             )
+        if self.loops:
+            lines.append(self._largest_loop())
         if np.isfinite(self.drift):
             lines.append(f"within a section the temperature changes by at most {self.drift:.2g} K")
         ratios = [one.ratio for one in self.left_out if one.components]
@@ -142,6 +152,25 @@ class TemperatureFit:
                 f"{max(ratios):.2f}"
             )
         return tuple(lines)
+
+    def _largest_loop(self) -> str:
+        """Return the largest loop of each kind of axes, in words."""
+        texts: list[str] = []
+        for letter, (size, unit) in {"a": (1e-6 * G0, "µg"), "g": (DEG_PER_H, "°/h")}.items():
+            own = [k for k, name in enumerate(self.channels) if name.startswith(letter)]
+            if not own:
+                continue
+            at, k = max(
+                ((one, k) for one in self.loops for k in own),
+                key=lambda pair: abs(float(pair[0].half[pair[1]])),
+            )
+            celsius = at.temperature - ZERO_CELSIUS
+            half = float(at.half[k]) / size
+            texts.append(f"{half:+.3g} {unit} of {self.channels[k]} at {celsius:.1f} °C")
+        return (
+            f"half the loop between rising and falling temperature is at most {', '.join(texts)}; "
+            "it is not corrected"
+        )
 
 
 def _bound(one: SoakLeftOut) -> float:
@@ -216,6 +245,8 @@ def fit_over_temperatures(
         tests,
         left_out,
         float(whole.chi2) / max(whole.dof, 1),
+        soak_loops(observations, whole.residual),
+        run.sensor.channels,
         np.nan if rates is None else float(np.abs(rates * observations.duration).max()),
     )
     return run, replace(inputs, observations=observations), found
