@@ -298,3 +298,33 @@ def test_hand_held_soaks_count_what_rows_have_in_common(tmp_path: Path):
     shared = {'temperature_sd = "0.1 K"\n': "", 'accelerometer_repeatability = "50 µg"\n': ""}
     alone = calibrate(written(tmp_path, HELD, shared)).calibration
     assert 2 * alone.uncertainty("ax.k0_dT") < found.uncertainty("ax.k0_dT")
+
+
+@pytest.mark.slow
+def test_a_turntable_follows_a_ramp_with_its_temperatures(tmp_path: Path):
+    examples = HERE.parents[1] / "examples" / "turntable"
+    (tmp_path / "path.csv").write_bytes((examples / "path.csv").read_bytes())
+    text = (examples / "mimu.toml").read_text(encoding="utf-8")
+    truth = '"ax.k0_dT" = "200 µg/K"\n"ay.k1_dT" = "80 ppm/K"\n"gx.bias_dT" = "20 °/h/K"\n'
+    more = """temperature_order = [1, 1, 0]
+[environment]
+kind = "ramp"
+temperature_sd = "0.2 K"
+lag = "10 s"
+temperatures = ["20 °C", "40 °C", "20 °C"]
+ramp_rate = "10 K/min"
+case_time = "20 s"
+"""
+    changes = {
+        "mimu.csv": "mimu.npz",
+        "[bench]\n": truth + "[bench]\n",
+        'label = "step"': 'label = "step"\ntemperature = "temp"',
+    }
+    path = simulated(tmp_path, text + more, changes)
+    found = calibrate(path).calibration
+    error = found.values - truth_of(path, found)
+    nees = error @ np.linalg.solve(found.covariance, error)
+    dof = len(error)
+    assert float(chdtri(dof, 0.9995)) < nees < float(chdtri(dof, 0.0005))
+    exact = written(tmp_path, text + more, changes | {'temperature_sd = "0.2 K"\n': ""})
+    assert calibrate(exact).calibration.uncertainty("gx.bias") < 0.9 * found.uncertainty("gx.bias")
