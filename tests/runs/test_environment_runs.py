@@ -230,6 +230,26 @@ def test_a_ramp_up_and_down_finds_the_lag_and_the_biases(tmp_path: Path):
     assert not {one.what for one in outcome.findings} & {"one_way", "drift_in_time"}
 
 
+def test_a_bias_against_the_rate_of_the_temperature_is_found_and_corrected(tmp_path: Path):
+    changes = {
+        '"gy.bias_dT"': '"gx.bias_dTdt" = "40 °/h/(K/min)"\n"gy.bias_dT"',
+        "[3, 0, 0]": '[3, 0, 0]\nalso = ["bias_dTdt"]',
+    }
+    path = simulated(tmp_path, RAMP, changes)
+    outcome = calibrate(path)
+    found = outcome.calibration
+    assert "lag" not in outcome.estimate.names
+    error = (found.values - truth_of(path, found)) / found.std
+    at = found.sensor.coefficients.index("gx.bias_dTdt")
+    assert abs(error[at]) < 4
+    corrected = apply(found, path)
+    assert corrected.temperature is not None
+    rising = np.gradient(corrected.temperature) > 0
+    left = corrected.data[rising, 0].mean() - corrected.data[~rising, 0].mean()
+    # The term alone makes 2 · 40 °/h/(K/min) · 4.7 K/min of difference.
+    assert abs(left) < 20 * np.pi / 180 / 3600
+
+
 ONE_WAY = {', "60 °C", "-10 °C"]': ', "60 °C"]', "4.666 K/min": "2.333 K/min"}
 
 
