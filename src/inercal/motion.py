@@ -29,9 +29,12 @@ class Motion:
         Time derivative of `w`, rad/s².
     dT : (..., n) array or float
         Temperature minus the sensor's reference temperature, K.
+    dTdt : (..., n) array or float
+        Time derivative of the temperature, K/s.
     """
 
     f: Array
     w: Array = field(default_factory=_zero_vector)
     dw: Array = field(default_factory=_zero_vector)
     dT: Array | float = 0.0
+    dTdt: Array | float = 0.0

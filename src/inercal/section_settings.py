@@ -22,6 +22,7 @@ class Limit(NamedTuple):
     meaning: str
 
 
+_MIDDLE_LATITUDE = 0.785  # rad
 _GRAVITY_RANGE = 0.08  # m/s², from the equator to the poles and to the heights where people live
 # The estimators neglect the square of a tilt.
 SMALL_ANGLE = Limit(0.0175, "a bench can tilt, 1°")
@@ -47,6 +48,8 @@ class BenchUsage:
         Whether there are gyros.
     means : bool
         Whether the data are means.
+    rest : bool
+        Whether the whole recording is one rest.
     """
 
     method: str
@@ -54,12 +57,16 @@ class BenchUsage:
     attitudes: bool
     gyros: bool
     means: bool
+    rest: bool = False
 
 
 class Section(BaseModel):
     """A section of a run file: a key that it does not declare is refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+
+
+MISSING_GRAVITY = 'give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)'
 
 
 class BenchSection(Section):
@@ -75,10 +82,15 @@ class BenchSection(Section):
         json_schema_extra=DESCRIPTION,
     )
 
+    @property
+    def without_gravity(self) -> bool:
+        """Whether a method of this kind of bench may do without gravity."""
+        return False
+
     @model_validator(mode="after")
     def _gravity_is_known(self) -> "BenchSection":
-        if self.gravity is None and self.latitude is None:
-            raise ValueError('give gravity = "9.81 m/s² ± 0.1 mm/s²" or latitude (and height)')
+        if self.gravity is None and self.latitude is None and not self.without_gravity:
+            raise ValueError(MISSING_GRAVITY)
         if self.height is not None and self.latitude is None:
             raise ValueError(
                 "height also needs latitude: gravity is computed from both; add latitude or remove "
@@ -162,7 +174,8 @@ def section_harmonics(section: BenchSection, name: str) -> tuple[float, ...]:
 def section_gravity(section: BenchSection) -> Measured:
     """Return gravity as given, or computed from latitude and height."""
     if section.gravity is None:
-        assert section.latitude is not None  # the schema requires one of the two
+        if section.latitude is None:
+            return gravity_at_unknown_height(_MIDDLE_LATITUDE)  # nothing depends on it
         latitude = measured_constant(section.latitude, "°", "[bench] latitude")
         if section.height is None:
             return gravity_at_unknown_height(latitude.value)

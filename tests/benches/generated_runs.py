@@ -43,6 +43,13 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 }
 TURN_COLUMNS: Mapping[str, tuple[str, ...]] = {"ferraris": ('seconds = "seconds"',)}
 AXES: Mapping[str, tuple[str, ...]] = {"dual_orthogonal": ("a", "b"), "tumble": ("a",)}
+# Temperatures of a method that follows them, and the lines of its plan.
+ENVIRONMENT = (
+    "[environment]",
+    'kind = "ramp"',
+    'temperatures = ["0 °C", "40 °C", "0 °C"]',
+    'ramp_rate = "4 K/min"',
+)
 PRIORS: Mapping[str, tuple[str, ...]] = {
     "dual_orthogonal": ('prior."a.kip" = "0 ± 20 µg/g²"', 'prior."b.kip" = "0 ± 20 µg/g²"')
 }
@@ -66,6 +73,7 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
     needed = [key for key, one in section.items() if one.is_required() and key != "kind"]
     columns = [key for key, one in data.items() if one.is_required()]
     columns = [key for key in columns if key not in DataSection.model_fields]
+    ramp = METHODS[method].follows_rest
     gyros = "w" in METHODS[method].default_coefficients
     lines = [
         "[sensor]",
@@ -76,9 +84,9 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         *(("[sensor.gyro]", 'unit = "°/s"', GYRO_WHITE) if gyros else ()),
         "[bench]",
         f'kind = "{kind.name}"',
-        'gravity = "9.8073 m/s² ± 0.1 mm/s²"',
+        *(() if ramp else ('gravity = "9.8073 m/s² ± 0.1 mm/s²"',)),
         *(f'{key} = "0.25 m ± 0.1 mm"' for key in needed),
-        *(('latitude = "48.1 °"',) if "latitude" in section else ()),
+        *(('latitude = "48.1 °"',) if "latitude" in section and not ramp else ()),
         *BENCHES.get(kind.name, HAND.get(method, ())),
         "[data]",
         'file = "made.npz"',
@@ -90,7 +98,9 @@ def write_run(method: str, folder: Path, more: str = "") -> Path:
         *(('gyro = ["gx", "gy", "gz"]',) if gyros else ()),
         *(f'{key} = "{key}"' for key in columns),
         *COLUMNS.get(kind.name, TURN_COLUMNS.get(method, ())),
+        *(('temperature = "temp"', *ENVIRONMENT) if METHODS[method].follows_rest else ()),
         "[method]",
+        *(('seconds = "1200 s"',) if METHODS[method].follows_rest else ()),
         f'name = "{method}"',
         *PRIORS.get(method, ()),
         more,

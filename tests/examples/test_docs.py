@@ -46,6 +46,7 @@ SECTIONS: dict[str, type[BaseModel]] = {
     "[method]": schema.MethodSection,
     "[job]": schema.JobSection,
     "[specification]": schema.SpecificationSection,
+    "[environment]": schema.EnvironmentSection,
     "[method.search]": schema.SearchSection,
     "[method.filter]": schema.FilterSection,
     "[method.filter.initial]": schema.FilterInitialSection,

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 from tests.refusals import refused
 
 import inercal
@@ -76,6 +77,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {"six_position/job.toml", "six_position/lab.toml"}  # by tests/runfile/test_job.py
     run |= {"certificate/run.toml", "certificate/lab.toml"}  # by tests/certificate
     run |= {"six_position/specification.toml"}  # by tests/runfile/test_specification_section.py
+    run |= {f"temperature/{name}.toml" for name in ("soaks", "ramp")}
     run |= {"six_position/soaks.toml"}  # by tests/runs/test_temperature_runs.py
     # by tests/runs/test_centrifuge_runs.py
     run |= {f"centrifuge/{name}.toml" for name in ("printed", "corrected", "lab", "arm_run")}
@@ -125,6 +127,20 @@ def test_the_simulated_session_is_calibrated_to_its_truth(examples: Path, name: 
     nees = error @ np.linalg.solve(calibration.covariance, error)
     # χ² with 33 (30, 24) degrees of freedom: these are its 0.003 % (0.5 % of 24) and 99.9 % points.
     assert 10 < nees < 63
+
+
+@pytest.mark.parametrize(("name", "dof"), [("soaks", 33), ("ramp", 12)], ids=["soaks", "ramp"])
+def test_a_run_in_a_chamber_is_calibrated_to_its_truth(examples: Path, name: str, dof: int):
+    path = examples / "temperature" / f"{name}.toml"
+    run = read(path)
+    write_recordings({run.file(name): made for name, made in simulate_files(run).items()})
+    outcome = calibrate(path)
+    calibration = outcome.calibration
+    truth = np.array([run.truth.get(name, 0.0) for name in calibration.sensor.coefficients])
+    error = calibration.values - truth
+    nees = error @ np.linalg.solve(calibration.covariance, error)
+    # 0.05 and 99.95 % points
+    assert float(chdtri(dof, 0.9995)) < nees < float(chdtri(dof, 0.0005))
 
 
 def test_a_compressed_recording_is_calibrated_within_the_limit_that_its_run_file_states(

@@ -17,6 +17,7 @@ from inercal.errors import InercalError, InputError
 from inercal.pipeline import Outcome, calibrate
 from inercal.runfile import read
 from inercal.runfile.schema import (
+    EnvironmentSection,
     FilterInitialSection,
     FilterSection,
     ReadoutSection,
@@ -98,9 +99,9 @@ def _role(field: FieldInfo) -> object:
 def keys(
     content: Content, kept: Callable[[FieldInfo], bool] = counts
 ) -> Iterator[tuple[Key, FieldInfo, Any]]:
-    """Yield every key of [sensor], [bench] and [method.filter], its field and what stands there.
+    """Yield every key of [sensor], [bench], [environment], [method.filter], its field and value.
 
-    Where nothing stands it is None. Of a quantity with "±" the value and the deviation come one
+    Where nothing is stated it is None. Of a quantity with "±" the value and the deviation come one
     after the other.
     """
     bench = content["bench"]
@@ -123,6 +124,8 @@ def keys(
             stated_filter.get("initial", {}),
         ),
     ]
+    if "environment" in content:
+        sections.append((("environment",), EnvironmentSection, content["environment"]))
     for section, schema, values in sections:
         for name, field in schema.model_fields.items():
             if name in ("accelerometer", "gyro", "kind", "initial") or not kept(field):

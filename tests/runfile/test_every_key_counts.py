@@ -1,4 +1,4 @@
-"""Every key of [bench], [sensor] and [method.filter] changes the result or is refused.
+"""Every key of [bench], [sensor], [environment], [method.filter] changes the result or is refused.
 
 A result is values, their uncertainty and the verdict: of a height that only checks gravity it is
 the verdict. The keys are those of the schema and the methods those there are: a new key is in this
@@ -81,6 +81,14 @@ QUICK = {
         *NO_GYROS,
         *NO_TURNS,
     ),
+    "temperature_ramp": recording(
+        "temperature/ramp.toml",
+        "10 Hz",
+        seconds("1800 s"),
+        ("environment", "ramp_rate", "4.667 K/min"),
+        ("method", "temperature_order", [3, 0, 0]),
+        ("sensor", "truth", {"gx.bias": "25 °/s", "gx.bias_dT": "54 °/h/K"}),
+    ),
     "six_position of means": Case("six_position/run.toml"),
     "dual_orthogonal of means": Case("dividing_head/lab.toml"),
     "tumble": Case("dividing_head/tumble.toml"),
@@ -91,6 +99,17 @@ SLOW = {
     ),
     "ferraris": recording(
         "ferraris_simulated/run.toml", "25 Hz", seconds("4 s"), ("method", "turn_seconds", "4 s")
+    ),
+    "six_position over soaks": recording(
+        "temperature/soaks.toml",
+        "10 Hz",
+        ("sensor.accelerometer", "unit", "g"),
+        seconds("4 s"),
+        ("environment", "temperatures", ["-20 °C", "10 °C", "40 °C"]),
+        ("environment", "ramp_rate", "60 K/min"),
+        ("environment", "wait", "30 s"),
+        ("environment", "case_time", "20 s"),
+        ("method", "temperature_order", [2, 1, 1]),
     ),
     "ship_multi_angle of means": Case("rate_table/ship.toml"),
     "multi_position": recording(

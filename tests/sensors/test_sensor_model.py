@@ -30,12 +30,14 @@ MOTION = Motion(
     rng.normal(size=(40, 3)) * 10,
     rng.normal(size=(40, 3)) * 50,
     100 * rng.normal(size=40),
+    0.1 * rng.normal(size=40),
 )
 EVERYTHING = [f"{a}.{c.name}" for a in ("ax", "ay", "az") for c in ACCELEROMETER] + [
     f"{a}.{c.name}" for a in ("gx", "gy", "gz") for c in GYRO
 ]
 # Natural sizes give effects of 1 g at 1 g; ω and dω/dt above are tens, so their terms get less.
 LARGE = {"nonlinearity": 1e-3, "rotation": 1e-5, "arm": 1e-4, "temperature": 1e-3, "cross": 1e-3}
+LARGE["temperature_order"] = 1e-4  # ΔT above is several times 100 K
 LARGE_ALONE = {"scale3": 1e-5}  # of ω³
 
 
@@ -60,7 +62,7 @@ def test_one_natural_unit_reads_its_unit_at_one_g_one_rad_per_s_and_100_k(name: 
     table = ACCELEROMETER if name in {c.name for c in ACCELEROMETER} else GYRO
     c = next(c for c in table if c.name == name)
     one = {name: np.array(G0 if name.startswith("f") else 1.0) for name in COMPONENTS}
-    one["dT"] = np.array(100.0)
+    one["dT"], one["dTdt"] = np.array(100.0), np.array(10 / 60)
     unit = G0 if table is ACCELEROMETER else 1.0
     factor = sum(p.factor for p in c.basis.products)
     assert_allclose(c.unit_scale * c.basis.value(one), unit * factor, rtol=1e-12, atol=1e-12)
@@ -136,7 +138,7 @@ def test_inverse_undoes_forward_with_every_smooth_coefficient_at_once(form: Form
     c = coefficients(sensor)
     y = sensor.forward(MOTION, c)
     assert np.abs(y[:, :3] - MOTION.f).max() > 0.01 * G0  # the coefficients do something
-    back = inverse(sensor, y, c, dw=MOTION.dw, dT=MOTION.dT)
+    back = inverse(sensor, y, c, dw=MOTION.dw, dT=MOTION.dT, dTdt=MOTION.dTdt)
     assert_allclose(back.f, MOTION.f, atol=1e-11)
     assert_allclose(back.w, MOTION.w, atol=1e-11)
 

@@ -19,7 +19,7 @@ from inercal.calibration.shared_errors import SharedError, SharedErrors, transfo
 from inercal.calibration.validity import Validity
 from inercal.errors import InputError
 from inercal.motion import Motion
-from inercal.recording import Recording
+from inercal.recording import Recording, temperature_rate
 from inercal.sensors import Form, Sensor, inverse
 from inercal.units import si_factor
 
@@ -172,6 +172,7 @@ class Calibration:
         w: Array | None = None,
         dw: Array | None = None,
         dT: Array | float | None = None,
+        dTdt: Array | float | None = None,
     ) -> Motion:
         """Return the specific force and angular rate that readings measure.
 
@@ -185,6 +186,8 @@ class Calibration:
             Angular acceleration, rad/s², where lever arms are modelled; computed from a recording.
         dT : (..., n) array or float, optional
             Temperature minus the reference, K; taken from a recording that has it.
+        dTdt : (..., n) array or float, optional
+            Its time derivative, K/s, where the model depends on it; computed from a recording.
 
         Returns
         -------
@@ -202,6 +205,8 @@ class Calibration:
             data = self._columns(recording)
             if recording.temperature is not None and dT is None:
                 dT = recording.temperature - self.sensor.reference_temperature
+                if dTdt is None and self.sensor.uses("dTdt"):
+                    dTdt = temperature_rate(recording.time, recording.temperature)
         else:
             data = np.asarray(recording, dtype=np.float64)
         if data.ndim < 2:
@@ -212,7 +217,13 @@ class Calibration:
                 "or a recording with temperature",
                 key="dT",
             )
-        dT = 0.0 if dT is None else dT
+        if dTdt is None and self.sensor.uses("dTdt"):
+            raise InputError(
+                "the model depends on the rate of the temperature: pass dTdt in K/s, or a "
+                "recording with temperature",
+                key="dTdt",
+            )
+        dT, dTdt = (0.0 if value is None else value for value in (dT, dTdt))
         if not np.isfinite(dT).all():
             raise InputError(
                 "dT has temperatures that are not finite; remove those samples first", key="dT"
@@ -239,9 +250,9 @@ class Calibration:
             )
         y = self.sensor.to_si(data)
         if isinstance(recording, Recording) and turning:
-            rough = inverse(self.sensor, y, self.values, f=f, w=w, dT=dT)
+            rough = inverse(self.sensor, y, self.values, f=f, w=w, dT=dT, dTdt=dTdt)
             dw = np.gradient(rough.w, recording.time, axis=-2)
-        return inverse(self.sensor, y, self.values, f=f, w=w, dw=dw, dT=dT)
+        return inverse(self.sensor, y, self.values, f=f, w=w, dw=dw, dT=dT, dTdt=dTdt)
 
     def _columns(self, recording: Recording) -> Array:
         missing = [name for name in self.sensor.channels if name not in recording.channels]

@@ -430,7 +430,8 @@ def _largest_uncertainty_lines(estimate: Estimate, sensor: Sensor) -> list[str]:
     for k, name in enumerate(sensor.coefficients):
         kind = "accelerometer" if measures[CoefficientName(name).axis] == "f" else "gyro"
         line = sensor.coefficient(name)
-        groups.setdefault((f"{kind} {line.group}", line.unit), []).append(k)
+        group = line.group.partition("_")[0]  # all of temperature together
+        groups.setdefault((f"{kind} {group}", line.unit), []).append(k)
     std = estimate.std[:p]
     parts: list[str] = []
     for (group, _), members in groups.items():

@@ -20,6 +20,11 @@ def run(
         help="The run file whose \\[data] names recording and columns."
     ),
     out: Path = typer.Option(..., "--out", "-o", help="The corrected recording to write."),
+    extrapolate: bool = typer.Option(
+        False,
+        "--extrapolate",
+        help="Correct samples beyond the temperatures of the calibration too, and mark them.",
+    ),
     force: bool = typer.Option(False, "--force", help="Write over an existing file."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
@@ -41,10 +46,12 @@ def run(
 
     check_outputs({out: RECORDING}, [calibration_file, *plan.input_files()], force=force)
     with progress_status(f"correcting {plan.data.file}"):
-        corrected = apply(calibration, plan)
+        corrected = apply(calibration, plan, extrapolate=extrapolate)
         written = as_written(corrected, plan, text=out.suffix.lower() == ".csv")
         write_recording(written, out)
     warnings = [f.message for f in corrected.findings if f.severity == "warning"]
+    marked = corrected.readback.get("extrapolated")
+    count = 0 if marked is None else int(marked.sum())
     verdict = calibration.verdict
     if verdict is not None and verdict.grade == "unreliable":
         reason = f": {verdict.reasons[0]}" if verdict.reasons else ""
@@ -53,7 +60,12 @@ def run(
         print(f"inercal: warning: {warning}", file=sys.stderr)
     if json:
         print_json(
-            {"recording": str(out), "samples": int(corrected.time.size), "warnings": warnings}
+            {
+                "recording": str(out),
+                "samples": int(corrected.time.size),
+                "extrapolated": count,
+                "warnings": warnings,
+            }
         )
     else:
         units = ", ".join(dict.fromkeys(corrected.units))

@@ -15,10 +15,15 @@ NAME = "show"
 
 def run(
     file: Path = typer.Argument(help="A calibration file, a run file, or a recording."),
+    at: list[str] = typer.Option(
+        [], "--at", help='A temperature, such as "-30 °C": the coefficients of a calibration there.'
+    ),
     json: bool = typer.Option(False, "--json", help="Print one JSON object instead of a table."),
 ) -> None:
     """Show a calibration with its uncertainties, the checked keys of a run file, or a recording."""
-    if file.suffix.lower() == ".toml":
+    if at:
+        _show_at_temperatures(file, at, json)
+    elif file.suffix.lower() == ".toml":
         _show_run_file(file, json)
     elif file.suffix.lower() == ".json":
         _show_calibration(file, json)
@@ -43,6 +48,55 @@ def _show_calibration(file: Path, json: bool) -> None:
         if text:
             print_line(f"{name}: {text}")
     print_calibration_table(calibration)
+
+
+def _show_at_temperatures(file: Path, at: list[str], json: bool) -> None:
+    """Show the coefficients of a calibration at temperatures, with U = 2 u."""
+    import numpy as np
+
+    from inercal.calibration.files import load
+    from inercal.calibration.temperature_curves import temperature_curves
+    from inercal.cli.tables import make_table, number_columns
+    from inercal.cli.terminal import terminal
+    from inercal.errors import InputError
+    from inercal.section_settings import si_value
+    from inercal.uncertainty.coverage import COVERAGE
+    from inercal.units import format_value_and_uncertainty
+
+    calibration = load(file)
+    if not calibration.sensor.uses("dT"):
+        raise InputError(
+            f"{file}: no coefficient of the calibration depends on temperature; remove --at",
+            file=file,
+            key="--at",
+        )
+    kelvin = np.array([si_value(text, "°C", "--at") for text in at])
+    try:
+        curves = temperature_curves(calibration, kelvin)
+    except InputError as error:
+        raise error.located(f"{file}: --at", file=file, key="--at") from None
+    if json:
+        rows = [
+            {
+                "name": one.name,
+                "unit": one.unit,
+                "change": not one.complete,
+                "value": (one.value / one.si).tolist(),
+                "std": (one.std / one.si).tolist(),
+            }
+            for one in curves
+        ]
+        print_json({"file": "calibration", "temperature_K": kelvin.tolist(), "coefficients": rows})
+        return
+    table = make_table("coefficient", "meaning", *number_columns(at), "unit")
+    for one in curves:
+        cells = [
+            " ± ".join(format_value_and_uncertainty(value / one.si, COVERAGE * std / one.si))
+            for value, std in zip(one.value.tolist(), one.std.tolist(), strict=True)
+        ]
+        meaning = one.meaning if one.complete else f"{one.meaning}, change"
+        table.add_row(one.name, meaning, *cells, one.unit)
+    terminal(highlight=False).print(table)
 
 
 def _show_run_file(file: Path, json: bool) -> None:

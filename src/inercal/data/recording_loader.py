@@ -11,7 +11,7 @@ from inercal.errors import InputError
 from inercal.io.file_patterns import is_pattern
 from inercal.io.read import Columns, detect_reader, read_recording
 from inercal.io.section_files import read_sections
-from inercal.recording import Finding, Recording
+from inercal.recording import Finding, Recording, ahead_of_lag
 from inercal.section_settings import si_value
 from inercal.sensors import Sensor
 from inercal.small_files import is_file
@@ -41,7 +41,12 @@ def load_recording(run: Source[DataSection]) -> Recording:
         if str(error).startswith("[data]"):  # an option of a reader, which knows no run file
             raise error.located(run.path) from None
         raise
-    return apply_axis_signs(run, recording)
+    recording = apply_axis_signs(run, recording)
+    environment = run.environment
+    # Where the estimator follows the rest, it has the lag as a parameter.
+    if environment is None or environment.lag is None or run.method.follows_rest:
+        return recording
+    return ahead_of_lag(recording, environment.lag.value)
 
 
 def _require_labels_of_files(run: Source[DataSection]) -> None:

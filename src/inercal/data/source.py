@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from inercal.data.data_section import DataSection
+from inercal.environment import Environment
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.sensors import Sensor
@@ -27,6 +28,11 @@ class ChosenMethod(Protocol):
     @property
     def unknown_attitudes(self) -> bool:
         """Whether it estimates the attitudes: there is no plan that rows must fit."""
+        ...
+
+    @property
+    def follows_rest(self) -> bool:
+        """Whether the whole recording is one rest, whose samples it follows."""
         ...
 
     @property
@@ -61,6 +67,11 @@ class Source(Protocol[D]):
     @property
     def method(self) -> ChosenMethod:
         """The method."""
+        ...
+
+    @property
+    def environment(self) -> Environment | None:
+        """The temperatures around the bench."""
         ...
 
     @property

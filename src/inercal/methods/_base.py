@@ -200,6 +200,10 @@ class Method(Generic[Bench, Step]):
     constant_rates : bool
         Whether gyros are read at constant rates: a calibration then holds over the range of the
         means, and correcting a recording says where it is left.
+    follows_rest : bool
+        Whether the whole recording is one rest, whose samples the estimator follows.
+    weighs_common_errors : bool
+        Whether its estimators weigh rows by their whole covariance, with errors in common.
     sequential : callable or None
         Starts the live estimation of a run; None where the method has none.
     """
@@ -217,6 +221,8 @@ class Method(Generic[Bench, Step]):
     frame: Callable[[Bench], Frame] = _mount_frame
     remarks: Callable[[Fit[Bench, Step]], Remarks] = _no_remarks
     constant_rates: bool = False
+    follows_rest: bool = False
+    weighs_common_errors: bool = False
     sequential: SequentialEstimator[Bench, Step] | None = None
 
     def prepare(

@@ -62,10 +62,7 @@ def tilt_curvature(
         s.
     """
     p, r, m = len(sensor.coefficients), len(done), len(sensor.axes)
-    names = [
-        [f"{'tilt' if isinstance(step, Hold) else 'axis'}{k}[{step.label}]" for k in (1, 2)]
-        for step in done
-    ]
+    names = [bench.tilt_names(step) for step in done]
     loose = [n for n in range(r) if set(names[n]) <= set(estimate.names)]
     if not loose:
         return None

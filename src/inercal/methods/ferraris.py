@@ -19,9 +19,10 @@ METHOD = Method(
         "f": ("bias", "scale", "misalignment"),
         "w": ("bias", "scale", "misalignment", "g"),
     },
-    also={"f": ("temperature",), "w": ("temperature",)},
+    also={"f": ("temperature", "temperature_order"), "w": ("temperature", "temperature_order")},
     needs=("w",),
     plan=ferraris_plan,
     estimators={"ml": ml, "classical": classical},
+    weighs_common_errors=True,
     source="Ferraris, Grimaldi, Parvis, Sensors and Materials 7(5), 1995",
 )

@@ -18,9 +18,10 @@ METHOD = Method(
     name="six_position",
     bench=Hand,
     default_coefficients={"f": ("bias", "scale", "misalignment"), "w": ("bias", "g")},
-    also={"f": ("temperature",), "w": ("bias_dT",)},
+    also={"f": ("temperature", "temperature_order"), "w": ("bias_dT", "bias_dT2", "bias_dT3")},
     needs=("f",),
     plan=six_positions,
     estimators={"ml": ml, "classical": classical},
+    weighs_common_errors=True,
     source="IEEE Std 1293, static multipoint test; Ferraris et al. 1995",
 )

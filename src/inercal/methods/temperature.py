@@ -82,7 +82,7 @@ def _steady_values(warmth: Array) -> Array:
 
 def temperature_coefficients(sensor: Sensor) -> list[str]:
     """Return the full names of a sensor's coefficients of temperature."""
-    return [n for n in sensor.coefficients if sensor.coefficient(n).basis.uses("dT")]
+    return [n for n in sensor.coefficients if sensor.coefficient(n).basis.uses("dT", "dTdt")]
 
 
 def refuse_temperature_terms_in_plan(sensor: Sensor) -> None:

@@ -40,6 +40,11 @@ from inercal.pipeline.stated_values import (
     find_assumed_constants,
     require_small_assumed_share,
 )
+from inercal.pipeline.temperature_fit import (
+    TemperatureFit,
+    fit_over_temperatures,
+    with_common_errors,
+)
 from inercal.plan import Step
 from inercal.recording import Finding, Mark, Observations, Recording
 from inercal.runfile import Run, read
@@ -79,6 +84,8 @@ class Outcome:
         Thresholds and marks, where rests were detected without a plan.
     search : SearchHistory or None
         Of an estimator that searches.
+    temperature_fit : TemperatureFit or None
+        Soaks, orders and prediction errors, where temperatures were stated or tested.
     """
 
     calibration: Calibration
@@ -94,6 +101,7 @@ class Outcome:
     verdict: Verdict
     rests: RestDetection | None = None
     search: "SearchHistory | None" = None
+    temperature_fit: TemperatureFit | None = None
 
     def __repr__(self) -> str:
         return f"<Outcome: {repr(self.calibration).strip('<>')}>"
@@ -184,8 +192,12 @@ def calibrate(
 
 def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Outcome:
     """Calibrate from a run that was read and checked."""
-    sensor, inputs = run.sensor, run.kind.observe(run)
-    bench = inputs.bench or run.bench
+    inputs = run.kind.observe(run)
+    try:
+        run, inputs, thermal = fit_over_temperatures(run, inputs)
+    except (InputError, NotObserved) as error:
+        raise error.located(run.path) from None
+    sensor, bench = run.sensor, inputs.bench or run.bench
     expected = bench.nuisances(inputs.steps, sensor)
     observations, findings = inputs.observations, (*run.findings, *inputs.findings)
     if inputs.recording is not None:
@@ -196,6 +208,8 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
     sampled = (
         sensor if observations.track is None else _add_rounding_noise(sensor, inputs.recording)
     )
+    if thermal is not None:
+        findings += thermal.findings
     generations: list[Generation] = []
 
     def after(generation: "Generation") -> None:
@@ -209,6 +223,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         located = error.located(run.path)
         located.args = (f"{located}{_possible_causes(inputs, sensor, error)}",)
         raise located from None
+    estimate = with_common_errors(run, inputs, estimate)
     fit = Fit(
         run.estimator,
         sensor,
@@ -256,6 +271,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
             *inputs.notes,
             *observations.notes,
             *estimate.notes,
+            *(() if thermal is None else thermal.notes),
             *constant_notes(bench, assumed),
             *(one.message for one in run.findings if one.what == "height" and weighs_gravity),
         ),
@@ -299,6 +315,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         judged,
         inputs.rests,
         _search_history(run, generations),
+        thermal,
     )
 
 

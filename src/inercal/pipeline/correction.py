@@ -5,17 +5,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
+from inercal.calibration.temperature_curves import temperatures_outside
 from inercal.data import recording_loader
 from inercal.data.recording_loader import readback_columns, reader_columns
 from inercal.errors import InputError
 from inercal.methods import METHODS
 from inercal.pipeline.calibration_record import KEPT_CORRECTIONS
-from inercal.recording import Finding, Recording
+from inercal.recording import Finding, Recording, ahead_of_lag
 from inercal.runfile import Run, read
-from inercal.units import to_si
+from inercal.units import ZERO_CELSIUS, to_si
 
 _ALL = 3  # axes that measure every component
 _MARGIN = 0.01  # of the range of the rates
@@ -73,8 +75,37 @@ def _rates_beyond(calibration: Calibration, recording: Recording) -> tuple[Findi
     return (Finding("warning", "range", text.replace("-", "−")),)
 
 
-def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
+def _temperatures_beyond(
+    calibration: Calibration, recording: Recording, outside: NDArray[np.bool_]
+) -> tuple[Finding, ...]:
+    """Return a warning that counts the samples beyond the temperatures of the calibration."""
+    if not outside.any() or recording.temperature is None:
+        return ()
+    assert calibration.validity is not None
+    assert calibration.validity.temperature is not None
+    ends = " to ".join(
+        f"{kelvin - ZERO_CELSIUS:.2f}" for kelvin in calibration.validity.temperature
+    )
+    beyond = recording.temperature[outside] - ZERO_CELSIUS
+    text = (
+        f"{int(outside.sum())} samples at {beyond.min():.2f} to {beyond.max():.2f} °C are beyond "
+        f"the temperatures of the calibration, {ends} °C: a polynomial is unknown there"
+    )
+    return (Finding("warning", "extrapolation", text.replace("-", "−")),)
+
+
+def apply(
+    calibration: Calibration, run: Run | str | Path, *, extrapolate: bool = False
+) -> Recording:
     """Correct the recording that a run file names.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    run : Run or path
+    extrapolate : bool
+        Whether samples beyond the temperatures of the calibration are corrected, too. They are
+        then marked in the column `extrapolated`, 1 beyond and 0 elsewhere, and counted.
 
     Returns
     -------
@@ -87,7 +118,8 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     Raises
     ------
     InercalError
-        The recording cannot be used, or has another readout than the calibration.
+        The recording cannot be used, has another readout than the calibration, or was taken beyond
+        its temperatures.
     """
     run = run if isinstance(run, Run) else read(run)
     if run.data.kind == "means":
@@ -111,7 +143,20 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
                 names=(axis.name,),
             )
     recording = load_recording(run)
+    environment = run.environment
+    if run.method.follows_rest and environment is not None and environment.lag is not None:
+        recording = ahead_of_lag(recording, environment.lag.value)
     _require_same_corrections(calibration, recording, run)
+    outside = np.zeros(0, dtype=np.bool_)
+    if recording.temperature is not None:
+        outside = temperatures_outside(calibration, recording.temperature)
+    warmer = _temperatures_beyond(calibration, recording, outside)
+    if warmer and not extrapolate:
+        raise InputError(
+            f"{run.path}: {warmer[0].message}; cut them off, or ask for it by --extrapolate",
+            file=run.path,
+            key="[data] temperature",
+        )
     axes = calibration.sensor.axes
     count = {kind: sum(axis.measures == kind for axis in axes) for kind in ("f", "w")}
     # Motion across one sensor axis, or across two, is unknown and taken as zero.
@@ -124,14 +169,17 @@ def apply(calibration: Calibration, run: Run | str | Path) -> Recording:
     beyond = _rates_beyond(calibration, recording)
     named = readback_columns(run)
     sensed = [("f", "m/s²", motion.f), ("w", "rad/s", motion.w)]
+    readback = {named[name]: values for name, values in recording.readback.items()}
+    if warmer:
+        readback["extrapolated"] = outside.astype(np.float64)
     present = [(kind, unit, values[..., : count[kind]]) for kind, unit, values in sensed]
     return replace(
         recording,
-        findings=(*recording.findings, *beyond),
+        findings=(*recording.findings, *warmer, *beyond),
         data=np.concatenate([values for _, _, values in present], axis=-1),
         channels=tuple(kind + axis for kind, _, _ in present for axis in "xyz"[: count[kind]]),
         units=tuple(unit for kind, unit, _ in present for _ in "xyz"[: count[kind]]),
-        readback={named[name]: values for name, values in recording.readback.items()},
+        readback=readback,
         label_name=reader_columns(run).label or recording.label_name,
     )
 

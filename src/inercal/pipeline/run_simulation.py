@@ -4,8 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inercal.benches.contract import SimulatedMotion
+from inercal.benches.hand.bench import face_label
 from inercal.calibration.simulated import SIMULATION_SOURCE
 from inercal.data.recording_loader import (
     apply_axis_signs,
@@ -17,10 +19,16 @@ from inercal.data.recording_loader import (
 from inercal.errors import InputError
 from inercal.io.file_patterns import is_pattern
 from inercal.motion import Motion
+from inercal.pipeline.chamber_simulation import (
+    in_chamber,
+    repeatability_errors,
+    require_profile,
+    steps_of_soaks,
+)
 from inercal.recording import Recording
 from inercal.runfile import Run, read
 from inercal.sensors import Axis, Sensor
-from inercal.units import si_factor
+from inercal.units import si_factor, to_si
 
 _ROUNDING = 1e-9
 _MOST_SAMPLES = 1e8  # of a simulation, all trials together: 5 GB for an IMU
@@ -102,10 +110,19 @@ def _simulate_run(
     sensor = run.sensor.with_coefficients(*run.truth)
     bench, rate, several = run.bench, run.rate_hz, trials or 1
     steps = [step for step in run.steps if isinstance(step, run.kind.steps)]
+    environment = run.environment
+    if environment is not None:
+        _require_chamber(run)
+        steps = steps_of_soaks(steps, environment)
     result = run.kind.simulate(
         bench, steps, rate, rng, several, sensor, run.method.unknown_attitudes
     )
-    done, drift = result.simulated_motion, result.drift
+    done, drift, temperature = result.simulated_motion, result.drift, None
+    if environment is not None:
+        chamber = in_chamber(done, environment, rate, sensor.reference_temperature, rng)
+        done, temperature = chamber.simulated_motion, chamber.recorded
+        scatter = repeatability_errors(environment, sensor, done.labels, several, rng)
+        drift = scatter if drift is None else drift[..., chamber.order, :] + scatter
     columns = readback_columns(run)
     readback = {
         name: values[0] if values.ndim > 1 and not trials else values
@@ -122,11 +139,41 @@ def _simulate_run(
         data=data if trials else data[0],
         channels=sensor.channels,
         units=tuple(axis.readout.unit for axis in sensor.axes),
-        labels=done.labels,
+        labels=_stated_labels(run, done.labels),
+        temperature=temperature if temperature is None or trials else temperature[0],
         readback=readback,
         source=f"{SIMULATION_SOURCE}{run.path.name}, seed {seed}",
     )
     return recording, done
+
+
+def _require_chamber(run: Run) -> None:
+    """Refuse to simulate temperatures that are not stated, or soaks of a bench without visits."""
+    assert run.environment is not None
+    try:
+        require_profile(run.environment)
+    except InputError as error:
+        raise error.located(run.path) from None
+    if run.environment.kind == "soaks" and run.kind.name != "hand":
+        raise InputError(
+            f"{run.path}: [environment] kind: method {run.method.name} has no positions that come "
+            'again at another temperature; write kind = "ramp"',
+            file=run.path,
+            key="[environment] kind",
+        )
+
+
+def _visits_again(run: Run) -> bool:
+    return run.kind.name == "hand" and not run.method.unknown_attitudes
+
+
+def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
+    """Return the labels as a recording has them: those of the positions, at each visit."""
+    if run.environment is None or not _visits_again(run):
+        return labels
+    names, place = np.unique(labels, return_inverse=True)
+    plain = np.array([face_label(name) for name in names.tolist()])
+    return plain[place.reshape(labels.shape)]
 
 
 def apply_data_columns(run: Run, recording: Recording) -> Recording:
@@ -150,6 +197,12 @@ def apply_data_columns(run: Run, recording: Recording) -> Recording:
         column: recording.readback[name] / readback_units(run)[name]
         for name, column, _ in reader_columns(run).readback
     }
+    if recording.temperature is not None:
+        unit = run.data.temperature_unit
+        zero, one = to_si(np.array([0.0, 1.0]), unit, "K").tolist()
+        own = (recording.temperature - zero) / (one - zero)
+        readback = {str(run.data.temperature): own, **readback}
+        recording = replace(recording, temperature=None)
     channels = tuple(named[name] for name in recording.channels)
     label = reader_columns(run).label or recording.label_name
     return _apply_data_times(

@@ -22,6 +22,7 @@ from inercal.recording.samples import (
     Recording,
     line_of_row,
 )
+from inercal.recording.temperature_course import ahead_of_lag, temperature_rate
 
 __all__ = [
     "GAP_FACTOR",
@@ -37,6 +38,8 @@ __all__ = [
     "Severity",
     "Track",
     "Transitions",
+    "ahead_of_lag",
     "join_observations",
     "line_of_row",
+    "temperature_rate",
 ]

@@ -257,6 +257,9 @@ class Observations:
         Whether `time` was measured; for a table of means it is the order of the rows.
     temperature : (..., r) array or None
         K, the mean over the samples of each row.
+    common : (..., r, m, k) array or None
+        Effect on each reading of k independent errors of unit variance, which rows have in common;
+        `full_covariance` includes them.
 
     Raises
     ------
@@ -282,6 +285,7 @@ class Observations:
     notes: tuple[str, ...] = ()
     timed: bool = True
     temperature: Array | None = None
+    common: Array | None = None
 
     def __post_init__(self) -> None:
         r, m = len(self.labels), len(self.channels)
@@ -294,6 +298,8 @@ class Observations:
         }
         if self.temperature is not None:
             shapes["temperature"] = (self.temperature.shape[-1:], (r,))
+        if self.common is not None:
+            shapes["common"] = (self.common.shape[-3:-1], (r, m))
         for name, (shape, expected) in shapes.items():
             if shape != expected:
                 raise InputError(
@@ -330,7 +336,7 @@ class Observations:
 
     @property
     def full_covariance(self) -> Array:
-        """Covariance of all readings with drift, (..., r·m, r·m); row after row."""
+        """Covariance of all readings with drift and common errors, (..., r·m, r·m), by rows."""
         r, m = self.mean.shape[-2:]
         full = np.zeros((*self.covariance.shape[:-3], r, m, r, m))
         for k in range(r):
@@ -338,7 +344,11 @@ class Observations:
         if self.drift is not None:
             for a in range(m):
                 full[..., :, a, :, a] += self.drift[..., a]
-        return full.reshape(*full.shape[:-4], r * m, r * m)
+        full = full.reshape(*full.shape[:-4], r * m, r * m)
+        if self.common is not None:
+            effect = self.common.reshape(*self.common.shape[:-3], r * m, -1)
+            full = full + effect @ np.swapaxes(effect, -1, -2)
+        return full
 
     def temperature_offset(self, reference: float) -> Array:
         """Return the temperature of each row minus a reference, (..., r) K; () of 0 without one."""
@@ -354,7 +364,10 @@ class Observations:
         """The leading axes of trials; () for one recording."""
         t = self.temperature
         return np.broadcast_shapes(
-            self.mean.shape[:-2], self.covariance.shape[:-3], () if t is None else t.shape[:-1]
+            self.mean.shape[:-2],
+            self.covariance.shape[:-3],
+            () if t is None else t.shape[:-1],
+            () if self.common is None else self.common.shape[:-3],
         )
 
     def of_trials(self, part: slice) -> "Observations":
@@ -369,6 +382,7 @@ class Observations:
             mean=some(self.mean, 2),
             covariance=some(self.covariance, 3),
             temperature=None if t is None else some(t, 1),
+            common=None if self.common is None else some(self.common, 3),
         )
 
     def rows(self, at: Sequence[int]) -> "Observations":
@@ -388,6 +402,7 @@ class Observations:
             halves=None,
             track=None,
             temperature=None if t is None else t[..., kept],
+            common=None if self.common is None else self.common[..., kept, :, :],
         )
 
 

@@ -25,6 +25,7 @@ from inercal.report.recording_residuals import (
     uses_whole_recording,
 )
 from inercal.report.sphere import missing_faces, sphere
+from inercal.report.temperature_section import temperature_section
 from inercal.report.templates import render
 from inercal.report.traces import scatter_figure, section_figure
 
@@ -81,6 +82,7 @@ def page(
         calibration_file=f"{Path(calibration.provenance.get('run file', 'run')).stem}"
         ".calibration.json",
         run_file=calibration.provenance.get("run file", "run.toml"),
+        temperature=temperature_section(outcome),
         residuals=_residual_figure(outcome),
         tests=judged.hypothesis_test_rows(outcome),
         candidates=judged.candidate_rows(outcome),

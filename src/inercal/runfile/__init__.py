@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.benches.kinds import KINDS, kind_name_for_class
+from inercal.environment import Environment
 from inercal.errors import InputError
 from inercal.estimate import Gaussian
 from inercal.io.file_patterns import is_pattern, matching_files
@@ -25,6 +26,11 @@ from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
+from inercal.runfile.environment_section import (
+    TemperatureOrder,
+    stated_environment,
+    terms_of_order,
+)
 from inercal.runfile.filter_keys import with_filter_keys
 from inercal.runfile.job import job_texts
 from inercal.runfile.method_section import (
@@ -98,6 +104,10 @@ class Run:
         Texts of [job] and of the laboratory's file, by name.
     specification : Specification or None
         Limits of coefficients.
+    environment : Environment or None
+        The temperatures around the bench.
+    temperature_order : "auto", tuple of 3 int, or None
+        Orders of bias, scale factor and misalignment in temperature.
     """
 
     path: Path
@@ -121,6 +131,8 @@ class Run:
     reader_options: Mapping[str, object] = field(default_factory=dict[str, object])
     job: Mapping[str, str] = field(default_factory=dict[str, str])
     specification: "Specification | None" = None
+    environment: Environment | None = None
+    temperature_order: TemperatureOrder = None
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -153,6 +165,10 @@ class Run:
         progress : callable, optional
             Called after each generation of a search.
         """
+        if self.method.follows_rest and self.environment is not None:
+            follow: Any = self.method.estimator(self.estimator)
+            solve: Any = partial(follow, environment=self.environment)
+            return solve
         if self.search is None:
             return self.method.estimator(self.estimator)
         from inercal.methods.ship_multi_angle import global_
@@ -282,7 +298,11 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     chosen = method(schema.method.name)
     bench = kind.build(schema.bench, path.parent)
     full_sensor = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)
-    sensor = chosen.prepare(full_sensor, schema.method.coefficients, schema.method.also)
+    ordered = terms_of_order(
+        schema.method.temperature_order, full_sensor, chosen.possible(full_sensor)
+    )
+    also = (*schema.method.also, *ordered)
+    sensor = chosen.prepare(full_sensor, schema.method.coefficients, also)
     if not isinstance(bench, chosen.bench):
         needed = kind_name_for_class(chosen.bench)
         raise InputError(
@@ -310,7 +330,8 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     if schema.data.temperature is not None:
         si_value(f"1 {schema.data.temperature_unit}", "K", "[data] temperature_unit")
     has_gyros = bool(sensor.select_axes("w").axes)
-    if schema.method.time_offset and not (chosen.unknown_attitudes and has_gyros):
+    estimates_delay = chosen.unknown_attitudes and not chosen.follows_rest and has_gyros
+    if schema.method.time_offset and not estimates_delay:
         raise InputError(
             "[method] time_offset: only method multi_position with gyros estimates it; remove "
             "time_offset",
@@ -343,6 +364,8 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         findings=check_stated_gravity(schema.bench) + overdue,
         job=job,
         specification=stated_specification(schema.specification, sensor, frame, path.parent),
+        environment=stated_environment(schema, sensor, chosen, chosen.follows_rest),
+        temperature_order=schema.method.temperature_order,
     )
 
 

@@ -14,7 +14,7 @@ from inercal.data.data_section import DataSection
 from inercal.errors import InputError
 from inercal.io.readers import known_options, readers_with_option
 from inercal.runfile.job import JobSection
-from inercal.section_settings import DESCRIPTION, BenchSection, BenchUsage, Section
+from inercal.section_settings import DESCRIPTION, PLANNING, BenchSection, BenchUsage, Section
 
 
 class ReadoutSection(Section):
@@ -121,6 +121,11 @@ class MethodSection(Section):
     also: tuple[str, ...] = Field(
         (), description="in addition to the method's own choice", examples=[["g", "k2"]]
     )
+    temperature_order: Literal["auto"] | tuple[int, int, int] | None = Field(
+        None,
+        description="orders of bias, scale factor and misalignment in temperature, or 'auto'",
+        examples=["auto", [3, 2, 1]],
+    )
     seconds: str | None = Field(
         None, description="length of each hold in a simulation", examples=["20 s"]
     )
@@ -166,6 +171,60 @@ class MethodSection(Section):
     )
 
 
+class EnvironmentSection(Section):
+    """[environment]: the temperatures around the bench."""
+
+    kind: Literal["soaks", "ramp"] = Field(
+        "soaks",
+        description="'soaks': the plan at one temperature after the other; 'ramp': it moves",
+    )
+    temperature_sd: str | None = Field(
+        None,
+        description="of the error that the temperatures of a soak have in common",
+        examples=["0.1 K"],
+    )
+    accelerometer_repeatability: str | None = Field(
+        None, description="scatter of the biases from soak to soak", examples=["50 µg"]
+    )
+    gyro_repeatability: str | None = Field(
+        None, description="scatter of the biases from soak to soak", examples=["5 °/h"]
+    )
+    lag: str | None = Field(
+        None,
+        description="time by which the recorded temperature is behind the sensing element",
+        examples=["20 s ± 5 s"],
+    )
+    warm_up: str | None = Field(
+        None,
+        description="time constant of a warm-up of the biases, in a ramp up and down",
+        examples=["300 s"],
+    )
+    temperatures: tuple[str, ...] = Field(
+        (),
+        description="of a simulation: of the soaks, or turning points of a ramp",
+        examples=[["-40 °C", "25 °C", "85 °C"]],
+        json_schema_extra=PLANNING,
+    )
+    ramp_rate: str | None = Field(
+        None,
+        description="of a simulation: of the chamber between them",
+        examples=["2 K/min"],
+        json_schema_extra=PLANNING,
+    )
+    wait: str | None = Field(
+        None,
+        description="of a simulation: at rest at each temperature",
+        examples=["30 min"],
+        json_schema_extra=PLANNING,
+    )
+    case_time: str | None = Field(
+        None,
+        description="of a simulation: time constant of the case",
+        examples=["4 min"],
+        json_schema_extra=PLANNING,
+    )
+
+
 class SpecificationSection(Section):
     """[specification]: limits of coefficients, and the rule by which they are judged."""
 
@@ -196,6 +255,7 @@ class RunSchema(Section):
     method: MethodSection
     job: JobSection | None = Field(None, json_schema_extra=DESCRIPTION)
     specification: SpecificationSection | None = None
+    environment: EnvironmentSection | None = None
 
 
 @cache

@@ -11,6 +11,7 @@ from inercal.plan import Step, Turn
 from inercal.recording import Finding
 from inercal.runfile.schema import ReadoutSection, RunSchema
 from inercal.section_settings import (
+    MISSING_GRAVITY,
     BenchSection,
     BenchUsage,
     measured_constant,
@@ -45,7 +46,11 @@ def require_used_keys(schema: RunSchema, chosen: Method[Any, Any], steps: Sequen
         attitudes=not chosen.unknown_attitudes,
         gyros="w" in chosen.default_coefficients and schema.sensor.gyro is not None,
         means=schema.data.kind == "means",
+        rest=chosen.follows_rest,
     )
+    stated = schema.bench.gravity is not None or schema.bench.latitude is not None
+    if not (stated or chosen.follows_rest):
+        raise InputError(f"[bench]: {MISSING_GRAVITY}", key="[bench]")
     sections: dict[str, BenchSection | ReadoutSection | None] = {
         "bench": schema.bench,
         "sensor.accelerometer": schema.sensor.accelerometer,

@@ -18,6 +18,35 @@ _POINTS_A_DECADE = 400  # the cosine's fastest cycles are then damped by the sin
 _BEYOND = 30.0  # cycles in the shortest section, where the sincs are negligible
 
 
+def even_drift_covariance(noise: Noise, count: int, seconds: float) -> Array:
+    """Return the covariance of an axis's drift between means of even blocks, (count, count).
+
+    As `drift_covariance`, of blocks that follow one another: the flicker depends only on how far
+    two blocks are apart.
+
+    Parameters
+    ----------
+    noise : Noise
+    count : int
+    seconds : float
+        Length of a block, s.
+    """
+    low, high = 0.25 / (count * seconds), _BEYOND / seconds
+    f: Array = np.geomspace(low, high, int(_POINTS_A_DECADE * np.log10(high / low)) + 2)
+    apart = np.arange(count)
+    smooth: Array = np.sinc(f * seconds) ** 2 / np.pi
+    steps = np.diff(np.log(f))
+    weight = np.zeros(f.size)
+    weight[1:] += 0.5 * steps
+    weight[:-1] += 0.5 * steps
+    flicker = np.cos(2 * np.pi * seconds * np.outer(apart, f)) @ (weight * smooth)
+    middles = (apart + 0.5) * seconds
+    walk = np.minimum(middles[:, None], middles)
+    np.fill_diagonal(walk, middles - seconds / 6)
+    between = flicker[np.abs(apart[:, None] - apart)]
+    return noise.bias_instability**2 * between + noise.random_walk**2 * walk
+
+
 def drift_covariance(
     noises: Sequence[Noise], middles: Array, durations: Array, length: float
 ) -> Array | None:

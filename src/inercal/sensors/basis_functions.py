@@ -12,7 +12,8 @@ from functools import cached_property
 from inercal.arrays import Array
 
 # specific force, rate and its derivative along I, P, O; signs of fi and wi; temperature difference
-COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo", "ai", "ap", "ao", "si", "swi", "dT")
+# and rate of the temperature
+COMPONENTS = ("fi", "fp", "fo", "wi", "wp", "wo", "ai", "ap", "ao", "si", "swi", "dT", "dTdt")
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 The reading y of an axis, divided by its nominal scale, is the quantity along its input axis I plus
 each coefficient times its basis function::
 
-    accelerometer   y = f_I + Σ c φ(f, ω, dω/dt, ΔT)        m/s²
-    gyro            y = ω_I + Σ c φ(f, ω, ΔT)                rad/s
+    accelerometer   y = f_I + Σ c φ(f, ω, dω/dt, ΔT, dT/dt)  m/s²
+    gyro            y = ω_I + Σ c φ(f, ω, ΔT, dT/dt)          rad/s
 
 P is the pendulous axis and O the output axis of an axis, O = I × P. `k1` is the departure of
 the scale factor from nominal (0 is nominal). Signs of the misalignments as in IEEE Std 1293:
@@ -19,14 +19,17 @@ the lever r in f + dω/dt × r + ω × (ω × r).
 from dataclasses import dataclass, field
 from math import pi
 
-from inercal.sensors.basis_functions import Basis
+from inercal.sensors.basis_functions import Basis, Product
 
 G0 = 9.80665  # m/s², exact (CGPM 1901)
 _UG, _PPM, _ARCSEC, _MM = 1e-6 * G0, 1e-6, pi / 648_000, 1e-3
 _DEG_PER_H = pi / 180 / 3600
 _FORCE = ("fi", "fp", "fo")
+# Groups of the terms that need many soaks, and of those that need a ramp.
+_ORDER, _RATE = "temperature_order", "temperature_rate"
 LARGEST_RELATIVE_SIZE = 0.1  # of the natural size: larger coefficients are implausible
 TEMPERATURE_SPAN = 100.0  # K from the reference temperature, at which natural sizes are defined
+TEMPERATURE_RATE = 10 / 60  # K/s, at which natural sizes are defined
 
 
 @dataclass(frozen=True)
@@ -40,14 +43,27 @@ class ErrorTerm:
     basis: Basis
     meaning: str
     group: str  # what a run file may call it together with its kind
-    # SI size that reads 1 g (or 1 rad/s) at 1 g, 1 rad/s and `TEMPERATURE_SPAN` from the reference
-    # temperature
+    # SI size that reads 1 g (or 1 rad/s) at 1 g, 1 rad/s, `TEMPERATURE_SPAN` from the reference
+    # temperature and `TEMPERATURE_RATE`
     unit_scale: float = field(default=1.0)
 
     @property
     def largest(self) -> float:
         """The largest plausible size, SI."""
         return LARGEST_RELATIVE_SIZE * self.unit_scale
+
+    @property
+    def temperature_order(self) -> int:
+        """The power of ΔT in the basis function."""
+        return self.basis.degree("dT")
+
+    @property
+    def without_temperature(self) -> tuple[Product, ...]:
+        """The products of the basis function without ΔT; equal for terms of one quantity."""
+        return tuple(
+            Product(one.factor, tuple(c for c in one.components if c != "dT"))
+            for one in self.basis.products
+        )
 
 
 def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
@@ -56,6 +72,7 @@ def _table(measures: float, *lines: tuple[str, str, str, float, str, str, str]):
     for name, symbol, unit, si, text, group, meaning in lines:
         basis = Basis(text)
         unit_scale = measures / G0 ** basis.degree(*_FORCE) / TEMPERATURE_SPAN ** basis.degree("dT")
+        unit_scale /= TEMPERATURE_RATE ** basis.degree("dTdt")
         table.append(ErrorTerm(name, symbol, unit, si, basis, meaning, group, unit_scale))
     return tuple(table)
 
@@ -93,6 +110,11 @@ ACCELEROMETER: tuple[ErrorTerm, ...] = _table(
         "scale-factor temperature coefficient",
     ),
     ("k2_dT", "K₂,T", "µg/g²/K", _UG / G0**2, "fi fi dT", "temperature", "k2 against temperature"),
+    ("k0_dT3", "K₀,TTT", "µg/K³", _UG, "dT dT dT", _ORDER, "bias, third order in temperature"),
+    ("k1_dT2", "K₁,TT", "ppm/K²", _PPM, "fi dT dT", _ORDER, "scale, second order in temperature"),
+    ("delta_o_dT", "δ_O,T", "″/K", _ARCSEC, "fp dT", _ORDER, "misalignment O against temperature"),
+    ("delta_p_dT", "δ_P,T", "″/K", _ARCSEC, "-fo dT", _ORDER, "misalignment P against temperature"),
+    ("k0_dTdt", "K₀,Ṫ", "µg/(K/min)", _UG * 60, "dTdt", _RATE, "bias against temperature rate"),
 )
 
 GYRO: tuple[ErrorTerm, ...] = _table(
@@ -115,6 +137,36 @@ GYRO: tuple[ErrorTerm, ...] = _table(
     ("scale_prime", "κ′", "ppm", _PPM, "0.5 swi wi", "asymmetry", "scale-factor asymmetry"),
     ("bias_dT", "ε_T", "°/h/K", _DEG_PER_H, "dT", "temperature", "bias temperature coefficient"),
     ("scale_dT", "κ_T", "ppm/K", _PPM, "wi dT", "temperature", "scale temperature coefficient"),
+    (
+        "bias_dT2",
+        "ε_TT",
+        "°/h/K²",
+        _DEG_PER_H,
+        "dT dT",
+        _ORDER,
+        "bias, second order in temperature",
+    ),
+    (
+        "bias_dT3",
+        "ε_TTT",
+        "°/h/K³",
+        _DEG_PER_H,
+        "dT dT dT",
+        _ORDER,
+        "bias, third order in temperature",
+    ),
+    ("scale_dT2", "κ_TT", "ppm/K²", _PPM, "wi dT dT", _ORDER, "scale, second order in temperature"),
+    ("delta_o_dT", "δ_O,T", "″/K", _ARCSEC, "wp dT", _ORDER, "misalignment O against temperature"),
+    ("delta_p_dT", "δ_P,T", "″/K", _ARCSEC, "-wo dT", _ORDER, "misalignment P against temperature"),
+    (
+        "bias_dTdt",
+        "ε_Ṫ",
+        "°/h/(K/min)",
+        _DEG_PER_H * 60,
+        "dTdt",
+        _RATE,
+        "bias against temperature rate",
+    ),
 )
 
 SI_UNITS = {  # of the units as printed
@@ -136,6 +188,13 @@ SI_UNITS = {  # of the units as printed
     "ppm/(rad/s)": "(rad/s)⁻¹",
     "ppm/(rad/s)²": "(rad/s)⁻²",
     "°/h/K": "(rad/s)/K",
+    "µg/K³": "(m/s²)/K³",
+    "ppm/K²": "1/K²",
+    "″/K": "rad/K",
+    "µg/(K/min)": "(m/s²)/(K/s)",
+    "°/h/K²": "(rad/s)/K²",
+    "°/h/K³": "(rad/s)/K³",
+    "°/h/(K/min)": "(rad/s)/(K/s)",
 }
 TABLES = {"f": ACCELEROMETER, "w": GYRO}
 GROUPS = tuple(dict.fromkeys(c.group for table in TABLES.values() for c in table))

@@ -29,6 +29,7 @@ def inverse(
     w: Array | None = None,
     dw: Array | None = None,
     dT: Array | float = 0.0,
+    dTdt: Array | float = 0.0,
     refuse: bool = True,
 ) -> Motion:
     """Return the motion whose reading is `y`.
@@ -48,6 +49,8 @@ def inverse(
         Angular acceleration, rad/s², where lever arms are modelled.
     dT : (..., n) array or float
         Temperature minus reference, K.
+    dTdt : (..., n) array or float
+        Its time derivative, K/s.
     refuse : bool
         Whether to refuse readings beyond the fold of the model; otherwise they give NaN, as an
         optimiser needs.
@@ -75,7 +78,7 @@ def inverse(
     )
     across = across - (across @ basis) @ basis.T
     rates = np.broadcast_to(zero if dw is None else dw, shape)
-    temperature = np.broadcast_to(np.asarray(dT, dtype=float), shape[:-1])
+    thermal = tuple(np.broadcast_to(np.asarray(t, dtype=float), shape[:-1]) for t in (dT, dTdt))
     if sensor.affine:
         sensed = across + _affine(sensor, y, c, across, basis) @ basis.T
     else:
@@ -83,11 +86,11 @@ def inverse(
         sensed = np.empty((*lead, y.shape[-2], 6))
         for start in range(0, y.shape[-2], _CHUNK):
             part = np.s_[..., start : start + _CHUNK, :]
-            dT_part = temperature[..., start : start + _CHUNK]
+            thermal_part = tuple(t[..., start : start + _CHUNK] for t in thermal)
             sensed[part] = _newton(
-                sensor, y[part], c, across[part], rates[part], dT_part, basis, start, refuse
+                sensor, y[part], c, across[part], rates[part], thermal_part, basis, start, refuse
             )
-    return Motion(sensed[..., :3], sensed[..., 3:], np.asarray(rates), temperature)
+    return _motion(sensed, np.asarray(rates), thermal)
 
 
 def _rank(sensor: Sensor, measures: str) -> int:
@@ -109,8 +112,9 @@ def _observed_directions(sensor: Sensor) -> Array:
     return np.concatenate(columns, axis=1)
 
 
-def _motion(sensed: Array, rates: Array, temperature: Array | float) -> Motion:
-    return Motion(sensed[..., :3], sensed[..., 3:], rates, temperature)
+def _motion(sensed: Array, rates: Array, thermal: tuple[Array, ...]) -> Motion:
+    """Return the motion with ΔT and dT/dt, `thermal`."""
+    return Motion(sensed[..., :3], sensed[..., 3:], rates, *thermal)
 
 
 def _solve(slope: Array, right: Array) -> Array:
@@ -144,20 +148,20 @@ def _newton(
     c: Array,
     across: Array,
     rates: Array,
-    dT: Array,
+    thermal: tuple[Array, ...],
     basis: Array,
     first: int,
     refuse: bool,
 ) -> Array:
     """Return (f, ω), (..., n, 6), of a chunk that begins at sample `first`."""
-    origin = _motion(across, rates, dT)
+    origin = _motion(across, rates, thermal)
     reading, slope = sensor.reading_and_slope(origin, c)
     at_origin = slope @ basis
     x = _solve(at_origin, y - reading)
     size = np.abs(x).max(axis=-1, keepdims=True) + np.finfo(float).tiny
     step = np.full_like(x, np.inf)
     for _ in range(_MAX_STEPS):
-        motion = _motion(across + x @ basis.T, rates, dT)
+        motion = _motion(across + x @ basis.T, rates, thermal)
         reading, slope = sensor.reading_and_slope(motion, c)
         new = _solve(slope @ basis, y - reading)
         settled = np.abs(new) <= _SETTLED * size
@@ -173,7 +177,7 @@ def _newton(
     )
     x = np.where(alternating, 0.0, x)
     step = np.where(alternating.any(-1, keepdims=True), 0.0, step)
-    motion = _motion(across + x @ basis.T, rates, dT)
+    motion = _motion(across + x @ basis.T, rates, thermal)
     slope = sensor.slope(motion, c) @ basis
     unsettled = (np.abs(step) > _SETTLED * size).any(axis=-1)
     folded = _determinant(slope) * _determinant(at_origin) <= 0

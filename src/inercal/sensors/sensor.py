@@ -115,7 +115,8 @@ class Sensor:
     def unit_scale(self) -> Array:
         """Natural size of each coefficient, SI, (p,): its effect is 1 g or 1 rad/s at 1 g, 1 rad/s.
 
-        For coefficients of temperature the effect is that at 100 K from the reference temperature.
+        For coefficients of temperature the effect is that at 100 K from the reference temperature,
+        and at 10 K/min.
         """
         return np.array([self.coefficient(name).unit_scale for name in self.coefficients])
 
@@ -124,7 +125,7 @@ class Sensor:
         """Whether readings are affine in f and ω, and depend on nothing else."""
         table = [c.basis for line in self._by_axis.values() for c in line]
         linear = all(basis.degree(*MOTION_COMPONENTS) <= 1 for basis in table)
-        others = self.uses("si", "swi", "dT", "ai", "ap", "ao")
+        others = self.uses("si", "swi", "dT", "dTdt", "ai", "ap", "ao")
         return linear and not others and (self.form == "reference" or self.coefficients == ())
 
     def uses(self, *components: str) -> bool:

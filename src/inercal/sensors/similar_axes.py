@@ -86,7 +86,9 @@ class SimilarAxes:
     def _motion_components(self, motion: Motion, form: Form) -> dict[str, Array]:
         """Return the components of a motion that act on the axes, by name, (..., n, k)."""
         lead = np.broadcast_shapes(
-            *(v.shape[:-1] for v in (motion.f, motion.w, motion.dw)), np.shape(motion.dT)
+            *(v.shape[:-1] for v in (motion.f, motion.w, motion.dw)),
+            np.shape(motion.dT),
+            np.shape(motion.dTdt),
         )
         seen: dict[str, Array] = {}
         rotated = self.frames.reshape(-1, 3).T
@@ -102,6 +104,7 @@ class SimilarAxes:
             if any(term.basis.uses(sign) for term in self.terms):
                 seen[sign] = np.sign(seen[component])
         seen["dT"] = np.asarray(motion.dT, dtype=float)[..., None]
+        seen["dTdt"] = np.asarray(motion.dTdt, dtype=float)[..., None]
         return seen
 
     def _uses(self, letter: str, form: Form) -> bool:

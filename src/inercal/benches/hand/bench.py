@@ -15,6 +15,7 @@ Every symbol but the nominal ones is a `Parameter`: drawn in a simulation, estim
 in a calibration. Ω is earth's rate, φ latitude, T the turn's duration by the recording's clock.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -36,6 +37,8 @@ from inercal.units import Measured
 
 DEGREE = pi / 180
 _TURN_ON = tuple(f"turn_on_{a}" for a in "xyz")
+_PLACEMENT = ("placement1", "placement2")
+_VISIT = re.compile(r" \(\d+\)$")  # of a position that is visited again, "x_p (2)"
 _SKEW = Limit(20 * DEGREE, "a face or an axis can err, 20°")
 
 
@@ -52,6 +55,9 @@ class Hand:
         then nuisances.
     tilt : float
         Tilt of a face's normal from the vertical, about each of two directions, rad.
+    placement : float
+        What is added to it each time the sensor is set down on the face, rad. Where it is 0 each
+        visit of a position has a tilt of its own; otherwise the visits share the tilt of the face.
     turn_angle : float
         Error of the angle of a turn, rad.
     turn_tilt : float
@@ -70,6 +76,14 @@ class Hand:
         {f"tilt{k}": "face against the vertical" for k in (1, 2)},
         scope="position",
         default=0.5 * DEGREE,
+        limit=_SKEW,
+    )
+    placement: float = deviation(
+        "°",
+        "0 °",
+        dict.fromkeys(_PLACEMENT, "setting down on a face"),
+        scope="position",
+        example="0.01 °",
         limit=_SKEW,
     )
     turn_angle: float = deviation(
@@ -111,7 +125,7 @@ class Hand:
             up_sd, assumed = abs(north) * place.sd, place.key_if_assumed("latitude")
         return (
             local_gravity(self.gravity),
-            *declared_parameters(self, "tilt"),
+            *declared_parameters(self, "tilt", "placement"),
             Parameter("earth_up", "rad/s", up_sd, "run", up, "earth rate, vertical", assumed),
             Parameter("earth1", "rad/s", level, "position", 0.0, "earth rate, level"),
             Parameter("earth2", "rad/s", level, "position", 0.0, "earth rate, level"),
@@ -139,6 +153,8 @@ class Hand:
             own = parameter.name in _TURN_ON
             if own and not self.turn_on:
                 continue
+            if parameter.name in _PLACEMENT and not self.placement:
+                continue
             if not rates and (own or parameter.name.startswith(("earth", "timebase"))):
                 continue
             if parameter.name == "timebase" and not turns:
@@ -147,11 +163,21 @@ class Hand:
                 found[parameter.name] = parameter
                 continue
             found |= {
-                f"{parameter.name}[{step.label}]": parameter
+                f"{parameter.name}[{self._place(parameter.name, step)}]": parameter
                 for step in steps
                 if own or isinstance(step, Turn) == (parameter.scope == "turn")
             }
         return found
+
+    def _place(self, name: str, step: HandStep) -> str:
+        """Return the label of a parameter: the tilt of a face is common to its visits."""
+        return face_label(step.label) if self.placement and name.startswith("tilt") else step.label
+
+    def tilt_names(self, step: HandStep) -> list[str]:
+        """Return the full names of the two tangents by which a step's vector leans most."""
+        if isinstance(step, Turn):
+            return [f"axis{k}[{step.label}]" for k in (1, 2)]
+        return [f"tilt{k}[{self._place('tilt', step)}]" for k in (1, 2)]
 
     def mean_motion(self, steps: Sequence[HandStep], q: Mapping[str, Array]) -> MeanMotion:
         """Return the mean motion of each step; see `inercal.benches.contract.MeanBench`.
@@ -177,6 +203,11 @@ class Hand:
     ) -> Array:
         """Return zero: no error of a hand adds to readings."""
         return np.zeros(())
+
+
+def face_label(label: str) -> str:
+    """Return the label of a position, of any of its visits: "x_p" of "x_p (2)"."""
+    return _VISIT.sub("", label)
 
 
 def tangent_vectors(up: ArrayLike) -> Array:
@@ -241,16 +272,32 @@ def _parameter_pair(q: Mapping[str, Array], name: str, label: str) -> Array:
     return np.stack(np.broadcast_arrays(*pair), axis=-1)
 
 
+def _lean_names(q: Mapping[str, Array], label: str) -> list[str]:
+    """Return the names of the pairs of tangents whose sum is the tilt of a hold."""
+    own = [f"{name}[{label}]" for name in _PLACEMENT]
+    if own[0] not in q:
+        return [f"tilt{k}[{label}]" for k in (1, 2)]
+    return [*(f"tilt{k}[{face_label(label)}]" for k in (1, 2)), *own]
+
+
+def hold_tilt(q: Mapping[str, Array], label: str) -> Array:
+    """Return the tangents of a hold, (..., 2): the tilt of its face, and that of setting down."""
+    zero = np.zeros(())
+    parts = [q.get(name, zero) for name in _lean_names(q, label)]
+    parts = np.broadcast_arrays(*parts)
+    return sum((np.stack(parts[k : k + 2], axis=-1) for k in range(0, len(parts), 2)), zero)
+
+
 def _hold_motion(step: Hold, q: Mapping[str, Array]) -> MeanMotion:
     label = step.label
-    u, du = tilted_direction(step.up, _parameter_pair(q, "tilt", label))
+    names = _lean_names(q, label)
+    u, du = tilted_direction(step.up, hold_tilt(q, label))
     d = _cached_tangents(step.up)
     g = q["g"][..., None]
     up_rate = q.get("earth_up", np.zeros(()))[..., None]
     level = _parameter_pair(q, "earth", label)
-    names = [f"tilt{k}[{label}]" for k in (1, 2)]
-    df = {"g": u} | {name: g * du[..., k] for k, name in enumerate(names)}
-    dw = {"earth_up": u} | {name: up_rate * du[..., k] for k, name in enumerate(names)}
+    df = {"g": u} | {name: g * du[..., k % 2] for k, name in enumerate(names)}
+    dw = {"earth_up": u} | {name: up_rate * du[..., k % 2] for k, name in enumerate(names)}
     dw |= {f"earth{k + 1}[{label}]": np.broadcast_to(d[k], u.shape) for k in range(2)}
     own = _own_bias(q, label, u.shape, dw)
     return MeanMotion(Motion(g * u, up_rate * u + level @ d + own), df, dw)

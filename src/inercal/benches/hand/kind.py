@@ -33,11 +33,20 @@ class HandSection(BenchSection):
 
     kind: Literal["hand"] = "hand"
 
+    @property
+    def without_gravity(self) -> bool:
+        """Whether a method may do without gravity: one that follows a rest."""
+        return True
+
     def unused_keys(self, use: BenchUsage) -> dict[str, str]:
         """Return the keys that change no result in this use, each with the reason."""
+        if use.rest:
+            reason = f"{use.method} compares a rest with itself, whatever its attitude"
+            return dict.fromkeys(type(self).model_fields.keys() - {"kind", "name"}, reason)
         found: dict[str, str] = {}
         if not use.attitudes:
             found["tilt"] = f"{use.method} estimates the attitudes"
+            found["placement"] = f"{use.method} estimates the attitudes"
             found["turn_on"] = f"{use.method} takes each bias as one"
         elif not use.gyros:
             found["turn_on"] = "there are no gyros"

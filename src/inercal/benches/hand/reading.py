@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from inercal.benches.hand.bench import Hand
+from inercal.benches.hand.whole_rest import observe_whole_rest
 from inercal.data import EstimatorInput, RestsSection, Source
 from inercal.data.recording_loader import (
     load_recording,
@@ -62,6 +63,8 @@ def observe(run: Source[RestsSection]) -> EstimatorInput:
     InputError
         The data cannot be used.
     """
+    if run.method.follows_rest:
+        return observe_whole_rest(run)
     sensor, bench = run.sensor, run.bench
     recording, rests = None, None
     marks: tuple[Mark, ...] = ()

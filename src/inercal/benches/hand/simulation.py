@@ -10,7 +10,13 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.benches.contract import SimulatedMotion, concatenate_motions
-from inercal.benches.hand.bench import Hand, sensed_motion, tangent_vectors, tilted_direction
+from inercal.benches.hand.bench import (
+    Hand,
+    hold_tilt,
+    sensed_motion,
+    tangent_vectors,
+    tilted_direction,
+)
 from inercal.motion import Motion
 from inercal.plan import HandStep, Hold, Turn
 
@@ -89,8 +95,11 @@ def _earth_rates_at_holds(holds: Sequence[Hold], drawn: dict[str, Array]) -> dic
 
 def _up_and_force(step: HandStep, drawn: dict[str, Array]) -> dict[str, Array]:
     """Return the body's up during a step and, for a turn, its specific force: up along the axis."""
-    kind, direction = ("tilt", step.up) if isinstance(step, Hold) else ("axis", step.axis)
-    tangent = np.stack([drawn[f"{kind}{k}[{step.label}]"] for k in (1, 2)], axis=-1)
+    if isinstance(step, Hold):
+        direction, tangent = step.up, hold_tilt(drawn, step.label)
+    else:
+        direction = step.axis
+        tangent = np.stack([drawn[f"axis{k}[{step.label}]"] for k in (1, 2)], axis=-1)
     up = tilted_direction(direction, tangent)[0]
     extra = {"up": up}
     if isinstance(step, Turn):

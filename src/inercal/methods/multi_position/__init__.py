@@ -162,7 +162,10 @@ METHOD = Method(
         "f": ("bias", "scale", "nonorthogonality"),
         "w": ("bias", "scale", "misalignment"),
     },
-    also={"f": ("k2", "k3", "temperature"), "w": ("g", "temperature")},
+    also={
+        "f": ("k2", "k3", "temperature", "k0_dT3", "k1_dT2"),
+        "w": ("g", "temperature", "temperature_order"),
+    },
     needs=("f",),
     plan=hand_held_plan,
     estimators={"joint": joint, "sequential": sequential},

@@ -144,12 +144,13 @@ METHOD = Method(
         "w": ("bias", "scale", "misalignment"),
     },
     also={
-        "f": ("nonlinearity", "asymmetry", "cross", "temperature"),
-        "w": ("nonlinearity", "asymmetry", "g", "g2", "temperature"),
+        "f": ("nonlinearity", "asymmetry", "cross", "temperature", "temperature_order"),
+        "w": ("nonlinearity", "asymmetry", "g", "g2", "temperature", "temperature_order"),
     },
     needs=(),
     plan=plan,
     estimators={"ml": ml, "ieee": ieee},
     constant_rates=True,
+    weighs_common_errors=True,
     source="IEEE Std 952 and 1431, rate tests; IEEE Std 1293, multipoint tests",
 )

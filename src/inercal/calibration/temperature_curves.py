@@ -1,0 +1,120 @@
+"""Coefficients against temperature: k(T) = Σ_j c_j ΔT^j with its uncertainty.
+
+The terms of a curve are those of an axis whose basis functions differ only in powers of ΔT, as the
+table of coefficients declares them: of the bias `k0`, `k0_dT`, `k0_dT2` and `k0_dT3`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.calibration import Calibration
+from inercal.errors import InputError
+from inercal.sensors.coefficient_tables import TABLES
+from inercal.units import ZERO_CELSIUS
+
+TEMPERATURE_MARGIN = 1.0  # K beyond the temperatures of a calibration that still count as inside
+
+
+class TemperatureCurve(NamedTuple):
+    """A coefficient of an axis at n temperatures.
+
+    Parameters
+    ----------
+    name : str
+        "ax.k0".
+    meaning, unit : str
+        As of the table of coefficients.
+    si : float
+        SI size of the unit.
+    value, std : (n,) arrays
+        SI, k = 1.
+    complete : bool
+        Whether the term of order 0 was estimated; otherwise the values are changes from the
+        reference temperature.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    si: float
+    value: Array
+    std: Array
+    complete: bool
+
+
+def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[TemperatureCurve, ...]:
+    """Return the coefficients that depend on temperature, at temperatures (n,) K.
+
+    Raises
+    ------
+    InputError
+        A temperature beyond those of the calibration's data by more than a kelvin.
+    """
+    require_inside(calibration, kelvin)
+    sensor = calibration.sensor
+    dT = kelvin - sensor.reference_temperature
+    found: list[TemperatureCurve] = []
+    for axis in sensor.axes:
+        own = [n for n in sensor.coefficients if n.partition(".")[0] == axis.name]
+        terms = {n: sensor.coefficient(n) for n in own}
+        warm = [one.without_temperature for one in terms.values() if one.temperature_order]
+        for base in dict.fromkeys(warm):
+            line = next(
+                one
+                for one in TABLES[axis.measures]
+                if one.without_temperature == base and not one.temperature_order
+            )
+            by = np.zeros((kelvin.size, len(sensor.coefficients)))
+            for name, one in terms.items():
+                if one.without_temperature == base:
+                    by[:, sensor.coefficients.index(name)] = dT**one.temperature_order
+            variance = np.einsum("ni,ij,nj->n", by, calibration.covariance, by)
+            found.append(
+                TemperatureCurve(
+                    f"{axis.name}.{line.name}",
+                    line.meaning,
+                    line.unit,
+                    line.si,
+                    by @ calibration.values,
+                    np.sqrt(np.maximum(variance, 0.0)),
+                    f"{axis.name}.{line.name}" in own,
+                )
+            )
+    return tuple(found)
+
+
+def require_inside(calibration: Calibration, kelvin: Array) -> None:
+    """Refuse temperatures, (n,) K, beyond those of the calibration's data.
+
+    Raises
+    ------
+    InputError
+        The message states both ranges.
+    """
+    outside = temperatures_outside(calibration, kelvin)
+    if outside.any():
+        assert calibration.validity is not None
+        assert calibration.validity.temperature is not None
+        low, high = (t - ZERO_CELSIUS for t in calibration.validity.temperature)
+        beyond = float(kelvin[outside][0]) - ZERO_CELSIUS
+        raise InputError(
+            f"{beyond:.2f} °C is beyond the temperatures of the calibration, {low:.2f} to "
+            f"{high:.2f} °C: a polynomial is unknown there; give a temperature within",
+            key="temperature",
+        )
+
+
+def temperatures_outside(calibration: Calibration, kelvin: Array) -> NDArray[np.bool_]:
+    """Return which temperatures, (..., n) K, are beyond those of a calibration's data.
+
+    A kelvin beyond them still counts as inside. None are outside where the model does not depend on
+    temperature, or where the file of the calibration states no range.
+    """
+    limits = None if calibration.validity is None else calibration.validity.temperature
+    if limits is None or not calibration.sensor.uses("dT", "dTdt"):
+        return np.zeros(kelvin.shape, dtype=np.bool_)
+    low, high = limits
+    return (kelvin < low - TEMPERATURE_MARGIN) | (kelvin > high + TEMPERATURE_MARGIN)

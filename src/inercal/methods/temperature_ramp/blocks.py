@@ -1,0 +1,172 @@
+"""The samples of a ramp as means over blocks, and the covariance of their noise.
+
+The sensing element is at T = R + τ dR/dt. With block means R_k over L seconds and weights of
+Simpson's rule for readings and temperatures alike,
+
+    R̄_k = (R_{k−1} + 4 R_k + R_{k+1})/6,    mean of dR/dt = (R_{k+1} − R_{k−1})/(2 L)
+
+both are means of one course with kernels of equal width: the smoothing that the rate needs against
+the noise of the temperature sensor does not bias τ. White noise N, bias instability B and random
+walk K of an axis give the covariance of the weighted means; a constant of each axis is estimated
+beside, which takes the part of the drift that all blocks share.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.recording import Track
+from inercal.segments.drift import even_drift_covariance
+from inercal.sensors import Noise, Sensor
+
+SHORTEST_BLOCK = 10.0  # s
+# Noise of the temperature in its rate pulls the lag towards zero: blocks are lengthened, by these
+# factors, until its share is small.
+_LONGER = (1.0, 1.5, 2.0, 3.0, 4.5, 6.0)
+_NOISE_SHARE = 0.03  # of the squares of the rate beyond a cubic of the temperature
+MOST_BLOCKS = 1000  # the covariance of an axis has the square of it
+_LEAST_BLOCKS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class RampBlocks:
+    """Weighted means about each of b inner blocks of a recording at rest.
+
+    Parameters
+    ----------
+    time : (b,) array
+        Middle of each block from the first sample, s.
+    kelvin, rate : (b,) arrays
+        Recorded temperature, K, and its time derivative, K/s.
+    reading : (b, m) array
+        SI.
+    seconds : float
+        Length of a block.
+    """
+
+    time: Array
+    kelvin: Array
+    rate: Array
+    reading: Array
+    seconds: float
+
+    @classmethod
+    def from_track(cls, track: Track) -> "RampBlocks":
+        """Return the blocks of a track of one trial, with a temperature.
+
+        Raises
+        ------
+        InputError
+            Fewer than 30 blocks of 10 s.
+        """
+        duration = float(track.time[-1] - track.time[0])
+        shortest = max(SHORTEST_BLOCK, duration / MOST_BLOCKS)
+        if duration < (_LEAST_BLOCKS + 2) * shortest:
+            raise InputError(
+                f"the recording lasts {duration:.0f} s; a ramp needs "
+                f"{(_LEAST_BLOCKS + 2) * SHORTEST_BLOCK:g} s at least: record longer",
+                key="[data] file",
+            )
+        found = cls._of_length(track, shortest)
+        for factor in _LONGER[1:]:
+            if found.noise_share <= _NOISE_SHARE or duration < 2 * _LEAST_BLOCKS * found.seconds:
+                break
+            found = cls._of_length(track, factor * shortest)
+        return found
+
+    @classmethod
+    def _of_length(cls, track: Track, length: float) -> "RampBlocks":
+        assert track.temperature is not None
+        n, duration = track.time.size, float(track.time[-1] - track.time[0])
+        per_block = max(1, round(length * (n - 1) / duration))
+        count = n // per_block
+        used = count * per_block
+
+        def means(values: Array) -> Array:
+            return values[:used].reshape(count, per_block, *values.shape[1:]).mean(axis=1)
+
+        seconds, kelvin = per_block * duration / (n - 1), means(track.temperature)
+        return cls(
+            means(track.time - track.time[0])[1:-1],
+            _weighted(kelvin),
+            (kelvin[2:] - kelvin[:-2]) / (2 * seconds),
+            _weighted(means(track.reading)),
+            seconds,
+        )
+
+    @property
+    def noise_share(self) -> float:
+        """Share of the temperature sensor's noise in what of the rate determines the lag.
+
+        The noise is that of third differences of the rate, of which the course has little.
+        """
+        x = (self.kelvin - self.kelvin.mean()) / max(float(np.ptp(self.kelvin)), 1e-9)
+        beside = np.linalg.qr(np.stack([x**k for k in range(4)], axis=-1))[0]
+        rest = self.rate - beside @ (beside.T @ self.rate)
+        changes = np.diff(self.rate, n=3)
+        # Where block means have white noise, third differences of the rate have 14 times the
+        # variance of the rate. The median, .455 of the variance, is of the quiet course.
+        noise = float(np.median(changes**2)) / 0.455 / 14.0
+        return float(rest.size * noise / max(float(rest @ rest), 1e-30))
+
+    def noise_covariance(self, noise: Noise) -> Array:
+        """Return the covariance of the weighted means of an axis, (b, b) SI."""
+        count = self.time.size + 2
+        blocks = noise.white**2 / self.seconds * np.eye(count)
+        blocks += even_drift_covariance(noise, count, self.seconds)
+        return _weighted(_weighted(blocks).T)
+
+    def whitening(self, sensor: Sensor) -> list[Array]:
+        """Return L⁻¹ of each axis, (b, b), with the noise's covariance L Lᵀ.
+
+        Raises
+        ------
+        InputError
+            An axis without white noise.
+        """
+        found: dict[Noise, Array] = {}
+        for axis in sensor.axes:
+            if not axis.noise.white:
+                section = "accelerometer" if axis.measures == "f" else "gyro"
+                raise InputError(
+                    f"[sensor.{section}] white is missing: a ramp is weighed by the stated noise; "
+                    "state white, bias_instability and random_walk",
+                    key=f"[sensor.{section}] white",
+                    names=(axis.name,),
+                )
+            if axis.noise not in found:
+                factor = np.linalg.cholesky(self.noise_covariance(axis.noise))
+                inverse = np.linalg.solve(factor, np.eye(self.time.size))
+                found[axis.noise] = np.asarray(inverse, dtype=np.float64)
+        return [found[axis.noise] for axis in sensor.axes]
+
+    @cached_property
+    def rises(self) -> float:
+        """Sum of the rising steps of the temperature, K."""
+        return float(np.diff(self._course).clip(min=0).sum())
+
+    @cached_property
+    def falls(self) -> float:
+        """Sum of the falling steps of the temperature, K."""
+        return float(-np.diff(self._course).clip(max=0).sum())
+
+    @cached_property
+    def _course(self) -> Array:
+        """The temperature every minute or so, without the noise of its sensor, K."""
+        every = max(1, round(60 / self.seconds))
+        every = min(every, self.kelvin.size)
+        used = self.kelvin.size // every * every
+        return self.kelvin[:used].reshape(-1, every).mean(axis=1)
+
+    @property
+    def is_monotonic(self) -> bool:
+        """Whether the temperature hardly comes back."""
+        return min(self.rises, self.falls) < 0.5 * float(np.ptp(self.kelvin))
+
+
+def _weighted(blocks: Array) -> Array:
+    """Return the weighted means about the inner blocks, along the first axis."""
+    return (blocks[:-2] + 4 * blocks[1:-1] + blocks[2:]) / 6

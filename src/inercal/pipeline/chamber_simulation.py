@@ -1,0 +1,214 @@
+"""A plan in a chamber, in simulation: temperatures of the sensing element and of its sensor.
+
+The chamber goes from one set temperature to the next at a rate; the sensing element follows it with
+the time constant of the case, and the temperature sensor is behind the element by its lag::
+
+    τ_case dT/dt = T_chamber − T,     τ dR/dt = T − R
+
+In soaks the whole plan is carried out at each temperature, after a wait at rest; in a ramp the
+chamber moves while the plan is carried out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.benches.contract import SimulatedMotion
+from inercal.environment import ChamberProfile, Environment
+from inercal.errors import InputError
+from inercal.motion import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class ChamberRun:
+    """A plan carried out in a chamber.
+
+    Parameters
+    ----------
+    simulated_motion : SimulatedMotion
+        With the waits, at rest; its motion has ΔT and dT/dt of the sensing element.
+    recorded : (trials, n) array
+        Temperature as recorded, K.
+    order : (n,) array of int
+        Number of each sample in the plan without waits.
+    """
+
+    simulated_motion: SimulatedMotion
+    recorded: Array
+    order: NDArray[np.int64]
+
+
+def visit_label(label: str, visit: int) -> str:
+    """Return the label of a step in the soak of a number from 0: "x_p (2)" in the second."""
+    return label if visit == 0 else f"{label} ({visit + 1})"
+
+
+def steps_of_soaks(steps: Sequence[Any], environment: Environment) -> list[Any]:
+    """Return the steps of all soaks, one soak after the other."""
+    count = len(environment.profile.temperatures) if environment.kind == "soaks" else 1
+    return [
+        replace(step, label=visit_label(step.label, visit))
+        for visit in range(count)
+        for step in steps
+    ]
+
+
+def require_profile(environment: Environment) -> ChamberProfile:
+    """Return the profile; refuse one that states no course of temperatures.
+
+    Raises
+    ------
+    InputError
+        Naming the key that is missing.
+    """
+    profile = environment.profile
+    needed = {"temperatures": len(profile.temperatures) > 1, "ramp_rate": profile.rate > 0}
+    for key, stated in needed.items():
+        if not stated:
+            raise InputError(
+                f"[environment] {key} is missing; a simulation needs the temperatures of the "
+                f'chamber and the rate between them: add {key}, such as ramp_rate = "2 K/min"',
+                key=f"[environment] {key}",
+            )
+    return profile
+
+
+def in_chamber(
+    done: SimulatedMotion,
+    environment: Environment,
+    rate_hz: float,
+    reference: float,
+    rng: np.random.Generator,
+) -> ChamberRun:
+    """Return a plan with the waits in a chamber and its temperatures.
+
+    Parameters
+    ----------
+    done : SimulatedMotion
+        Of `steps_of_soaks(steps, environment)`.
+    environment : Environment
+    rate_hz : float
+    reference : float
+        Of the sensor's model, K.
+    rng : Generator
+        Draws the error of the recorded temperature of each soak.
+
+    Raises
+    ------
+    InputError
+        No temperatures or no rate are stated.
+    """
+    profile = require_profile(environment)
+    if environment.kind == "soaks":
+        whole, chamber, soak, order = _soak_course(done, profile, rate_hz)
+    else:
+        whole, chamber, soak, order = _ramp_course(done, profile, rate_hz)
+    element = _follow(chamber, profile.case_time, 1 / rate_hz)
+    lag = 0.0 if environment.lag is None else environment.lag.value
+    recorded = _follow(element, lag, 1 / rate_hz)
+    trials = whole.motion.f.shape[0]
+    # On the way between soaks the error is that of the soak before.
+    errors = environment.temperature_sd * rng.standard_normal((trials, soak.max() + 1))
+    motion = replace(whole.motion, dT=element - reference, dTdt=np.gradient(element, 1 / rate_hz))
+    return ChamberRun(replace(whole, motion=motion), recorded + errors[:, soak], order)
+
+
+def repeatability_errors(
+    environment: Environment, sensor: Any, labels: NDArray[np.str_], trials: int, rng: Any
+) -> Array:
+    """Return the scatter of the biases from soak to soak, (trials, n, m) SI."""
+    sizes = {"f": environment.force_repeatability, "w": environment.rate_repeatability}
+    soak = _visit_of_samples(labels)
+    drawn = rng.standard_normal((trials, soak.max() + 1, len(sensor.axes)))
+    return (drawn * np.array([sizes[axis.measures] for axis in sensor.axes]))[:, soak]
+
+
+def _visit_of_samples(labels: NDArray[np.str_]) -> NDArray[np.int64]:
+    """Return the number of the soak of each sample by the visit in its label, from 0."""
+    names, place = np.unique(labels, return_inverse=True)
+    visit = [int(n.rpartition(" (")[2][:-1]) - 1 if n.endswith(")") else 0 for n in names.tolist()]
+    number = np.where(labels == "", 0, np.array(visit)[place.reshape(labels.shape)])
+    return np.maximum.accumulate(number)
+
+
+def _soak_course(
+    done: SimulatedMotion, profile: ChamberProfile, rate_hz: float
+) -> tuple[SimulatedMotion, Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Return the motion with the waits; chamber temperature, soak and place of each sample."""
+    visit = _visit_of_samples(done.labels)
+    order: list[NDArray[np.int64]] = []
+    set_points: list[Array] = []
+    soaks: list[NDArray[np.int64]] = []
+    waits: list[NDArray[np.bool_]] = []
+    before = profile.temperatures[0]
+    for k, target in enumerate(profile.temperatures):
+        own = np.flatnonzero(visit == k)
+        way = round(abs(target - before) / profile.rate * rate_hz)
+        wait = way + round(profile.wait * rate_hz)
+        last = own[0] if k == 0 else own[0] - 1
+        order.append(np.concatenate([np.full(wait, last), own]))
+        course = np.full(wait + own.size, target)
+        course[:way] = before + (target - before) * (np.arange(way) + 1) / max(way, 1)
+        set_points.append(course)
+        soaks.append(np.full(wait + own.size, k))
+        waits.append(np.arange(wait + own.size) < wait)
+        before = target
+    places = np.concatenate(order)
+    return (
+        _rearranged(done, places, np.concatenate(waits), rate_hz),
+        np.concatenate(set_points),
+        np.concatenate(soaks),
+        places,
+    )
+
+
+def _ramp_course(
+    done: SimulatedMotion, profile: ChamberProfile, rate_hz: float
+) -> tuple[SimulatedMotion, Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Return the motion, its first sample held while the chamber waits, and the temperatures."""
+    wait, n = round(profile.wait * rate_hz), done.labels.size
+    turning = np.array(profile.temperatures)
+    reached = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(turning)) / profile.rate)])
+    order = np.concatenate([np.zeros(wait, dtype=np.int64), np.arange(n)])
+    since = (np.arange(wait + n) - wait) / rate_hz
+    held = np.arange(wait + n) < wait
+    return (
+        _rearranged(done, order, held, rate_hz),
+        np.interp(since, reached, turning),
+        np.zeros(wait + n, dtype=np.int64),
+        order,
+    )
+
+
+def _rearranged(
+    done: SimulatedMotion, order: NDArray[np.int64], held: NDArray[np.bool_], rate_hz: float
+) -> SimulatedMotion:
+    """Return the samples in an order in which some are held: those have no label."""
+    f, w = (np.broadcast_to(v, done.motion.f.shape) for v in (done.motion.f, done.motion.w))
+    return replace(
+        done,
+        time=np.arange(order.size) / rate_hz,
+        motion=Motion(f[:, order], w[:, order]),
+        labels=np.where(held, "", done.labels[order]),
+        readback={name: values[..., order] for name, values in done.readback.items()},
+    )
+
+
+def _follow(driving: Array, time_constant: float, step: float) -> Array:
+    """Return what follows a course, (n,), with a time constant from its first value."""
+    if time_constant <= 0:
+        return driving
+    # The import takes long, and few simulations need it.
+    from scipy.signal import lfilter  # pyright: ignore
+
+    keep = float(np.exp(-step / time_constant))
+    # Between samples the course is straight: weights of its value after and before a step.
+    after = 1 - (1 - keep) * time_constant / step
+    before = 1 - keep - after
+    start = [(1 - after) * driving[0]]
+    result = lfilter([after, before], [1.0, -keep], driving, zi=start)[0]
+    return np.asarray(result, dtype=float)

@@ -1,0 +1,392 @@
+"""Fits over temperatures: errors that a soak's rows share, orders by test, soaks left out.
+
+1. A first fit with the highest orders gives the slopes ∂y/∂T, by which an error of a soak's
+   temperature acts (`inercal.environment.soaks`).
+2. Orders of bias, scale factor and misalignment are those of the least AIC
+   (`inercal.pipeline.temperature_orders`).
+3. Each soak is left out once. Its rows add χ²(all) − χ²(without it) to χ²: the square of their
+   prediction error in units of its uncertainty, n components.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.data import EstimatorInput
+from inercal.environment import Environment
+from inercal.environment.common_errors import (
+    changed_by_soak_errors,
+    with_added_covariance,
+    with_temperature_shift,
+)
+from inercal.environment.soak_loops import SoakLoop, soak_loops
+from inercal.environment.soaks import (
+    SOAK_SPREAD,
+    distinct_levels,
+    soak_numbers,
+    soak_temperatures,
+    with_soak_errors,
+)
+from inercal.errors import InputError, NotObserved
+from inercal.estimate import Estimate
+from inercal.pipeline.temperature_orders import (
+    Orders,
+    OrderTest,
+    choose_orders,
+    used_orders,
+    with_orders,
+)
+from inercal.recording import Finding, Observations, temperature_rate
+from inercal.runfile import Run
+from inercal.runfile.environment_section import MAX_ORDERS
+from inercal.section_settings import key_error
+from inercal.sensors import G0, Sensor
+from inercal.units import ZERO_CELSIUS
+
+LEAST_SPAN = 10.0  # K
+LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty
+_TOO_LOW = 100.0  # χ²/ν beyond which an order is called too low
+_NO_SOAKS = np.zeros(0)
+DEG_PER_H = np.pi / 180 / 3600
+
+
+@dataclass(frozen=True)
+class SoakLeftOut:
+    """The rows of a soak predicted by the other soaks.
+
+    Parameters
+    ----------
+    temperature : float
+        Of the soak, K.
+    ratio : float
+        Prediction error over its standard uncertainty, rms over the readings.
+    components : int
+        How many readings.
+    inside : bool
+        Whether soaks on both sides of it remain.
+    """
+
+    temperature: float
+    ratio: float
+    components: int
+    inside: bool
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureFit:
+    """What was done about the temperatures of a run.
+
+    Parameters
+    ----------
+    soaks : (s,) array
+        Temperatures of the soaks in their order, K; empty of a ramp.
+    orders : mapping of "f" or "w" to Orders
+        Used; empty where they were not stated or tested.
+    tests : tuple of OrderTest
+        All orders that were compared.
+    left_out : tuple of SoakLeftOut
+    ratio : float
+        χ²/ν of the fit.
+    loops : tuple of SoakLoop
+        Of temperatures that were reached from below and from above.
+    channels : tuple of m str
+        Axes of the loops.
+    drift : float
+        Largest change of the recorded temperature within a section, K; NaN of means.
+    """
+
+    soaks: NDArray[np.float64]
+    orders: Mapping[Literal["f", "w"], Orders]
+    tests: tuple[OrderTest, ...] = ()
+    left_out: tuple[SoakLeftOut, ...] = ()
+    ratio: float = 1.0
+    loops: tuple[SoakLoop, ...] = ()
+    channels: tuple[str, ...] = ()
+    drift: float = np.nan
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Warnings: orders that are too low, soaks that the others do not predict."""
+        if self.orders and self.ratio > _TOO_LOW:
+            text = (
+                f"χ²/ν is {self.ratio:.3g}: the orders in temperature are too low for these "
+                'temperatures; state higher ones, or [method] temperature_order = "auto"'
+            )
+            return (Finding("warning", "temperature_order", text),)
+        inner = [one for one in self.left_out if one.inside and one.components]
+        bad = [one for one in inner if one.ratio > LARGEST_PREDICTION_RATIO * _bound(one)]
+        if not bad:
+            return ()
+        worst = max(bad, key=lambda one: one.ratio)
+        text = (
+            f"the soak at {worst.temperature - ZERO_CELSIUS:.1f} °C is predicted by the others "
+            f"with an error of {worst.ratio:.2f} times its uncertainty, rms; more than "
+            f"{LARGEST_PREDICTION_RATIO * _bound(worst):.2f} means that the order or the noise is "
+            "wrong"
+        )
+        return (Finding("warning", "prediction", text),)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Orders and prediction errors, in words."""
+        lines: list[str] = []
+        words = {"f": "accelerometers", "w": "gyros"}
+        for kind, orders in self.orders.items():
+            by = "by AIC" if any(one.kind == kind for one in self.tests) else "as stated"
+            lines.append(
+                f"orders in temperature of {words[kind]}, {by}: bias {orders[0]}, scale factor "
+                f"{orders[1]}, misalignment {orders[2]}"
+            )
+        if self.loops:
+            lines.append(self._largest_loop())
+        if np.isfinite(self.drift):
+            lines.append(f"within a section the temperature changes by at most {self.drift:.2g} K")
+        ratios = [one.ratio for one in self.left_out if one.components]
+        if ratios:
+            lines.append(
+                "prediction error of a soak left out, in units of its uncertainty, rms: at most "
+                f"{max(ratios):.2f}"
+            )
+        return tuple(lines)
+
+    def _largest_loop(self) -> str:
+        """Return the largest loop of each kind of axes, in words."""
+        texts: list[str] = []
+        for letter, (size, unit) in {"a": (1e-6 * G0, "µg"), "g": (DEG_PER_H, "°/h")}.items():
+            own = [k for k, name in enumerate(self.channels) if name.startswith(letter)]
+            if not own:
+                continue
+            at, k = max(
+                ((one, k) for one in self.loops for k in own),
+                key=lambda pair: abs(float(pair[0].half[pair[1]])),
+            )
+            celsius = at.temperature - ZERO_CELSIUS
+            half = float(at.half[k]) / size
+            texts.append(f"{half:+.3g} {unit} of {self.channels[k]} at {celsius:.1f} °C")
+        return (
+            f"half the loop between rising and falling temperature is at most {', '.join(texts)}; "
+            "it is not corrected"
+        )
+
+
+def _bound(one: SoakLeftOut) -> float:
+    """Return what chance adds to the ratio of few readings: two standard deviations of χ²/n."""
+    return float(np.sqrt(1 + 2 * np.sqrt(2 / one.components)))
+
+
+def fit_over_temperatures(
+    run: Run, inputs: EstimatorInput
+) -> tuple[Run, EstimatorInput, TemperatureFit | None]:
+    """Return run and observations as they are to be estimated, and what was tested.
+
+    Without [environment] and [method] temperature_order both are unchanged, and the last is None.
+
+    Parameters
+    ----------
+    run : Run
+        With the terms of the highest orders, where orders are tested.
+    inputs : EstimatorInput
+
+    Raises
+    ------
+    InputError
+        The temperatures do not support the orders.
+    """
+    environment, stated = run.environment, run.temperature_order
+    if environment is None and stated is None:
+        return run, inputs, None
+    environment = environment or Environment("soaks")
+    observations = inputs.observations
+    _require_temperatures(run, observations)
+    if run.method.follows_rest:
+        return _ordered_ramp(run, inputs, stated)
+    weighs = run.method.weighs_common_errors and environment.kind == "soaks"
+    if stated == "auto" and not weighs:
+        raise key_error(
+            "[method] temperature_order",
+            f"method {run.method.name} tests no orders over {environment.kind}: state them, such "
+            "as [1, 1, 0]",
+            run.path,
+        )
+    if observations.track is not None:
+        _refuse_row_errors(run)
+        used = {} if stated is None else used_orders(run.sensor)
+        return run, inputs, TemperatureFit(_NO_SOAKS, used)
+    soaks = soak_temperatures(observations)
+    levels = distinct_levels(soaks) if environment.kind == "soaks" else 1 + max(MAX_ORDERS)
+    run = _within_levels(run, levels)
+    if not weighs:
+        used = {} if stated is None else used_orders(run.sensor)
+        return (
+            run,
+            inputs,
+            TemperatureFit(soaks if environment.kind == "soaks" else _NO_SOAKS, used),
+        )
+    solver = _Solver(run, inputs)
+    first = solver.solve(observations, run.sensor)
+    c = first.value[..., : len(run.sensor.coefficients)]
+    rates = _row_rates(inputs)
+    observations = with_soak_errors(observations, run.sensor, c, environment, rates)
+    tests: tuple[OrderTest, ...] = ()
+    if stated == "auto":
+        sensor, tests = choose_orders(solver.solve(observations, run.sensor), run.sensor)
+        run = replace(run, sensor=sensor)
+    whole = solver.solve(observations, run.sensor)
+    left_out = (
+        () if environment.kind == "ramp" else solver.leave_out(observations, run.sensor, whole)
+    )
+    found = TemperatureFit(
+        soaks,
+        {} if stated is None else used_orders(run.sensor),
+        tests,
+        left_out,
+        float(whole.chi2) / max(whole.dof, 1),
+        soak_loops(observations, whole.residual),
+        run.sensor.channels,
+        np.nan if rates is None else float(np.abs(rates * observations.duration).max()),
+    )
+    return run, replace(inputs, observations=observations), found
+
+
+def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> Estimate:
+    """Return the estimate of a run with the errors of [environment] that it has not weighed.
+
+    Parameters
+    ----------
+    run : Run
+    inputs : EstimatorInput
+        As they were estimated.
+    estimate : Estimate
+    """
+    environment = run.environment
+    if environment is None or run.method.follows_rest:
+        return estimate
+    if environment.kind == "ramp":
+        return with_temperature_shift(estimate, run.sensor, environment.temperature_sd)
+    if run.method.weighs_common_errors:
+        return estimate
+    added, solver = np.zeros(estimate.covariance.shape), _Solver(run, inputs)
+    for changed in changed_by_soak_errors(inputs.observations, run.sensor, environment):
+        moved = solver.solve(changed, run.sensor).value - estimate.value
+        added += np.outer(moved, moved)
+    return with_added_covariance(estimate, added)
+
+
+def _ordered_ramp(
+    run: Run, inputs: EstimatorInput, stated: object
+) -> tuple[Run, EstimatorInput, TemperatureFit]:
+    """Return the run of a ramp with the orders of least AIC, where they are tested."""
+    tests: tuple[OrderTest, ...] = ()
+    if stated == "auto":
+        whole = _Solver(run, inputs).solve(inputs.observations, run.sensor)
+        sensor, tests = choose_orders(whole, run.sensor)
+        run = replace(run, sensor=sensor)
+    orders = {} if stated is None else used_orders(run.sensor)
+    return run, inputs, TemperatureFit(_NO_SOAKS, orders, tests)
+
+
+def _row_rates(inputs: EstimatorInput) -> Array | None:
+    """Return the mean rate of the temperature in each row, (r,) K/s; None of means."""
+    recording = inputs.recording
+    if recording is None or recording.temperature is None or not inputs.marks:
+        return None
+    rate = temperature_rate(recording.time, recording.temperature)
+    by_label = {mark.label: float(rate[mark.start : mark.stop].mean()) for mark in inputs.marks}
+    return np.array([by_label[label] for label in inputs.observations.labels])
+
+
+def _require_temperatures(run: Run, observations: Observations) -> None:
+    """Refuse a temperature that is absent, constant, or spans less than `LEAST_SPAN`."""
+    kelvin = (
+        observations.temperature if observations.track is None else observations.track.temperature
+    )
+    names = ", ".join(n for n in run.sensor.coefficients if "_dT" in n)
+    if kelvin is None:
+        raise key_error(
+            "[data] temperature",
+            f"is missing: {names} need the sensor's temperature; name its column",
+            run.path,
+        )
+    span = float(np.ptp(kelvin))
+    if span < LEAST_SPAN:
+        low, high = float(kelvin.min()) - ZERO_CELSIUS, float(kelvin.max()) - ZERO_CELSIUS
+        raise key_error(
+            "[data] temperature",
+            f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
+            f"coefficients of temperature need {LEAST_SPAN:g} K or more",
+            run.path,
+        )
+
+
+def _refuse_row_errors(run: Run) -> None:
+    """Refuse soaks and errors of soaks where filters follow samples."""
+    environment = run.environment or Environment("ramp")
+    if environment.kind == "soaks":
+        raise key_error(
+            "[environment] kind",
+            f"method {run.method.name} follows samples while the temperature moves; write kind = "
+            '"ramp"',
+            run.path,
+        )
+    if environment.lag is not None and environment.lag.sd:
+        raise key_error(
+            "[environment] lag",
+            f"method {run.method.name} follows samples and cannot count the uncertainty of the "
+            "lag; state the lag alone",
+            run.path,
+        )
+
+
+def _within_levels(run: Run, levels: int) -> Run:
+    """Return the run with terms that so many temperatures determine; refuse stated orders."""
+    stated = run.temperature_order
+    if isinstance(stated, tuple):
+        for word, order in zip(("bias", "scale factor", "misalignment"), stated, strict=True):
+            if order >= levels:
+                raise key_error(
+                    "[method] temperature_order",
+                    f"order {order} of the {word} needs {order + 1} soaks at different "
+                    f"temperatures; there are {levels} (further apart than {SOAK_SPREAD:g} K)",
+                    run.path,
+                )
+    if stated != "auto":
+        return run
+    most = [min(order, levels - 1) for order in MAX_ORDERS]
+    return replace(run, sensor=with_orders(run.sensor, {"f": most, "w": most}))
+
+
+@dataclass(frozen=True, eq=False)
+class _Solver:
+    """The estimator of a run."""
+
+    run: Run
+    inputs: EstimatorInput
+
+    def solve(self, observations: Observations, sensor: Sensor) -> Estimate:
+        bench = self.inputs.bench or self.run.bench
+        return self.run.solver()(observations, sensor, bench, self.inputs.plan, self.run.priors)
+
+    def leave_out(
+        self, observations: Observations, sensor: Sensor, whole: Estimate
+    ) -> tuple[SoakLeftOut, ...]:
+        """Return the prediction errors of the soaks; none where a soak is needed for a fit."""
+        number, temperatures = soak_numbers(observations), soak_temperatures(observations)
+        chi2 = float(whole.chi2)
+        result: list[SoakLeftOut] = []
+        for k, kelvin in enumerate(temperatures.tolist()):
+            kept = np.flatnonzero(number != k).tolist()
+            components = (len(number) - len(kept)) * len(sensor.axes)
+            try:
+                rest = self.solve(observations.rows(kept), sensor)
+            except (InputError, NotObserved):
+                continue
+            squares = max(chi2 - float(rest.chi2), 0.0)
+            others = np.delete(temperatures, k)
+            inside = bool(others.min() < kelvin < others.max())
+            ratio = float(np.sqrt(squares / components))
+            result.append(SoakLeftOut(kelvin, ratio, components, inside))
+        return tuple(result)

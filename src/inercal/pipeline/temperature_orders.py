@@ -1,0 +1,96 @@
+"""Orders of a model in temperature: which terms they are, and their choice by AIC.
+
+AIC = χ² + 2 p. Without the terms d of a fit with estimate θ and covariance C, χ² grows by
+θ_d' C_dd⁻¹ θ_d, exactly so for a model that is linear in its coefficients: one fit compares all
+orders.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Literal
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.estimate import Estimate
+from inercal.keys import CoefficientName
+from inercal.runfile.environment_section import MAX_ORDERS, order_terms
+from inercal.sensors import Sensor
+
+Orders = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class OrderTest:
+    """One set of orders of a kind of axes, with its AIC above that of the best."""
+
+    kind: str
+    orders: Orders
+    excess: float
+    ratio: float  # χ²/ν
+
+
+def with_orders(sensor: Sensor, orders: Mapping[Literal["f", "w"], Sequence[int]]) -> Sensor:
+    """Return the sensor with the terms of these orders alone, of those that it has."""
+    ordered = {kind: set(order_terms(kind, MAX_ORDERS)) for kind in orders}
+    wanted = {kind: set(order_terms(kind, most)) for kind, most in orders.items()}
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+
+    def kept(name: str) -> bool:
+        axis, term = CoefficientName(name).parts
+        kind = measures[axis]
+        return kind not in orders or term not in ordered[kind] or term in wanted[kind]
+
+    return replace(sensor, coefficients=tuple(n for n in sensor.coefficients if kept(n)))
+
+
+def used_orders(sensor: Sensor) -> dict[Literal["f", "w"], Orders]:
+    """Return the highest order of bias, scale factor and misalignment by kind of axes."""
+    result: dict[Literal["f", "w"], Orders] = {}
+    kinds: tuple[Literal["f", "w"], ...] = ("f", "w")
+    for kind in kinds:
+        if all(axis.measures != kind for axis in sensor.axes):
+            continue
+        axes = sensor.select_axes(kind)
+        terms = {CoefficientName(name).term for name in axes.coefficients}
+        found: list[int] = []
+        for place, most in enumerate(MAX_ORDERS):
+            alone = [[n if k == place else 0 for k in range(3)] for n in range(1, most + 1)]
+            own = [n for n, one in enumerate(alone, 1) if order_terms(kind, one)[-1] in terms]
+            found.append(max(own, default=0))
+        result[kind] = (found[0], found[1], found[2])
+    return result
+
+
+def choose_orders(estimate: Estimate, sensor: Sensor) -> tuple[Sensor, tuple[OrderTest, ...]]:
+    """Return the sensor with the terms of least AIC, kind by kind, and all tests.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of one trial, with the highest orders.
+    sensor : Sensor
+        With its coefficients.
+    """
+    names, chosen, tests = sensor.coefficients, sensor, list[OrderTest]()
+    for kind, most in used_orders(sensor).items():
+        compared: list[tuple[float, Orders, float]] = []
+        for orders in product(*(range(n + 1) for n in most)):
+            kept = with_orders(sensor, {kind: orders}).coefficients
+            dropped = [k for k, name in enumerate(names) if name not in kept]
+            theta = estimate.value[dropped]
+            lost = float(theta @ _solve(estimate, dropped, theta))
+            ratio = (float(estimate.chi2) + lost) / max(estimate.dof + len(dropped), 1)
+            compared.append((lost - 2 * len(dropped), (orders[0], orders[1], orders[2]), ratio))
+        least = min(compared)
+        tests += [OrderTest(kind, orders, aic - least[0], ratio) for aic, orders, ratio in compared]
+        chosen = with_orders(chosen, {kind: least[1]})
+    return chosen, tuple(tests)
+
+
+def _solve(estimate: Estimate, at: Sequence[int], theta: Array) -> Array:
+    """Return C⁻¹ θ of some parameters, whose units differ by orders of magnitude."""
+    covariance = estimate.covariance[np.ix_(at, at)]
+    sd = np.sqrt(np.diag(covariance))
+    return np.linalg.solve(covariance / sd[:, None] / sd, theta / sd) / sd

@@ -1,0 +1,110 @@
+"""The part of a report on temperature: curves with bands, a table, orders and soaks left out."""
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from inercal.arrays import Array
+from inercal.calibration.temperature_curves import TemperatureCurve, temperature_curves
+from inercal.pipeline import Outcome
+from inercal.pipeline.temperature_fit import SoakLeftOut
+from inercal.pipeline.temperature_orders import OrderTest
+from inercal.report import drawing
+from inercal.report.report_tables import typeset_minus
+from inercal.uncertainty.coverage import COVERAGE
+from inercal.units import ZERO_CELSIUS, format_value_and_uncertainty
+
+_POINTS = 60
+_TABLE_ROWS = 7
+_COLUMNS = 3
+_BEST_ORDERS = 5
+
+
+@dataclass(frozen=True)
+class TemperatureRow:
+    """A coefficient at the temperatures of the table: value ± U."""
+
+    name: str
+    meaning: str
+    unit: str
+    cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TemperatureSection:
+    """What the page shows of temperatures."""
+
+    figure: Markup
+    celsius: tuple[str, ...]
+    rows: tuple[TemperatureRow, ...]
+    orders: tuple[OrderTest, ...]
+    left_out: tuple[SoakLeftOut, ...]
+    zero: float = ZERO_CELSIUS
+
+
+def temperature_section(outcome: Outcome) -> TemperatureSection | None:
+    """Return the section; None where no coefficient depends on a temperature that varied."""
+    calibration, found = outcome.calibration, outcome.temperature_fit
+    limits = None if calibration.validity is None else calibration.validity.temperature
+    if limits is None or not calibration.sensor.uses("dT") or limits[1] - limits[0] < 1.0:
+        return None
+    course: Array = np.linspace(limits[0], limits[1], _POINTS)
+    stated = np.zeros(0) if found is None else np.unique(np.round(found.soaks, 1))
+    if not 1 < stated.size <= _TABLE_ROWS:
+        stated = np.linspace(limits[0], limits[1], _TABLE_ROWS)
+    kelvin: Array = np.clip(stated, *limits)
+    curves = temperature_curves(calibration, course)
+    if not curves:
+        return None
+    tests = () if found is None else tuple(sorted(found.tests, key=lambda one: one.excess))
+    return TemperatureSection(
+        curve_figure(curves, course),
+        tuple(typeset_minus(f"{t - ZERO_CELSIUS:.1f} °C") for t in kelvin.tolist()),
+        temperature_rows(temperature_curves(calibration, kelvin)),
+        tests[:_BEST_ORDERS],
+        () if found is None else found.left_out,
+    )
+
+
+def temperature_rows(curves: Sequence[TemperatureCurve]) -> tuple[TemperatureRow, ...]:
+    """Return a row of each curve: values with U = 2 u."""
+    rows: list[TemperatureRow] = []
+    for one in curves:
+        cells: list[str] = []
+        for value, std in zip(one.value.tolist(), one.std.tolist(), strict=True):
+            shown, expanded = format_value_and_uncertainty(value / one.si, COVERAGE * std / one.si)
+            cells.append(f"{typeset_minus(shown)} ± {expanded}")
+        change = "" if one.complete else ", change from the reference temperature"
+        rows.append(TemperatureRow(one.name, one.meaning + change, one.unit, tuple(cells)))
+    return tuple(rows)
+
+
+@drawing.style
+def curve_figure(curves: Sequence[TemperatureCurve], kelvin: Array) -> Markup:
+    """Return the curves with bands of ±2 u, a panel for each coefficient of all axes."""
+    named: dict[str, list[TemperatureCurve]] = {}
+    for one in curves:
+        axis, _, term = one.name.partition(".")
+        named.setdefault(f"{axis[0]} {term}", []).append(one)
+    count = -(-len(named) // _COLUMNS)
+    figure, rows = drawing.panels(1.7, [0.45] * count, _COLUMNS)
+    places = [axes for row in rows for axes in row]
+    celsius = kelvin - ZERO_CELSIUS
+    for axes, members in zip(places, named.values(), strict=False):
+        for k, one in enumerate(members):
+            colour = drawing.AXES[k % len(drawing.AXES)]
+            y, reach = one.value / one.si, COVERAGE * one.std / one.si
+            axes.fill_between(celsius, y - reach, y + reach, color=colour, alpha=0.25, lw=0)
+            axes.plot(celsius, y, color=colour, lw=1.0, label=one.name.partition(".")[0])
+        first = members[0]
+        axes.set_title(first.name.partition(".")[2])
+        axes.set_ylabel(first.unit)
+        axes.set_xlabel("temperature, °C")
+        drawing.add_legend(axes)
+    for axes in places[len(named) :]:
+        axes.set_axis_off()
+    return drawing.svg(figure, "temperature", "Coefficients against temperature, with bands")

@@ -1,0 +1,139 @@
+"""The tables of docs/evidence/temperature.md: `python -m tests.evidence.temperature_table`."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tests.accuracy import ramps, soaks
+from tests.evidence import temperature_ramps, temperature_soaks
+
+HERE = Path(__file__).parents[2] / "docs" / "evidence"
+SEED, TRIALS, RAMPS = 1, 400, 300
+# Of the table of the method note: mg, ppm, mrad, µrad, K.
+UNITS = {
+    "k0": (1e-3 * soaks.G0, "mg"),
+    "k0_dT": (1e-3 * soaks.G0, "mg/K"),
+    "k0_dT2": (1e-3 * soaks.G0, "mg/K²"),
+    "k0_dT3": (1e-3 * soaks.G0, "mg/K³"),
+    "k1": (1e-6, "ppm"),
+    "k1_dT": (1e-6, "ppm/K"),
+    "k1_dT2": (1e-6, "ppm/K²"),
+    "delta_o": (1e-3, "mrad"),
+    "delta_p": (1e-3, "mrad"),
+    "delta_o_dT": (1e-6, "µrad/K"),
+    "delta_p_dT": (1e-6, "µrad/K"),
+}
+MG = 1e-3 * soaks.G0
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What is stored: numbers by name."""
+
+    content: dict[str, Any]
+
+    @classmethod
+    def read(cls) -> "Stored":
+        """Return the stored numbers."""
+        return cls(json.loads((HERE / "temperature.json").read_text(encoding="utf-8")))
+
+
+def measure(trials: int = TRIALS, runs: int = RAMPS) -> Stored:
+    """Return the numbers anew."""
+    found = temperature_soaks.fits(SEED, trials)
+    made = temperature_soaks.table(found)
+    chosen = temperature_soaks.orders_chosen(found)
+    low: dict[str, float] = {}
+    for orders in ((1, 0, 0), (2, 1, 0), (3, 1, 1)):
+        estimate = temperature_soaks.fits(SEED, 40, orders).estimate
+        low[", ".join(map(str, orders))] = float((estimate.chi2 / estimate.dof).mean())
+    return Stored(
+        {
+            "seed": SEED,
+            "soaks": {
+                "trials": made.trials,
+                "terms": {row.term: [row.rms, row.coverage] for row in made.rows},
+                "nees": made.nees,
+                "chi2/dof": made.ratio,
+                "changes": made.changes,
+                "covered": made.covered,
+                "true orders": sum(one == temperature_soaks.TRUE_ORDERS for one in chosen),
+                "orders too low": low,
+            },
+            "ramps": {
+                name: temperature_ramps.row(name, profile, runs, SEED)._asdict()
+                for name, profile in ramps.PROFILES.items()
+            },
+        }
+    )
+
+
+def page(stored: Stored) -> str:
+    """Return the page."""
+    own = stored.content["soaks"]
+    runs = next(iter(stored.content["ramps"].values()))["runs"]
+    lines = [
+        "# Temperature: errors against what is stated",
+        "",
+        "Written by `python -m tests.evidence.temperature_table`; the generators in tests/accuracy",
+        "import nothing of inercal. u is the stated standard uncertainty.",
+        "",
+        "## Soaks",
+        "",
+        f"{own['trials']} triads of MEMS accelerometers, seven soaks from −40 to 85 °C, six faces",
+        "in each; sizes and errors are in tests/accuracy/soaks.py. Coefficients are about 25 °C.",
+        "",
+        "| coefficient | unit | rms of the error | within 2 u |",
+        "|---|---|---|---|",
+    ]
+    for term, (rms, coverage) in own["terms"].items():
+        size, unit = UNITS[term]
+        lines.append(f"| `{term}` | {unit} | {rms / size:.3g} | {coverage:.3f} |")
+    lines += [
+        "",
+        f"NEES over the number of coefficients {own['nees']:.3f}; χ²/ν {own['chi2/dof']:.3f}. AIC",
+        f"names the orders 3, 2, 1 that made the data in {own['true orders']} of {own['trials']}. "
+        "χ²/ν of orders too low: "
+        + "; ".join(f"{orders}: {ratio:.3g}" for orders, ratio in own["orders too low"].items())
+        + ".",
+        "",
+        "Change of the bias since 25 °C at temperatures that no soak has:",
+        "",
+        "| °C | rms of the error, mg | rms of u, mg |",
+        "|---|---|---|",
+    ]
+    for celsius, rms, u in own["changes"]:
+        lines.append(f"| {celsius:g} | {rms / MG:.3f} | {u / MG:.3f} |".replace("-", "−"))
+    lines += [
+        "",
+        f"Of all these changes {own['covered']:.3f} are within 2 u.",
+        "",
+        "## Ramps at rest",
+        "",
+        f"{runs} gyros on each profile, −10 to 60 °C (self-heating: 15 to 57 °C); a temperature",
+        "sensor that is 20 s behind and has .01 K of noise a second. Errors of b(T) − b(25 °C)",
+        "from 0 to 50 °C, where the profile was.",
+        "",
+        "| profile | rms of the error, °/h | within 2 u | NEES / 3 | lag found, s |",
+        "|---|---|---|---|---|",
+    ]
+    for name, row in stored.content["ramps"].items():
+        lag = f"{row['lag']:.1f} ± {row['lag_scatter']:.1f}"
+        lines.append(
+            f"| {name} | {row['rms']:.2f} | {row['coverage']:.3f} | {row['nees']:.2f} | {lag} |"
+        )
+    lines += [
+        "",
+        "One way the noise of the temperature sensor pulls the lag towards zero; its scatter is",
+        "that over the gyros. NEES is of the three terms of temperature.",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    result = measure()
+    text = json.dumps(result.content, indent=1, ensure_ascii=False)
+    (HERE / "temperature.json").write_text(text + "\n", encoding="utf-8")
+    (HERE / "temperature.md").write_text(page(result), encoding="utf-8")

@@ -1,0 +1,350 @@
+"""Run files with [environment]: from a chamber in simulation to a calibration in use."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import chdtri
+from tests.refusals import refused
+
+import inercal
+from inercal.calibration import Calibration
+from inercal.calibration.files import load, save
+from inercal.calibration.temperature_curves import temperature_curves
+from inercal.errors import InputError
+from inercal.io.write import write_recordings
+from inercal.pipeline import (
+    Outcome,
+    apply,
+    apply_data_columns,
+    calibrate,
+    simulate,
+    simulate_files,
+)
+from inercal.runfile import read
+from inercal.units import ZERO_CELSIUS
+
+HERE = Path(__file__).parent
+TEMPERATURES = '["-40 °C", "-20 °C", "0 °C", "25 °C", "45 °C", "65 °C", "85 °C"]'
+SOAKS, RAMP = ((HERE / f"{name}_run.toml").read_text(encoding="utf-8") for name in ("soak", "ramp"))
+
+
+def written(folder: Path, text: str, changes: Mapping[str, str] | None = None) -> Path:
+    """Write a run file with changes."""
+    for old, new in (changes or {}).items():
+        assert old in text
+        text = text.replace(old, new)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "run.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def simulated(
+    folder: Path, text: str, changes: Mapping[str, str] | None = None, seed: int = 3
+) -> Path:
+    """Write a run file with changes and its simulated recording."""
+    path = written(folder, text, changes)
+    run = read(path)
+    files = simulate_files(run, seed)
+    write_recordings({run.file(name): one for name, one in files.items()})
+    return path
+
+
+@pytest.fixture(scope="module")
+def soaked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Outcome]:
+    path = simulated(tmp_path_factory.mktemp("soaks"), SOAKS)
+    return path, calibrate(path)
+
+
+def truth_of(path: Path, calibration: Calibration) -> np.ndarray:
+    stated = read(path).truth
+    return np.array([stated.get(name, 0.0) for name in calibration.sensor.coefficients])
+
+
+def test_soaks_of_six_positions_recover_the_truth_with_the_orders_that_made_it(
+    soaked: tuple[Path, Outcome],
+):
+    path, outcome = soaked
+    found, fit = outcome.calibration, outcome.temperature_fit
+    assert fit is not None
+    assert fit.orders == {"f": (3, 2, 1)}
+    assert outcome.verdict.word == "consistent"
+    error = found.values - truth_of(path, found)
+    nees = error @ np.linalg.solve(found.covariance, error)
+    assert 12.8 < nees < 64.0  # 0.05 and 99.9 % points of χ² of 33
+    assert len(fit.soaks) == 7
+    assert len(fit.left_out) == 7
+    assert all(one.ratio < 1.5 for one in fit.left_out if one.inside)
+
+
+def test_a_report_shows_curves_and_the_soaks_left_out(soaked: tuple[Path, Outcome], tmp_path: Path):
+    page = Path(inercal.write_report(soaked[1], tmp_path / "r.html")).read_text(encoding="utf-8")
+    section = page[page.index('id="temperature"') :]
+    assert section.index("<svg") < section.index("</section>")
+    assert "ax.delta_o" in section[: section.index("</section>")]
+
+
+def test_curves_are_the_polynomials_with_their_covariance(soaked: tuple[Path, Outcome]):
+    found = soaked[1].calibration
+    kelvin = np.array([-30.0, 60.0]) + ZERO_CELSIUS
+    curve = next(one for one in temperature_curves(found, kelvin) if one.name == "ax.k0")
+    dT = kelvin - found.sensor.reference_temperature
+    powers = {"ax.k0": 0, "ax.k0_dT": 1, "ax.k0_dT2": 2, "ax.k0_dT3": 3}
+    names = found.sensor.coefficients
+    by = np.array([[t ** powers[n] if n in powers else 0.0 for n in names] for t in dT])
+    np.testing.assert_allclose(curve.value, by @ found.values, rtol=1e-12)
+    variance = np.diag(by @ found.covariance @ by.T)
+    np.testing.assert_allclose(curve.std**2, variance, rtol=1e-9)
+
+
+def test_apply_refuses_two_kelvin_beyond_unless_asked_and_then_marks(
+    soaked: tuple[Path, Outcome], tmp_path: Path
+):
+    path, outcome = soaked
+    save(outcome.calibration, tmp_path / "c.json")
+    calibration = load(tmp_path / "c.json")
+    inside = apply(calibration, path)
+    assert "extrapolated" not in inside.readback
+    ends = '"85 °C"', '"87.2 °C"'
+    hot = simulated(tmp_path / "hot", SOAKS, {", ".join(('"65 °C"', ends[0])): ends[1]})
+    with refused(InputError, key="[data] temperature") as refusal:
+        apply(calibration, hot)
+    assert "87." in str(refusal.value)
+    corrected = apply(calibration, hot, extrapolate=True)
+    assert corrected.temperature is not None
+    high = outcome.calibration.validity.temperature[1]  # type: ignore[union-attr,index]
+    beyond = corrected.temperature > high + 1
+    assert beyond.any()
+    np.testing.assert_array_equal(corrected.readback["extrapolated"] == 1, beyond)
+    (count,) = (f.message for f in corrected.findings if f.what == "extrapolation")
+    assert count.startswith(f"{beyond.sum()} samples")
+
+
+def test_curves_refuse_two_kelvin_beyond(soaked: tuple[Path, Outcome]):
+    found = soaked[1].calibration
+    assert found.validity is not None
+    assert found.validity.temperature is not None
+    high = found.validity.temperature[1]
+    temperature_curves(found, np.array([high + 0.9]))
+    with refused(InputError, key="temperature"):
+        temperature_curves(found, np.array([high + 2.0]))
+
+
+def test_orders_that_are_too_low_are_named(soaked: tuple[Path, Outcome], tmp_path: Path):
+    run = written(
+        soaked[0].parent / "low", SOAKS, {'"auto"': "[1, 0, 0]", "soaks.npz": "../soaks.npz"}
+    )
+    outcome = calibrate(run)
+    assert outcome.estimate.chi2 / outcome.estimate.dof > 100
+    assert any(finding.what == "temperature_order" for finding in outcome.findings)
+
+
+def test_shared_errors_of_soaks_are_in_the_uncertainty(soaked: tuple[Path, Outcome]):
+    path, outcome = soaked
+    bare = written(
+        path.parent / "bare",
+        SOAKS,
+        {'temperature_sd = "0.1 K"\n': "", "soaks.npz": "../soaks.npz", '"auto"': "[3, 2, 1]"},
+    )
+    less = calibrate(bare).calibration
+    names = [n for n in less.sensor.coefficients if n.endswith("k0_dT")]
+    for name in names:
+        assert less.uncertainty(name) < outcome.calibration.uncertainty(name)
+
+
+def test_a_bias_that_hangs_on_the_direction_shows_as_a_loop(tmp_path: Path):
+    there_and_back = '["0 °C", "20 °C", "40 °C", "60 °C", "40 °C", "20 °C", "0 °C"]'
+    path = simulated(tmp_path, SOAKS, {TEMPERATURES: there_and_back, '"auto"': "[3, 2, 1]"})
+    run = read(path)
+    recording = simulate(run, 3)
+    assert recording.temperature is not None
+    later = np.arange(recording.time.size) > recording.time.size / 2
+    changed = recording.data.copy()
+    changed[later, 0] -= 2 * 400e-6 * 9.80665  # half a loop of 400 µg
+    columns = apply_data_columns(run, replace(recording, data=changed))
+    write_recordings({run.file(run.data.file): columns})
+    fit = calibrate(path).temperature_fit
+    assert fit is not None
+    assert len(fit.loops) == 2  # the first soak was reached from nowhere
+    half = np.array([one.half for one in fit.loops]).mean(axis=0) / (1e-6 * 9.80665)
+    # The fit takes a part of the loop into its coefficients.
+    assert 200 < half[0] < 500
+    assert np.abs(half[1:]).max() < 100
+
+
+REFUSED = [
+    ({"soaks.npz": "../soaks.npz", '"auto"': "[4, 0, 0]"}, "[method] temperature_order"),
+    ({"soaks.npz": "../soaks.npz", 'temperature = "temp"\n': ""}, "[data] temperature"),
+    ({'temperature_order = "auto"\n': ""}, "[environment]"),
+    (
+        {'accelerometer_repeatability = "50 µg"': 'gyro_repeatability = "5 °/h"'},
+        "[environment] gyro_repeatability",
+    ),
+    ({'temperature_sd = "0.1 K"': 'warm_up = "300 s"'}, "[environment] warm_up"),
+    ({'temperature_sd = "0.1 K"': 'temperature_sd = "-0.1 K"'}, "[environment] temperature_sd"),
+]
+
+
+@pytest.mark.parametrize(("changes", "key"), REFUSED, ids=[key for _, key in REFUSED])
+def test_a_key_that_cannot_be_used_is_refused(
+    soaked: tuple[Path, Outcome], changes: dict[str, str], key: str, tmp_path: Path
+):
+    folder = soaked[0].parent / "refused"
+    with refused(InputError, key=key):
+        calibrate(written(folder, SOAKS, changes))
+
+
+@pytest.mark.parametrize(
+    ("temperatures", "order", "key"),
+    [
+        ('["0 °C", "20 °C", "40 °C"]', "[3, 1, 0]", "[method] temperature_order"),
+        ('["20 °C", "24 °C", "28 °C"]', "[1, 0, 0]", "[data] temperature"),
+        ('["20 °C", "20 °C", "20 °C"]', '"auto"', "[data] temperature"),
+    ],
+    ids=["order of as many soaks", "span below 10 K", "constant"],
+)
+def test_temperatures_that_do_not_support_the_orders_are_refused(
+    temperatures: str, order: str, key: str, tmp_path: Path
+):
+    path = simulated(tmp_path, SOAKS, {TEMPERATURES: temperatures, '"auto"': order})
+    with refused(InputError, key=key):
+        calibrate(path)
+
+
+def test_a_ramp_up_and_down_finds_the_lag_and_the_biases(tmp_path: Path):
+    path = simulated(tmp_path, RAMP, {'kind = "ramp"': 'kind = "ramp"\nlag = "20 s"'})
+    free = written(tmp_path, RAMP)
+    outcome = calibrate(free)
+    estimate = outcome.estimate
+    lag = estimate.value[estimate.names.index("lag")]
+    assert abs(lag - 20) < 1.5
+    found = outcome.calibration
+    error = found.values - truth_of(path, found)
+    nees = error @ np.linalg.solve(found.covariance, error)
+    assert 1.8 < nees < 34.0  # 0.05 and 99.95 % points of χ² of 12
+    assert any("dT/dt" in note for note in found.notes)
+    assert "hysteresis of gx" in found.conditions
+    assert not {one.what for one in outcome.findings} & {"one_way", "drift_in_time"}
+
+
+def test_a_bias_against_the_rate_of_the_temperature_is_found_and_corrected(tmp_path: Path):
+    changes = {
+        '"gy.bias_dT"': '"gx.bias_dTdt" = "40 °/h/(K/min)"\n"gy.bias_dT"',
+        "[3, 0, 0]": '[3, 0, 0]\nalso = ["bias_dTdt"]',
+    }
+    path = simulated(tmp_path, RAMP, changes)
+    outcome = calibrate(path)
+    found = outcome.calibration
+    assert "lag" not in outcome.estimate.names
+    error = (found.values - truth_of(path, found)) / found.std
+    at = found.sensor.coefficients.index("gx.bias_dTdt")
+    assert abs(error[at]) < 4
+    corrected = apply(found, path)
+    assert corrected.temperature is not None
+    rising = np.gradient(corrected.temperature) > 0
+    left = corrected.data[rising, 0].mean() - corrected.data[~rising, 0].mean()
+    # The term alone makes 2 · 40 °/h/(K/min) · 4.7 K/min of difference.
+    assert abs(left) < 20 * np.pi / 180 / 3600
+
+
+ONE_WAY = {', "60 °C", "-10 °C"]': ', "60 °C"]', "4.666 K/min": "2.333 K/min"}
+
+
+def test_a_ramp_one_way_says_what_shifts_it(tmp_path: Path):
+    path = simulated(tmp_path, RAMP, ONE_WAY)
+    outcome = calibrate(path)
+    said = {one.what: one.message for one in outcome.findings}
+    assert "b′ Ṫ τ" in said["one_way"]
+    assert "drift_in_time" in said
+    assert outcome.verdict.grade != "consistent"
+    warm = written(tmp_path, RAMP, ONE_WAY | {'kind = "ramp"': 'kind = "ramp"\nwarm_up = "300 s"'})
+    with refused(InputError, key="[environment] warm_up"):
+        calibrate(warm)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"[3, 0, 0]": "[3, 1, 0]"}, "[method] temperature_order"),
+        ({"[3, 0, 0]": "[3, 0, 1]"}, "[method] temperature_order"),
+        ({'white = "9 °/h/√Hz"\n': ""}, "[sensor.gyro] white"),
+        ({'kind = "ramp"': 'kind = "soaks"'}, "[environment] kind"),
+        (
+            {'kind = "ramp"': 'kind = "ramp"\ngyro_repeatability = "5 °/h"'},
+            "[environment] gyro_repeatability",
+        ),
+        ({'temperature = "temp"\n': ""}, "[data] temperature"),
+    ],
+    ids=["scale", "misalignment", "no noise", "soaks", "repeatability", "no temperature"],
+)
+def test_what_a_ramp_cannot_use_is_refused(changes: dict[str, str], key: str, tmp_path: Path):
+    simulated(tmp_path, RAMP)
+    with refused(InputError, key=key):
+        calibrate(written(tmp_path, RAMP, changes))
+
+
+def test_a_ramp_within_ten_kelvin_is_refused(tmp_path: Path):
+    path = simulated(
+        tmp_path, RAMP, {'["-10 °C", "60 °C", "-10 °C"]': '["20 °C", "28 °C", "20 °C"]'}
+    )
+    with refused(InputError, key="[data] temperature"):
+        calibrate(path)
+
+
+def test_a_simulation_without_temperatures_names_the_key(tmp_path: Path):
+    path = written(tmp_path, SOAKS, {f"temperatures = {TEMPERATURES}\n": ""})
+    with refused(InputError, key="[environment] temperatures"):
+        simulate(path)
+
+
+HELD = (HERE / "hand_held_soaks.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_hand_held_soaks_count_what_rows_have_in_common(tmp_path: Path):
+    nees: list[float] = []
+    path = simulated(tmp_path, HELD, seed=0)
+    found = calibrate(path).calibration
+    for seed in range(1, 5):
+        simulated(tmp_path, HELD, seed=seed)
+        found = calibrate(path).calibration
+        error = found.values - truth_of(path, found)
+        nees.append(float(error @ np.linalg.solve(found.covariance, error)))
+    dof = 4 * len(found.sensor.coefficients)
+    assert float(chdtri(dof, 0.9995)) < sum(nees) < float(chdtri(dof, 0.0005))
+    shared = {'temperature_sd = "0.1 K"\n': "", 'accelerometer_repeatability = "50 µg"\n': ""}
+    alone = calibrate(written(tmp_path, HELD, shared)).calibration
+    assert 2 * alone.uncertainty("ax.k0_dT") < found.uncertainty("ax.k0_dT")
+
+
+@pytest.mark.slow
+def test_a_turntable_follows_a_ramp_with_its_temperatures(tmp_path: Path):
+    examples = HERE.parents[1] / "examples" / "turntable"
+    (tmp_path / "path.csv").write_bytes((examples / "path.csv").read_bytes())
+    text = (examples / "mimu.toml").read_text(encoding="utf-8")
+    truth = '"ax.k0_dT" = "200 µg/K"\n"ay.k1_dT" = "80 ppm/K"\n"gx.bias_dT" = "20 °/h/K"\n'
+    more = """temperature_order = [1, 1, 0]
+[environment]
+kind = "ramp"
+temperature_sd = "0.2 K"
+lag = "10 s"
+temperatures = ["20 °C", "40 °C", "20 °C"]
+ramp_rate = "10 K/min"
+case_time = "20 s"
+"""
+    changes = {
+        "mimu.csv": "mimu.npz",
+        "[bench]\n": truth + "[bench]\n",
+        'label = "step"': 'label = "step"\ntemperature = "temp"',
+    }
+    path = simulated(tmp_path, text + more, changes)
+    found = calibrate(path).calibration
+    error = found.values - truth_of(path, found)
+    nees = error @ np.linalg.solve(found.covariance, error)
+    dof = len(error)
+    assert float(chdtri(dof, 0.9995)) < nees < float(chdtri(dof, 0.0005))
+    exact = written(tmp_path, text + more, changes | {'temperature_sd = "0.2 K"\n': ""})
+    assert calibrate(exact).calibration.uncertainty("gx.bias") < 0.9 * found.uncertainty("gx.bias")
