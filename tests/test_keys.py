@@ -16,6 +16,10 @@ SOURCE = Path(inercal.__file__).parent
 OTHER_TEXT = {
     "keys.py",
     "errors.py",
+    # Names of files.
+    "cli/certificate_commands.py",
+    "cli/import_command.py",
+    "export/readers/__init__.py",
     "units/quantity.py",
     "host/web/app.py",
     "runfile/filter_fields.py",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError
+from inercal.keys import CoefficientName
 from inercal.sensors.coefficient_tables import TABLES
 from inercal.units import ZERO_CELSIUS
 
@@ -58,7 +59,7 @@ def temperature_curves(calibration: Calibration, kelvin: Array) -> tuple[Tempera
     dT = kelvin - sensor.reference_temperature
     found: list[TemperatureCurve] = []
     for axis in sensor.axes:
-        own = [n for n in sensor.coefficients if n.partition(".")[0] == axis.name]
+        own = [n for n in sensor.coefficients if CoefficientName(n).axis == axis.name]
         terms = {n: sensor.coefficient(n) for n in own}
         warm = [one.without_temperature for one in terms.values() if one.temperature_order]
         for base in dict.fromkeys(warm):

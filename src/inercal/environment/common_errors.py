@@ -15,6 +15,7 @@ from inercal.arrays import Array
 from inercal.environment import Environment
 from inercal.environment.soaks import soak_numbers
 from inercal.estimate import Estimate
+from inercal.keys import CoefficientName
 from inercal.recording import Observations, Transitions
 from inercal.sensors import Sensor
 
@@ -36,7 +37,7 @@ def with_temperature_shift(estimate: Estimate, sensor: Sensor, sd: float) -> Est
     names, moved = estimate.names, np.zeros(len(estimate.names))
     terms = {name: sensor.coefficient(name) for name in sensor.coefficients}
     places = {
-        (name.partition(".")[0], one.without_temperature, one.temperature_order): at
+        (CoefficientName(name).axis, one.without_temperature, one.temperature_order): at
         for at, (name, one) in enumerate(terms.items())
     }
     for (axis, base, order), at in places.items():

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from inercal.arrays import Array
 from inercal.calibration.temperature_curves import TemperatureCurve, temperature_curves
+from inercal.keys import CoefficientName
 from inercal.pipeline import Outcome
 from inercal.pipeline.temperature_fit import SoakLeftOut
 from inercal.pipeline.temperature_orders import OrderTest
@@ -88,7 +89,7 @@ def curve_figure(curves: Sequence[TemperatureCurve], kelvin: Array) -> Markup:
     """Return the curves with bands of ±2 u, a panel for each coefficient of all axes."""
     named: dict[str, list[TemperatureCurve]] = {}
     for one in curves:
-        axis, _, term = one.name.partition(".")
+        axis, term = CoefficientName(one.name).parts
         named.setdefault(f"{axis[0]} {term}", []).append(one)
     count = -(-len(named) // _COLUMNS)
     figure, rows = drawing.panels(1.7, [0.45] * count, _COLUMNS)
@@ -99,9 +100,9 @@ def curve_figure(curves: Sequence[TemperatureCurve], kelvin: Array) -> Markup:
             colour = drawing.AXES[k % len(drawing.AXES)]
             y, reach = one.value / one.si, COVERAGE * one.std / one.si
             axes.fill_between(celsius, y - reach, y + reach, color=colour, alpha=0.25, lw=0)
-            axes.plot(celsius, y, color=colour, lw=1.0, label=one.name.partition(".")[0])
+            axes.plot(celsius, y, color=colour, lw=1.0, label=CoefficientName(one.name).axis)
         first = members[0]
-        axes.set_title(first.name.partition(".")[2])
+        axes.set_title(CoefficientName(first.name).term)
         axes.set_ylabel(first.unit)
         axes.set_xlabel("temperature, °C")
         drawing.add_legend(axes)

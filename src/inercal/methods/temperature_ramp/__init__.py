@@ -26,6 +26,7 @@ from inercal.environment import Environment
 from inercal.environment.common_errors import with_temperature_shift
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
+from inercal.keys import CoefficientName, ErrorName
 from inercal.methods._base import Method
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.methods.temperature_ramp.ramp_remarks import remarks
@@ -88,7 +89,7 @@ class RampModel(NamedTuple):
             jacobian = np.zeros((blocks.time.size, len(names)))
             slope = np.zeros(blocks.time.size)
             for at, name in enumerate(self.sensor.coefficients):
-                if name.partition(".")[0] != axis.name:
+                if CoefficientName(name).axis != axis.name:
                     continue
                 basis = self.sensor.coefficient(name).basis
                 jacobian[:, at] = basis.value(seen)
@@ -204,7 +205,7 @@ def _size(name: str, sensor: Sensor) -> float:
     """Return the natural size of a nuisance, SI."""
     if name == LAG:
         return 100.0
-    axis = name.partition("[")[2][:-1]
+    axis = ErrorName(name).place
     return _NATURAL[next(a.measures for a in sensor.axes if a.name == axis)]
 
 

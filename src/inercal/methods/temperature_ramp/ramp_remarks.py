@@ -6,6 +6,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.estimate import Estimate
+from inercal.keys import CoefficientName
 from inercal.methods._base import Fit, Remarks
 from inercal.methods.temperature_ramp.blocks import RampBlocks
 from inercal.recording import Finding
@@ -32,7 +33,7 @@ def bias_slopes(blocks: RampBlocks, sensor: Sensor, c: Array, lag: float) -> dic
     result = {axis.name: np.zeros(dT.size) for axis in sensor.axes}
     for value, name in zip(c, sensor.coefficients, strict=True):
         for product in sensor.coefficient(name).basis.derivative("dT"):
-            result[name.partition(".")[0]] += value * product.value(seen)
+            result[CoefficientName(name).axis] += value * product.value(seen)
     return result
 
 
@@ -50,7 +51,7 @@ def hysteresis(blocks: RampBlocks, estimate: Estimate, sensor: Sensor) -> list[H
     for k, axis in enumerate(sensor.axes):
         left = blocks.reading[:, k].copy()
         for name in sensor.coefficients:
-            if name.partition(".")[0] == axis.name:
+            if CoefficientName(name).axis == axis.name:
                 left -= named[name] * sensor.coefficient(name).basis.value(seen)
         kelvin: list[float] = []
         half: list[float] = []
