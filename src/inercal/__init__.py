@@ -5,6 +5,7 @@
 - `write_report`, `plot_residuals`, `plot_coverage`: what the outcome shows;
 - `save`, `load`: its `Calibration` as a file, which also has `correct`, `to_dataframe`, `to_latex`;
 - `apply`: a recording corrected by a calibration;
+- `analyse_noise`: white noise, bias instability and random walk of a recording at rest;
 - `simulate`, `demo`: the same on simulated benches.
 
 >>> import inercal
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from inercal.calibration import Calibration
     from inercal.calibration.files import load, save
     from inercal.demonstration import demo
+    from inercal.noise import analyse_noise
     from inercal.pipeline import Outcome, apply, calibrate, simulate
     from inercal.pipeline.batch import calibrate_batch
     from inercal.report import plot_coverage, plot_residuals, write_report
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 _EXPORT_MODULES = {
     "Calibration": "inercal.calibration",
     "Outcome": "inercal.pipeline",
+    "analyse_noise": "inercal.noise",
     "apply": "inercal.pipeline",
     "calibrate": "inercal.pipeline",
     "calibrate_batch": "inercal.pipeline.batch",
@@ -65,6 +68,7 @@ def __dir__() -> list[str]:
 __all__ = [
     "Calibration",
     "Outcome",
+    "analyse_noise",
     "apply",
     "calibrate",
     "calibrate_batch",
