@@ -21,6 +21,8 @@ WINDOW = 10.0  # s, of bursts
 _LONGEST = 128.0  # s, over which means are compared
 _SHORTEST = 1.0  # s
 _MOST = 20  # disturbances of one channel
+_CHI_SQUARED_MEDIAN = 0.455
+_LARGEST_DIFFERENCE = 20.0  # of the usual square, that counts in a window
 _MEDIAN = 0.67449  # of the absolute value of a normal deviate
 _FEWEST = 8  # averaging times in a recording, below which its scatter is not known
 _MOST_SAMPLES = 1 << 20
@@ -63,15 +65,24 @@ def find_disturbances(y: Array, dt: float) -> tuple[Disturbance, ...]:
         s.
     """
     bursts = find_bursts(y, dt)
-    changes = [one for one in find_changes(y, dt) if not _is_within(one, bursts)]
+    changes = find_changes(_without_bursts(y, dt, bursts), dt)
     return tuple(sorted((*bursts, *changes), key=lambda one: one.time))
 
 
-def _is_within(one: Disturbance, bursts: list[Disturbance]) -> bool:
-    """Return whether a change is the mean of a burst's samples rather than one of its own."""
-    return one.kind == "knock" and any(
-        burst.time - WINDOW <= one.time <= burst.time + burst.seconds + WINDOW for burst in bursts
-    )
+def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
+    """Return the samples with a line in place of each burst, whose means would look like knocks."""
+    if not bursts:
+        return y
+    work = y.astype(np.float64, copy=True)
+    around = max(1, round(WINDOW / dt))
+    for one in bursts:
+        start = max(round(one.time / dt) - around // 4, 0)
+        stop = min(round((one.time + one.seconds) / dt) + around // 4 + 1, y.size)
+        before, after = y[max(start - around, 0) : start], y[stop : stop + around]
+        ends = [part.mean() if part.size else np.nan for part in (before, after)]
+        first, last = np.where(np.isfinite(ends), ends, np.nanmean(ends))
+        work[start:stop] = np.linspace(first, last, stop - start)
+    return work
 
 
 def change_scores(y: Array, dt: float) -> tuple[list[int], list[Array], list[Array]]:
@@ -125,8 +136,8 @@ def _describe(
     It is a knock where the mean returns: where the opposite change within 128 s is half as large or
     more at the averaging time that shows both best.
     """
-    k = int(np.argmax(scores[best]))
-    score = float(scores[best][k]) / CHANGE_LIMIT
+    k = _change_place(y, int(np.argmax(scores[best])), factors[best])
+    score = float(scores[best].max()) / CHANGE_LIMIT
     size = float(changes[best][k])
     reach = round(_LONGEST / dt)
     low, high = max(k - reach, 0), min(k + reach + 1, y.size)
@@ -144,6 +155,16 @@ def _describe(
     return one, start, stop, level
 
 
+def _change_place(y: Array, k: int, m: int) -> int:
+    """Return the sample about k ± m/2 that best splits samples k − m … k + m into two levels."""
+    start, stop = max(k - m, 0), min(k + m, y.size)
+    z = y[start:stop] - y[start:stop].mean()
+    before = np.arange(1, z.size)
+    gain = np.cumsum(z)[:-1] ** 2 / (before * (z.size - before))
+    near = np.abs(before + start - k) <= m // 2
+    return start + int(before[near][np.argmax(gain[near])]) if near.any() else k
+
+
 def window_variances(y: Array, dt: float) -> tuple[Array, int]:
     """Return the variance of differences within windows of 10 s, (w,), and samples in each.
 
@@ -151,6 +172,8 @@ def window_variances(y: Array, dt: float) -> tuple[Array, int]:
     """
     size = max(2, round(WINDOW / dt))
     d = np.diff(y) ** 2
+    # A step or a knock is one or two large differences, and no burst.
+    d = np.minimum(d, _LARGEST_DIFFERENCE * float(np.median(d)) / _CHI_SQUARED_MEDIAN)
     half = max(1, size // 2)
     count = d.size // half
     if count < 2:
@@ -178,7 +201,7 @@ def find_bursts(y: Array, dt: float) -> list[Disturbance]:
     step = size // 2
     for group in np.split(above, np.flatnonzero(np.diff(above) > 2) + 1):
         peak = group[int(np.argmax(ratio[group]))]
-        start, stop = _extent(y, int(group[0]) * step, int(group[-1] + 2) * step, size)
+        start, stop = _extent(y, int(group[0]) * step, int(group[-1] + 2) * step, size, ratio[peak])
         found.append(
             Disturbance(
                 "burst",
@@ -191,12 +214,15 @@ def find_bursts(y: Array, dt: float) -> list[Disturbance]:
     return found[:_MOST]
 
 
-def _extent(y: Array, start: int, stop: int, size: int) -> tuple[int, int]:
-    """Return the part of samples start … stop with the largest excess of squared differences."""
+def _extent(y: Array, start: int, stop: int, size: int, ratio: float) -> tuple[int, int]:
+    """Return the part of samples start … stop whose squared differences have most likely `ratio`.
+
+    The likelihood ratio of a variance r times as large grows with d² above r ln r/(r − 1).
+    """
     start, stop = max(start - size // 2, 0), min(stop + size // 2, y.size - 1)
     d = np.diff(y[start : stop + 1]) ** 2
-    usual = float(np.median(np.diff(y) ** 2)) / 0.455
-    excess = np.concatenate([[0.0], np.cumsum(d / usual - 3.0)])
+    usual = float(np.median(np.diff(y) ** 2)) / _CHI_SQUARED_MEDIAN
+    excess = np.concatenate([[0.0], np.cumsum(d / usual - ratio * np.log(ratio) / (ratio - 1))])
     lowest = np.minimum.accumulate(excess)
     end = int(np.argmax(excess - lowest))
     begin = int(np.argmin(excess[: end + 1]))
