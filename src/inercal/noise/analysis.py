@@ -14,21 +14,20 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.noise.coefficients import Method, estimate_coefficients, undetermined
+from inercal.noise.coefficients import Method
+from inercal.noise.conclusion import ChannelSummary, conclude
 from inercal.noise.deviations import (
     Deviations,
     Spacing,
     deviations,
 )
 from inercal.noise.disturbances import Disturbance, find_disturbances
-from inercal.noise.drift import DriftFit, find_drift
-from inercal.noise.goodness import judge_fit
 from inercal.noise.lines import Line, take_out_lines
-from inercal.noise.pieces import Pieces, split_at_gaps
+from inercal.noise.pieces import FEWEST, Pieces, split_at_gaps
 from inercal.noise.results import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
 from inercal.noise.rounding import check_rounding
-from inercal.noise.selection import CANDIDATES, Selection, select_terms
-from inercal.noise.spectrum import Spectrum, block_means, make_bins, piece_spectra
+from inercal.noise.selection import CANDIDATES
+from inercal.noise.spectrum import Spectrum, block_means, piece_spectra
 from inercal.noise.terms import TERMS
 from inercal.recording import Recording
 from inercal.units import si_factor
@@ -85,6 +84,56 @@ def analyse_noise(
     )
 
 
+def analyse_noise_stream(
+    pieces: Iterable[Array],
+    dt: float,
+    channels: Sequence[str],
+    units: Sequence[str],
+    *,
+    terms: str | None = None,
+    source: str = "",
+) -> NoiseAnalysis:
+    """Return the noise of a recording that comes in pieces, in bounded memory.
+
+    Each channel keeps some 30 MB of 10⁸ samples (`inercal.noise.streaming`). There is no
+    temperature, and no gap: the samples are taken as evenly spaced.
+
+    Parameters
+    ----------
+    pieces : iterable of (k, m) array
+        One after the other; k may differ.
+    dt : float
+        Δ, s.
+    channels, units : sequence of m str
+    terms : str, optional
+        As in `analyse_noise`.
+    source : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        As `analyse_noise` raises it.
+    """
+    from inercal.noise.streaming import StreamedChannel
+
+    candidates = _candidates(terms)
+    quantities = [quantity_of(*one) for one in zip(units, channels, strict=True)]
+    sizes = [si_factor(unit) for unit in units]
+    streamed = [StreamedChannel(dt) for _ in channels]
+    for piece in pieces:
+        for k, one in enumerate(streamed):
+            if len(piece):
+                one.add(np.ascontiguousarray(piece[:, k], dtype=np.float64) * sizes[k])
+    if not streamed or streamed[0].count < FEWEST:
+        raise InputError(f"{source or 'recording'}: fewer than {FEWEST} samples")
+    found = [
+        conclude(one.summary(name, quantity, source), candidates, "likelihood")
+        for one, name, quantity in zip(streamed, channels, quantities, strict=True)
+    ]
+    return NoiseAnalysis(source, (streamed[0].count - 1) * dt, tuple(found), ())
+
+
 def _candidates(terms: str | None) -> tuple[str, ...]:
     if terms is None:
         return CANDIDATES
@@ -135,41 +184,35 @@ def _channel(
     parts = [np.ascontiguousarray(one[:, k]) * size for one in pieces.values]
     remarks = list(check_rounding(parts, name, recording.source))
     found = _disturbances(parts, pieces)
-    starts = list(pieces.starts)
     if found and not keep_disturbed:
-        parts, starts, remark = _without(parts, starts, found, pieces.dt)
+        parts, remark = _without(parts, pieces.starts, found, pieces.dt)
         remarks.append(remark)
     spectra, lines = _spectra(parts, pieces.dt)
-    bins = make_bins(spectra, pieces.dt)
-    selection = select_terms(bins, candidates)
-    drift = _drift(parts, spectra, pieces, selection, candidates)
-    if drift is not None:
-        selection, bins = drift.selection, drift.bins
-    tables = {kind: _deviations(parts, pieces.dt, kind, spacing) for kind in ("oadev", *kinds)}
-    oadev = tables["oadev"]
-    remarks += undetermined(selection, bins, max(map(len, parts)) * pieces.dt)
-    coefficients, comparison = estimate_coefficients(
-        selection, bins, oadev, quantity, method, max(map(len, parts)), whole=len(parts) == 1
-    )
     n = sum(map(len, parts))
-    return ChannelNoise(
-        name,
-        quantity,
-        n,
-        pieces.dt,
-        float(sum(one.sum() for one in parts) / n),
-        coefficients,
-        tables,
-        selection,
-        bins,
-        judge_fit(bins, selection.fit, oadev),
-        lines,
-        found,
-        () if drift is None else drift.terms,
-        tuple(remarks),
-        comparison,
-        method,
+    summary = ChannelSummary(
+        channel=name,
+        quantity=quantity,
+        n=n,
+        longest=max(map(len, parts)),
+        dt=pieces.dt,
+        mean=float(sum(one.sum() for one in parts) / n),
+        spectra=spectra,
+        lines=lines,
+        deviations={
+            kind: _deviations(parts, pieces.dt, kind, spacing) for kind in ("oadev", *kinds)
+        },
+        disturbances=found,
+        remarks=tuple(remarks),
+        whole=len(parts) == 1,
+        low_values=_low_values(parts, spectra, pieces.dt),
+        regressors=_regressors(parts, spectra, pieces),
     )
+    return conclude(summary, candidates, method)
+
+
+def _low_values(parts: Sequence[Array], spectra: tuple[Spectrum, ...], dt: float) -> Array | None:
+    """Return the values of the low frequencies of a recording in one piece; None of others."""
+    return block_means(parts[0], round(spectra[0].dt / dt)) if len(parts) == 1 else None
 
 
 def _spectra(parts: Iterable[Array], dt: float) -> tuple[tuple[Spectrum, ...], tuple[Line, ...]]:
@@ -184,26 +227,20 @@ def _spectra(parts: Iterable[Array], dt: float) -> tuple[tuple[Spectrum, ...], t
     return tuple(spectra), tuple(lines)
 
 
-def _drift(
-    parts: Sequence[Array],
-    spectra: tuple[Spectrum, ...],
-    pieces: Pieces,
-    selection: Selection,
-    candidates: tuple[str, ...],
-) -> DriftFit | None:
-    """Return the drift of a recording in one piece; of several the pieces' means hide it."""
+def _regressors(
+    parts: Sequence[Array], spectra: tuple[Spectrum, ...], pieces: Pieces
+) -> dict[str, Array]:
+    """Return what drift may follow: a ramp, the temperature and its rate, of one piece."""
     if len(parts) > 1 or len(pieces.values) > 1:
-        return None
+        return {}
     low = spectra[0]
-    m = round(low.dt / pieces.dt)
-    y = block_means(parts[0], m)
-    regressors: dict[str, Array] = {"ramp": np.arange(y.size, dtype=np.float64) * low.dt}
+    found: dict[str, Array] = {"ramp": np.arange(low.n, dtype=np.float64) * low.dt}
     if pieces.temperature is not None:
-        temperature = block_means(pieces.temperature[0], m)
+        temperature = block_means(pieces.temperature[0], round(low.dt / pieces.dt))
         if np.ptp(temperature) > 0:
-            regressors["temperature"] = temperature
-            regressors["temperature rate"] = np.asarray(np.gradient(temperature, low.dt))
-    return find_drift(y, spectra, regressors, pieces.dt, selection, candidates)
+            found["temperature"] = temperature
+            found["temperature rate"] = np.asarray(np.gradient(temperature, low.dt))
+    return found
 
 
 def _disturbances(parts: Sequence[Array], pieces: Pieces) -> tuple[Disturbance, ...]:
@@ -216,10 +253,9 @@ def _disturbances(parts: Sequence[Array], pieces: Pieces) -> tuple[Disturbance, 
 
 def _without(
     parts: Sequence[Array], starts: Sequence[float], found: Sequence[Disturbance], dt: float
-) -> tuple[list[Array], list[float], str]:
+) -> tuple[list[Array], str]:
     """Return the pieces parted at disturbances, which are left out with 1 s about them."""
     kept: list[Array] = []
-    begins: list[float] = []
     for part, start in zip(parts, starts, strict=True):
         good = np.ones(part.size + 1, dtype=bool)
         good[-1] = False
@@ -232,11 +268,10 @@ def _without(
         for a, b in edges.reshape(-1, 2):
             if b - a >= 64:
                 kept.append(part[a:b])
-                begins.append(start + a * dt)
     if not kept:
         raise InputError("nothing of the recording is undisturbed: record again")
     left = sum(map(len, parts)) - sum(map(len, kept))
-    return kept, begins, f"{left * dt:.4g} s at {len(found)} disturbances were left out"
+    return kept, f"{left * dt:.4g} s at {len(found)} disturbances were left out"
 
 
 def _deviations(parts: Sequence[Array], dt: float, kind: str, spacing: Spacing) -> Deviations:

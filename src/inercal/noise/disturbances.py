@@ -185,9 +185,41 @@ def window_variances(y: Array, dt: float) -> tuple[Array, int]:
 def find_bursts(y: Array, dt: float) -> list[Disturbance]:
     """Return the bursts of a channel: groups of windows with too large a variance."""
     variances, size = window_variances(y, dt)
-    if variances.size < _FEWEST:
-        return []
-    median = float(np.median(variances))
+    step = size // 2
+    found: list[Disturbance] = []
+    for first, last, ratio, limit in _loud_windows(variances, size):
+        start, stop = _extent(y, first * step, (last + 2) * step, size, ratio)
+        found.append(_burst(start, stop, dt, ratio, limit))
+    return found[:_MOST]
+
+
+def bursts_of_windows(halves: Array, half: int, dt: float) -> list[Disturbance]:
+    """Return the bursts of a channel whose samples are gone, as long as their windows.
+
+    Parameters
+    ----------
+    halves : (w,) array
+        Sums of `half` squared differences of neighbours.
+    half : int
+    dt : float
+        s.
+    """
+    variances = (halves[:-1] + halves[1:]) / (2 * half)
+    return [
+        _burst(first * half, (last + 2) * half, dt, ratio, limit)
+        for first, last, ratio, limit in _loud_windows(variances, 2 * half)
+    ][:_MOST]
+
+
+def _burst(start: int, stop: int, dt: float, ratio: float, limit: float) -> Disturbance:
+    return Disturbance(
+        "burst", start * dt, (stop - start) * dt, float(np.sqrt(ratio)), ratio / limit
+    )
+
+
+def _loud_windows(variances: Array, size: int) -> list[tuple[int, int, float, float]]:
+    """Return first and last of each group of loud windows, its largest ratio, and the limit."""
+    median = float(np.median(variances)) if variances.size >= _FEWEST else 0.0
     if median == 0:
         return []
     dof = size / _WHITE_DIFFERENCES
@@ -197,21 +229,8 @@ def find_bursts(y: Array, dt: float) -> list[Disturbance]:
     above = np.flatnonzero(ratio > limit)
     if not above.size:
         return []
-    found: list[Disturbance] = []
-    step = size // 2
-    for group in np.split(above, np.flatnonzero(np.diff(above) > 2) + 1):
-        peak = group[int(np.argmax(ratio[group]))]
-        start, stop = _extent(y, int(group[0]) * step, int(group[-1] + 2) * step, size, ratio[peak])
-        found.append(
-            Disturbance(
-                "burst",
-                start * dt,
-                (stop - start) * dt,
-                float(np.sqrt(ratio[peak])),
-                float(ratio[peak] / limit),
-            )
-        )
-    return found[:_MOST]
+    groups = np.split(above, np.flatnonzero(np.diff(above) > 2) + 1)
+    return [(int(g[0]), int(g[-1]), float(ratio[g].max()), limit) for g in groups]
 
 
 def _extent(y: Array, start: int, stop: int, size: int, ratio: float) -> tuple[int, int]:

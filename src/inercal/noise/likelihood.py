@@ -24,7 +24,6 @@ PROFILE_ONE_SIDED = 2.706  # at an upper limit of 95 %
 _STEPS, _HALVINGS = 60, 20
 _CONVERGED = 1e-7  # of L
 _START_GROUPS = 25
-_TIMES = 24  # grid of T
 _LOG_STEP = 0.02  # of ln T in its derivative
 
 
@@ -153,7 +152,8 @@ def _covariance(bins: Bins, columns: Array, model: Array) -> Array:
 
 def basis_matrix(bins: Bins, symbols: Sequence[str], markov_time: float) -> Array:
     """Return E of each bin, (b, p)."""
-    return np.stack([bins.basis(one, markov_time if one == "G" else 1.0) for one in symbols], 1)
+    columns = [bins.markov_basis(markov_time) if one == "G" else bins.basis(one) for one in symbols]
+    return np.stack(columns, axis=1)
 
 
 def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = None) -> Fit:
@@ -176,19 +176,12 @@ def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = No
     model = basis @ theta
     columns = basis
     if "G" in symbols:
-        ahead, behind = (bins.basis("G", time * np.exp(s)) for s in (_LOG_STEP, -_LOG_STEP))
+        ahead, behind = (
+            bins.markov_basis(time * float(np.exp(s))) for s in (_LOG_STEP, -_LOG_STEP)
+        )
         slope = theta[symbols.index("G")] * (ahead - behind) / (2 * _LOG_STEP)
         columns = np.column_stack([basis, slope])
     return Fit(symbols, theta, time, value, model, _covariance(bins, columns, model))
-
-
-def time_grid(bins: Bins) -> Array:
-    """Return the T that are tried, s: from ten samples to a tenth of the longest piece.
-
-    A shorter T is white noise to the recording, and a longer one a random walk.
-    """
-    longest = max(one.n * one.dt for one in bins.spectra)
-    return np.geomspace(10 * bins.dt, max(longest / 10, 20 * bins.dt), _TIMES)
 
 
 def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
@@ -198,7 +191,7 @@ def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
         basis = basis_matrix(bins, symbols, float(np.exp(log_time)))
         return scored_fit(bins.power, bins.weight, basis)[1]
 
-    grid = np.log(time_grid(bins))
+    grid = np.log(bins.times)
     values = np.array([at(one) for one in grid])
     k = int(np.clip(np.argmin(values), 1, grid.size - 2))
     return float(np.exp(_parabola(at, grid[k], values[k - 1 : k + 2], grid[1] - grid[0])))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.noise.likelihood import Fit, fit_terms, time_grid
+from inercal.noise.likelihood import Fit, fit_terms
 from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Bins
 
@@ -108,7 +108,7 @@ def _time_of(fit: Fit) -> float | None:
 def _significance(bins: Bins, best: Fit, fits: list[Fit]) -> dict[str, Significance]:
     tested = [one for one in best.symbols if one != "N"]
     found: dict[str, Significance] = {}
-    grid = time_grid(bins)
+    grid = bins.times
     cells = max(1.0, float(np.log(grid[-1] / grid[0])))
     for symbol in tested:
         without = [one for one in fits if symbol not in one.symbols]

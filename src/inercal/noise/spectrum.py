@@ -7,7 +7,7 @@ gaps are transformed one by one, and their likelihoods add: nothing bridges a ga
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ LONGEST = 1 << 17  # values in one transform
 SHORTEST_PIECE = 16
 _SINGLE = 64  # coefficients that are bins of their own
 _LOGARITHMIC = 160  # bins above
+_TIMES = 24  # of a Gauss–Markov process
 _BLOCK_SHARE = 0.1  # of the block means' frequencies that are used, where segments follow
 
 
@@ -95,6 +96,37 @@ class Bins:
     spectra: tuple[Spectrum, ...]
     dt: float
     used: NDArray[np.bool_] = field(repr=False)
+
+    @cached_property
+    def times(self) -> Array:
+        """T that are tried for a Gauss–Markov process, s: from 10 samples to a tenth of the longest.
+
+        A shorter T is white noise to the recording, and a longer one a random walk.
+        """
+        longest = max(one.n * one.dt for one in self.spectra)
+        return np.geomspace(10 * self.dt, max(longest / 10, 20 * self.dt), _TIMES)
+
+    def markov_basis(self, markov_time: float) -> Array:
+        """Return E of each bin for a Gauss–Markov process of sd 1, (b,), interpolated in ln T.
+
+        Cubic through four of `times`; a transform for each T would take most of the time of a fit.
+        """
+        grid = np.log(self.times)
+        place = (np.log(markov_time) - grid[0]) / (grid[1] - grid[0])
+        if not 0 <= place <= grid.size - 1:
+            return self.basis("G", markov_time)
+        first = int(np.clip(np.floor(place) - 1, 0, grid.size - 4))
+        x = place - first
+        weights = [
+            -(x - 1) * (x - 2) * (x - 3) / 6,
+            x * (x - 2) * (x - 3) / 2,
+            -x * (x - 1) * (x - 3) / 2,
+            x * (x - 1) * (x - 2) / 6,
+        ]
+        logs = sum(
+            w * np.log(self.basis("G", float(self.times[first + k]))) for k, w in enumerate(weights)
+        )
+        return np.exp(logs)
 
     def basis(self, symbol: str, markov_time: float = 1.0) -> Array:
         """Return E of each bin for a term with a coefficient of 1, (b,)."""
