@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.noise.numerics import chi_squared_above
+from inercal.noise.numerics import chi_squared_quantiles
 
 LABELS = {2: "quantisation", 1: "flicker of phase", 0: "white", -1: "flicker", -2: "random walk",
           -3: "flicker walk", -4: "random run"}  # fmt: skip
@@ -151,8 +151,5 @@ def bias_ratio(kind: str, alpha: int, m: int, n: int) -> float:
 
 def interval(value: Array, edf: Array) -> tuple[Array, Array]:
     """Return the ends of the 95 % interval of deviations: χ² of these degrees of freedom."""
-    ends = [
-        value * np.sqrt(edf / np.array([chi_squared_above(float(one), tail) for one in edf]))
-        for tail in _TAILS
-    ]
-    return ends[0], ends[1]
+    low, high = (value * np.sqrt(edf / chi_squared_quantiles(edf, tail)) for tail in _TAILS)
+    return low, high

@@ -20,7 +20,13 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.noise.confidence import identify_noise, interval
+from inercal.noise.confidence import (
+    LABELS,
+    bias_ratio,
+    degrees_of_freedom,
+    identify_noise,
+    interval,
+)
 from inercal.noise.total_deviations import total_hadamard_variance, total_modified_variance
 
 Kind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
@@ -28,6 +34,8 @@ Spacing = Literal["octave", "decade", "all"]
 KINDS: tuple[str, ...] = get_args(Kind)
 FULL_OVERLAP = 1024  # averaging factor up to which every difference is used
 _OVERLAP = 16  # differences within an averaging time past that
+_MANY = 100  # averaging factors, beyond which names and edf are interpolated
+_COMPILED_FROM, _COMPILED_FACTORS = 2e7, 1000  # samples times factors
 _PIECE = 1 << 15  # samples that stay in the processor's cache
 _ALLAN, _HADAMARD = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
 _PHASES = {"adev": 2, "oadev": 2, "mdev": 3, "tdev": 3, "hdev": 3, "ohdev": 3,
@@ -208,10 +216,50 @@ def deviations(
             f"{chosen.min()} to {chosen.max()}"
         )
     x = cumulative_sum(y)
-    found = [variance(x, int(m), kind) for m in chosen]
-    values = np.array([one[0] for one in found])
-    alphas = [identify_noise(x, int(m)) for m in chosen]
-    return with_intervals(kind, chosen, values, [one[1] for one in found], alphas, y.size, dt)
+    values, counts = _variances(x, chosen, kind)
+    return with_intervals(kind, chosen, values, counts, _names(x, chosen), y.size, dt)
+
+
+def _variances(x: Array, factors: np.ndarray, kind: str) -> tuple[Array, list[int]]:
+    """Return the variances at all factors, with Δ = 1, and their counts."""
+    if kind != "oadev" or x.size * min(factors.size, _COMPILED_FACTORS) < _COMPILED_FROM:
+        found = [variance(x, int(m), kind) for m in factors]
+        return np.array([one[0] for one in found]), [one[1] for one in found]
+    # Numba takes a second to load, which only long work repays.
+    from inercal.noise._kernels import squared_second_differences
+
+    factors = factors.astype(np.int64)
+    strides = np.where(factors <= FULL_OVERLAP, 1, factors // _OVERLAP)
+    counts = (x.size - 2 * factors - 1) // strides + 1
+    totals = squared_second_differences(x, factors, strides)
+    return totals / (2.0 * counts * factors.astype(np.float64) ** 2), counts.tolist()
+
+
+def _names(x: Array, factors: np.ndarray) -> list[int]:
+    """Return α at each factor; of many factors, at the nearest of about a hundred."""
+    nodes = _nodes(factors)
+    alphas = [identify_noise(x, int(m)) for m in nodes]
+    nearest = np.searchsorted(np.sqrt(nodes[1:] * nodes[:-1].astype(np.float64)), factors)
+    return [alphas[k] for k in nearest]
+
+
+def _nodes(factors: np.ndarray) -> np.ndarray:
+    """Return about a hundred of many factors, evenly on a logarithmic scale."""
+    if factors.size <= _MANY:
+        return factors
+    places = np.geomspace(factors[0], factors[-1], _MANY)
+    return np.unique(factors[np.searchsorted(factors, places).clip(0, factors.size - 1)])
+
+
+def _interpolated_edf(kind: str, factors: np.ndarray, alphas: Sequence[int], n: int) -> Array:
+    """Return the equivalent degrees of freedom, of many factors between a hundred of them."""
+    names, nodes = np.array(alphas), _nodes(factors)
+    edf = np.empty(factors.size)
+    for alpha in np.unique(names):
+        some = names == alpha
+        at = [degrees_of_freedom(kind, int(alpha), int(m), n) for m in nodes]
+        edf[some] = np.exp(np.interp(np.log(factors[some]), np.log(nodes), np.log(at)))
+    return edf
 
 
 def with_intervals(
@@ -224,11 +272,9 @@ def with_intervals(
     dt: float,
 ) -> Deviations:
     """Return variances with Δ = 1 as deviations in the unit of y with their intervals."""
-    from inercal.noise.confidence import LABELS, bias_ratio, degrees_of_freedom
-
     tau = factors * dt
     pairs = list(zip(factors, alphas, strict=True))
-    edf = np.array([degrees_of_freedom(kind, a, int(m), n) for m, a in pairs])
+    edf = _interpolated_edf(kind, factors, alphas, n)
     corrected = variances / np.array([bias_ratio(kind, a, int(m), n) for m, a in pairs])
     value = np.sqrt(corrected) * (tau / np.sqrt(3) if kind == "tdev" else 1.0)
     low, high = interval(value, edf)

@@ -1,9 +1,10 @@
 """Lines in a spectrum: vibration and mains hum, found and taken out before the terms are fitted.
 
-A coefficient is a line where c_k² over the running median exceeds the χ²₁ quantile of .001/n. The
-median of χ²₁ is 0.455. Its window grows with k: a narrow one scatters, and a wide one would not
-follow the spectrum of drift. A line takes its two neighbours on each side along. Of segments whose
-squares are averaged, χ² has as many degrees of freedom as there are segments.
+A coefficient is a line where c_k² over the running median exceeds the χ²₁ quantile of .0003/n. The
+median of χ²₁ is 0.455. The window of the median grows with k: a narrow one scatters, and a wide one
+would not follow the spectrum of drift. A line takes two neighbours on each side along, and a strong
+one as many as its leakage reaches. Of segments whose squares are averaged, χ² has as many degrees of
+freedom as there are segments.
 """
 
 from dataclasses import dataclass, replace
@@ -14,10 +15,11 @@ from inercal.arrays import Array
 from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Spectrum
 
-_FALSE = 0.001  # lines in a spectrum without any
+_FALSE = 0.0003  # lines in a spectrum without any
 _NARROWEST, _WIDEST = 101, 2001  # coefficients in the running median
 _LOWEST = 128  # coefficient below which the spectrum of drift is too steep for a median
 _NEIGHBOURS = 2
+_LEAKAGE = 0.2  # a line of P leaves P/(π d)² at a distance d: half the level at the last taken out
 _JOINED = 32  # coefficients between two that are parts of one line, which a short vibration widens
 
 
@@ -44,7 +46,9 @@ def take_out_lines(spectrum: Spectrum) -> tuple[Spectrum, tuple[Line, ...]]:
     kept = spectrum.kept.copy()
     lines: list[Line] = []
     for group in np.split(above, np.flatnonzero(np.diff(above) > _JOINED) + 1):
-        low, high = max(int(group[0]) - _NEIGHBOURS, 0), int(group[-1]) + _NEIGHBOURS + 1
+        peak = float((power[group] / level[group]).max())
+        reach = max(_NEIGHBOURS, int(np.sqrt(_LEAKAGE * peak)))
+        low, high = max(int(group[0]) - reach, 0), int(group[-1]) + reach + 1
         kept[first - 1 + low : first - 1 + high] = False
         excess = np.maximum(power[low:high] - level[low:high], 0.0)
         place = first + low + float(excess @ np.arange(excess.size) / excess.sum())

@@ -61,6 +61,13 @@ def chi_squared_above(dof: float, probability: float) -> float:
     return float(chdtri(dof, probability))
 
 
+def chi_squared_quantiles(dof: Array, probability: float) -> Array:
+    """Return the values that χ² of each `dof` exceeds with this probability."""
+    from scipy.special import chdtri
+
+    return np.asarray(chdtri(dof, probability), dtype=np.float64)
+
+
 def pseudo_inverse(a: Array, rcond: float = 1e-12) -> Array:
     """Return the pseudo-inverse of a symmetric matrix, scaled to a diagonal of ones."""
     size = np.sqrt(np.diag(a))

@@ -99,7 +99,7 @@ class Bins:
 
     @cached_property
     def times(self) -> Array:
-        """T that are tried for a Gauss–Markov process, s: from 10 samples to a tenth of the longest.
+        """T that are tried for a Gauss–Markov process, s: of 10 samples to a tenth of the longest.
 
         A shorter T is white noise to the recording, and a longer one a random walk.
         """
