@@ -79,7 +79,7 @@ def rows() -> Iterator[Row]:
         ("OADEV of 4·10⁴ samples, all averaging times", y[:SHORT],
          np.arange(1, SHORT // 2 + 1), 10.0),
     ):  # fmt: skip
-        ours = deviations(some, 1.0, factors=factors.tolist()).value
+        ours = deviations(some, 1.0, factors=[int(m) for m in factors]).value
         few = factors[factors <= 1024]
         np.testing.assert_allclose(ours[: few.size], theirs(some, few), rtol=1e-6)
         own = best(

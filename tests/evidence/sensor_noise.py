@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from multiprocessing import Pool
+from typing import Any
 
 import numpy as np
 from tests.evidence.stored_counts import FOLDER
@@ -126,7 +127,7 @@ def clean(run: int) -> bool:
     return False
 
 
-def work_out(runs: int, pool: Pool) -> dict[str, object]:  # type: ignore[valid-type]
+def work_out(runs: int, pool: Any) -> dict[str, object]:
     """Return all counts."""
     fewer = max(1, round(FEWER * runs))
     found: dict[str, object] = {"runs": runs, "fewer": fewer, "seeds": list(SEEDS)}
@@ -161,7 +162,7 @@ def work_out(runs: int, pool: Pool) -> dict[str, object]:  # type: ignore[valid-
     return found
 
 
-def count_disturbances(found: dict[str, object], fewer: int, pool: Pool) -> None:  # type: ignore[valid-type]
+def count_disturbances(found: dict[str, object], fewer: int, pool: Any) -> None:
     """Add the disturbances that are found, and the alarms of clean recordings."""
     sizes: dict[str, object] = {}
     for what, (_, levels) in ADDED.items():
@@ -177,7 +178,7 @@ def count_disturbances(found: dict[str, object], fewer: int, pool: Pool) -> None
     print("clean", found["clean_alarms"], flush=True)
 
 
-def page(found: dict) -> str:
+def page(found: dict[str, Any]) -> str:
     """Return the page of the stored counts."""
     lines = [
         "# Noise of a sensor at rest: coverage, models, disturbances, counted",

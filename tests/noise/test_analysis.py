@@ -1,6 +1,8 @@
 """From simulated recordings to coefficients, refusals and remarks."""
 
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,3 +137,9 @@ def test_lost_single_samples_are_closed_up_and_long_gaps_part_the_recording():
     parted = inercal.analyse_noise(whole.take(long))
     assert "2 pieces" in parted.remarks[0]
     assert len(parted.channels[0].bins.spectra) == 2
+
+
+def test_the_example_in_python_runs(capsys: pytest.CaptureFixture[str]):
+    example = Path(__file__).parents[2] / "examples" / "noise_in_python.py"
+    runpy.run_path(str(example))
+    assert capsys.readouterr().out.count("white noise") == 3

@@ -37,7 +37,7 @@ def test_the_allan_deviation_of_pieces_is_that_of_the_whole(series: np.ndarray, 
 def test_the_coefficients_of_pieces_are_those_of_the_whole(series: np.ndarray):
     pieces = (series[start : start + 10_000, None] for start in range(0, N, 10_000))
     streamed = analyse_noise_stream(pieces, MEMS.dt, ["gx"], ["rad/s"]).channels[0]
-    recording = Recording(MEMS.dt * np.arange(N), series[:, None], ("gx",), ("rad/s",))
+    recording = Recording(MEMS.dt * np.arange(float(N)), series[:, None], ("gx",), ("rad/s",))
     whole = analyse_noise(recording, kinds=()).channels[0]
     assert streamed.fit.symbols == whole.fit.symbols
     for one, other in zip(streamed.coefficients, whole.coefficients, strict=True):

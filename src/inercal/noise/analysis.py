@@ -118,7 +118,7 @@ def analyse_noise_stream(
     from inercal.noise.streaming import StreamedChannel
 
     candidates = _candidates(terms)
-    quantities = [quantity_of(*one) for one in zip(units, channels, strict=True)]
+    quantities: list[Quantity] = [quantity_of(*one) for one in zip(units, channels, strict=True)]
     sizes = [si_factor(unit) for unit in units]
     streamed = [StreamedChannel(dt) for _ in channels]
     for piece in pieces:

@@ -247,8 +247,8 @@ def _nodes(factors: np.ndarray) -> np.ndarray:
     """Return about a hundred of many factors, evenly on a logarithmic scale."""
     if factors.size <= _MANY:
         return factors
-    places = np.geomspace(factors[0], factors[-1], _MANY)
-    return np.unique(factors[np.searchsorted(factors, places).clip(0, factors.size - 1)])
+    places: Array = np.geomspace(float(factors[0]), float(factors[-1]), _MANY)
+    return np.unique(factors[np.minimum(np.searchsorted(factors, places), factors.size - 1)])
 
 
 def _interpolated_edf(kind: str, factors: np.ndarray, alphas: Sequence[int], n: int) -> Array:

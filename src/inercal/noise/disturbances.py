@@ -159,8 +159,8 @@ def _change_place(y: Array, k: int, m: int) -> int:
     """Return the sample about k ± m/2 that best splits samples k − m … k + m into two levels."""
     start, stop = max(k - m, 0), min(k + m, y.size)
     z = y[start:stop] - y[start:stop].mean()
-    before = np.arange(1, z.size)
-    gain = np.cumsum(z)[:-1] ** 2 / (before * (z.size - before))
+    before = np.arange(1, z.size, dtype=np.int64)
+    gain: Array = np.cumsum(z)[:-1] ** 2 / (before * (z.size - before))
     near = np.abs(before + start - k) <= m // 2
     return start + int(before[near][np.argmax(gain[near])]) if near.any() else k
 

@@ -1,10 +1,10 @@
 """Lines in a spectrum: vibration and mains hum, found and taken out before the terms are fitted.
 
 A coefficient is a line where c_k² over the running median exceeds the χ²₁ quantile of .0003/n. The
-median of χ²₁ is 0.455. The window of the median grows with k: a narrow one scatters, and a wide one
-would not follow the spectrum of drift. A line takes two neighbours on each side along, and a strong
-one as many as its leakage reaches. Of segments whose squares are averaged, χ² has as many degrees of
-freedom as there are segments.
+median of χ²₁ is 0.455. The window of the median grows with k: a narrow one scatters, and a wide
+one would not follow the spectrum of drift. A line takes two neighbours on each side along, and a
+strong one as many as its leakage reaches. Of segments whose squares are averaged, χ² has as many
+degrees of freedom as there are segments.
 """
 
 from dataclasses import dataclass, replace
