@@ -83,7 +83,10 @@ def rows() -> Iterator[Row]:
         few = factors[factors <= 1024]
         np.testing.assert_allclose(ours[: few.size], theirs(some, few), rtol=1e-6)
         own = best(
-            lambda some=some, factors=factors: deviations(some, 1.0, factors=list(factors)), 2
+            lambda some=some, factors=factors: deviations(
+                some, 1.0, factors=[int(m) for m in factors]
+            ),
+            2,
         )
         other = best(lambda some=some, factors=factors: theirs(some, factors), 1)
         yield Row(work, own, other, name, to_reach=reach)
