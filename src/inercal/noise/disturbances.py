@@ -16,7 +16,7 @@ from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import block_means
 
 CHANGE_LIMIT = 6.0  # √2 σ(τ), of steps and knocks
-BURST_LEVEL = 0.0003  # probability of a burst in an undisturbed channel
+BURST_LEVEL = 0.00003  # nominal, of a channel: the tail of squared differences is heavier than χ²
 WINDOW = 10.0  # s, of bursts
 _LONGEST = 128.0  # s, over which means are compared
 _SHORTEST = 1.0  # s

@@ -1,6 +1,6 @@
 """Lines in a spectrum: vibration and mains hum, found and taken out before the terms are fitted.
 
-A coefficient is a line where c_k² over the running median exceeds the χ²₁ quantile of .0003/n. The
+A coefficient is a line where c_k² over the running median exceeds the χ²₁ quantile of .0001/n. The
 median of χ²₁ is 0.455. The window of the median grows with k: a narrow one scatters, and a wide
 one would not follow the spectrum of drift. A line takes two neighbours on each side along, and a
 strong one as many as its leakage reaches. Of segments whose squares are averaged, χ² has as many
@@ -15,7 +15,7 @@ from inercal.arrays import Array
 from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Spectrum
 
-_FALSE = 0.0003  # lines in a spectrum without any
+_FALSE = 0.0001  # lines in a spectrum without any
 _NARROWEST, _WIDEST = 101, 2001  # coefficients in the running median
 _LOWEST = 128  # coefficient below which the spectrum of drift is too steep for a median
 _NEIGHBOURS = 2
