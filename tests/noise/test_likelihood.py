@@ -10,7 +10,7 @@ from tests.noise.generator import MEMS, TACTICAL, Truth, draw
 from inercal.noise.cross_checks import allan_covariance, gmwm, slope_bias, slopes, wls_log
 from inercal.noise.deviations import deviations
 from inercal.noise.disturbances import find_disturbances
-from inercal.noise.likelihood import Fit, fit_terms, profile_limits
+from inercal.noise.likelihood import NoiseFit, fit_terms, profile_limits
 from inercal.noise.lines import take_out_lines
 from inercal.noise.selection import ratio_limit, select_terms
 from inercal.noise.spectrum import Bins, make_bins, piece_spectra
@@ -25,7 +25,7 @@ def bins_of(y: np.ndarray, dt: float) -> Bins:
     return make_bins(piece_spectra(y, dt), dt)
 
 
-def ratios(fit: Fit, truth: Truth) -> np.ndarray:
+def ratios(fit: NoiseFit, truth: Truth) -> np.ndarray:
     true = np.array([truth.white, truth.flicker, truth.walk]) * truth.unit
     return np.sqrt(fit.variances) / true
 
@@ -80,14 +80,14 @@ def test_the_exact_covariance_of_allan_variances_is_that_of_4000_recordings():
 
 
 @pytest.fixture(scope="module")
-def mems() -> tuple[np.ndarray, Bins, Fit]:
+def mems() -> tuple[np.ndarray, Bins, NoiseFit]:
     y = draw(MEMS, 12)[0]
     bins = bins_of(y, MEMS.dt)
     return y, bins, fit_terms(bins, "NBK")
 
 
 def test_gmwm_agrees_with_the_likelihood_within_half_an_uncertainty(
-    mems: tuple[np.ndarray, Bins, Fit],
+    mems: tuple[np.ndarray, Bins, NoiseFit],
 ):
     y, _, fit = mems
     oadev = deviations(y, MEMS.dt)
@@ -100,7 +100,7 @@ def test_gmwm_agrees_with_the_likelihood_within_half_an_uncertainty(
 
 
 def test_the_uncertainty_of_independent_averaging_times_is_too_small(
-    mems: tuple[np.ndarray, Bins, Fit],
+    mems: tuple[np.ndarray, Bins, NoiseFit],
 ):
     y, _, fit = mems
     found = wls_log(deviations(y, MEMS.dt), fit.symbols, MEMS.dt, 1.0)
@@ -109,7 +109,7 @@ def test_the_uncertainty_of_independent_averaging_times_is_too_small(
         assert 0.4 < found[symbol][1] / u < 0.9
 
 
-def test_slopes_read_n_and_b_too_large_by_the_stated_bias(mems: tuple[np.ndarray, Bins, Fit]):
+def test_slopes_read_n_and_b_too_large_by_the_stated_bias(mems: tuple[np.ndarray, Bins, NoiseFit]):
     y, _, _ = mems
     bias = slope_bias(MEMS.white, MEMS.flicker, MEMS.walk)
     assert bias["N"] == pytest.approx(1.066, abs=2e-3)

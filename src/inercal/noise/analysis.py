@@ -2,7 +2,7 @@
 
 1. The recording is parted at its gaps (`pieces`).
 2. Lines are taken out of the spectrum (`lines`); the terms are fitted and chosen (`selection`).
-3. A ramp and the temperature enter where the likelihood asks for them (`drift`).
+3. A ramp and the temperature enter where the likelihood asks for them (`drift_regression`).
 4. The fit is judged (`goodness`), and disturbances are looked for (`disturbances`).
 """
 
@@ -22,7 +22,7 @@ from inercal.noise.deviations import (
     deviations,
 )
 from inercal.noise.disturbances import Disturbance, find_disturbances
-from inercal.noise.lines import Line, take_out_lines
+from inercal.noise.lines import SpectralLine, take_out_lines
 from inercal.noise.pieces import FEWEST, Pieces, split_at_gaps
 from inercal.noise.results import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
 from inercal.noise.rounding import check_rounding
@@ -215,10 +215,12 @@ def _low_values(parts: Sequence[Array], spectra: tuple[Spectrum, ...], dt: float
     return block_means(parts[0], round(spectra[0].dt / dt)) if len(parts) == 1 else None
 
 
-def _spectra(parts: Iterable[Array], dt: float) -> tuple[tuple[Spectrum, ...], tuple[Line, ...]]:
+def _spectra(
+    parts: Iterable[Array], dt: float
+) -> tuple[tuple[Spectrum, ...], tuple[SpectralLine, ...]]:
     """Return the spectra of all pieces without their lines, and the lines."""
     spectra: list[Spectrum] = []
-    lines: list[Line] = []
+    lines: list[SpectralLine] = []
     for part in parts:
         for one in piece_spectra(part, dt):
             clean, found = take_out_lines(one)

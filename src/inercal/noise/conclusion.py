@@ -6,9 +6,9 @@ from inercal.arrays import Array
 from inercal.noise.coefficients import Method, estimate_coefficients, undetermined
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
-from inercal.noise.drift import find_drift
+from inercal.noise.drift_regression import find_drift
 from inercal.noise.goodness import judge_fit
-from inercal.noise.lines import Line
+from inercal.noise.lines import SpectralLine
 from inercal.noise.results import ChannelNoise, Quantity
 from inercal.noise.selection import select_terms
 from inercal.noise.spectrum import Spectrum, make_bins
@@ -29,7 +29,7 @@ class ChannelSummary:
     mean : float
     spectra : tuple of Spectrum
         Without lines; those of low frequencies first.
-    lines : tuple of Line
+    lines : tuple of SpectralLine
     deviations : dict of kind to Deviations
     disturbances : tuple of Disturbance
     remarks : tuple of str
@@ -48,7 +48,7 @@ class ChannelSummary:
     dt: float
     mean: float
     spectra: tuple[Spectrum, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[SpectralLine, ...]
     deviations: dict[str, Deviations]
     disturbances: tuple[Disturbance, ...]
     remarks: tuple[str, ...]

@@ -11,7 +11,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.noise.deviations import Deviations
-from inercal.noise.likelihood import Fit
+from inercal.noise.likelihood import NoiseFit
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import model_avar
 
@@ -97,7 +97,7 @@ class Goodness:
         )
 
 
-def judge_fit(bins: Bins, fit: Fit, oadev: Deviations) -> Goodness:
+def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
     """Return how well a fit describes its bins and the Allan deviation."""
     residual = np.sqrt(bins.weight / 2) * (bins.power / fit.model - 1)
     top = np.log10(bins.frequency.max()) + 1e-9

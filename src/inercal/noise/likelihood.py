@@ -28,7 +28,7 @@ _LOG_STEP = 0.02  # of ln T in its derivative
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class NoiseFit:
     """A fitted sum of terms.
 
     Parameters
@@ -156,7 +156,7 @@ def basis_matrix(bins: Bins, symbols: Sequence[str], markov_time: float) -> Arra
     return np.stack(columns, axis=1)
 
 
-def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = None) -> Fit:
+def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = None) -> NoiseFit:
     """Return the fit of these terms; T of a Gauss–Markov term is fitted where it is not given.
 
     Parameters
@@ -181,7 +181,7 @@ def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = No
         )
         slope = theta[symbols.index("G")] * (ahead - behind) / (2 * _LOG_STEP)
         columns = np.column_stack([basis, slope])
-    return Fit(symbols, theta, time, value, model, _covariance(bins, columns, model))
+    return NoiseFit(symbols, theta, time, value, model, _covariance(bins, columns, model))
 
 
 def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
@@ -213,7 +213,7 @@ def _parabola(at: Callable[[float], float], centre: float, values: Array, step: 
 
 
 def profile_limits(
-    bins: Bins, fit: Fit, symbol: str, rise: float = PROFILE_TWO_SIDED
+    bins: Bins, fit: NoiseFit, symbol: str, rise: float = PROFILE_TWO_SIDED
 ) -> tuple[float, float]:
     """Return the coefficients at which 2 L has risen by `rise`, the other terms fitted anew.
 

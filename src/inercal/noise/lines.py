@@ -24,14 +24,14 @@ _JOINED = 32  # coefficients between two that are parts of one line, which a sho
 
 
 @dataclass(frozen=True)
-class Line:
+class SpectralLine:
     """A line: frequency, Hz, and amplitude of the sinusoid in the unit of the series."""
 
     frequency: float
     amplitude: float
 
 
-def take_out_lines(spectrum: Spectrum) -> tuple[Spectrum, tuple[Line, ...]]:
+def take_out_lines(spectrum: Spectrum) -> tuple[Spectrum, tuple[SpectralLine, ...]]:
     """Return the spectrum without its lines, and the lines."""
     first = max(spectrum.first, _LOWEST)
     power = spectrum.power[first - 1 : spectrum.last - 1]
@@ -44,7 +44,7 @@ def take_out_lines(spectrum: Spectrum) -> tuple[Spectrum, tuple[Line, ...]]:
     if not above.size:
         return spectrum, ()
     kept = spectrum.kept.copy()
-    lines: list[Line] = []
+    lines: list[SpectralLine] = []
     for group in np.split(above, np.flatnonzero(np.diff(above) > _JOINED) + 1):
         peak = float((power[group] / level[group]).max())
         reach = max(_NEIGHBOURS, int(np.sqrt(_LEAKAGE * peak)))
@@ -53,7 +53,7 @@ def take_out_lines(spectrum: Spectrum) -> tuple[Spectrum, tuple[Line, ...]]:
         excess = np.maximum(power[low:high] - level[low:high], 0.0)
         place = first + low + float(excess @ np.arange(excess.size) / excess.sum())
         amplitude = np.sqrt(2 * excess.sum() / spectrum.n)
-        lines.append(Line(place / (2 * spectrum.n * spectrum.dt), float(amplitude)))
+        lines.append(SpectralLine(place / (2 * spectrum.n * spectrum.dt), float(amplitude)))
     return replace(spectrum, kept=kept), tuple(lines)
 
 

@@ -6,10 +6,10 @@ from typing import Literal
 from inercal.errors import InputError
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
-from inercal.noise.drift import DriftTerm
+from inercal.noise.drift_regression import DriftTerm
 from inercal.noise.goodness import Goodness
-from inercal.noise.likelihood import Fit
-from inercal.noise.lines import Line
+from inercal.noise.likelihood import NoiseFit
+from inercal.noise.lines import SpectralLine
 from inercal.noise.selection import Selection
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import TERMS
@@ -95,7 +95,7 @@ class ChannelNoise:
     selection : Selection
     bins : Bins
     goodness : Goodness
-    lines : tuple of Line
+    lines : tuple of SpectralLine
     disturbances : tuple of Disturbance
     drift : tuple of DriftTerm
     remarks : tuple of str
@@ -116,7 +116,7 @@ class ChannelNoise:
     selection: Selection
     bins: Bins
     goodness: Goodness
-    lines: tuple[Line, ...]
+    lines: tuple[SpectralLine, ...]
     disturbances: tuple[Disturbance, ...]
     drift: tuple[DriftTerm, ...]
     remarks: tuple[str, ...]
@@ -124,7 +124,7 @@ class ChannelNoise:
     method: str = "likelihood"
 
     @property
-    def fit(self) -> Fit:
+    def fit(self) -> NoiseFit:
         """The chosen model."""
         return self.selection.fit
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inercal.noise.likelihood import Fit, fit_terms
+from inercal.noise.likelihood import NoiseFit, fit_terms
 from inercal.noise.numerics import chi_squared_above
 from inercal.noise.spectrum import Bins
 
@@ -52,19 +52,19 @@ class Selection:
 
     Parameters
     ----------
-    fit : Fit
-    rivals : tuple of Fit
+    fit : NoiseFit
+    rivals : tuple of NoiseFit
         The other candidates, the best first.
     significance : dict of str to Significance
         Of each term of the model but N.
     """
 
-    fit: Fit
-    rivals: tuple[Fit, ...]
+    fit: NoiseFit
+    rivals: tuple[NoiseFit, ...]
     significance: dict[str, Significance]
 
     @property
-    def runners_up(self) -> tuple[Fit, ...]:
+    def runners_up(self) -> tuple[NoiseFit, ...]:
         """The rivals within 4 of AIC of the chosen model."""
         return tuple(one for one in self.rivals if one.aic - self.fit.aic <= RUNNERS_UP)
 
@@ -101,11 +101,11 @@ def select_terms(bins: Bins, candidates: Iterable[str] = CANDIDATES) -> Selectio
     return Selection(best, tuple(rivals), _significance(bins, best, fits))
 
 
-def _time_of(fit: Fit) -> float | None:
+def _time_of(fit: NoiseFit) -> float | None:
     return fit.markov_time if "G" in fit.symbols else None
 
 
-def _significance(bins: Bins, best: Fit, fits: list[Fit]) -> dict[str, Significance]:
+def _significance(bins: Bins, best: NoiseFit, fits: list[NoiseFit]) -> dict[str, Significance]:
     tested = [one for one in best.symbols if one != "N"]
     found: dict[str, Significance] = {}
     grid = bins.times

@@ -28,7 +28,7 @@ _SMALL_STEP = 0.1  # Δ/T below which the variogram of G is a series
 
 
 @dataclass(frozen=True)
-class Term:
+class NoiseTerm:
     """A term of the noise; its functions are for a coefficient of 1 in SI.
 
     Parameters
@@ -96,7 +96,7 @@ def _markov_avar(tau: Array, dt: float, time: float) -> Array:
 TERMS = {
     one.symbol: one
     for one in (
-        Term(
+        NoiseTerm(
             "Q",
             "quantisation",
             lambda f, dt, _: (2 * np.pi * f) ** 2 * dt,
@@ -107,7 +107,7 @@ TERMS = {
             "rad",
             "m/s",
         ),
-        Term(
+        NoiseTerm(
             "N",
             "white noise",
             lambda f, dt, _: np.ones_like(f),
@@ -118,7 +118,7 @@ TERMS = {
             "rad/s/√Hz",
             "m/s²/√Hz",
         ),
-        Term(
+        NoiseTerm(
             "B",
             "bias instability",
             lambda f, dt, _: 1 / (2 * np.pi * f),
@@ -129,7 +129,7 @@ TERMS = {
             "rad/s",
             "m/s²",
         ),
-        Term(
+        NoiseTerm(
             "K",
             "random walk",
             lambda f, dt, _: (2 * np.pi * f) ** -2.0,
@@ -140,7 +140,7 @@ TERMS = {
             "rad/s/√s",
             "m/s²/√s",
         ),
-        Term(
+        NoiseTerm(
             "G",
             "Gauss–Markov",
             lambda f, dt, time: 2 * time / (1 + (2 * np.pi * f * time) ** 2),

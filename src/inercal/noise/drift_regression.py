@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
-from inercal.noise.likelihood import Fit, basis_matrix, scored_fit
+from inercal.noise.likelihood import NoiseFit, basis_matrix, scored_fit
 from inercal.noise.numerics import dct2, pseudo_inverse
 from inercal.noise.selection import CANDIDATES, Selection, select_terms
 from inercal.noise.spectrum import Bins, Spectrum, make_bins
@@ -61,7 +61,7 @@ def _transform(values: Array) -> Array:
     return dct2(values - values.mean(axis=0), axis=0)[1:]
 
 
-def _model(fit: Fit, low: Spectrum) -> Array:
+def _model(fit: NoiseFit, low: Spectrum) -> Array:
     """Return S of each coefficient of the low frequencies, (n−1,)."""
     from inercal.noise.expected_periodogram import expected_periodogram
 
@@ -129,7 +129,7 @@ def fit_drift(
     return DriftFit(final, bins, terms, -2 * _refit(plain, final.fit).loss)
 
 
-def _refit(bins: Bins, fit: Fit) -> Fit:
+def _refit(bins: Bins, fit: NoiseFit) -> NoiseFit:
     basis = basis_matrix(bins, fit.symbols, fit.markov_time)
     theta, value = scored_fit(bins.power, bins.weight, basis, start=fit.variances)
     return replace(fit, variances=theta, loss=value, model=basis @ theta)
