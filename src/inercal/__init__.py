@@ -6,6 +6,7 @@
 - `save`, `load`: its `Calibration` as a file, which also has `correct`, `to_dataframe`, `to_latex`;
 - `apply`: a recording corrected by a calibration;
 - `export_calibration`, `import_calibration`: files of other programs, written and read;
+- `analyse_noise`: white noise, bias instability and random walk of a recording at rest;
 - `simulate`, `demo`: the same on simulated benches.
 
 >>> import inercal
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from inercal.demonstration import demo
     from inercal.export import export_calibration
     from inercal.export.readers import import_calibration
+    from inercal.noise import analyse_noise
     from inercal.pipeline import Outcome, apply, calibrate, simulate
     from inercal.pipeline.batch import calibrate_batch
     from inercal.report import plot_coverage, plot_residuals, write_report
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 _EXPORT_MODULES = {
     "Calibration": "inercal.calibration",
     "Outcome": "inercal.pipeline",
+    "analyse_noise": "inercal.noise",
     "apply": "inercal.pipeline",
     "calibrate": "inercal.pipeline",
     "calibrate_batch": "inercal.pipeline.batch",
@@ -70,6 +73,7 @@ def __dir__() -> list[str]:
 __all__ = [
     "Calibration",
     "Outcome",
+    "analyse_noise",
     "apply",
     "calibrate",
     "calibrate_batch",

@@ -20,6 +20,7 @@ from inercal.demonstration import RUN_FILE, demo
 from inercal.errors import InercalError
 from inercal.host.packets.checksums import CHECKS
 from inercal.io.write import write_recordings
+from inercal.noise import deviations
 from inercal.pipeline import calibrate, simulate_files
 from inercal.pipeline.batch import calibrate_batch
 from inercal.plan import six_positions
@@ -91,6 +92,7 @@ def _work(folder: Path) -> Iterator[tuple[str, Callable[[], object]]]:
     yield "a hand-held IMU", partial(_calibrate_by_hand, folder)
     yield "batches of fits", partial(_fit_batches, folder)
     yield "check sums of packets", _check_packets
+    yield "the noise of a sensor", _find_noise
 
 
 def _follow_recording(driven: Path, name: str) -> None:
@@ -146,3 +148,8 @@ def _check_packets() -> None:
     for data in (received, received.copy()):
         for check in CHECKS.values():
             check.span_checks(data, start, stop)
+
+
+def _find_noise() -> None:
+    """Compute the Allan deviation at so many averaging times that its kernel is used."""
+    deviations(np.sin(np.arange(50_000.0) ** 2), 1.0, spacing="all")

@@ -45,7 +45,7 @@ def run(
     page = path.with_suffix(".draft.html")
     kinds = {path: RUN_FILE} | ({page: PAGE} if report else {})
     check_outputs(kinds, logs, force=force)
-    known = _stated_keys(stated)
+    known = stated_keys(stated)
     asks = not yes and sys.stdin.isatty() and sys.stdout.isatty()
     draft = _draft(logs, path, known, asks=asks)
     if draft.questions and asks:
@@ -72,7 +72,7 @@ def run(
         print(f"next: inercal calibrate {path}")
 
 
-def _stated_keys(texts: Sequence[str]) -> dict[str, str]:
+def stated_keys(texts: Sequence[str]) -> dict[str, str]:
     """Return the values of `--set`, by key.
 
     Raises

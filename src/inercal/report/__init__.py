@@ -13,8 +13,10 @@ from inercal.design.worksheet import Worksheet
 from inercal.drafts import Draft
 from inercal.errors import require_extra, require_installed
 from inercal.io.atomic_files import write_text
+from inercal.noise.results import NoiseAnalysis
 from inercal.pipeline import Outcome
 from inercal.pipeline.refused_recording import InspectedRecording
+from inercal.recording import Recording
 from inercal.sensors import Sensor
 
 if TYPE_CHECKING:  # reports do without a register
@@ -156,6 +158,26 @@ def write_draft(draft: Draft, path: str | Path) -> Path:
     return write_text(path, page(draft))
 
 
+def write_noise(analysis: NoiseAnalysis, recording: Recording, path: str | Path) -> Path:
+    """Write the page of a noise analysis; it appears whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    analysis : NoiseAnalysis
+    recording : Recording
+        That was analysed, in SI.
+    path : path
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.noise_page import page
+    return write_text(path, page(analysis, recording))
+
+
 def write_budget(budget: Budget, path: str | Path, under: str = "") -> Path:
     """Write the page of an error budget; it appears whole or not at all. Return its path.
 
@@ -222,6 +244,7 @@ __all__ = [
     "write_budget",
     "write_draft",
     "write_history",
+    "write_noise",
     "write_refusal",
     "write_report",
     "write_worksheet",

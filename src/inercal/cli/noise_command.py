@@ -1,0 +1,167 @@
+"""`inercal noise`: the noise of a sensor at rest, from its recording."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from inercal.cli.console import print_json, print_written_files, progress_status
+
+if TYPE_CHECKING:
+    from inercal.noise import NoiseAnalysis
+    from inercal.recording import Recording
+
+NAME = "noise"
+
+
+def run(
+    recording: Path = typer.Argument(
+        help="A recording at rest, or the run file (.toml) whose \\[data] names it."
+    ),
+    stated: list[str] = typer.Option(
+        [],
+        "--set",
+        metavar="KEY=VALUE",
+        help="What you know of a recording: --set data.gyro=gx,gy,gz, --set sensor.gyro.unit=°/s, "
+        '--set "data.rate=100 Hz".',
+    ),
+    terms: str | None = typer.Option(
+        None, "--terms", help="Terms to fit, as NBK, instead of those that the data support."
+    ),
+    method: str = typer.Option(
+        "likelihood", "--method", help="likelihood, gmwm or wls_log; the others stand beside."
+    ),
+    spacing: str = typer.Option("octave", "--taus", help="Averaging times: octave, decade or all."),
+    skip_disturbed: bool = typer.Option(
+        False, "--skip-disturbed", help="Leave the disturbed times out of the fit."
+    ),
+    report: bool = typer.Option(False, "--report", help="Write a page with the plots."),
+    section: Path | None = typer.Option(
+        None,
+        "--write",
+        metavar="RUN_FILE",
+        help="Write the noise to \\[sensor.*] of this run file, new or with --force an existing.",
+    ),
+    to: list[str] = typer.Option(
+        [], "--to", metavar="kalibr|ros", help="Write the noise for another program."
+    ),
+    horizon: float = typer.Option(
+        100.0,
+        "--horizon",
+        help="Time in s at which a random walk equals a bias instability, for a program that "
+        "knows only random walks.",
+    ),
+    out: Path = typer.Option(Path(), "--out", "-o", help="Folder of the files to write."),
+    force: bool = typer.Option(False, "--force", help="Write over existing files."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Find noise, bias instability and random walk of a sensor at rest, and its disturbances."""
+    from inercal.cli.noise_view import as_object, print_analysis
+    from inercal.cli.outputs import PAGE, RUN_FILE, OutputKind, check_outputs
+    from inercal.io.atomic_files import write_text
+    from inercal.noise.noise_files import WRITERS
+
+    _check_choices(method, spacing, to, horizon)
+    pages = {"page": out / f"{recording.stem}.noise.html"} if report else {}
+    texts = {one: out / f"{recording.stem}.{one}.yaml" for one in to}
+    kinds = dict.fromkeys(pages.values(), PAGE)
+    kinds |= dict.fromkeys(texts.values(), OutputKind("noise file", b"# inercal noise"))
+    check_outputs(kinds, [recording], force=force or None)
+    if section is not None:
+        inputs = [] if force and section == recording else [recording]
+        check_outputs({section: RUN_FILE}, inputs, force=force)
+    if report:
+        from inercal.report import require_report_packages
+
+        require_report_packages()
+    with progress_status(f"reading {recording}"):
+        readings = _read(recording, stated)
+    with progress_status(f"analysing {recording}"):
+        from inercal.noise import analyse_noise
+
+        analysis = analyse_noise(
+            readings,
+            terms=terms,
+            method=method,  # type: ignore[arg-type]
+            spacing=spacing,  # type: ignore[arg-type]
+            keep_disturbed=not skip_disturbed,
+        )
+    files: dict[str, Path | str] = {}
+    for one, path in texts.items():
+        files[one] = write_text(path, WRITERS[one](analysis, horizon))
+    if section is not None:
+        files["run_file"] = _write_section(analysis, section)
+    for name, path in pages.items():
+        from inercal.report import write_noise
+
+        files[name] = write_noise(analysis, readings, path)
+    if json:
+        print_json(as_object(analysis) | {name: str(path) for name, path in files.items()})
+        return
+    print_analysis(analysis)
+    print_written_files(files)
+
+
+def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float) -> None:
+    """Refuse an unknown method, spacing or program, before the work."""
+    from inercal.errors import InputError
+
+    for option, value, possible in (
+        ("--method", method, ("likelihood", "gmwm", "wls_log")),
+        ("--taus", spacing, ("octave", "decade", "all")),
+        *(("--to", one, ("kalibr", "ros")) for one in to),
+    ):
+        if value not in possible:
+            raise InputError(f"{option} {value!r}: it can be {', '.join(possible)}", key=option)
+    if not 0 < horizon < float("inf"):
+        raise InputError(f"--horizon {horizon:g}: give a positive time in s", key="--horizon")
+
+
+def _read(path: Path, stated: Sequence[str]) -> "Recording":
+    """Return the readings of a run file's recording, or of a log, in SI."""
+    from inercal.cli.init_command import stated_keys
+    from inercal.drafts.rest_recording import in_si, read_rest_recording
+    from inercal.errors import InputError
+
+    known = stated_keys(stated)
+    if path.suffix.lower() != ".toml":
+        return read_rest_recording(path, known)
+    if known:
+        raise InputError(f"--set: {path} states its keys itself; change them there", key="--set")
+    from inercal.data.recording_loader import load_recording
+    from inercal.runfile import read
+
+    run = read(path)
+    if run.data.kind == "means":
+        raise InputError(
+            f"{path}: [data] holds means, which have no noise of samples: give a recording",
+            file=path,
+            key="[data] kind",
+        )
+    recording = load_recording(run)
+    axes = {axis.name: axis for axis in run.sensor.axes}
+    chosen = [axes[name] for name in recording.channels]
+    units = ["m/s²" if axis.measures == "f" else "rad/s" for axis in chosen]
+    return in_si(recording, [axis.readout for axis in chosen], units)
+
+
+def _write_section(analysis: "NoiseAnalysis", path: Path) -> Path:
+    """Write the noise into the sections of a run file, and keep the previous file."""
+    import tomllib
+
+    from inercal.errors import InputError
+    from inercal.io.atomic_files import keep_previous, write_text
+    from inercal.noise.noise_files import merge_sections, run_file_sections
+
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    merged = merge_sections(text, run_file_sections(analysis))
+    try:
+        tomllib.loads(merged)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(
+            f"{path}: the noise cannot be written into this file ({error}): write to a new file",
+            file=path,
+        ) from None
+    keep_previous(path)
+    return write_text(path, merged)

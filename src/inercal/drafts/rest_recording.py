@@ -1,0 +1,146 @@
+"""A recording of a sensor at rest without a run file: columns, units and rate as `init` finds them.
+
+At rest nothing shows a gyro's unit: it comes from the columns' names, from the format, or is
+stated.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inercal.drafts.column_roles import ColumnRoles, recognise_columns
+from inercal.drafts.draft_sections import clock_keys
+from inercal.drafts.readouts import guess_accelerometer
+from inercal.drafts.stated_keys import stated_columns, stated_values
+from inercal.errors import InputError
+from inercal.io.column_table import Table
+from inercal.io.read import detect_reader, read_recording, read_table
+from inercal.io.table_recording import Columns
+from inercal.recording import Recording
+from inercal.section_settings import si_value
+from inercal.sensors.axis import Readout
+from inercal.units import si_factor
+
+_LIKE = {"accelerometer": "m/s²", "gyro": "rad/s"}
+_COUNTS = ("LSB", "V")
+_AXES = "xyz"
+
+
+def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
+    """Return the accelerometers and gyros of a log in m/s² and rad/s, with its temperature.
+
+    Parameters
+    ----------
+    log : Path
+        Of any format that is read.
+    stated : mapping of str to str
+        Values by key of a run file: "data.rate", "data.gyro", "sensor.gyro.unit",
+        "sensor.gyro.scale", ….
+
+    Raises
+    ------
+    InputError
+        No column of a sensor, a unit or a rate that is not known, or what the audit refuses.
+    """
+    values = stated_values(stated)
+    table = read_table(log)
+    columns = stated_columns(values, table, second_file=False)
+    roles = recognise_columns(table, detect_reader(log).name, columns)
+    if not roles.triads:
+        raise InputError(
+            f"{log}: no accelerometers and no gyros are recognised among "
+            f'{", ".join(table.names)}: state them, as in --set "data.gyro=gx,gy,gz"',
+            file=log,
+        )
+    readouts = {kind: _readout(log, table, roles, kind, values) for kind in roles.triads}
+    channels = tuple(
+        (f"{'a' if kind == 'accelerometer' else 'g'}{axis}", column, readouts[kind].unit)
+        for kind, names in roles.triads.items()
+        for axis, column in zip(_axes(len(names)), names, strict=True)
+    )
+    recording = read_recording(log, _columns(log, table, roles, channels, stated, values))
+    kinds = [kind for kind, names in roles.triads.items() for _ in names]
+    return in_si(recording, [readouts[kind] for kind in kinds], [_LIKE[kind] for kind in kinds])
+
+
+def _axes(count: int) -> tuple[str, ...]:
+    return tuple(_AXES[:count]) if count <= len(_AXES) else tuple(map(str, range(1, count + 1)))
+
+
+def in_si(recording: Recording, readouts: list[Readout], units: list[str]) -> Recording:
+    """Return readings of axes in their SI units.
+
+    Parameters
+    ----------
+    recording : Recording
+        In output units, with one channel for each readout.
+    readouts : list of Readout
+    units : list of str
+        "m/s²" or "rad/s" of each.
+    """
+    from dataclasses import replace
+
+    offsets = np.array([one.offset for one in readouts])
+    scales = np.array([one.scale for one in readouts])
+    return replace(recording, data=(recording.data - offsets) / scales, units=tuple(units))
+
+
+def _readout(
+    log: Path, table: Table, roles: ColumnRoles, kind: str, values: Mapping[str, Any]
+) -> Readout:
+    key = f"sensor.{kind}"
+    like = _LIKE[kind]
+    unit = values.get(f"{key}.unit", roles.units.get(kind))
+    scale = values.get(f"{key}.scale")
+    offset = float(values.get(f"{key}.offset", 0.0))
+    if scale is not None:
+        output = unit if unit in _COUNTS else "LSB"
+        return Readout(si_value(str(scale), f"{output}/({like})", f"{key}.scale"), offset, output)
+    if unit is None and kind == "accelerometer":
+        names = roles.triads[kind]
+        mean = np.array([[float(np.mean(table.numbers(name))) for name in names]])
+        guess = guess_accelerometer(mean, None)
+        if guess.unit not in _COUNTS:
+            return Readout(1 / guess.size, 0.0, guess.unit)
+    if unit is None or unit in _COUNTS:
+        example = "rad/s" if kind == "gyro" else "m/s²"
+        counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
+        raise InputError(
+            f'{log}: the unit of the {kind}s is not known: --set "{key}.unit={example}", or of '
+            f'counts --set "{key}.scale={counts}"',
+            file=log,
+            key=f"{key}.unit",
+        )
+    return Readout(1 / si_factor(str(unit), like), offset, str(unit))
+
+
+def _columns(
+    log: Path,
+    table: Table,
+    roles: ColumnRoles,
+    channels: tuple[tuple[str, str, str], ...],
+    stated: Mapping[str, str],
+    values: Mapping[str, Any],
+) -> Columns:
+    _, clock = clock_keys(table, roles, stated)
+    keys = {one.key: one.value for one in clock}
+    counted = keys.get("time_unit") == "sample" or "time" not in keys
+    if counted and "data.rate" not in stated:
+        raise InputError(
+            f'{log}: the rate of the samples is not known: --set "data.rate=100 Hz"',
+            file=log,
+            key="data.rate",
+        )
+    unit = str(values.get("data.time_unit", keys.get("time_unit", "s")))
+    dates = "time" in keys and table.columns[roles.single["time"]].dtype.kind == "U"
+    return Columns(
+        channels=channels,
+        time=roles.single.get("time"),
+        time_unit=None if dates or "time" not in keys else unit,
+        rate_hz=si_value(stated["data.rate"], "Hz", "data.rate") if counted else None,
+        temperature=roles.single.get("temperature"),
+        temperature_unit=str(values.get("data.temperature_unit", "°C")),
+        nonfinite=values.get("data.nonfinite", "refuse"),
+    )

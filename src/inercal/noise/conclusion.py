@@ -1,0 +1,100 @@
+"""From what is known of a channel's samples to its noise: fit, drift, judgement."""
+
+from dataclasses import dataclass
+
+from inercal.arrays import Array
+from inercal.noise.coefficients import Method, estimate_coefficients, undetermined
+from inercal.noise.deviations import Deviations
+from inercal.noise.disturbances import Disturbance
+from inercal.noise.drift_regression import find_drift
+from inercal.noise.goodness import judge_fit
+from inercal.noise.lines import SpectralLine
+from inercal.noise.results import ChannelNoise, Quantity
+from inercal.noise.selection import select_terms
+from inercal.noise.spectrum import Spectrum, make_bins
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSummary:
+    """What the fit needs of a channel, SI.
+
+    Parameters
+    ----------
+    channel : str
+    quantity : "gyro" or "accelerometer"
+    n, longest : int
+        Samples in all pieces, and in the longest.
+    dt : float
+        Δ, s.
+    mean : float
+    spectra : tuple of Spectrum
+        Without lines; those of low frequencies first.
+    lines : tuple of SpectralLine
+    deviations : dict of kind to Deviations
+    disturbances : tuple of Disturbance
+    remarks : tuple of str
+    whole : bool
+        Whether there is one piece.
+    low_values : (k,) array or None
+        Means whose transform is spectra[0]; None of several pieces.
+    regressors : dict of name to (k,) array
+        What drift may follow.
+    """
+
+    channel: str
+    quantity: Quantity
+    n: int
+    longest: int
+    dt: float
+    mean: float
+    spectra: tuple[Spectrum, ...]
+    lines: tuple[SpectralLine, ...]
+    deviations: dict[str, Deviations]
+    disturbances: tuple[Disturbance, ...]
+    remarks: tuple[str, ...]
+    whole: bool
+    low_values: Array | None
+    regressors: dict[str, Array]
+
+
+def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -> ChannelNoise:
+    """Return the noise of a channel.
+
+    Parameters
+    ----------
+    one : ChannelSummary
+    candidates : tuple of str
+        Models to choose from.
+    method : "likelihood", "gmwm" or "wls_log"
+    """
+    bins = make_bins(one.spectra, one.dt)
+    selection = select_terms(bins, candidates)
+    drift = None
+    if one.low_values is not None and one.regressors:
+        drift = find_drift(
+            one.low_values, one.spectra, one.regressors, one.dt, selection, candidates
+        )
+    if drift is not None:
+        selection, bins = drift.selection, drift.bins
+    oadev = one.deviations["oadev"]
+    coefficients, comparison = estimate_coefficients(
+        selection, bins, oadev, one.quantity, method, one.longest, whole=one.whole
+    )
+    return ChannelNoise(
+        one.channel,
+        one.quantity,
+        one.n,
+        one.dt,
+        one.mean,
+        coefficients,
+        one.deviations,
+        selection,
+        bins,
+        judge_fit(bins, selection.fit, oadev),
+        one.lines,
+        one.disturbances,
+        () if drift is None else drift.terms,
+        (*one.remarks, *undetermined(selection, bins, one.longest * one.dt)),
+        comparison,
+        method,
+    )

@@ -1,0 +1,155 @@
+"""Equivalent degrees of freedom of deviations, their 95 % intervals, and the name of the noise.
+
+Combined algorithm of Greenhall and Riley (PTTI 2003), with S(f) ∝ f^α of y: α = 2 quantisation,
+0 white, −1 flicker, −2 random walk. Total deviations: SP 1065, tables 7 to 11. The name of a noise
+is by the lag-1 autocorrelation (Riley and Greenhall 2004): a label, not an estimate.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.numerics import chi_squared_quantiles
+
+LABELS = {2: "quantisation", 1: "flicker of phase", 0: "white", -1: "flicker", -2: "random walk",
+          -3: "flicker walk", -4: "random run"}  # fmt: skip
+_TAILS = (0.025, 0.975)
+_FEWEST = 30  # block means by which a noise is named
+_J_MAX = 100
+_TOTAL_EDF = {0: (1.5, 0.0), -1: (1.16832, 0.222), -2: (0.92715, 0.358)}
+_MTOT_EDF = {2: (1.90, 2.10), 1: (1.20, 1.40), 0: (1.10, 1.20), -1: (0.85, 0.50), -2: (0.75, 0.31)}
+_HTOT_EDF = {0: (0.546, 1.41), -1: (0.667, 2.00), -2: (0.909, 1.00)}
+_TOTAL_BIAS = {0: 0.0, -1: 1 / (3 * np.log(2)), -2: 0.75}
+_MTOT_BIAS = {2: 0.94, 1: 0.83, 0: 0.73, -1: 0.70, -2: 0.69}
+_HTOT_BIAS = {0: -0.005, -1: -0.149, -2: -0.229, -3: -0.283, -4: -0.321}
+
+
+def identify_noise(x: Array, m: int) -> int:
+    """Return α of the noise at an averaging factor, by the lag-1 autocorrelation of block means.
+
+    Parameters
+    ----------
+    x : (n + 1,) array
+        Cumulative sums.
+    m : int
+        Where fewer than 30 block means are left, those of a smaller factor are used.
+    """
+    m = max(1, min(m, (x.size - 1) // _FEWEST))
+    z = np.diff(x[::m])
+    if z.size < 3:
+        return 0
+    for d in range(3):
+        z = z - z.mean()
+        power = float(z @ z)
+        if power == 0:
+            return 0
+        r = float(z[1:] @ z[:-1]) / power
+        delta = r / (1 + r) if r > -0.5 else -1.0
+        if d == 2 or delta < 0.25:
+            return int(np.clip(round(-2 * (delta + d)), -4, 2))
+        z = np.diff(z)
+    raise AssertionError("unreachable")
+
+
+def _sw(t: float, alpha: int) -> float:
+    """Return s_w(t, α), the generalised autocovariance of phase."""
+    t = abs(t)
+    if alpha == 2:
+        return -t
+    if alpha == 1:
+        return t**2 * np.log(t) if t else 0.0
+    if alpha == 0:
+        return t**3
+    if alpha == -1:
+        return -(t**4) * np.log(t) if t else 0.0
+    if alpha == -2:
+        return -(t**5)
+    if alpha == -3:
+        return t**6 * np.log(t) if t else 0.0
+    return t**7
+
+
+def _sx(t: float, f: float, alpha: int) -> float:
+    if f > 100 and alpha <= 0:
+        return _sw(t, alpha + 2)
+    return f**2 * (2 * _sw(t, alpha) - _sw(t - 1 / f, alpha) - _sw(t + 1 / f, alpha))
+
+
+def _sz(t: float, f: float, alpha: int, d: int) -> float:
+    weights = {1: (2, -1), 2: (6, -4, 1), 3: (20, -15, 6, -1)}[d]
+    total = weights[0] * _sx(t, f, alpha)
+    for k, w in enumerate(weights[1:], 1):
+        total += w * (_sx(t - k, f, alpha) + _sx(t + k, f, alpha))
+    return total
+
+
+def _basic_sum(j: int, m: float, s: int, f: float, alpha: int, d: int) -> float:
+    first, last = _sz(0, f, alpha, d) ** 2, _sz(j / s, f, alpha, d) ** 2
+    inner = sum((1 - i / m) * _sz(i / s, f, alpha, d) ** 2 for i in range(1, j))
+    return first + (1 - j / m) * last + 2 * inner
+
+
+@lru_cache(maxsize=65536)
+def _greenhall_riley(alpha: int, d: int, m: int, s: int, f: float, n: int) -> float:
+    """Return the edf of differences of order d of n phases at factor m, with s steps in m."""
+    length = m / f + m * d
+    count = 1 + int(s * (n - length) / m)
+    if count < 1:
+        return 1.0
+    j_max = min(count, (d + 1) * s)
+    sz0 = _sz(0, f, alpha, d) ** 2
+    if s > 1 and j_max > _J_MAX and f > 100 and alpha <= 0:
+        ratio = count / s
+        reduced = max(1, min(_J_MAX // (d + 1), s))
+        j_max = min(int(ratio * reduced), (d + 1) * reduced)
+        total = _basic_sum(max(j_max, 1), ratio * reduced, reduced, f, alpha, d)
+        return max(sz0 * ratio * reduced / total, 1.0)
+    return max(sz0 * count / _basic_sum(j_max, count, s, f, alpha, d), 1.0)
+
+
+def degrees_of_freedom(kind: str, alpha: int, m: int, n: int) -> float:
+    """Return the equivalent degrees of freedom of a deviation.
+
+    Parameters
+    ----------
+    kind : str
+        Of `inercal.noise.deviations.KINDS`.
+    alpha : int
+        −4 to 2.
+    m : int
+        Averaging factor.
+    n : int
+        Number of block means.
+    """
+    if kind == "totdev":
+        b, c = _TOTAL_EDF[int(np.clip(alpha, -2, 0))]
+        return max(b * n / m - c, 1.0)
+    if kind == "mtot":
+        b, c = _MTOT_EDF[int(np.clip(alpha, -2, 2))]
+        return max(b * n / m - c, 1.0)
+    if kind == "htot":
+        b0, b1 = _HTOT_EDF[int(np.clip(alpha, -2, 0))]
+        return max((n / m) / (b0 + b1 * m / n), 1.0)
+    d = 3 if kind in ("hdev", "ohdev") else 2
+    alpha = max(alpha, 1 - 2 * d)
+    modified = kind in ("mdev", "tdev")
+    steps = 1 if kind in ("adev", "hdev") else m
+    return _greenhall_riley(alpha, d, m, steps, 1.0 if modified else float(m), n + 1)
+
+
+def bias_ratio(kind: str, alpha: int, m: int, n: int) -> float:
+    """Return the expected variance of an estimator over the true one."""
+    if kind == "totdev":
+        return 1 - _TOTAL_BIAS[int(np.clip(alpha, -2, 0))] * m / n
+    if kind == "mtot":
+        return _MTOT_BIAS[int(np.clip(alpha, -2, 2))]
+    if kind == "htot" and m > 1:
+        return 1 + _HTOT_BIAS[int(np.clip(alpha, -4, 0))]
+    return 1.0
+
+
+def interval(value: Array, edf: Array) -> tuple[Array, Array]:
+    """Return the ends of the 95 % interval of deviations: χ² of these degrees of freedom."""
+    low, high = (value * np.sqrt(edf / chi_squared_quantiles(edf, tail)) for tail in _TAILS)
+    return low, high

@@ -1,0 +1,282 @@
+"""Allan, modified, Hadamard, time and total deviations of a series of block means.
+
+With the cumulative sum x (x[0] = 0, x in units of y Δ) of y, (n,), and an averaging factor m, the
+averaging time is τ = m Δ. Each variance is a mean of squared differences (Riley, NIST SP 1065)::
+
+    oadev   (x[i+2m] − 2 x[i+m] + x[i])²/(2 τ²)
+    hdev    (x[i+3m] − 3 x[i+2m] + 3 x[i+m] − x[i])²/(6 τ²)          overlapping, blind to a ramp
+    mdev    as oadev of the means of m sums;  tdev = τ mdev/√3
+    totdev  as oadev of the series reflected at both ends
+
+Past m = 1024 every (m/16)-th difference is used: neighbours repeat one another, and the
+equivalent degrees of freedom fall by 0.5 %.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.noise.confidence import (
+    LABELS,
+    bias_ratio,
+    degrees_of_freedom,
+    identify_noise,
+    interval,
+)
+from inercal.noise.total_deviations import total_hadamard_variance, total_modified_variance
+
+Kind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
+Spacing = Literal["octave", "decade", "all"]
+KINDS: tuple[str, ...] = get_args(Kind)
+FULL_OVERLAP = 1024  # averaging factor up to which every difference is used
+_OVERLAP = 16  # differences within an averaging time past that
+_MANY = 100  # averaging factors, beyond which names and edf are interpolated
+_COMPILED_FROM, _COMPILED_FACTORS = 2e7, 1000  # samples times factors
+_PIECE = 1 << 15  # samples that stay in the processor's cache
+_ALLAN, _HADAMARD = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
+_PHASES = {"adev": 2, "oadev": 2, "mdev": 3, "tdev": 3, "hdev": 3, "ohdev": 3,
+           "totdev": 1, "htot": 3, "mtot": 3}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """A deviation of one channel by averaging time.
+
+    Parameters
+    ----------
+    kind : str
+        Of `KINDS`.
+    tau : (k,) array
+        Averaging times, s.
+    value, low, high : (k,) array
+        The deviation and the ends of its 95 % interval, in the unit of y (tdev: times s).
+    edf : (k,) array
+        Equivalent degrees of freedom.
+    label : tuple of str
+        Term that the lag-1 autocorrelation names at each averaging time; a label only.
+    count : (k,) array of int
+        Differences that were used.
+    """
+
+    kind: str
+    tau: Array
+    value: Array
+    low: Array
+    high: Array
+    edf: Array
+    label: tuple[str, ...]
+    count: np.ndarray
+
+
+def averaging_factors(n: int, spacing: Spacing, phases: int = 2) -> np.ndarray:
+    """Return the averaging factors m with at least one difference: n ≥ phases · m.
+
+    Parameters
+    ----------
+    n : int
+        Number of block means.
+    spacing : "octave", "decade" or "all"
+        Powers of 2; 1, 2, 4 of each decade; or every one.
+    phases : int
+        Averaging times within a difference: 2, of Hadamard's and the modified deviation 3.
+    """
+    last = max(n // phases, 1)
+    if spacing == "all":
+        return np.arange(1, last + 1)
+    if spacing == "octave":
+        return 2 ** np.arange(int(np.log2(last)) + 1)
+    found = [int(a * 10**p) for p in range(int(np.log10(last)) + 1) for a in (1, 2, 4)]
+    return np.array([m for m in found if m <= last])
+
+
+def cumulative_sum(y: Array) -> Array:
+    """Return x, (n + 1,), of y less its mean, which cancels in every difference."""
+    x = np.empty(y.size + 1)
+    x[0] = 0.0
+    np.cumsum(y - y.mean(), out=x[1:])
+    return x
+
+
+def sum_of_squared_differences(
+    x: Array, m: int, coefficients: Sequence[float], stride: int
+) -> tuple[float, int]:
+    """Return Σ (Σ_j c_j x[i + j m])² over i = 0, stride, 2 stride, …, and the number of terms."""
+    reach = (len(coefficients) - 1) * m
+    count = (x.size - reach - 1) // stride + 1
+    if count <= 0:
+        return 0.0, 0
+    total, scratch, product = 0.0, np.empty(_PIECE), np.empty(_PIECE)
+    for start in range(0, count, _PIECE):
+        size = min(_PIECE, count - start)
+        d = scratch[:size]
+        first = start * stride
+        span = (size - 1) * stride + 1
+        np.multiply(x[first : first + span : stride], coefficients[0], out=d)
+        for j, c in enumerate(coefficients[1:], 1):
+            part = x[first + j * m : first + j * m + span : stride]
+            if c == 1.0:
+                d += part
+            else:
+                d += np.multiply(part, c, out=product[:size])
+        total += float(d @ d)
+    return total, count
+
+
+def stride_of(m: int) -> int:
+    """Return the step between the differences that are used at an averaging factor."""
+    return 1 if m <= FULL_OVERLAP else m // _OVERLAP
+
+
+def _difference_variance(x: Array, m: int, kind: str) -> tuple[float, int]:
+    hadamard = kind in ("hdev", "ohdev")
+    stride = m if kind in ("adev", "hdev") else stride_of(m)
+    coefficients = _HADAMARD if hadamard else _ALLAN
+    total, count = sum_of_squared_differences(x, m, coefficients, stride)
+    return total / (count * (6.0 if hadamard else 2.0) * m**2), count
+
+
+def _modified_variance(x: Array, m: int) -> tuple[float, int]:
+    doubled = np.concatenate([[0.0], np.cumsum(x - x.mean())])
+    total, count = sum_of_squared_differences(doubled, m, _HADAMARD, stride_of(m))
+    return total / (count * 2.0 * float(m) ** 4), count
+
+
+def _total_variance(x: Array, m: int) -> tuple[float, int]:
+    """Return the total variance: of x reflected about both of its ends."""
+    head, tail = 2 * x[0] - x[1 : m + 1][::-1], 2 * x[-1] - x[-m - 1 : -1][::-1]
+    extended = np.concatenate([head, x, tail])[m - (m - 1) : -1] if m else x
+    total, count = sum_of_squared_differences(extended, m, _ALLAN, stride_of(m))
+    return total / (count * 2.0 * m**2), count
+
+
+def variance(x: Array, m: int, kind: str) -> tuple[float, int]:
+    """Return a variance of cumulative sums at an averaging factor, with Δ = 1, and its count.
+
+    Parameters
+    ----------
+    x : (n + 1,) array
+        Of `cumulative_sum`.
+    m : int
+    kind : str
+        Of `KINDS`; "tdev" is returned as the modified variance.
+    """
+    if kind in ("mdev", "tdev"):
+        return _modified_variance(x, m)
+    if kind == "totdev":
+        return _total_variance(x, m)
+    if kind == "htot":
+        return total_hadamard_variance(np.diff(x), m)
+    if kind == "mtot":
+        return total_modified_variance(x, m)
+    return _difference_variance(x, m, kind)
+
+
+def deviations(
+    y: Array,
+    dt: float,
+    kind: str = "oadev",
+    spacing: Spacing = "octave",
+    factors: Sequence[int] | None = None,
+) -> Deviations:
+    """Return a deviation of y, (n,), with 95 % intervals.
+
+    The total deviations have the bias corrections of SP 1065 for the noise that the lag-1
+    autocorrelation names.
+
+    Parameters
+    ----------
+    y : (n,) array
+        Block means over `dt`, any unit.
+    dt : float
+        Δ, s.
+    kind : str
+        Of `KINDS`.
+    spacing : "octave", "decade" or "all"
+    factors : sequence of int, optional
+        Averaging factors instead of `spacing`.
+
+    Raises
+    ------
+    InputError
+        An unknown kind, a series that is too short, or a factor that is too large for it.
+    """
+    if kind not in KINDS:
+        raise InputError(f"no deviation {kind!r}; there are {', '.join(KINDS)}", key="--deviation")
+    if y.size < 3:
+        raise InputError(f"{y.size} values have no Allan deviation: give at least 3")
+    phases = _PHASES[kind]
+    chosen = averaging_factors(y.size, spacing, phases) if factors is None else np.asarray(factors)
+    if chosen.min() < 1 or chosen.max() * phases > y.size:
+        raise InputError(
+            f"averaging factors of {y.size} values must be 1 to {y.size // phases}, not "
+            f"{chosen.min()} to {chosen.max()}"
+        )
+    x = cumulative_sum(y)
+    values, counts = _variances(x, chosen, kind)
+    return with_intervals(kind, chosen, values, counts, _names(x, chosen), y.size, dt)
+
+
+def _variances(x: Array, factors: np.ndarray, kind: str) -> tuple[Array, list[int]]:
+    """Return the variances at all factors, with Δ = 1, and their counts."""
+    if kind != "oadev" or x.size * min(factors.size, _COMPILED_FACTORS) < _COMPILED_FROM:
+        found = [variance(x, int(m), kind) for m in factors]
+        return np.array([one[0] for one in found]), [one[1] for one in found]
+    # Numba takes a second to load, which only long work repays.
+    from inercal.noise._kernels import squared_second_differences
+
+    factors = factors.astype(np.int64)
+    strides = np.where(factors <= FULL_OVERLAP, 1, factors // _OVERLAP)
+    counts = (x.size - 2 * factors - 1) // strides + 1
+    totals = squared_second_differences(x, factors, strides)
+    return totals / (2.0 * counts * factors.astype(np.float64) ** 2), counts.tolist()
+
+
+def _names(x: Array, factors: np.ndarray) -> list[int]:
+    """Return α at each factor; of many factors, at the nearest of about a hundred."""
+    nodes = _nodes(factors)
+    alphas = [identify_noise(x, int(m)) for m in nodes]
+    nearest = np.searchsorted(np.sqrt(nodes[1:] * nodes[:-1].astype(np.float64)), factors)
+    return [alphas[k] for k in nearest]
+
+
+def _nodes(factors: np.ndarray) -> np.ndarray:
+    """Return about a hundred of many factors, evenly on a logarithmic scale."""
+    if factors.size <= _MANY:
+        return factors
+    places: Array = np.geomspace(float(factors[0]), float(factors[-1]), _MANY)
+    return np.unique(factors[np.minimum(np.searchsorted(factors, places), factors.size - 1)])
+
+
+def _interpolated_edf(kind: str, factors: np.ndarray, alphas: Sequence[int], n: int) -> Array:
+    """Return the equivalent degrees of freedom, of many factors between a hundred of them."""
+    names, nodes = np.array(alphas), _nodes(factors)
+    edf = np.empty(factors.size)
+    for alpha in np.unique(names):
+        some = names == alpha
+        at = [degrees_of_freedom(kind, int(alpha), int(m), n) for m in nodes]
+        edf[some] = np.exp(np.interp(np.log(factors[some]), np.log(nodes), np.log(at)))
+    return edf
+
+
+def with_intervals(
+    kind: str,
+    factors: np.ndarray,
+    variances: Array,
+    counts: Sequence[int],
+    alphas: Sequence[int],
+    n: int,
+    dt: float,
+) -> Deviations:
+    """Return variances with Δ = 1 as deviations in the unit of y with their intervals."""
+    tau = factors * dt
+    pairs = list(zip(factors, alphas, strict=True))
+    edf = _interpolated_edf(kind, factors, alphas, n)
+    corrected = variances / np.array([bias_ratio(kind, a, int(m), n) for m, a in pairs])
+    value = np.sqrt(corrected) * (tau / np.sqrt(3) if kind == "tdev" else 1.0)
+    low, high = interval(value, edf)
+    labels = tuple(LABELS[a] for a in alphas)
+    return Deviations(kind, tau, value, low, high, edf, labels, np.array(counts))

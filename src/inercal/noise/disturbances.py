@@ -1,0 +1,248 @@
+"""Steps, knocks and bursts in a recording at rest: when, how large, and for how long.
+
+(a) A step at t changes the mean: |mean after − mean before| over averaging times of 1 to 128 s is
+compared with its scatter √2 σ(τ), whose robust estimate is the median of all differences. (b) A
+burst raises the variance of the differences of neighbours within windows of 10 s. Both limits are
+set by simulation of undisturbed recordings with white noise, flicker and random walk.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.numerics import chi_squared_above
+from inercal.noise.spectrum import block_means
+
+CHANGE_LIMIT = 6.0  # √2 σ(τ), of steps and knocks
+BURST_LEVEL = 0.00003  # nominal, of a channel: the tail of squared differences is heavier than χ²
+WINDOW = 10.0  # s, of bursts
+_LONGEST = 128.0  # s, over which means are compared
+_SHORTEST = 1.0  # s
+_MOST = 20  # disturbances of one channel
+_CHI_SQUARED_MEDIAN = 0.455
+_LARGEST_DIFFERENCE = 20.0  # of the usual square, that counts in a window
+_MEDIAN = 0.67449  # of the absolute value of a normal deviate
+_FEWEST = 8  # averaging times in a recording, below which its scatter is not known
+_MOST_SAMPLES = 1 << 20
+_WHITE_DIFFERENCES = 1.5  # samples for one degree of freedom of the differences of white noise
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Something that is not noise.
+
+    Parameters
+    ----------
+    kind : "step", "knock" or "burst"
+    time : float
+        Of its start, s from the first sample.
+    seconds : float
+        How long it lasted; infinite for a step.
+    size : float
+        Of a step or knock: the change of the mean, in the unit of the series. Of a burst: the sd
+        of the samples over that of the recording.
+    score : float
+        Over its limit.
+    """
+
+    kind: Literal["step", "knock", "burst"]
+    time: float
+    seconds: float
+    size: float
+    score: float
+
+
+def find_disturbances(y: Array, dt: float) -> tuple[Disturbance, ...]:
+    """Return the disturbances of one channel without gaps, (n,), in the order of time.
+
+    Parameters
+    ----------
+    y : (n,) array
+        Any unit.
+    dt : float
+        s.
+    """
+    bursts = find_bursts(y, dt)
+    changes = find_changes(_without_bursts(y, dt, bursts), dt)
+    return tuple(sorted((*bursts, *changes), key=lambda one: one.time))
+
+
+def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
+    """Return the samples with a line in place of each burst, whose means would look like knocks."""
+    if not bursts:
+        return y
+    work = y.astype(np.float64, copy=True)
+    around = max(1, round(WINDOW / dt))
+    for one in bursts:
+        start = max(round(one.time / dt) - around // 4, 0)
+        stop = min(round((one.time + one.seconds) / dt) + around // 4 + 1, y.size)
+        before, after = y[max(start - around, 0) : start], y[stop : stop + around]
+        ends = [part.mean() if part.size else np.nan for part in (before, after)]
+        first, last = np.where(np.isfinite(ends), ends, np.nanmean(ends))
+        work[start:stop] = np.linspace(first, last, stop - start)
+    return work
+
+
+def change_scores(y: Array, dt: float) -> tuple[list[int], list[Array], list[Array]]:
+    """Return factors m, and the difference of means and its score at each sample, by m.
+
+    The difference at i is mean(y[i : i+m]) − mean(y[i−m : i]); it is 0 within m of both ends.
+    """
+    low = max(1, round(_SHORTEST / dt))
+    factors = [low]
+    while factors[-1] * 2 * dt <= _LONGEST:
+        factors.append(factors[-1] * 2)
+    factors = [m for m in factors if y.size >= _FEWEST * m]
+    x = np.concatenate([[0.0], np.cumsum(y - y.mean())])
+    differences: list[Array] = []
+    scores: list[Array] = []
+    for m in factors:
+        change = np.zeros(y.size)
+        change[m : y.size - m + 1] = (x[2 * m :] - 2 * x[m:-m] + x[: -2 * m]) / m
+        scale = float(np.median(np.abs(change[m : y.size - m + 1]))) / _MEDIAN
+        differences.append(change)
+        scores.append(np.abs(change) / scale if scale > 0 else np.zeros(y.size))
+    return factors, differences, scores
+
+
+def find_changes(y: Array, dt: float) -> list[Disturbance]:
+    """Return the steps and knocks of a channel."""
+    m = -(-y.size // _MOST_SAMPLES)
+    if m > 1:
+        y, dt = block_means(y, m), dt * m
+    found: list[Disturbance] = []
+    work = y.astype(np.float64, copy=True)
+    for _ in range(_MOST):
+        factors, changes, scores = change_scores(work, dt)
+        if not factors:
+            break
+        best = max(range(len(factors)), key=lambda j: float(scores[j].max()))
+        score = float(scores[best].max())
+        if score <= CHANGE_LIMIT:
+            break
+        one, start, stop, size = _describe(work, dt, factors, changes, scores, best)
+        found.append(one)
+        work[start:stop] -= size
+    return found
+
+
+def _describe(
+    y: Array, dt: float, factors: list[int], changes: list[Array], scores: list[Array], best: int
+) -> tuple[Disturbance, int, int, float]:
+    """Return the largest change, and what to subtract between which samples to remove it.
+
+    It is a knock where the mean returns: where the opposite change within 128 s is half as large or
+    more at the averaging time that shows both best.
+    """
+    k = _change_place(y, int(np.argmax(scores[best])), factors[best])
+    score = float(scores[best].max()) / CHANGE_LIMIT
+    size = float(changes[best][k])
+    reach = round(_LONGEST / dt)
+    low, high = max(k - reach, 0), min(k + reach + 1, y.size)
+    opposite = -np.sign(size) * changes[best][low:high]
+    j = low + int(np.argmax(opposite))
+    back = float(opposite[j - low])
+    if back < 0.5 * abs(size) or abs(j - k) < 1 or scores[best][j] < 0.6 * CHANGE_LIMIT:
+        return Disturbance("step", k * dt, np.inf, size, score), k, y.size, size
+    start, stop = min(k, j), max(k, j)
+    level = float(changes[best][start])
+    inside = y[start:stop]
+    around = np.concatenate([y[max(start - reach, 0) : start], y[stop : stop + reach]])
+    level = float(inside.mean() - around.mean()) if around.size else level
+    one = Disturbance("knock", start * dt, (stop - start) * dt, level, score)
+    return one, start, stop, level
+
+
+def _change_place(y: Array, k: int, m: int) -> int:
+    """Return the sample about k ± m/2 that best splits samples k − m … k + m into two levels."""
+    start, stop = max(k - m, 0), min(k + m, y.size)
+    z = y[start:stop] - y[start:stop].mean()
+    before = np.arange(1, z.size, dtype=np.int64)
+    gain: Array = np.cumsum(z)[:-1] ** 2 / (before * (z.size - before))
+    near = np.abs(before + start - k) <= m // 2
+    return start + int(before[near][np.argmax(gain[near])]) if near.any() else k
+
+
+def window_variances(y: Array, dt: float) -> tuple[Array, int]:
+    """Return the variance of differences within windows of 10 s, (w,), and samples in each.
+
+    Windows overlap by half.
+    """
+    size = max(2, round(WINDOW / dt))
+    d = np.diff(y) ** 2
+    # A step or a knock is one or two large differences, and no burst.
+    d = np.minimum(d, _LARGEST_DIFFERENCE * float(np.median(d)) / _CHI_SQUARED_MEDIAN)
+    half = max(1, size // 2)
+    count = d.size // half
+    if count < 2:
+        return np.zeros(0), size
+    halves = d[: count * half].reshape(count, half).sum(axis=1)
+    return (halves[:-1] + halves[1:]) / (2 * half), 2 * half
+
+
+def find_bursts(y: Array, dt: float) -> list[Disturbance]:
+    """Return the bursts of a channel: groups of windows with too large a variance."""
+    variances, size = window_variances(y, dt)
+    step = size // 2
+    found: list[Disturbance] = []
+    for first, last, ratio, limit in _loud_windows(variances, size):
+        start, stop = _extent(y, first * step, (last + 2) * step, size, ratio)
+        found.append(_burst(start, stop, dt, ratio, limit))
+    return found[:_MOST]
+
+
+def bursts_of_windows(halves: Array, half: int, dt: float) -> list[Disturbance]:
+    """Return the bursts of a channel whose samples are gone, as long as their windows.
+
+    Parameters
+    ----------
+    halves : (w,) array
+        Sums of `half` squared differences of neighbours.
+    half : int
+    dt : float
+        s.
+    """
+    variances = (halves[:-1] + halves[1:]) / (2 * half)
+    return [
+        _burst(first * half, (last + 2) * half, dt, ratio, limit)
+        for first, last, ratio, limit in _loud_windows(variances, 2 * half)
+    ][:_MOST]
+
+
+def _burst(start: int, stop: int, dt: float, ratio: float, limit: float) -> Disturbance:
+    return Disturbance(
+        "burst", start * dt, (stop - start) * dt, float(np.sqrt(ratio)), ratio / limit
+    )
+
+
+def _loud_windows(variances: Array, size: int) -> list[tuple[int, int, float, float]]:
+    """Return first and last of each group of loud windows, its largest ratio, and the limit."""
+    median = float(np.median(variances)) if variances.size >= _FEWEST else 0.0
+    if median == 0:
+        return []
+    dof = size / _WHITE_DIFFERENCES
+    centre = chi_squared_above(dof, 0.5) / dof
+    limit = chi_squared_above(dof, BURST_LEVEL / variances.size) / dof
+    ratio = variances / median * centre
+    above = np.flatnonzero(ratio > limit)
+    if not above.size:
+        return []
+    groups = np.split(above, np.flatnonzero(np.diff(above) > 2) + 1)
+    return [(int(g[0]), int(g[-1]), float(ratio[g].max()), limit) for g in groups]
+
+
+def _extent(y: Array, start: int, stop: int, size: int, ratio: float) -> tuple[int, int]:
+    """Return the part of samples start … stop whose squared differences have most likely `ratio`.
+
+    The likelihood ratio of a variance r times as large grows with d² above r ln r/(r − 1).
+    """
+    start, stop = max(start - size // 2, 0), min(stop + size // 2, y.size - 1)
+    d = np.diff(y[start : stop + 1]) ** 2
+    usual = float(np.median(np.diff(y) ** 2)) / _CHI_SQUARED_MEDIAN
+    excess = np.concatenate([[0.0], np.cumsum(d / usual - ratio * np.log(ratio) / (ratio - 1))])
+    lowest = np.minimum.accumulate(excess)
+    end = int(np.argmax(excess - lowest))
+    begin = int(np.argmin(excess[: end + 1]))
+    return start + begin, start + max(end, begin + 1)

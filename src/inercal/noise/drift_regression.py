@@ -1,0 +1,185 @@
+"""Drift that is no noise: a ramp, and what follows the temperature, inside the likelihood.
+
+    c = X β + e,   E e² = S        L = ½ Σ [ln S + (c − Xβ)²/S] + ½ ln|Xᵀ S⁻¹ X|   (REML)
+
+The regressors X are transformed as the data are. A line fitted first would take random walk along:
+K would be 0.91 of the truth in the median; REML keeps 0.994.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.noise.likelihood import NoiseFit, basis_matrix, scored_fit
+from inercal.noise.numerics import dct2, pseudo_inverse
+from inercal.noise.selection import CANDIDATES, Selection, select_terms
+from inercal.noise.spectrum import Bins, Spectrum, make_bins
+
+DRIFT_RATIO = 10.83  # of 2 L, by which a regressor enters: 0.1 %
+_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class DriftTerm:
+    """A regressor of the drift.
+
+    Parameters
+    ----------
+    name : "ramp", "temperature" or "temperature rate"
+    value, u : float
+        Coefficient and standard uncertainty, SI: per s, per K, or per K/s.
+    """
+
+    name: str
+    value: float
+    u: float
+
+
+@dataclass(frozen=True, eq=False)
+class DriftFit:
+    """The noise terms beside a drift.
+
+    Parameters
+    ----------
+    selection : Selection
+    bins : Bins
+        Of what the drift leaves, with the correction of REML.
+    terms : tuple of DriftTerm
+    ratio : float
+        Fall of 2 L by the drift.
+    """
+
+    selection: Selection
+    bins: Bins
+    terms: tuple[DriftTerm, ...]
+    ratio: float
+
+
+def _transform(values: Array) -> Array:
+    return dct2(values - values.mean(axis=0), axis=0)[1:]
+
+
+def _model(fit: NoiseFit, low: Spectrum) -> Array:
+    """Return S of each coefficient of the low frequencies, (n−1,)."""
+    from inercal.noise.expected_periodogram import expected_periodogram
+
+    total = np.zeros(low.n - 1)
+    for symbol, variance in fit.as_variances.items():
+        time = fit.markov_time if symbol == "G" else 1.0
+        total += variance * expected_periodogram(symbol, low.n, low.dt, time)
+    return total
+
+
+def _generalised(
+    c: Array, x: Array, model: Array, kept: NDArray[np.bool_]
+) -> tuple[Array, Array, Array]:
+    """Return β, its covariance, and the share of each coefficient that β takes."""
+    weight = kept / model
+    size = np.sqrt((x**2).sum(axis=0))
+    scaled = x / size
+    covariance = pseudo_inverse(scaled.T @ (scaled * weight[:, None]))
+    beta = covariance @ (scaled.T @ (weight * c))
+    leverage = np.einsum("ki,ij,kj->k", scaled, covariance, scaled)
+    return beta / size, covariance / np.outer(size, size), leverage
+
+
+def fit_drift(
+    y: Array,
+    spectra: tuple[Spectrum, ...],
+    regressors: dict[str, Array],
+    dt: float,
+    candidates: tuple[str, ...] = CANDIDATES,
+) -> DriftFit:
+    """Return the fit of terms beside these regressors.
+
+    Parameters
+    ----------
+    y : (n,) array
+        Means whose transform is spectra[0].
+    spectra : tuple of Spectrum
+        The low frequencies first.
+    regressors : mapping of name to (n,) array
+    dt : float
+        Of the samples, s.
+    candidates : tuple of str
+        See `inercal.noise.selection.select_terms`.
+    """
+    low = spectra[0]
+    names = tuple(regressors)
+    x = _transform(np.column_stack([regressors[name] for name in names]))
+    c = _transform(y)
+    beta = _generalised(c, x, np.ones_like(c), low.kept)[0]
+    bins = _residual_bins(c, x, beta, spectra, dt)
+    selection = select_terms(bins, candidates)
+    covariance, plain = np.zeros((len(names), len(names))), bins
+    for _ in range(_ROUNDS):
+        model = _model(selection.fit, low)
+        beta, covariance, leverage = _generalised(c, x, model, low.kept)
+        plain = _residual_bins(c, x, beta, spectra, dt)
+        bins = replace(plain, power=_residual_bins(c, x, beta, spectra, dt, leverage).power)
+        fit = _refit(bins, selection.fit)
+        selection = replace(selection, fit=fit)
+    final = select_terms(bins, candidates)
+    sd = np.sqrt(np.diag(covariance))
+    terms = tuple(
+        DriftTerm(*one) for one in zip(names, map(float, beta), map(float, sd), strict=True)
+    )
+    return DriftFit(final, bins, terms, -2 * _refit(plain, final.fit).loss)
+
+
+def _refit(bins: Bins, fit: NoiseFit) -> NoiseFit:
+    basis = basis_matrix(bins, fit.symbols, fit.markov_time)
+    theta, value = scored_fit(bins.power, bins.weight, basis, start=fit.variances)
+    return replace(fit, variances=theta, loss=value, model=basis @ theta)
+
+
+def _residual_bins(
+    c: Array,
+    x: Array,
+    beta: Array,
+    spectra: tuple[Spectrum, ...],
+    dt: float,
+    leverage: Array | None = None,
+) -> Bins:
+    power = (c - x @ beta) ** 2
+    if leverage is not None:
+        power = power + leverage
+    return make_bins((replace(spectra[0], power=power), *spectra[1:]), dt)
+
+
+def find_drift(
+    y: Array,
+    spectra: tuple[Spectrum, ...],
+    regressors: dict[str, Array],
+    dt: float,
+    selection: Selection,
+    candidates: tuple[str, ...] = CANDIDATES,
+) -> DriftFit | None:
+    """Return the drift that the data show, and None where 2 L falls by less than 10.83 for each.
+
+    Parameters
+    ----------
+    y, spectra, regressors, dt, candidates
+        As in `fit_drift`.
+    selection : Selection
+        Without a drift.
+    """
+    found: DriftFit | None = None
+    taken: dict[str, Array] = {}
+    loss = selection.fit.loss
+    best = 2 * loss
+    while len(taken) < len(regressors):
+        trials = {
+            name: fit_drift(y, spectra, {**taken, name: values}, dt, candidates)
+            for name, values in regressors.items()
+            if name not in taken
+        }
+        name = min(trials, key=lambda one: -trials[one].ratio)
+        if best + trials[name].ratio < DRIFT_RATIO:
+            break
+        found = replace(trials[name], ratio=2 * loss + trials[name].ratio)
+        best = -trials[name].ratio
+        taken[name] = regressors[name]
+    return found

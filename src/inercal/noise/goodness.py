@@ -1,0 +1,127 @@
+"""Whether the fitted terms describe a recording: by frequency and by averaging time.
+
+A bin's residual is z = √(w/2) (I/S − 1), with mean square 1. Over a decade of frequency the mean
+square must not exceed 1.5, or what its few bins may reach by chance (0.1 %): the variance of z² is
+2 + 12/w. The overlapping Allan deviation must lie within its 95 % band, but for one in five.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.deviations import Deviations
+from inercal.noise.likelihood import NoiseFit
+from inercal.noise.spectrum import Bins
+from inercal.noise.terms import model_avar
+
+_LARGEST = 1.5  # mean square of a decade
+_QUANTILE = 3.5  # standard deviations of a decade's mean square
+_OUTSIDE = 0.2  # share of averaging times outside the band
+_CERTAIN = 3.0  # edf from which an averaging time is judged
+
+
+@dataclass(frozen=True)
+class Decade:
+    """The fit in a decade of frequency.
+
+    Parameters
+    ----------
+    low, high : float
+        Hz.
+    mean_square : float
+        Of the residuals.
+    limit : float
+    level : float
+        Measured power over the model's.
+    """
+
+    low: float
+    high: float
+    mean_square: float
+    limit: float
+    level: float
+
+    @property
+    def fits(self) -> bool:
+        """Whether the model describes the decade."""
+        return self.mean_square <= self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class Goodness:
+    """The judgement of a fit.
+
+    Parameters
+    ----------
+    frequency, residual : (b,) array
+        Of each bin: Hz, and z.
+    decades : tuple of Decade
+    outside : int
+        Averaging times at which the model lies outside the 95 % band of the deviation.
+    judged : int
+        Averaging times that were compared.
+    """
+
+    frequency: Array
+    residual: Array
+    decades: tuple[Decade, ...]
+    outside: int
+    judged: int
+
+    @property
+    def fits(self) -> bool:
+        """Whether the terms describe the recording."""
+        return all(one.fits for one in self.decades) and self.within_band
+
+    @property
+    def within_band(self) -> bool:
+        """Whether the model lies in the band of the Allan deviation."""
+        return self.outside <= max(1, int(_OUTSIDE * self.judged))
+
+    @property
+    def verdict(self) -> str:
+        """One sentence: whether the terms suffice, and where not."""
+        bad = [one for one in self.decades if not one.fits]
+        if not bad and self.within_band:
+            return "the terms describe the recording"
+        if not bad:
+            return (
+                f"the terms miss the Allan deviation at {self.outside} of {self.judged} averaging "
+                "times"
+            )
+        worst = max(bad, key=lambda one: one.mean_square / one.limit)
+        return (
+            f"the terms do not describe {worst.low:.3g}–{worst.high:.3g} Hz, where the power is "
+            f"{worst.level:.3g} times the model's"
+        )
+
+
+def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
+    """Return how well a fit describes its bins and the Allan deviation."""
+    residual = np.sqrt(bins.weight / 2) * (bins.power / fit.model - 1)
+    top = np.log10(bins.frequency.max()) + 1e-9
+    number = np.floor(top - np.log10(bins.frequency)).astype(int)
+    decades: list[Decade] = []
+    for k in range(number.max(), -1, -1):
+        chosen = number == k
+        if not chosen.any():
+            continue
+        weight, z = bins.weight[chosen], residual[chosen]
+        spread = np.sqrt(np.mean(2 + 12 / weight) / weight.size)
+        level = float(weight @ (bins.power[chosen] / fit.model[chosen]) / weight.sum())
+        limit = max(_LARGEST, 1 + _QUANTILE * float(spread))
+        decades.append(
+            Decade(
+                float(bins.frequency[chosen].min()),
+                float(bins.frequency[chosen].max()),
+                float(np.mean(z**2)),
+                limit,
+                level,
+            )
+        )
+    judged = oadev.edf >= _CERTAIN
+    expected = np.sqrt(model_avar(fit.as_variances, oadev.tau, bins.dt, fit.markov_time))
+    outside = (expected < oadev.low) | (expected > oadev.high)
+    count = int(np.count_nonzero(outside & judged))
+    return Goodness(bins.frequency, residual, tuple(decades), count, int(judged.sum()))

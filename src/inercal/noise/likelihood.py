@@ -1,0 +1,249 @@
+"""Maximum likelihood of a sum of noise terms from binned squares of DCT-II coefficients.
+
+The coefficients c_k are nearly independent with variances S_k = Σ_j θ_j e_jk, θ_j ≥ 0 the squared
+noise coefficients. With the mean I of w squares in a bin, minus the log-likelihood is
+
+    L = ½ Σ w [ln S + I/S]
+
+Fisher scoring: each step is a non-negative least squares with weights w/2S², and is halved while
+L rises. Covariance of θ: [½ Σ w e eᵀ/S²]⁻¹. k = 0 is left out, so that the bias costs nothing
+(REML). A quasi-Newton search in ln θ does not converge here: B runs to zero.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.numerics import nonnegative_least_squares, pseudo_inverse, root_between
+from inercal.noise.spectrum import Bins
+
+PROFILE_TWO_SIDED = 4.0  # rise of 2 L at the ends of an interval of ±2u
+PROFILE_ONE_SIDED = 2.706  # at an upper limit of 95 %
+_STEPS, _HALVINGS = 60, 20
+_CONVERGED = 1e-7  # of L
+_START_GROUPS = 25
+_LOG_STEP = 0.02  # of ln T in its derivative
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseFit:
+    """A fitted sum of terms.
+
+    Parameters
+    ----------
+    symbols : tuple of str
+    variances : (p,) array
+        θ, squared coefficients, SI².
+    markov_time : float
+        T, s; 1 without a Gauss–Markov term.
+    loss : float
+        L at the minimum.
+    model : (b,) array
+        S of each bin.
+    covariance : (p, p) array
+        Of θ; with a Gauss–Markov term (p + 1, p + 1), with ln T last.
+    """
+
+    symbols: tuple[str, ...]
+    variances: Array
+    markov_time: float
+    loss: float
+    model: Array
+    covariance: Array
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters: a Gauss–Markov process counts three, σ, T and the search over T."""
+        return len(self.symbols) + 2 * ("G" in self.symbols)
+
+    @property
+    def aic(self) -> float:
+        """Akaike's criterion."""
+        return 2 * self.loss + 2 * self.parameters
+
+    def variance(self, symbol: str) -> float:
+        """Return θ of a term; 0 for one that is not in the model."""
+        if symbol not in self.symbols:
+            return 0.0
+        return float(self.variances[self.symbols.index(symbol)])
+
+    @property
+    def as_variances(self) -> dict[str, float]:
+        """θ by term."""
+        return dict(zip(self.symbols, map(float, self.variances), strict=True))
+
+
+def loss(power: Array, weight: Array, model: Array) -> float:
+    """Return L of a model S, (b,)."""
+    return 0.5 * float(weight @ (np.log(model) + power / model))
+
+
+def scored_fit(
+    power: Array,
+    weight: Array,
+    basis: Array,
+    fixed: Array | None = None,
+    start: Array | None = None,
+) -> tuple[Array, float]:
+    """Return θ, (p,), and L at the minimum, by Fisher scoring.
+
+    Parameters
+    ----------
+    power, weight : (b,) array
+    basis : (b, p) array
+        E of each bin for coefficients of 1.
+    fixed : (b,) array, optional
+        Part of S that is not fitted.
+    start : (p,) array, optional
+        θ to begin with.
+    """
+    fixed = np.zeros_like(power) if fixed is None else fixed
+    size = np.maximum(
+        np.linalg.norm(basis / (power + fixed.max() + 1e-300)[:, None], axis=0), 1e-300
+    )
+    columns = basis / size
+    theta = _coarse(power, weight, columns, fixed) if start is None else start * size
+    model = columns @ theta + fixed
+    if not (model > 0).all():
+        theta = np.maximum(theta, 1e-6 * max(float(theta.max(initial=0)), 1e-12))
+        model = columns @ theta + fixed
+    value = loss(power, weight, model)
+    for _ in range(_STEPS):
+        step = _weighted_nnls(columns, power - fixed, np.sqrt(weight / 2) / model) - theta
+        before = value
+        for _ in range(_HALVINGS):
+            trial = columns @ (theta + step) + fixed
+            if (trial > 0).all() and (new := loss(power, weight, trial)) <= value:
+                theta, model, value = theta + step, trial, new
+                break
+            step = step / 2
+        if before - value <= _CONVERGED * (1 + abs(value) * 1e-6):
+            break
+    return theta / size, value
+
+
+def _weighted_nnls(columns: Array, target: Array, weight: Array) -> Array:
+    return nonnegative_least_squares(columns * weight[:, None], target * weight)
+
+
+def _coarse(power: Array, weight: Array, columns: Array, fixed: Array) -> Array:
+    """Return θ from about 25 groups of bins, each weighted by what it holds."""
+    groups = np.array_split(np.arange(power.size), min(_START_GROUPS, power.size))
+    starts = np.array([one[0] for one in groups])
+    total = np.add.reduceat(weight, starts)
+
+    def mean(values: Array) -> Array:
+        return np.add.reduceat(values * weight, starts) / total
+
+    level = mean(power)
+    grouped = np.stack([mean(column) for column in columns.T], axis=1)
+    return _weighted_nnls(grouped, level - mean(fixed), np.sqrt(total / 2) / level)
+
+
+def _covariance(bins: Bins, columns: Array, model: Array) -> Array:
+    scaled = columns * (np.sqrt(bins.weight / 2) / model)[:, None]
+    size = np.linalg.norm(scaled, axis=0)
+    size = np.where(size > 0, size, 1.0)  # ln T of a term that vanishes
+    scaled = scaled / size
+    return pseudo_inverse(scaled.T @ scaled) / np.outer(size, size)
+
+
+def basis_matrix(bins: Bins, symbols: Sequence[str], markov_time: float) -> Array:
+    """Return E of each bin, (b, p)."""
+    columns = [bins.markov_basis(markov_time) if one == "G" else bins.basis(one) for one in symbols]
+    return np.stack(columns, axis=1)
+
+
+def fit_terms(bins: Bins, symbols: Sequence[str], markov_time: float | None = None) -> NoiseFit:
+    """Return the fit of these terms; T of a Gauss–Markov term is fitted where it is not given.
+
+    Parameters
+    ----------
+    bins : Bins
+    symbols : sequence of str
+        Of `inercal.noise.terms.TERMS`.
+    markov_time : float, optional
+        T, s.
+    """
+    symbols = tuple(symbols)
+    if "G" in symbols and markov_time is None:
+        markov_time = _best_time(bins, symbols)
+    time = markov_time or 1.0
+    basis = basis_matrix(bins, symbols, time)
+    theta, value = scored_fit(bins.power, bins.weight, basis)
+    model = basis @ theta
+    columns = basis
+    if "G" in symbols:
+        ahead, behind = (
+            bins.markov_basis(time * float(np.exp(s))) for s in (_LOG_STEP, -_LOG_STEP)
+        )
+        slope = theta[symbols.index("G")] * (ahead - behind) / (2 * _LOG_STEP)
+        columns = np.column_stack([basis, slope])
+    return NoiseFit(symbols, theta, time, value, model, _covariance(bins, columns, model))
+
+
+def _best_time(bins: Bins, symbols: tuple[str, ...]) -> float:
+    """Return T with the least L: the best of a grid, then parabolas in ln T."""
+
+    def at(log_time: float) -> float:
+        basis = basis_matrix(bins, symbols, float(np.exp(log_time)))
+        return scored_fit(bins.power, bins.weight, basis)[1]
+
+    grid = np.log(bins.times)
+    values = np.array([at(one) for one in grid])
+    k = int(np.clip(np.argmin(values), 1, grid.size - 2))
+    return float(np.exp(_parabola(at, grid[k], values[k - 1 : k + 2], grid[1] - grid[0])))
+
+
+def _parabola(at: Callable[[float], float], centre: float, values: Array, step: float) -> float:
+    """Return the place of the least value, from three values about `centre`."""
+    low, mid, high = map(float, values)
+    for _ in range(3):
+        curvature = low - 2 * mid + high
+        if curvature <= 0:
+            return centre + step * (int(np.argmin([low, mid, high])) - 1)
+        centre += float(np.clip(0.5 * step * (low - high) / curvature, -step, step))
+        step /= 4
+        low, mid, high = at(centre - step), at(centre), at(centre + step)
+    curvature = low - 2 * mid + high
+    shift = 0.5 * step * (low - high) / curvature if curvature > 0 else 0.0
+    return centre + float(np.clip(shift, -step, step))
+
+
+def profile_limits(
+    bins: Bins, fit: NoiseFit, symbol: str, rise: float = PROFILE_TWO_SIDED
+) -> tuple[float, float]:
+    """Return the coefficients at which 2 L has risen by `rise`, the other terms fitted anew.
+
+    The lower end is 0 where L does not rise so far. T is kept.
+    """
+    j = fit.symbols.index(symbol)
+    basis = basis_matrix(bins, fit.symbols, fit.markov_time)
+    others = np.delete(basis, j, axis=1)
+    start = np.delete(fit.variances, j)
+
+    def risen(variance: float) -> float:
+        fixed = variance * basis[:, j]
+        if not others.shape[1]:
+            return 2 * (loss(bins.power, bins.weight, fixed) - fit.loss) - rise
+        _, value = scored_fit(bins.power, bins.weight, others, fixed, start)
+        return 2 * (value - fit.loss) - rise
+
+    best = float(fit.variances[j])
+    spread = float(np.sqrt(fit.covariance[j, j]))
+    top = best + 2 * spread
+    for _ in range(40):
+        if risen(top) > 0:
+            break
+        top = best + 2 * (top - best)
+    tolerance = 1e-3 * spread
+    high = root_between(risen, best, top, tolerance)
+    floor = 1e-9 * max(best, spread)
+    if best <= floor or (len(fit.symbols) > 1 and risen(floor) <= 0):
+        return 0.0, float(np.sqrt(high))
+    if len(fit.symbols) == 1:
+        floor = 1e-3 * best
+    low = root_between(risen, floor, best, tolerance)
+    return float(np.sqrt(low)), float(np.sqrt(high))

@@ -1,0 +1,80 @@
+"""Lines in a spectrum: vibration and mains hum, found and taken out before the terms are fitted.
+
+A coefficient is a line where c_k² over the running median exceeds the χ²₁ quantile of .0001/n. The
+median of χ²₁ is 0.455. The window of the median grows with k: a narrow one scatters, and a wide
+one would not follow the spectrum of drift. A line takes two neighbours on each side along, and a
+strong one as many as its leakage reaches. Of segments whose squares are averaged, χ² has as many
+degrees of freedom as there are segments.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.numerics import chi_squared_above
+from inercal.noise.spectrum import Spectrum
+
+_FALSE = 0.0001  # lines in a spectrum without any
+_NARROWEST, _WIDEST = 101, 2001  # coefficients in the running median
+_LOWEST = 128  # coefficient below which the spectrum of drift is too steep for a median
+_NEIGHBOURS = 2
+_LEAKAGE = 0.2  # a line of P leaves P/(π d)² at a distance d: half the level at the last taken out
+_JOINED = 32  # coefficients between two that are parts of one line, which a short vibration widens
+
+
+@dataclass(frozen=True)
+class SpectralLine:
+    """A line: frequency, Hz, and amplitude of the sinusoid in the unit of the series."""
+
+    frequency: float
+    amplitude: float
+
+
+def take_out_lines(spectrum: Spectrum) -> tuple[Spectrum, tuple[SpectralLine, ...]]:
+    """Return the spectrum without its lines, and the lines."""
+    first = max(spectrum.first, _LOWEST)
+    power = spectrum.power[first - 1 : spectrum.last - 1]
+    if power.size < _NARROWEST:
+        return spectrum, ()
+    segments = spectrum.segments
+    level = running_median(power, first) / (chi_squared_above(segments, 0.5) / segments)
+    limit = chi_squared_above(segments, _FALSE / power.size) / segments
+    above = np.flatnonzero(power > limit * level)
+    if not above.size:
+        return spectrum, ()
+    kept = spectrum.kept.copy()
+    lines: list[SpectralLine] = []
+    for group in np.split(above, np.flatnonzero(np.diff(above) > _JOINED) + 1):
+        peak = float((power[group] / level[group]).max())
+        reach = max(_NEIGHBOURS, int(np.sqrt(_LEAKAGE * peak)))
+        low, high = max(int(group[0]) - reach, 0), int(group[-1]) + reach + 1
+        kept[first - 1 + low : first - 1 + high] = False
+        excess = np.maximum(power[low:high] - level[low:high], 0.0)
+        place = first + low + float(excess @ np.arange(excess.size) / excess.sum())
+        amplitude = np.sqrt(2 * excess.sum() / spectrum.n)
+        lines.append(SpectralLine(place / (2 * spectrum.n * spectrum.dt), float(amplitude)))
+    return replace(spectrum, kept=kept), tuple(lines)
+
+
+def running_median(power: Array, first: int) -> Array:
+    """Return the median of the neighbours of each value, interpolated in logarithms.
+
+    Parameters
+    ----------
+    power : (m,) array
+        Of coefficients first, first + 1, ….
+    first : int
+        Windows are half as wide as their k, within 101 to 2001.
+    """
+    centres: list[int] = []
+    medians: list[float] = []
+    k = first
+    while k < first + power.size:
+        half = int(np.clip(k // 4, _NARROWEST // 2, _WIDEST // 2))
+        window = power[max(k - half - first, 0) : k + half + 1 - first]
+        centres.append(k if k - half >= first else first + window.size // 2)
+        medians.append(float(np.median(window)))
+        k += max(half // 2, 1)
+    logs = np.interp(np.log(np.arange(first, first + power.size)), np.log(centres), np.log(medians))
+    return np.exp(logs)

@@ -1,0 +1,76 @@
+"""Functions of SciPy that the estimators use, with types; each is imported when it is first used.
+
+SciPy has no stubs, and importing its parts costs up to a second.
+"""
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false
+
+from collections.abc import Callable
+
+import numpy as np
+
+from inercal.arrays import Array
+
+
+def dct2(values: Array, axis: int = -1) -> Array:
+    """Return the orthonormal DCT-II of real values along an axis."""
+    from scipy.fft import dct
+
+    return np.asarray(dct(values, norm="ortho", axis=axis), dtype=np.float64)
+
+
+def cosine_sums(values: Array) -> Array:
+    """Return Σ_h values[h] cos(π k h/n), h = 1 … n−1, for k = 1 … n−1; values, (n+1,), end in 0."""
+    from scipy.fft import dct
+
+    return np.asarray(dct(values, type=1), dtype=np.float64)[1:-1] / 2
+
+
+def sine_sums(values: Array) -> Array:
+    """Return Σ_h values[h−1] sin(π k h/n), h = 1 … n−1, for k = 1 … n−1; values, (n−1,)."""
+    from scipy.fft import dst
+
+    if values.size == 1:
+        return values.copy()
+    return np.asarray(dst(values, type=1), dtype=np.float64) / 2
+
+
+def nonnegative_least_squares(a: Array, b: Array) -> Array:
+    """Return x ≥ 0 with the least |a x − b|, scaled by columns."""
+    from scipy.optimize import nnls
+
+    size = np.maximum(np.linalg.norm(a, axis=0), 1e-300)
+    return np.asarray(nnls(a / size, b)[0], dtype=np.float64) / size
+
+
+def root_between(function: Callable[[float], float], low: float, high: float, xtol: float) -> float:
+    """Return a zero of a function with a change of sign between two places."""
+    from scipy.optimize import brentq
+
+    return float(brentq(function, low, high, xtol=xtol, rtol=1e-4))  # pyright: ignore
+
+
+def chi_squared_above(dof: float, probability: float) -> float:
+    """Return the value that χ² of `dof` exceeds with this probability.
+
+    >>> round(chi_squared_above(1, 0.05), 3)
+    3.841
+    """
+    from scipy.special import chdtri
+
+    return float(chdtri(dof, probability))
+
+
+def chi_squared_quantiles(dof: Array, probability: float) -> Array:
+    """Return the values that χ² of each `dof` exceeds with this probability."""
+    from scipy.special import chdtri
+
+    return np.asarray(chdtri(dof, probability), dtype=np.float64)
+
+
+def pseudo_inverse(a: Array, rcond: float = 1e-12) -> Array:
+    """Return the pseudo-inverse of a symmetric matrix, scaled to a diagonal of ones."""
+    size = np.sqrt(np.diag(a))
+    size = np.where(size > 0, size, 1.0)
+    inverse = np.linalg.pinv(a / np.outer(size, size), rcond=rcond)
+    return np.asarray(inverse / np.outer(size, size), dtype=np.float64)

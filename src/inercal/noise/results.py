@@ -1,0 +1,186 @@
+"""What a noise analysis found: coefficients, judgement and disturbances of each channel."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from inercal.errors import InputError
+from inercal.noise.deviations import Deviations
+from inercal.noise.disturbances import Disturbance
+from inercal.noise.drift_regression import DriftTerm
+from inercal.noise.goodness import Goodness
+from inercal.noise.likelihood import NoiseFit
+from inercal.noise.lines import SpectralLine
+from inercal.noise.selection import Selection
+from inercal.noise.spectrum import Bins
+from inercal.noise.terms import TERMS
+from inercal.units import si_factor
+
+Quantity = Literal["gyro", "accelerometer"]
+SI_UNIT: dict[Quantity, str] = {"gyro": "rad/s", "accelerometer": "m/s²"}
+
+
+@dataclass(frozen=True)
+class NoiseCoefficient:
+    """A coefficient of the noise, SI.
+
+    Parameters
+    ----------
+    symbol : str
+        "Q", "N", "B", "K", "G" (σ of a Gauss–Markov process) or "T" (its time constant, s).
+    name : str
+    value : float
+        0 where only an upper limit is known.
+    u : float
+        Standard uncertainty; infinite where only an upper limit is known.
+    low, high : float
+        Ends of the interval of ±2u by profile likelihood, or 0 and the upper limit (95 %).
+    unit : str
+        In which it is printed.
+    ratio, limit : float
+        2 ΔL to the best model without the term, and its limit; 0 and 0 for N and T.
+    """
+
+    symbol: str
+    name: str
+    value: float
+    u: float
+    low: float
+    high: float
+    unit: str
+    ratio: float = 0.0
+    limit: float = 0.0
+
+    @property
+    def is_limit(self) -> bool:
+        """Whether only an upper limit is known."""
+        return self.value == 0
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the likelihood ratio exceeds its limit."""
+        return self.ratio > self.limit or self.symbol == "N"
+
+    @property
+    def size(self) -> float:
+        """SI size of the unit in which it is printed."""
+        return si_factor(self.unit)
+
+
+def coefficient_unit(symbol: str, quantity: Quantity) -> str:
+    """Return the unit in which a coefficient is printed."""
+    if symbol == "T":
+        return "s"
+    term = TERMS[symbol]
+    return term.gyro_unit if quantity == "gyro" else term.accelerometer_unit
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelNoise:
+    """The noise of one channel.
+
+    Parameters
+    ----------
+    channel : str
+    quantity : "gyro" or "accelerometer"
+    n : int
+        Samples in all pieces.
+    dt : float
+        Δ, s.
+    mean : float
+        SI.
+    coefficients : tuple of NoiseCoefficient
+        By `method`.
+    deviations : dict of kind to Deviations
+        SI.
+    selection : Selection
+    bins : Bins
+    goodness : Goodness
+    lines : tuple of SpectralLine
+    disturbances : tuple of Disturbance
+    drift : tuple of DriftTerm
+    remarks : tuple of str
+        What the recording cannot tell, and what was done to it.
+    comparison : dict of method to coefficients by symbol
+        Cross-checks, SI.
+    method : str
+        "likelihood", "gmwm" or "wls_log".
+    """
+
+    channel: str
+    quantity: Quantity
+    n: int
+    dt: float
+    mean: float
+    coefficients: tuple[NoiseCoefficient, ...]
+    deviations: dict[str, Deviations]
+    selection: Selection
+    bins: Bins
+    goodness: Goodness
+    lines: tuple[SpectralLine, ...]
+    disturbances: tuple[Disturbance, ...]
+    drift: tuple[DriftTerm, ...]
+    remarks: tuple[str, ...]
+    comparison: dict[str, dict[str, tuple[float, float]]]
+    method: str = "likelihood"
+
+    @property
+    def fit(self) -> NoiseFit:
+        """The chosen model."""
+        return self.selection.fit
+
+    @property
+    def oadev(self) -> Deviations:
+        """Overlapping Allan deviation."""
+        return self.deviations["oadev"]
+
+    def coefficient(self, symbol: str) -> NoiseCoefficient | None:
+        """Return a coefficient by its symbol, or None."""
+        return next((one for one in self.coefficients if one.symbol == symbol), None)
+
+    def value(self, symbol: str) -> float:
+        """Return a coefficient, SI; 0 where it is not in the model or only limited."""
+        found = self.coefficient(symbol)
+        return 0.0 if found is None else found.value
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseAnalysis:
+    """The noise of all channels of a recording.
+
+    Parameters
+    ----------
+    source : str
+        The file; empty without one.
+    duration : float
+        s.
+    channels : tuple of ChannelNoise
+    remarks : tuple of str
+        Of all channels: gaps, jitter.
+    sha256 : str
+        Of the file.
+    """
+
+    source: str
+    duration: float
+    channels: tuple[ChannelNoise, ...]
+    remarks: tuple[str, ...]
+    sha256: str = ""
+
+    def channel(self, name: str) -> ChannelNoise:
+        """Return a channel by its name.
+
+        Raises
+        ------
+        InputError
+            There is none of this name.
+        """
+        for one in self.channels:
+            if one.channel == name:
+                return one
+        raise InputError(
+            f"no channel {name!r}; there are {', '.join(one.channel for one in self.channels)}"
+        )
+
+    def of(self, quantity: Quantity) -> tuple[ChannelNoise, ...]:
+        """Return the channels of a quantity."""
+        return tuple(one for one in self.channels if one.quantity == quantity)

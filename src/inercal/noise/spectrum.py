@@ -1,0 +1,211 @@
+"""Squared DCT-II coefficients of a recording in bins, whatever its length and gaps.
+
+A series of up to 2¹⁷ block means is transformed whole. Of a longer one, block means give the low
+frequencies and segments of 2¹⁷ samples, whose squares are averaged, those above. Pieces between
+gaps are transformed one by one, and their likelihoods add: nothing bridges a gap.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inercal.arrays import Array
+from inercal.noise.expected_periodogram import expected_periodogram, squared_coefficients
+
+LONGEST = 1 << 17  # values in one transform
+SHORTEST_PIECE = 16
+_SINGLE = 64  # coefficients that are bins of their own
+_LOGARITHMIC = 160  # bins above
+_TIMES = 24  # of a Gauss–Markov process
+_BLOCK_SHARE = 0.1  # of the block means' frequencies that are used, where segments follow
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Squared coefficients k = first … last−1 of block means.
+
+    Parameters
+    ----------
+    n : int
+        Values in each transform.
+    dt : float
+        Δ of the values, s.
+    power : (n−1,) array
+        c_k², k = 1 … n−1, averaged over the segments.
+    segments : int
+    first, last : int
+        Coefficients that are used, half open.
+    kept : (n−1,) array of bool
+        False at the lines that were taken out.
+    """
+
+    n: int
+    dt: float
+    power: Array
+    segments: int
+    first: int
+    last: int
+    kept: NDArray[np.bool_]
+
+    @property
+    def frequency(self) -> Array:
+        """Frequency of each coefficient, Hz, (n−1,)."""
+        return np.arange(1, self.n) / (2 * self.n * self.dt)
+
+
+@lru_cache(maxsize=256)
+def bin_edges(first: int, last: int) -> tuple[int, ...]:
+    """Return the first coefficient of each bin from `first` to `last`, and `last`."""
+    single = np.arange(first, min(max(_SINGLE, first), last))
+    edges = np.geomspace(max(_SINGLE, first), max(last, _SINGLE + 1), _LOGARITHMIC + 1)
+    edges = np.unique(np.round(edges).astype(np.int64))
+    return tuple(int(k) for k in (*single, *edges[edges < last], last) if k <= last)
+
+
+@lru_cache(maxsize=4096)
+def binned_basis(
+    symbol: str, n: int, dt: float, first: int, last: int, markov_time: float
+) -> Array:
+    """Return E c_k² of a term averaged over each bin."""
+    edges = np.array(bin_edges(first, last))
+    expected = expected_periodogram(symbol, n, dt, markov_time)[first - 1 : last - 1]
+    means = np.add.reduceat(expected, edges[:-1] - first) / np.diff(edges)
+    means.flags.writeable = False
+    return means
+
+
+@dataclass(frozen=True, eq=False)
+class Bins:
+    """Bins of one or more spectra, which are independent of each other.
+
+    Parameters
+    ----------
+    power, weight, frequency : (b,) array
+        Mean of c_k², number of coefficients in it, and the mean frequency, Hz.
+    spectra : tuple of Spectrum
+    dt : float
+        Δ of the samples, s.
+    """
+
+    power: Array
+    weight: Array
+    frequency: Array
+    spectra: tuple[Spectrum, ...]
+    dt: float
+    used: NDArray[np.bool_] = field(repr=False)
+
+    @cached_property
+    def times(self) -> Array:
+        """T that are tried for a Gauss–Markov process, s: of 10 samples to a tenth of the longest.
+
+        A shorter T is white noise to the recording, and a longer one a random walk.
+        """
+        longest = max(one.n * one.dt for one in self.spectra)
+        return np.geomspace(10 * self.dt, max(longest / 10, 20 * self.dt), _TIMES)
+
+    def markov_basis(self, markov_time: float) -> Array:
+        """Return E of each bin for a Gauss–Markov process of sd 1, (b,), interpolated in ln T.
+
+        Cubic through four of `times`; a transform for each T would take most of the time of a fit.
+        """
+        grid = np.log(self.times)
+        place = (np.log(markov_time) - grid[0]) / (grid[1] - grid[0])
+        if not 0 <= place <= grid.size - 1:
+            return self.basis("G", markov_time)
+        first = int(np.clip(np.floor(place) - 1, 0, grid.size - 4))
+        x = place - first
+        weights = [
+            -(x - 1) * (x - 2) * (x - 3) / 6,
+            x * (x - 2) * (x - 3) / 2,
+            -x * (x - 1) * (x - 3) / 2,
+            x * (x - 1) * (x - 2) / 6,
+        ]
+        logs = sum(
+            w * np.log(self.basis("G", float(self.times[first + k]))) for k, w in enumerate(weights)
+        )
+        return np.exp(logs)
+
+    def basis(self, symbol: str, markov_time: float = 1.0) -> Array:
+        """Return E of each bin for a term with a coefficient of 1, (b,)."""
+        parts = [
+            # Blocks of many samples have no quantisation left; its Δ is that of the samples.
+            binned_basis(symbol, one.n, one.dt, one.first, one.last, markov_time)
+            for one in self.spectra
+        ]
+        return np.concatenate(parts)[self.used]
+
+
+def make_bins(spectra: Sequence[Spectrum], dt: float) -> Bins:
+    """Return the bins of spectra; bins without a coefficient that is kept are left out."""
+    power: list[Array] = []
+    weight: list[Array] = []
+    frequency: list[Array] = []
+    for one in spectra:
+        edges = np.array(bin_edges(one.first, one.last))
+        part = slice(one.first - 1, one.last - 1)
+        kept = one.kept[part].astype(np.float64)
+        starts = edges[:-1] - one.first
+        count = np.add.reduceat(kept, starts)
+        total = np.add.reduceat(one.power[part] * kept, starts)
+        power.append(total / np.maximum(count, 1))
+        weight.append(count * one.segments)
+        frequency.append((edges[:-1] + edges[1:] - 1) / 2 / (2 * one.n * one.dt))
+    weights = np.concatenate(weight)
+    used = weights > 0
+    return Bins(
+        np.concatenate(power)[used],
+        weights[used],
+        np.concatenate(frequency)[used],
+        tuple(spectra),
+        dt,
+        used,
+    )
+
+
+def whole_spectrum(y: Array, dt: float) -> Spectrum:
+    """Return the spectrum of up to 2¹⁷ values, (n,)."""
+    n = y.size
+    return Spectrum(n, dt, squared_coefficients(y), 1, 1, n, np.ones(n - 1, dtype=bool))
+
+
+def block_means(y: Array, m: int) -> Array:
+    """Return the means of m values each, without those that are left over."""
+    count = y.size // m
+    return y[: count * m].reshape(count, m).mean(axis=1)
+
+
+def piece_spectra(y: Array, dt: float) -> tuple[Spectrum, ...]:
+    """Return the spectra of one piece without gaps, (n,), n ≥ 16."""
+    if y.size <= LONGEST:
+        return (whole_spectrum(y, dt),)
+    m = -(-y.size // LONGEST)
+    blocks = whole_spectrum(block_means(y, m), dt * m)
+    segments = y[: y.size // LONGEST * LONGEST].reshape(-1, LONGEST)
+    power = np.zeros(LONGEST - 1)
+    for one in segments:
+        power += squared_coefficients(one)
+    return join_long(blocks, power / len(segments), len(segments), dt)
+
+
+def join_long(blocks: Spectrum, power: Array, segments: int, dt: float) -> tuple[Spectrum, ...]:
+    """Return block means for the low frequencies, and averaged segments from there on.
+
+    Parameters
+    ----------
+    blocks : Spectrum
+        Of block means, whole.
+    power : (2¹⁷ − 1,) array
+        Averaged squares of the segments' coefficients.
+    segments : int
+    dt : float
+        Of the samples in the segments, s.
+    """
+    limit = int(_BLOCK_SHARE * blocks.n)
+    frequency = limit / (2 * blocks.n * blocks.dt)
+    first = int(np.ceil(frequency * 2 * LONGEST * dt))
+    kept = np.ones(LONGEST - 1, dtype=bool)
+    high = Spectrum(LONGEST, dt, power, segments, max(first, 1), LONGEST, kept)
+    return replace(blocks, last=limit), high

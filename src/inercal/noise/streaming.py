@@ -1,0 +1,192 @@
+"""A channel that comes in pieces: what the analysis needs of it, in bounded memory.
+
+Kept are the sums of squared differences of averaging factors to 1024, every 64th cumulative sum,
+one segment of 2¹⁷ samples with the averaged spectrum of those before, and the squared differences
+of neighbours by half a window of 10 s. Longer averaging times, block means for the low frequencies,
+and changes of the mean come from the kept cumulative sums. 10⁸ samples keep about 30 MB.
+"""
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.noise.conclusion import ChannelSummary
+from inercal.noise.confidence import identify_noise
+from inercal.noise.deviations import (
+    FULL_OVERLAP,
+    Deviations,
+    sum_of_squared_differences,
+    with_intervals,
+)
+from inercal.noise.disturbances import (
+    WINDOW,
+    Disturbance,
+    bursts_of_windows,
+    find_changes,
+)
+from inercal.noise.expected_periodogram import squared_coefficients
+from inercal.noise.lines import take_out_lines
+from inercal.noise.results import Quantity
+from inercal.noise.rounding import check_rounding
+from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
+
+KEPT_EVERY = 64
+_SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1)
+_ALLAN = (1.0, -2.0, 1.0)
+_LONG_OVERLAP = 16  # differences within a long averaging time
+
+
+class StreamedChannel:
+    """Takes one channel piece by piece; then gives its deviations, spectra and disturbances.
+
+    Parameters
+    ----------
+    dt : float
+        Δ, s.
+    """
+
+    def __init__(self, dt: float):
+        self.dt = dt
+        self.count = 0
+        self.origin = 0.0  # mean of the first piece, so that cumulative sums stay small
+        self.total = 0.0
+        self._tail = np.zeros(1)  # the last cumulative sums
+        self._squares = np.zeros(_SHORT.size)
+        self._terms = np.zeros(_SHORT.size, dtype=np.int64)
+        self._kept: list[Array] = [np.zeros(1)]
+        self._segment = np.empty(LONGEST)
+        self._filled = 0
+        self._power = np.zeros(LONGEST - 1)
+        self._segments = 0
+        self._half = max(1, max(2, round(WINDOW / dt)) // 2)
+        self._differences = np.zeros(0)
+        self._half_sums: list[Array] = []
+        self._last = np.zeros(0)
+
+    def add(self, y: Array) -> None:
+        """Take the next samples, (k,), k ≥ 1."""
+        if not self.count:
+            self.origin = float(y.mean())
+        y = y - self.origin
+        self._add_sums(y)
+        self._add_segments(y)
+        self._add_differences(y)
+        self.count += y.size
+        self.total += float(y.sum())
+
+    @property
+    def mean(self) -> float:
+        """Mean of all samples."""
+        return self.origin + self.total / max(self.count, 1)
+
+    def _add_sums(self, y: Array) -> None:
+        x = np.concatenate([self._tail, self._tail[-1] + np.cumsum(y)])
+        old = self._tail.size
+        for j, m in enumerate(_SHORT):
+            first = max(old - 2 * int(m), 0)
+            total, terms = sum_of_squared_differences(x[first:], int(m), _ALLAN, 1)
+            self._squares[j] += total
+            self._terms[j] += terms
+        # x[old] is the cumulative sum number count + 1.
+        skip = (-(self.count + 1)) % KEPT_EVERY
+        self._kept.append(x[old + skip :: KEPT_EVERY].copy())
+        self._tail = x[-(2 * FULL_OVERLAP) :].copy()
+
+    def _add_segments(self, y: Array) -> None:
+        start = 0
+        while start < y.size:
+            take = min(LONGEST - self._filled, y.size - start)
+            self._segment[self._filled : self._filled + take] = y[start : start + take]
+            self._filled += take
+            start += take
+            if self._filled == LONGEST:
+                self._power += squared_coefficients(self._segment)
+                self._segments += 1
+                self._filled = 0
+
+    def _add_differences(self, y: Array) -> None:
+        d = np.concatenate([self._differences, np.diff(np.concatenate([self._last, y])) ** 2])
+        self._last = y[-1:].copy()
+        whole = d.size // self._half * self._half
+        self._half_sums.append(d[:whole].reshape(-1, self._half).sum(axis=1))
+        self._differences = d[whole:].copy()
+
+    def cumulative_sums(self) -> Array:
+        """Return every 64th cumulative sum, from the first."""
+        return np.concatenate(self._kept)
+
+    def oadev(self) -> Deviations:
+        """Return the overlapping Allan deviation at octaves."""
+        n, kept = self.count, self.cumulative_sums()
+        factors = 2 ** np.arange(int(np.log2(n // 2)) + 1)
+        factors = factors[(factors <= FULL_OVERLAP) | (2 * factors // KEPT_EVERY < kept.size)]
+        variances: list[float] = []
+        counts: list[int] = []
+        alphas: list[int] = []
+        for j, m in enumerate(map(int, factors)):
+            if m <= FULL_OVERLAP:
+                total, terms = float(self._squares[j]), int(self._terms[j])
+            else:
+                stride = m // _LONG_OVERLAP // KEPT_EVERY
+                total, terms = sum_of_squared_differences(kept, m // KEPT_EVERY, _ALLAN, stride)
+            variances.append(total / (2.0 * terms * float(m) ** 2))
+            counts.append(terms)
+            alphas.append(identify_noise(kept, m // KEPT_EVERY) if m >= KEPT_EVERY else 0)
+        return with_intervals("oadev", factors, np.array(variances), counts, alphas, n, self.dt)
+
+    def low_values(self) -> tuple[Array, float]:
+        """Return block means of the whole, at most 2¹⁷, and their Δ, s."""
+        if self.count <= LONGEST:
+            return self._segment[: self._filled], self.dt
+        means = np.diff(self.cumulative_sums()) / KEPT_EVERY
+        m = -(-means.size // LONGEST)
+        return block_means(means, m), self.dt * KEPT_EVERY * m
+
+    def spectra(self) -> tuple[Spectrum, ...]:
+        """Return the spectra of low and of high frequencies."""
+        values, dt = self.low_values()
+        low = whole_spectrum(values, dt)
+        if not self._segments or self.count <= LONGEST:
+            return (low,)
+        return join_long(low, self._power / self._segments, self._segments, self.dt)
+
+    def disturbances(self) -> tuple[Disturbance, ...]:
+        """Return steps, knocks and bursts; changes are placed to 64 samples."""
+        means = np.diff(self.cumulative_sums()) / KEPT_EVERY
+        halves = np.concatenate(self._half_sums)
+        bursts = bursts_of_windows(halves, self._half, self.dt)
+        changes = find_changes(means, self.dt * KEPT_EVERY)
+        apart = [
+            one
+            for one in changes
+            if all(abs(one.time - burst.time) > 2 * WINDOW for burst in bursts)
+        ]
+        return tuple(sorted((*bursts, *apart), key=lambda one: one.time))
+
+    def summary(self, channel: str, quantity: Quantity, source: str) -> ChannelSummary:
+        """Return what the fit needs.
+
+        Raises
+        ------
+        InputError
+            The readings are rounded too coarsely.
+        """
+        kept = LONGEST if self._segments else self._filled
+        remarks = check_rounding([self._segment[:kept] + self.origin], channel, source)
+        clean = [take_out_lines(one) for one in self.spectra()]
+        values, dt = self.low_values()
+        return ChannelSummary(
+            channel=channel,
+            quantity=quantity,
+            n=self.count,
+            longest=self.count,
+            dt=self.dt,
+            mean=self.mean,
+            spectra=tuple(spectrum for spectrum, _ in clean),
+            lines=tuple(line for _, lines in clean for line in lines),
+            deviations={"oadev": self.oadev()},
+            disturbances=self.disturbances(),
+            remarks=remarks,
+            whole=True,
+            low_values=values,
+            regressors={"ramp": np.arange(values.size, dtype=np.float64) * dt},
+        )

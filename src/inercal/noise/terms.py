@@ -1,0 +1,179 @@
+"""The terms of a sensor's noise: spectrum, Allan variance and variogram of each, and its units.
+
+The series is y, block means over Δ of a rate or an acceleration. For a coefficient of 1, in SI::
+
+    term              S(f), two-sided        σ²(τ)              γ(h) = ½ E (y[t+h] − y[t])², h ≥ 1
+    Q quantisation    (2π f)² Δ              3/τ²               2/Δ², at h = 1: 3/Δ²
+    N white noise     1                      1/τ                1/Δ
+    B flicker         1/(2π f)               (2 ln2)/π          1/2π · δ²(h² ln h)
+    K random walk     1/(2π f)²              τ/3                ½ Δ (h − ⅓)
+    G Gauss–Markov    2T/(1 + (2π f T)²)     (2T/τ)[1 − (T/2τ)(3 − 4e^(−τ/T) + e^(−2τ/T))]
+
+with the second difference δ²g(h) = g(h+1) − 2 g(h) + g(h−1). K is that of block means: a random
+walk that is sampled has 1.5 times K²τ/3 at τ = Δ. Sources: IEEE Std 952, annex B; IEEE Std 1293.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from inercal.arrays import Array
+
+FLICKER_FLOOR = float(2 * np.log(2) / np.pi)
+"""Allan variance of flicker noise with B = 1: the floor of the deviation is 0.664 B."""
+_SERIES_FROM = 32.0  # lag from which the second difference of h² ln h is a series
+_SMALL_RATIO = 2e-3  # τ/T below which the Allan variance of G is a series
+_SMALL_STEP = 0.1  # Δ/T below which the variogram of G is a series
+
+
+@dataclass(frozen=True)
+class NoiseTerm:
+    """A term of the noise; its functions are for a coefficient of 1 in SI.
+
+    Parameters
+    ----------
+    symbol : str
+        "Q", "N", "B", "K" or "G".
+    name : str
+    psd : function of (f, Δ, T)
+        Two-sided density at frequencies, Hz.
+    avar : function of (τ, Δ, T)
+        Allan variance.
+    variogram : function of (h, Δ, T)
+        At lags h = 1, 2, … of blocks of Δ.
+    gyro_unit, accelerometer_unit : str
+        In which the coefficient is printed.
+    gyro_si, accelerometer_si : str
+        SI unit of the coefficient.
+    """
+
+    symbol: str
+    name: str
+    psd: Callable[[Array, float, float], Array]
+    avar: Callable[[Array, float, float], Array]
+    variogram: Callable[[Array, float, float], Array]
+    gyro_unit: str
+    accelerometer_unit: str
+    gyro_si: str
+    accelerometer_si: str
+
+
+def _flicker_variogram(h: Array, dt: float, _: float) -> Array:
+    """Return δ²(h² ln h)/2π; the direct difference loses h² ln h/(2 ln h) digits."""
+    h = np.asarray(h, dtype=np.float64)
+    near = np.minimum(h, _SERIES_FROM)
+    below = near - 1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low = np.where(below > 0, below**2 * np.log(np.maximum(below, 1)), 0.0)
+    direct = (near + 1) ** 2 * np.log(near + 1) - 2 * near**2 * np.log(near) + low
+    far = np.maximum(h, _SERIES_FROM)
+    series = 2 * np.log(far) + 3 - 1 / (6 * far**2) - 1 / (30 * far**4) - 1 / (84 * far**6)
+    return np.where(h < _SERIES_FROM, direct, series) / (2 * np.pi)
+
+
+def _markov_variogram(h: Array, dt: float, time: float) -> Array:
+    """Return [a − (1 − e^(−x))² (e^(−(h−1)x) − 1)]/x² with x = Δ/T and a = γ(1) x²."""
+    x = dt / time
+    if x < _SMALL_STEP:
+        a, factorial = 0.0, 2.0
+        for k in range(3, 16):
+            factorial *= k
+            a += (4 * (-1.0) ** k - (-2.0) ** k) * x**k / factorial
+    else:
+        a = 2 * x - 3 + 4 * np.exp(-x) - np.exp(-2 * x)
+    return (a - np.expm1(-x) ** 2 * np.expm1(-(np.asarray(h) - 1) * x)) / x**2
+
+
+def _markov_avar(tau: Array, dt: float, time: float) -> Array:
+    z = np.asarray(tau) / time
+    safe = np.maximum(z, _SMALL_RATIO)
+    direct = 1 - (3 - 4 * np.exp(-safe) + np.exp(-2 * safe)) / (2 * safe)
+    series = 2 * z / 3 - z**2 / 2 + 7 * z**3 / 30
+    return np.where(z < _SMALL_RATIO, series, 2 * direct / safe)
+
+
+TERMS = {
+    one.symbol: one
+    for one in (
+        NoiseTerm(
+            "Q",
+            "quantisation",
+            lambda f, dt, _: (2 * np.pi * f) ** 2 * dt,
+            lambda tau, dt, _: 3 / tau**2,
+            lambda h, dt, _: np.where(h == 1, 3.0, 2.0) / dt**2,
+            "″",
+            "m/s",
+            "rad",
+            "m/s",
+        ),
+        NoiseTerm(
+            "N",
+            "white noise",
+            lambda f, dt, _: np.ones_like(f),
+            lambda tau, dt, _: 1 / tau,
+            lambda h, dt, _: np.full(np.shape(h), 1 / dt),
+            "°/√h",
+            "µg/√Hz",
+            "rad/s/√Hz",
+            "m/s²/√Hz",
+        ),
+        NoiseTerm(
+            "B",
+            "bias instability",
+            lambda f, dt, _: 1 / (2 * np.pi * f),
+            lambda tau, dt, _: np.full(np.shape(tau), FLICKER_FLOOR),
+            _flicker_variogram,
+            "°/h",
+            "µg",
+            "rad/s",
+            "m/s²",
+        ),
+        NoiseTerm(
+            "K",
+            "random walk",
+            lambda f, dt, _: (2 * np.pi * f) ** -2.0,
+            lambda tau, dt, _: tau / 3,
+            lambda h, dt, _: 0.5 * dt * (h - 1 / 3),
+            "°/h/√s",
+            "µg/√s",
+            "rad/s/√s",
+            "m/s²/√s",
+        ),
+        NoiseTerm(
+            "G",
+            "Gauss–Markov",
+            lambda f, dt, time: 2 * time / (1 + (2 * np.pi * f * time) ** 2),
+            _markov_avar,
+            _markov_variogram,
+            "°/h",
+            "µg",
+            "rad/s",
+            "m/s²",
+        ),
+    )
+}
+
+
+def model_avar(
+    variances: dict[str, float], tau: Array, dt: float, markov_time: float = 1.0
+) -> Array:
+    """Return the Allan variance of terms with squared coefficients at averaging times, SI."""
+    total = np.zeros(np.shape(tau))
+    for symbol, variance in variances.items():
+        total = total + variance * TERMS[symbol].avar(np.asarray(tau), dt, markov_time)
+    return total
+
+
+def model_psd(variances: dict[str, float], f: Array, dt: float, markov_time: float = 1.0) -> Array:
+    """Return the two-sided spectral density of terms at frequencies, Hz, SI²/Hz."""
+    total = np.zeros(np.shape(f))
+    for symbol, variance in variances.items():
+        total = total + variance * TERMS[symbol].psd(np.asarray(f), dt, markov_time)
+    return total
+
+
+def sinusoid_avar(amplitude: float, frequency: float, tau: Array) -> Array:
+    """Return the Allan variance A² (sin² πfτ / πfτ)² of a sinusoid at averaging times, s."""
+    z = np.pi * frequency * np.asarray(tau)
+    return amplitude**2 * (np.sin(z) ** 2 / z) ** 2

@@ -1,0 +1,85 @@
+"""What a noise analysis says, as texts for the terminal and the page."""
+
+from math import inf
+
+from inercal.noise.disturbances import Disturbance
+from inercal.noise.recording_length import length_for
+from inercal.noise.results import ChannelNoise, NoiseCoefficient, Quantity
+from inercal.uncertainty.coverage import COVERAGE
+from inercal.units import format_value_and_uncertainty, si_factor
+
+_WANTED = {"N": 0.01, "B": 0.1, "K": 0.2, "G": 0.2}  # relative u, of the length to record
+SHOWN_UNIT: dict[Quantity, str] = {"gyro": "°/h", "accelerometer": "µg"}
+"""In which changes, lines and deviations are stated."""
+
+
+def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
+    """Return term, value, U, interval, unit and significance of a coefficient."""
+    name = f"{one.symbol}  {one.name}"
+    size = one.size
+    if one.is_limit:
+        return name, f"< {one.high / size:.3g}", "", f"0 … {one.high / size:.3g}", one.unit, "no"
+    value, spread = format_value_and_uncertainty(one.value / size, COVERAGE * one.u / size)
+    ends = f"{one.low / size:.3g} … {one.high / size:.3g}"
+    tested = "" if one.symbol == "T" else "yes" if one.is_significant else "no"
+    return name, value, spread, ends, one.unit, tested
+
+
+def channel_remarks(channel: ChannelNoise) -> list[str]:
+    """Return what there is to say of a channel, in a line each."""
+    found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
+    found += channel.remarks
+    shown = SHOWN_UNIT[channel.quantity]
+    size = si_factor(shown)
+    for one in channel.drift:
+        per = {"ramp": "s", "temperature": "K", "temperature rate": "(K/s)"}[one.name]
+        value, spread = format_value_and_uncertainty(one.value / size, COVERAGE * one.u / size)
+        found.append(f"drift, {one.name}: {value} ± {spread} {shown}/{per} (k = 2), in the fit")
+    for line in channel.lines:
+        found.append(
+            f"line at {line.frequency:.4g} Hz, amplitude {line.amplitude / size:.3g} {shown}: "
+            "taken out of the fit"
+        )
+    found += [disturbance_text(one, channel.quantity) for one in channel.disturbances]
+    if lengths := recording_lengths(channel):
+        found.append("to record for " + ", ".join(lengths))
+    return found
+
+
+def recording_lengths(channel: ChannelNoise) -> list[str]:
+    """Return how long a recording must be for the wanted relative u of each coefficient."""
+    found: list[str] = []
+    for symbol, relative in _WANTED.items():
+        if channel.value(symbol):
+            seconds = length_for(
+                channel.fit.as_variances, channel.dt, symbol, relative, channel.fit.markov_time
+            )
+            text = "over 30 years" if seconds == inf else duration_text(seconds)
+            found.append(f"u({symbol}) = {100 * relative:g} %: {text}")
+    return found
+
+
+def duration_text(seconds: float) -> str:
+    """Return a time in its natural unit: "40 s", "3.2 h"."""
+    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+        if seconds >= 2 * size:
+            return (
+                f"{seconds / size:.2g} {unit}"
+                if seconds < 100 * size
+                else (f"{seconds / size:.0f} {unit}")
+            )
+    return f"{seconds:.2g} s"
+
+
+def disturbance_text(one: Disturbance, quantity: Quantity) -> str:
+    """Return what a disturbance is, when, and how large."""
+    shown = SHOWN_UNIT[quantity]
+    size = one.size / si_factor(shown)
+    if one.kind == "burst":
+        return (
+            f"burst at {one.time:.1f} s, {one.seconds:.3g} s long, {one.size:.2g} times the usual "
+            "scatter"
+        )
+    if one.kind == "knock":
+        return f"knock at {one.time:.1f} s, {one.seconds:.3g} s long, of {size:.3g} {shown}"
+    return f"step at {one.time:.1f} s of {size:.3g} {shown}"

@@ -1,0 +1,100 @@
+"""The page of a noise analysis: coefficients, then the plots of each channel."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from markupsafe import Markup
+
+from inercal.noise.results import ChannelNoise, NoiseAnalysis
+from inercal.noise.texts import (
+    SHOWN_UNIT,
+    channel_remarks,
+    coefficient_cells,
+    disturbance_text,
+)
+from inercal.recording import Recording
+from inercal.report.noise_figures import (
+    deviation_figure,
+    residual_figure,
+    spectrogram_figure,
+    time_figure,
+)
+from inercal.report.templates import render
+from inercal.units import si_factor
+
+
+@dataclass(frozen=True)
+class ChannelView:
+    """What the page shows of a channel."""
+
+    name: str
+    unit: str
+    remarks: list[str]
+    deviations: Markup
+    residuals: Markup
+    time: Markup
+    spectrogram: Markup | None
+    others: list[tuple[str, ...]]
+
+
+def page(analysis: NoiseAnalysis, recording: Recording) -> str:
+    """Return the whole page, HTML."""
+    good = all(one.goodness.fits for one in analysis.channels)
+    disturbed = [
+        (one.channel, disturbance_text(found, one.quantity))
+        for one in analysis.channels
+        for found in one.disturbances
+    ]
+    return render(
+        "noise.html",
+        name=Path(analysis.source).name or "recording",
+        duration=f"{analysis.duration:.4g}",
+        rate=f"{1 / analysis.channels[0].dt:.5g}",
+        tone="good" if good and not disturbed else "care",
+        head=_verdict(good, bool(disturbed)),
+        disturbed=disturbed,
+        remarks=analysis.remarks,
+        rows=[
+            (one.channel, *coefficient_cells(found))
+            for one in analysis.channels
+            for found in one.coefficients
+        ],
+        channels=[_view(one, recording) for one in analysis.channels],
+    )
+
+
+def _verdict(good: bool, disturbed: bool) -> str:
+    fit = "The terms describe the recording" if good else "The terms miss part of the recording"
+    return f"{fit}; it was disturbed" if disturbed else f"{fit}; no disturbance was found"
+
+
+def _view(channel: ChannelNoise, recording: Recording) -> ChannelView:
+    k = recording.channels.index(channel.channel)
+    y = recording.data[:, k] * si_factor(recording.units[k])
+    time = recording.time - recording.time[0]
+    return ChannelView(
+        channel.channel,
+        SHOWN_UNIT[channel.quantity],
+        channel_remarks(channel),
+        deviation_figure(channel),
+        residual_figure(channel),
+        time_figure(channel, time, y),
+        spectrogram_figure(channel, y) if channel.lines else None,
+        _comparison(channel),
+    )
+
+
+def _comparison(channel: ChannelNoise) -> list[tuple[str, ...]]:
+    """Return method, and value ± u of N, B and K by it, as the other estimators find them."""
+    rows: list[tuple[str, ...]] = []
+    for method, found in channel.comparison.items():
+        cells: list[str] = []
+        for one in channel.coefficients:
+            if one.symbol not in found:
+                cells.append("")
+                continue
+            value, u = found[one.symbol]
+            spread = f" ± {u / one.size:.2g}" if u < 1e300 else ""
+            cells.append(f"{value / one.size:.4g}{spread}")
+        rows.append((method, *cells))
+    return [("method", *(f"{one.symbol}, {one.unit}" for one in channel.coefficients)), *rows]

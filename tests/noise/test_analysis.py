@@ -1,0 +1,145 @@
+"""From simulated recordings to coefficients, refusals and remarks."""
+
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.noise.generator import DEG_H, MEMS, Truth, draw
+
+import inercal
+from inercal.errors import InputError
+from inercal.noise import NoiseAnalysis
+from inercal.noise.recording_length import length_for
+from inercal.noise.results import NoiseCoefficient
+from inercal.recording import Recording
+
+
+def recording(y: np.ndarray, dt: float, unit: str = "rad/s") -> Recording:
+    y = np.atleast_2d(y)
+    names = tuple("g" + axis for axis in "xyzuvw"[: len(y)])
+    return Recording(dt * np.arange(y.shape[1]), y.T, names, (unit,) * len(y))
+
+
+def coefficient(analysis: NoiseAnalysis, symbol: str, channel: int = 0) -> NoiseCoefficient:
+    found = analysis.channels[channel].coefficient(symbol)
+    assert found is not None
+    return found
+
+
+def test_a_mems_gyro_is_found_within_three_uncertainties():
+    analysis = inercal.analyse_noise(recording(draw(MEMS, 4)[0], MEMS.dt))
+    assert analysis.channels[0].fit.symbols == ("N", "B", "K")
+    for symbol, true in (("N", MEMS.white), ("B", MEMS.flicker), ("K", MEMS.walk)):
+        found = coefficient(analysis, symbol)
+        assert abs(found.value - true * DEG_H) < 3 * found.u
+        assert (
+            found.low < true * DEG_H < found.high or abs(found.value - true * DEG_H) < 3 * found.u
+        )
+    assert analysis.channels[0].goodness.fits
+
+
+def test_values_do_not_depend_on_the_unit_of_the_readings():
+    y = draw(replace(MEMS, n=8192), 4)[0]
+    one = inercal.analyse_noise(recording(y, 0.25))
+    other = inercal.analyse_noise(recording(np.degrees(y), 0.25, "°/s"))
+    assert coefficient(one, "N").value == pytest.approx(coefficient(other, "N").value, rel=1e-6)
+
+
+def test_an_accelerometer_is_stated_in_micro_g():
+    truth = Truth(16384, 0.01, 100.0, unit=9.80665e-6)
+    analysis = inercal.analyse_noise(recording(draw(truth, 1)[0], 0.01, "m/s²"))
+    white = coefficient(analysis, "N")
+    assert white.unit == "µg/√Hz"
+    assert white.value / white.size == pytest.approx(100, rel=0.03)
+
+
+def test_readings_rounded_to_coarse_steps_are_refused_below_0_4_and_named_below_0_5():
+    rng = np.random.default_rng(3)
+    y = rng.standard_normal(20_000)
+    with pytest.raises(InputError, match="rounding hides the noise"):
+        inercal.analyse_noise(recording(np.round(y * 0.3), 0.01))
+    fine = inercal.analyse_noise(recording(np.round(y * 0.45), 0.01))
+    assert any("rounding steps" in text for text in fine.channels[0].remarks)
+    finer = inercal.analyse_noise(recording(np.round(y * 2), 0.01))
+    assert not any("rounding" in text for text in finer.channels[0].remarks)
+
+
+def test_fewer_than_64_samples_are_refused():
+    with pytest.raises(InputError, match="64"):
+        inercal.analyse_noise(recording(np.random.default_rng(1).standard_normal(63), 1.0))
+
+
+def test_a_unit_that_is_no_rate_and_no_acceleration_is_refused():
+    with pytest.raises(InputError, match="'V'"):
+        inercal.analyse_noise(recording(np.random.default_rng(1).standard_normal(99), 1.0, "V"))
+
+
+def test_terms_that_do_not_exist_are_refused():
+    y = np.random.default_rng(1).standard_normal(256)
+    with pytest.raises(InputError, match="'NX'"):
+        inercal.analyse_noise(recording(y, 1.0), terms="NX")
+
+
+def test_bias_instability_that_white_noise_covers_at_all_averaging_times_has_only_a_limit():
+    truth = replace(MEMS, n=512, dt=0.01, flicker=1.0, walk=0.0)
+    analysis = inercal.analyse_noise(recording(draw(truth, 3)[0], truth.dt), terms="NB")
+    found = coefficient(analysis, "B")
+    assert found.is_limit
+    assert found.high > 0
+
+
+def test_a_term_that_comes_out_zero_has_an_upper_limit_above_the_truth():
+    truth = replace(MEMS, n=4096, walk=0.0)
+    zeros, covered = 0, 0
+    for seed in range(12):
+        analysis = inercal.analyse_noise(
+            recording(draw(truth, seed)[0], truth.dt), terms="NBK", kinds=()
+        )
+        found = coefficient(analysis, "K")
+        zeros += found.is_limit
+        covered += found.low == 0 and found.high > 0
+    assert zeros >= 3
+    assert covered >= zeros
+
+
+@pytest.mark.parametrize(
+    ("white", "flicker", "walk", "dt", "hours"),
+    [
+        (36, 20, 1.5, 0.01, (0.19, 2.5, 0.44)),
+        (9, 5, 0.2, 0.25, (0.18, 7.8, 1.4)),
+        (3, 0.5, 0.01, 1, (2.0, 34, 6.0)),
+        (3, 0.3, 0.006, 1, (6.2, 38, 6.9)),
+        (0.18, 0.02, 0.0003, 1, (4.6, 61, 11)),
+    ],
+)
+def test_lengths_of_recordings_are_those_of_the_note(
+    white: float, flicker: float, walk: float, dt: float, hours: tuple[float, float, float]
+):
+    variances = {"N": white**2, "B": flicker**2, "K": walk**2}
+    wanted = (("B", 0.1), ("K", 0.2), ("K", 0.5))
+    for (symbol, relative), expected in zip(wanted, hours, strict=True):
+        found = length_for(variances, dt, symbol, relative) / 3600
+        assert found == pytest.approx(expected, rel=0.15)
+
+
+def test_lost_single_samples_are_closed_up_and_long_gaps_part_the_recording():
+    y = draw(replace(MEMS, n=8192), 1)[0]
+    whole = recording(y, 0.25)
+    rng = np.random.default_rng(2)
+    single = np.ones(y.size, dtype=bool)
+    single[rng.choice(y.size - 2, 60, replace=False) + 1] = False
+    found = inercal.analyse_noise(whole.take(single))
+    assert "closed up" in found.remarks[0]
+    long = np.ones(y.size, dtype=bool)
+    long[3000:3240] = False
+    parted = inercal.analyse_noise(whole.take(long))
+    assert "2 pieces" in parted.remarks[0]
+    assert len(parted.channels[0].bins.spectra) == 2
+
+
+def test_the_example_in_python_runs(capsys: pytest.CaptureFixture[str]):
+    example = Path(__file__).parents[2] / "examples" / "noise_in_python.py"
+    runpy.run_path(str(example))
+    assert capsys.readouterr().out.count("white noise") == 3

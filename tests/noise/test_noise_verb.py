@@ -1,0 +1,135 @@
+"""`inercal noise` of logs and run files: what it prints and writes, and what it refuses."""
+
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.noise.generator import MEMS, Truth, draw
+from tests.program import run_program
+
+UNIT = "sensor.gyro.unit=°/s"
+G0 = 9.80665
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a log of three accelerometers and three gyros at rest, and a run file."""
+    folder = tmp_path_factory.mktemp("noise")
+    n, dt = 4096, 0.02
+    force = draw(Truth(n, dt, 100.0, 40.0, unit=1e-6 * G0), 1, 3).T + np.array([0, 0, G0])
+    rate = np.degrees(draw(replace(MEMS, n=n, dt=dt), 2, 3).T)
+    table = np.column_stack([dt * np.arange(n), force, rate])
+    head = "time,ax,ay,az,gx,gy,gz"
+    np.savetxt(folder / "log.csv", table, "%.9g", ",", header=head, comments="")
+    return folder
+
+
+def analysed(folder: Path, *options: str | Path) -> dict[str, dict[str, object]]:
+    found = run_program("noise", folder / "log.csv", "--set", UNIT, "--json", *options)
+    assert found.status == 0, found.error
+    return {one["channel"]: one for one in json.loads(found.output)["channels"]}
+
+
+def values(channel: dict[str, object]) -> dict[str, float]:
+    coefficients = channel["coefficients"]
+    assert isinstance(coefficients, list)
+    return {one["symbol"]: one["value_in_unit"] for one in coefficients}
+
+
+def test_a_log_is_analysed_in_the_units_of_data_sheets(folder: Path):
+    found = analysed(folder)
+    assert list(found) == ["ax", "ay", "az", "gx", "gy", "gz"]
+    assert values(found["ax"])["N"] == pytest.approx(100, rel=0.05)
+    assert values(found["gz"])["N"] == pytest.approx(0.15, rel=0.05)
+
+
+def test_terms_and_averaging_times_are_those_that_are_asked_for(folder: Path):
+    found = analysed(folder, "--terms", "NB", "--taus", "decade")
+    assert all(one["model"] == ["N", "B"] for one in found.values())
+    tau = found["ax"]["deviations"]["oadev"]["tau"]  # type: ignore[index]
+    assert np.allclose(tau[:4], np.array([1, 2, 4, 10]) * 0.02)
+
+
+def test_files_for_a_run_file_kalibr_and_ros_hold_the_printed_values(folder: Path, tmp_path: Path):
+    section = tmp_path / "noise.toml"
+    options = ("--write", section, "--to", "kalibr", "--to", "ros", "--report", "--out", tmp_path)
+    found = analysed(folder, *options)
+    mean = np.sqrt(np.mean([values(found[one])["N"] ** 2 for one in ("gx", "gy", "gz")]))
+    keys = tomllib.loads(section.read_text())["sensor"]["gyro"]
+    assert float(keys["white"].removesuffix(" °/√h")) == pytest.approx(mean, rel=0.01)
+    kalibr = dict(
+        line.split("#")[0].split(": ")
+        for line in (tmp_path / "log.kalibr.yaml").read_text().splitlines()
+        if not line.startswith("#")
+    )
+    density = float(kalibr["gyroscope_noise_density"])
+    assert density == pytest.approx(mean * 2.9089e-4, rel=1e-3)
+    assert float(kalibr["update_rate"]) == pytest.approx(50)
+    ros = (tmp_path / "log.ros.yaml").read_text()
+    variance = float(ros.split("angular_velocity_covariance: [")[1].split(",")[0])
+    assert variance == pytest.approx(density**2 * 50, rel=0.1)
+    assert "<svg" in (tmp_path / "log.noise.html").read_text()
+
+
+def test_a_run_file_takes_the_noise_into_its_sections_and_keeps_the_rest(
+    folder: Path, tmp_path: Path
+):
+    target = tmp_path / "run.toml"
+    before = (
+        '[sensor.gyro]\nunit = "°/s"\nwhite = "1 °/√h"  # data sheet\n\n'
+        '[bench]\nlatitude = "50 °"\n'
+    )
+    target.write_text(before)
+    log = folder / "log.csv"
+    refused = run_program("noise", log, "--set", UNIT, "--write", target)
+    assert refused.status == 2
+    assert target.read_text() == before
+    done = run_program("noise", log, "--set", UNIT, "--write", target, "--force")
+    assert done.status == 0, done.error
+    content = tomllib.loads(target.read_text())
+    assert content["bench"] == {"latitude": "50 °"}
+    assert content["sensor"]["gyro"]["unit"] == "°/s"
+    assert content["sensor"]["gyro"]["white"] != "1 °/√h"
+    assert target.with_name("run.toml.previous").read_text() == before
+
+
+def test_a_run_file_names_the_recording(folder: Path, tmp_path: Path):
+    run_file = folder / "run.toml"
+    run_file.write_text(
+        '[sensor]\nname = "imu 7"\n[sensor.accelerometer]\nunit = "m/s²"\n'
+        '[sensor.gyro]\nunit = "°/s"\n'
+        '[bench]\ngravity = "9.80 m/s² ± 0.02 m/s²"\n'
+        '[data]\nfile = "log.csv"\naccelerometer = ["ax", "ay", "az"]\n'
+        'gyro = ["gx", "gy", "gz"]\ntime = "time"\n[method]\nname = "multi_position"\n'
+    )
+    found = run_program("noise", run_file, "--json")
+    assert found.status == 0, found.error
+    by_run_file = {one["channel"]: one for one in json.loads(found.output)["channels"]}
+    assert [round(values(one)["N"], 6) for one in by_run_file.values()] == [
+        round(values(one)["N"], 6) for one in analysed(folder).values()
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ((), "sensor.gyro.unit"),
+        (("--set", UNIT, "--method", "slopes"), "--method"),
+        (("--set", UNIT, "--taus", "some"), "--taus"),
+        (("--set", UNIT, "--to", "rosbag"), "--to"),
+        (("--set", UNIT, "--terms", "NZ"), "NZ"),
+        (("--set", UNIT, "--horizon", "0"), "--horizon"),
+        (("--set", UNIT, "--set", "data.gyro=a,b,c"), "data.gyro"),
+    ],
+)
+def test_what_is_not_known_or_not_possible_is_refused_in_one_line(
+    folder: Path, tmp_path: Path, options: tuple[str, ...], text: str
+):
+    found = run_program("noise", folder / "log.csv", *options, "--report", "--out", tmp_path)
+    assert found.status == 2
+    assert found.error.startswith("inercal: ")
+    assert text in found.error
+    assert not list(tmp_path.iterdir())
