@@ -19,7 +19,7 @@ UP = "up, 30 min"
 
 def test_even_blocks_have_the_covariance_of_any_sections():
     noise, count, seconds = Noise(0.0, 3.0, 0.2), 12, 7.0
-    middles = (np.arange(count) + 0.5) * seconds
+    middles = seconds * (np.arange(count, dtype=np.float64) + 0.5)
     any_sections = drift_covariance([noise], middles, np.full(count, seconds), count * seconds)
     assert any_sections is not None
     even = even_drift_covariance(noise, count, seconds)

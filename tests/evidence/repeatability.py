@@ -79,7 +79,7 @@ def judge(laboratory: Laboratory, k: int, seed_and_count: tuple[int, int]) -> np
 def row(name: str, k: int, laboratories: int, share: Callable[..., list[np.ndarray]]) -> str:
     """Return a line of the table."""
     pieces = [(seed, laboratories // len(SEEDS)) for seed in SEEDS]
-    hits = sum(share(partial(judge, CASES[name], k), pieces))
+    hits = np.sum(share(partial(judge, CASES[name], k), pieces), axis=0)
     parts = 100 * hits / sum(count for _, count in pieces)
     texts = [", ".join(f"{one[kind].mean():.1f}" for kind in _KINDS) for one in parts[:4]]
     mean, next_use, last, independent = texts

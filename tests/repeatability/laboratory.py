@@ -50,7 +50,10 @@ class Drawn:
 
 
 def draw(
-    laboratory: Laboratory, k: int, rng: np.random.Generator, days: Array | None = None
+    laboratory: Laboratory,
+    k: int,
+    rng: np.random.Generator,
+    days: NDArray[np.intp] | None = None,
 ) -> Drawn:
     """Draw k sessions, of another day each unless stated, and a next use on another day."""
     own, turn_on, day, common = (
@@ -60,11 +63,11 @@ def draw(
     turn_on = turn_on * np.where(np.arange(12) == 0, laboratory.odd, 1.0)
     columns = np.array([np.where(kind == KIND, common, 0.0) for kind in (1, 2)])
     mean = 1e-3 * rng.standard_normal(12)
-    days = np.arange(k) if days is None else days
-    by_day = day * rng.standard_normal((int(days.max()) + 2, 12))
+    of_day: list[int] = list(range(k)) if days is None else days.tolist()
+    by_day = day * rng.standard_normal((max(of_day) + 2, 12))
     turns = MICRO * laboratory.mount * rng.standard_normal((k + 1, 3)) @ rotation().T
     uses = mean + turn_on * rng.standard_normal((k + 1, 12)) + turns
-    uses = uses + by_day[[*days, -1]]
+    uses = uses + by_day[[*of_day, -1]]
     values = uses[:k] + own * rng.standard_normal((k, 12)) + rng.standard_normal(2) @ columns
     covariance = np.diag(own**2) + columns.T @ columns
     return Drawn(values, mean, uses[k], columns, covariance)

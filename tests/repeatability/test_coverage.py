@@ -16,14 +16,14 @@ CASES = {  # that all scatter, and that nothing but noise does
 }
 
 
-def covered(laboratory: Laboratory, k: int, count: int, **options: str) -> np.ndarray:
+def covered(laboratory: Laboratory, k: int, count: int) -> np.ndarray:
     """Return the parts of mean and next use that U covers: of each kind, (2, 3)."""
     hits = np.zeros((2, 12))
     for seed in SEEDS:
         rng = np.random.default_rng([seed, k, 30])
         for _ in range(count):
             drawn = draw(laboratory, k, rng)
-            found = repeat(sessions_of(drawn), mount_owner="sensor", **options)
+            found = repeat(sessions_of(drawn), mount_owner="sensor")
             hits[0] += np.abs(found.values - drawn.mean) < found.mean.expanded
             hits[1] += np.abs(found.values - drawn.next_use) < found.next_use.expanded
     parts = hits / (count * len(SEEDS))
