@@ -32,7 +32,7 @@ class RampRow(NamedTuple):
     lag_scatter: float
 
 
-def gyro() -> "object":
+def gyro() -> Sensor:
     """Return one gyro with the noise of the generator and the terms of a cubic."""
     whole = triad(
         "gyro",
