@@ -13,7 +13,7 @@ from inercal.environment import Environment
 from inercal.methods import METHODS
 from inercal.methods.temperature_ramp import ramp, rest
 from inercal.recording import Observations, Track
-from inercal.sensors import Noise, Readout, triad
+from inercal.sensors import Noise, Readout, Sensor, triad
 from inercal.units import Measured
 
 Array = NDArray[np.float64]

@@ -11,8 +11,8 @@ from tests.noise.generator import DEG_H, MEMS, Truth, draw
 import inercal
 from inercal.errors import InputError
 from inercal.noise import NoiseAnalysis
+from inercal.noise.channel_noise import NoiseCoefficient
 from inercal.noise.recording_length import length_for
-from inercal.noise.results import NoiseCoefficient
 from inercal.recording import Recording
 
 

@@ -41,6 +41,7 @@ _COMPONENTS = {
     "si": "sgn(f_I)",
     "swi": "sgn(ω_I)",
     "dT": "ΔT",
+    "dTdt": "dT/dt",
 }  # fmt: skip
 _POWERS = {1: "", 2: "²", 3: "³"}
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from inercal.noise.results import ChannelNoise, NoiseAnalysis
+from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.texts import channel_remarks, coefficient_cells
 
 

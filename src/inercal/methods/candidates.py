@@ -46,7 +46,7 @@ def extended_sensor(sensor: Sensor, *, temperature_varies: bool = False) -> Sens
         f"{axis.name}.{line.name}"
         for axis in sensor.axes
         for line in TABLES[axis.measures]
-        if temperature_varies or not line.basis.uses("dT")
+        if temperature_varies or not line.basis.uses("dT", "dTdt")
     )
     more = tuple(name for name in whole if name not in sensor.coefficients)
     return replace(sensor, coefficients=(*sensor.coefficients, *more))

@@ -5,8 +5,8 @@ from pieces of one that is too long for the memory. Values inside are in SI.
 """
 
 from inercal.noise.analysis import analyse_noise, analyse_noise_stream
+from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, NoiseCoefficient
 from inercal.noise.deviations import Deviations, deviations
-from inercal.noise.results import ChannelNoise, NoiseAnalysis, NoiseCoefficient
 
 __all__ = [
     "ChannelNoise",

@@ -14,6 +14,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.noise.channel_noise import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
 from inercal.noise.coefficients import Method
 from inercal.noise.conclusion import ChannelSummary, conclude
 from inercal.noise.deviations import (
@@ -24,7 +25,6 @@ from inercal.noise.deviations import (
 from inercal.noise.disturbances import Disturbance, find_disturbances
 from inercal.noise.lines import SpectralLine, take_out_lines
 from inercal.noise.pieces import FEWEST, Pieces, split_at_gaps
-from inercal.noise.results import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
 from inercal.noise.rounding import check_rounding
 from inercal.noise.selection import CANDIDATES
 from inercal.noise.spectrum import Spectrum, block_means, piece_spectra

@@ -4,10 +4,10 @@ from typing import Literal
 
 import numpy as np
 
+from inercal.noise.channel_noise import NoiseCoefficient, Quantity, coefficient_unit
 from inercal.noise.cross_checks import Estimates, gmwm, slopes, wls_log
 from inercal.noise.deviations import Deviations
 from inercal.noise.likelihood import PROFILE_ONE_SIDED, PROFILE_TWO_SIDED, profile_limits
-from inercal.noise.results import NoiseCoefficient, Quantity, coefficient_unit
 from inercal.noise.selection import Selection
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import FLICKER_FLOOR, TERMS

@@ -3,13 +3,13 @@
 from dataclasses import dataclass
 
 from inercal.arrays import Array
+from inercal.noise.channel_noise import ChannelNoise, Quantity
 from inercal.noise.coefficients import Method, estimate_coefficients, undetermined
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.drift_regression import find_drift
 from inercal.noise.goodness import judge_fit
 from inercal.noise.lines import SpectralLine
-from inercal.noise.results import ChannelNoise, Quantity
 from inercal.noise.selection import select_terms
 from inercal.noise.spectrum import Spectrum, make_bins
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inercal.errors import InputError
-from inercal.noise.results import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
+from inercal.noise.channel_noise import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
 from inercal.noise.terms import FLICKER_FLOOR
 from inercal.units import format_value_and_uncertainty, si_factor
 

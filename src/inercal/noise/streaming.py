@@ -9,6 +9,7 @@ and changes of the mean come from the kept cumulative sums. 10⁸ samples keep a
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.noise.channel_noise import Quantity
 from inercal.noise.conclusion import ChannelSummary
 from inercal.noise.confidence import identify_noise
 from inercal.noise.deviations import (
@@ -25,7 +26,6 @@ from inercal.noise.disturbances import (
 )
 from inercal.noise.expected_periodogram import squared_coefficients
 from inercal.noise.lines import take_out_lines
-from inercal.noise.results import Quantity
 from inercal.noise.rounding import check_rounding
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
 

@@ -2,9 +2,9 @@
 
 from math import inf
 
+from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient, Quantity
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.recording_length import length_for
-from inercal.noise.results import ChannelNoise, NoiseCoefficient, Quantity
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty, si_factor
 

@@ -13,7 +13,7 @@ from inercal.design.worksheet import Worksheet
 from inercal.drafts import Draft
 from inercal.errors import require_extra, require_installed
 from inercal.io.atomic_files import write_text
-from inercal.noise.results import NoiseAnalysis
+from inercal.noise.channel_noise import NoiseAnalysis
 from inercal.pipeline import Outcome
 from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.recording import Recording

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
 from inercal.arrays import Array
+from inercal.noise.channel_noise import ChannelNoise
 from inercal.noise.deviations import deviations
-from inercal.noise.results import ChannelNoise
 from inercal.noise.spectrum import block_means
 from inercal.noise.terms import TERMS, model_avar, model_psd
 from inercal.noise.texts import SHOWN_UNIT

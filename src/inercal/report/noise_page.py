@@ -5,7 +5,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from inercal.noise.results import ChannelNoise, NoiseAnalysis
+from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
 from inercal.noise.texts import (
     SHOWN_UNIT,
     channel_remarks,

@@ -38,7 +38,8 @@ from inercal.sensors.coefficient_tables import SI_UNITS, TABLES
 # share the level, and a candidate of many columns takes a large part.
 DRIFT_MODES = 4
 _MIN_HARMONICS = 3  # of each axis, tested at least
-_EXCLUDED_GROUPS = ("arm", "rotation")  # groups of coefficients
+# Groups of coefficients; a track has no rate of the temperature.
+_EXCLUDED_GROUPS = ("arm", "rotation", "temperature_rate")
 _UNITS = {"f": "m/s²", "w": "rad/s"}
 _TRIAD_NAMES = {"f": "accelerometers", "w": "gyros"}
 
