@@ -1,8 +1,10 @@
 """Whether the fitted terms describe a recording: by frequency and by averaging time.
 
-A bin's residual is z = √(w/2) (I/S − 1), with mean square 1. Over a decade of frequency the mean
-square must not exceed 1.5, or what its few bins may reach by chance (0.1 %): the variance of z² is
-2 + 12/w. The overlapping Allan deviation must lie within its 95 % band, but for one in five.
+A bin of w squared coefficients has the distribution of χ²: its residual is z = Φ⁻¹(F_w(w I/S)), a
+standard normal deviate where the model is right. (I/S − 1 would do for large w; of a single
+coefficient its square has such long tails that one bin in a thousand fails a decade.) Over a decade
+of frequency the mean square of z must not exceed 1.5, or what its few bins may reach by chance
+(3.5 standard deviations). The overlapping Allan deviation must lie within its 95 % band, but for one in five.
 """
 
 from dataclasses import dataclass
@@ -12,6 +14,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.noise.deviations import Deviations
 from inercal.noise.likelihood import NoiseFit
+from inercal.noise.numerics import normal_deviate
 from inercal.noise.spectrum import Bins
 from inercal.noise.terms import model_avar
 
@@ -99,7 +102,7 @@ class Goodness:
 
 def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
     """Return how well a fit describes its bins and the Allan deviation."""
-    residual = np.sqrt(bins.weight / 2) * (bins.power / fit.model - 1)
+    residual = normal_deviate(bins.weight, bins.weight * bins.power / fit.model)
     top = np.log10(bins.frequency.max()) + 1e-9
     number = np.floor(top - np.log10(bins.frequency)).astype(int)
     decades: list[Decade] = []
@@ -108,7 +111,7 @@ def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
         if not chosen.any():
             continue
         weight, z = bins.weight[chosen], residual[chosen]
-        spread = np.sqrt(np.mean(2 + 12 / weight) / weight.size)
+        spread = np.sqrt(2 / weight.size)
         level = float(weight @ (bins.power[chosen] / fit.model[chosen]) / weight.sum())
         limit = max(_LARGEST, 1 + _QUANTILE * float(spread))
         decades.append(

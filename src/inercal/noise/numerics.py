@@ -74,3 +74,18 @@ def pseudo_inverse(a: Array, rcond: float = 1e-12) -> Array:
     size = np.where(size > 0, size, 1.0)
     inverse = np.linalg.pinv(a / np.outer(size, size), rcond=rcond)
     return np.asarray(inverse / np.outer(size, size), dtype=np.float64)
+
+
+def normal_deviate(dof: Array, chi2: Array) -> Array:
+    """Return the standard normal deviates that are exceeded as seldom as χ² of each `dof`.
+
+    >>> normal_deviate(np.array([1.0]), np.array([3.8414588])).round(3)
+    array([1.645])
+    """
+    from scipy.special import chdtr, chdtrc, ndtri
+
+    # From the smaller tail, which keeps its digits.
+    below, above = np.asarray(chdtr(dof, chi2)), np.asarray(chdtrc(dof, chi2))
+    smallest = np.finfo(float).tiny
+    low, high = (ndtri(np.maximum(one, smallest)) for one in (below, above))
+    return np.asarray(np.where(below < 0.5, low, -high), dtype=np.float64)  # pyright: ignore
