@@ -4,7 +4,8 @@ A bin of w squared coefficients has the distribution of χ²: its residual is z 
 standard normal deviate where the model is right. (I/S − 1 would do for large w; of a single
 coefficient its square has such long tails that one bin in a thousand fails a decade.) Over a decade
 of frequency the mean square of z must not exceed 1.5, or what its few bins may reach by chance
-(3.5 standard deviations). The overlapping Allan deviation must lie within its 95 % band, but for one in five.
+(3.5 standard deviations). The overlapping Allan deviation must lie within its 95 % band, but for
+one in five.
 """
 
 from dataclasses import dataclass
