@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from tests.accuracy.long_recording import NAMES, SAVE, measure_command, run_file, write_raw_file
 
-SIZES = (1_000_000, 3_000_000)
-RATE, EVERY = 1000.0, 5.0  # Hz, s from one rest to the next: 200 rests, and 600
+SIZES = (500_000, 1_500_000)
+RATE, EVERY = 1000.0, 5.0  # Hz, s from one rest to the next: 100 rests, and 300
 NUMBERS = 8 * len(NAMES)  # bytes of a sample
 
 
