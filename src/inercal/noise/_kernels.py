@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 
-_UNROLLED = 4096  # terms in a partial sum: few digits are lost to the size of the total
+_BLOCK = 4096  # differences of all factors in turn, whose places stay in the cache
 
 
 @njit(cache=True, nogil=True, fastmath=True)
@@ -24,16 +24,21 @@ def squared_second_differences(
     factors, strides : (k,) array of int
     """
     out = np.zeros(factors.size)
-    for j in range(factors.size):
-        m, stride = factors[j], strides[j]
-        count = (x.size - 2 * m - 1) // stride + 1
-        total = 0.0
-        for begin in range(0, count, _UNROLLED):
-            part = 0.0
-            for k in range(begin, min(begin + _UNROLLED, count)):
-                i = k * stride
-                d = x[i + 2 * m] - 2.0 * x[i + m] + x[i]
-                part += d * d
-            total += part
-        out[j] = total
+    for begin in range(0, x.size, _BLOCK):
+        for j in range(factors.size):
+            m, stride = factors[j], strides[j]
+            end = min(begin + _BLOCK, x.size - 2 * m)
+            total = 0.0
+            if stride == 1:
+                if end > begin:
+                    # Slices of known step are added by vectors.
+                    early, middle, late = x[begin:end], x[begin + m : end + m], x[begin + 2 * m :]
+                    for i in range(early.size):
+                        d = late[i] - 2.0 * middle[i] + early[i]
+                        total += d * d
+            else:
+                for i in range((begin + stride - 1) // stride * stride, end, stride):
+                    d = x[i + 2 * m] - 2.0 * x[i + m] + x[i]
+                    total += d * d
+            out[j] += total
     return out

@@ -15,8 +15,9 @@ from inercal.noise.numerics import chi_squared_quantiles
 LABELS = {2: "quantisation", 1: "flicker of phase", 0: "white", -1: "flicker", -2: "random walk",
           -3: "flicker walk", -4: "random run"}  # fmt: skip
 _TAILS = (0.025, 0.975)
-_FEWEST = 30  # block means by which a noise is named
+_FEWEST, _MOST = 30, 1 << 16  # block means by which a noise is named
 _J_MAX = 100
+_FLICKER_EXCESS = 1.7
 _TOTAL_EDF = {0: (1.5, 0.0), -1: (1.16832, 0.222), -2: (0.92715, 0.358)}
 _MTOT_EDF = {2: (1.90, 2.10), 1: (1.20, 1.40), 0: (1.10, 1.20), -1: (0.85, 0.50), -2: (0.75, 0.31)}
 _HTOT_EDF = {0: (0.546, 1.41), -1: (0.667, 2.00), -2: (0.909, 1.00)}
@@ -33,10 +34,11 @@ def identify_noise(x: Array, m: int) -> int:
     x : (n + 1,) array
         Cumulative sums.
     m : int
-        Where fewer than 30 block means are left, those of a smaller factor are used.
+        Where fewer than 30 block means are left, those of a smaller factor are used; of more than
+        65 536 the first ones.
     """
     m = max(1, min(m, (x.size - 1) // _FEWEST))
-    z = np.diff(x[::m])
+    z = np.diff(x[: _MOST * m + 1 : m])
     if z.size < 3:
         return 0
     for d in range(3):
@@ -98,14 +100,29 @@ def _greenhall_riley(alpha: int, d: int, m: int, s: int, f: float, n: int) -> fl
     if count < 1:
         return 1.0
     j_max = min(count, (d + 1) * s)
+    is_long = s > 1 and j_max > _J_MAX
+    if is_long and f > 100 and alpha > 0:
+        return _phase_noise_edf(alpha, m, n) if d == 2 else _greenhall_riley(0, d, m, s, f, n)
     sz0 = _sz(0, f, alpha, d) ** 2
-    if s > 1 and j_max > _J_MAX and f > 100 and alpha <= 0:
+    if is_long and (f == 1 or f > 100):
         ratio = count / s
         reduced = max(1, min(_J_MAX // (d + 1), s))
         j_max = min(int(ratio * reduced), (d + 1) * reduced)
         total = _basic_sum(max(j_max, 1), ratio * reduced, reduced, f, alpha, d)
         return max(sz0 * ratio * reduced / total, 1.0)
     return max(sz0 * count / _basic_sum(j_max, count, s, f, alpha, d), 1.0)
+
+
+def _phase_noise_edf(alpha: int, m: int, n: int) -> float:
+    """Return the edf of the overlapping Allan variance of n phases of white or flicker phase noise.
+
+    The approximate formulas of SP 1065, table 5: the sums of `_basic_sum` have as many terms as m.
+    Of flicker noise the formula gives up to 1.7 times those sums, which is taken off.
+    """
+    if alpha == 2:
+        return max((n + 1) * (n - 2 * m) / (2 * (n - m)), 1.0)
+    product = np.log((n - 1) / (2 * m)) * np.log((2 * m + 1) * (n - 1) / 4)
+    return max(float(np.exp(np.sqrt(product))) / _FLICKER_EXCESS, 1.0)
 
 
 def degrees_of_freedom(kind: str, alpha: int, m: int, n: int) -> float:
