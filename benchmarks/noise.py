@@ -93,6 +93,7 @@ def rows() -> Iterator[Row]:
     fit = best(lambda: select_terms(make_bins(piece_spectra(y, 0.01), 0.01)), 2)
     yield Row("terms of 10⁷ samples, chosen and fitted", fit, FIT, "limit")
     (few_s, _), (many_s, memory) = map(streamed, STREAMED)
+    memory = max(memory, 0.1)  # none may be beyond
     yield Row("10⁸ samples in pieces: memory beyond a short stream", memory, MEMORY, "limit", "MB")
     times = 1.2 * STREAMED[1] / STREAMED[0] * few_s
     yield Row("10⁸ samples in pieces: time", many_s, times, "12 times 10⁷")
