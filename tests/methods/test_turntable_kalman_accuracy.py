@@ -131,7 +131,7 @@ def of_grade_t(seed: int) -> dict[str, Score]:
     return scores(seed, turntable.complete_path(), RUNS)
 
 
-@pytest.mark.slow
+@pytest.mark.evidence  # it computes what the three seeds below compute, which other processes run
 def test_scale_factors_on_the_sources_path():
     # Of 300 numbers the rms varies by 4 %; the third seed alone gives 33.02.
     squares = [of_grade_t(seed)["g 19, own part"].scale ** 2 for seed in SEEDS]
