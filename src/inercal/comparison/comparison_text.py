@@ -3,7 +3,7 @@
 from math import isnan
 
 from inercal.calibration.grade import GRADE_WORDS
-from inercal.calibration.verdict import p_value_text
+from inercal.calibration.suspect_text import p_value_text
 from inercal.comparison import Comparison
 from inercal.comparison.changes import JointTest
 

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from inercal.benches.report_data import MeasuredDirection
 from inercal.benches.turntable import is_turntable
 from inercal.calibration.specification import LimitRow, conformity_lines, limit_row
-from inercal.calibration.verdict import p_value_text
+from inercal.calibration.suspect_text import p_value_text
 from inercal.methods.observability import NOISE_ONLY_NOTE
 from inercal.pipeline import Outcome
 from inercal.plan import Hold, Rotation, Spin, Step, Turn

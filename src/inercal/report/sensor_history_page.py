@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
 from inercal.arrays import Array
-from inercal.calibration.verdict import p_value_text
+from inercal.calibration.suspect_text import p_value_text
 from inercal.comparison.changes import YEAR, TrendVerdict
 from inercal.comparison.comparison_text import format_en
 from inercal.keys import CoefficientName

@@ -1,6 +1,6 @@
 """Histories in words and rounded figures."""
 
-from inercal.calibration.verdict import p_value_text
+from inercal.calibration.suspect_text import p_value_text
 from inercal.comparison.comparison_text import (
     INDEPENDENCE_NOTE,
     SHARED_NOTE,
