@@ -1,4 +1,4 @@
-"""Small files that a person writes: run files and descriptions of packets, read with bounds.
+"""Small files that a person writes, read with bounds: run files, descriptions of packets, tables.
 
 Reading never blocks and is bounded: a FIFO or a device is refused, a file larger than `LARGEST` is
 not read, and TOML nested deeper than `DEEPEST` is refused, since code that walks through it would
@@ -6,11 +6,12 @@ exceed Python's limit of recursion.
 """
 
 import codecs
+import csv
 import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -166,3 +167,67 @@ def read_toml(path: Path, what: str = "file") -> dict[str, Any]:
         return parse_toml(raw, what)
     except InputError as error:
         raise error.located(path) from None
+
+
+def csv_lines(
+    path: Path, needed: Sequence[str], what: str = "table", largest: int = LARGEST
+) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield each line of a CSV table that is not empty: its place, and its cells by column.
+
+    Parameters
+    ----------
+    path : path
+    needed : sequence of str
+        Columns that it must have.
+    what, largest
+        As of `read_small_file`.
+
+    Raises
+    ------
+    InputError
+        As of `read_small_file`; text that is not UTF-8, columns as of `check_columns`, or a line
+        with another number of cells.
+    """
+    try:
+        text = read_small_file(path, what, largest).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte {error.start} is not UTF-8; save the table as UTF-8", file=path
+        ) from None
+    reader = csv.reader(text.splitlines(), strict=True)
+    empty: list[str] = []
+    try:
+        names = [name.strip() for name in next(reader, empty)]
+        check_columns(path, names, needed)
+        for cells in reader:
+            if not any(cells):
+                continue
+            where = f"line {reader.line_num}"
+            if len(cells) != len(names):
+                raise InputError(
+                    f"{path}: {where} has {len(cells)} cells; the table has {len(names)} columns",
+                    file=path,
+                )
+            yield where, dict(zip(names, cells, strict=True))
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num}: {error}", file=path) from None
+
+
+def check_columns(path: Path, names: Sequence[str], needed: Sequence[str]) -> None:
+    """Refuse a table without a needed column, or with two columns of one name.
+
+    Raises
+    ------
+    InputError
+        With the columns that it has.
+    """
+    for one in needed:
+        if one not in names:
+            raise InputError(
+                f"{path}: no column {one!r}; its columns are {', '.join(names) or 'none'}"
+                f"{'; save it with commas between' * (len(names) == 1 and ';' in names[0])}",
+                file=path,
+                names=(one,),
+            )
+    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        raise InputError(f"{path}: column {twice[0]!r} comes twice", file=path, names=(twice[0],))

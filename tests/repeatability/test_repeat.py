@@ -118,4 +118,19 @@ def test_an_axis_that_scatters_more_is_named_and_takes_its_own_scatter():
 def test_advice_names_the_sessions_that_are_needed():
     assert [required_sessions(x, 1) for x in (0.0, 0.25, 1.0)] == [7, 10, 24]  # of the note
     assert [required_sessions(x, 3) for x in (0.0, 0.25, 1.0)] == [3, 4, 9]
-    assert any("here are 2" in line for line in advice_lines(repeat(drawn_sessions(2))))
+    assert any("there are 2" in line for line in advice_lines(repeat(drawn_sessions(2))))
+
+
+def test_another_turn_on_of_the_same_day_has_no_new_mounting():
+    days = np.repeat(np.arange(4), 3)
+    drawn = draw(Laboratory(), 12, np.random.default_rng(3), days)
+    by_bench, by_sensor = (
+        repeat(sessions_of(drawn, days), scope="turn-on", mount_owner=owner)
+        for owner in ("bench", "sensor")
+    )
+    np.testing.assert_allclose(by_sensor.scatter, by_bench.scatter, rtol=1e-9)
+    assert not any(
+        one.effect.is_in_next_use("turn-on")
+        for one in by_sensor.components
+        if one.effect.level == "mount"
+    )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from inercal.arrays import Array
 from inercal.errors import InputError
@@ -77,8 +77,6 @@ class _Sensor(BaseModel):
 
 
 class _File(BaseModel):
-    model_config = ConfigDict(populate_by_name=True)
-
     schema_: Literal["inercal/repeatability/1"] = Field(alias="schema")
     sensor: _Sensor
     frame: str

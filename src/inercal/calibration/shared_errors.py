@@ -18,6 +18,7 @@ no information on q₀, and J = P / u_q² remains the derivative.
 Source: JCGM 102:2011 (GUM Supplement 2), 6.2; JCGM 100:2008, F.1.2.3 (common influences).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,20 +90,28 @@ def transform_shared(shared: SharedErrors, jacobian: Array) -> SharedErrors:
     return None if shared is None else tuple(one.transform(jacobian) for one in shared)
 
 
-def shared_covariance(first: SharedErrors, second: SharedErrors, size: int) -> Array:
-    """Return the covariance of two calibrations by the errors that both state, (p, p).
+def shared_covariance(
+    first: SharedErrors, second: SharedErrors, places: tuple[Sequence[int], Sequence[int]]
+) -> Array:
+    """Return the covariance of coefficients of two calibrations by the errors that both state.
 
     Parameters
     ----------
     first, second : tuple of SharedError or None
         None, of a file that states nothing, shares nothing.
-    size : int
-        p, of both.
+    places : two sequences of p int
+        Where the coefficients stand in each calibration.
+
+    Returns
+    -------
+    (p, p) array
     """
-    total = np.zeros((size, size))
+    rows, columns = (list(one) for one in places)
+    total = np.zeros((len(rows), len(columns)))
     others = {(one.name, one.determination): one for one in second or ()}
     for one in first or ():
         other = others.get((one.name, one.determination))
         if other is not None:
-            total += np.outer(one.covariance, other.covariance) / (one.std * other.std)
+            pair = np.outer(one.covariance[rows], other.covariance[columns])
+            total += pair / (one.std * other.std)
     return total

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from inercal.repeatability import RepeatedSession
 
 NAME = "repeat"
-_TABLE = "day, mount, turn_on"
+_FILE, _LEVELS = "file", ("day", "mount", "turn_on")  # columns of a table of sessions
 
 
 class Same(StrEnum):
@@ -28,12 +28,19 @@ def run(
         None, help="Calibration files of one sensor, in the order of time.", metavar="FILE…"
     ),
     table: Path | None = typer.Option(
-        None, "--table", "-t", help=f"CSV of sessions: file, {_TABLE}; instead of files."
+        None,
+        "--table",
+        "-t",
+        help="CSV of sessions with columns file, day, mount, turn_on; instead of files.",
+    ),
+    sensor: str | None = typer.Option(
+        None, "--sensor", help="A sensor of the register; instead of files."
     ),
     register: str | None = typer.Option(
-        None, "--register", help="Take the calibrations of --sensor from this register."
+        None,
+        "--register",
+        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER.",
     ),
-    sensor: str | None = typer.Option(None, "--sensor", help="A sensor of the register."),
     same: list[Same] | None = typer.Option(
         None,
         "--same",
@@ -64,16 +71,13 @@ def run(
     from inercal.repeatability import repeat
     from inercal.repeatability.files import as_object, next_use_calibration, to_text
 
-    given = {"FILE…": files, "--table": table, "--register": register}
-    if sum(one is not None and one != [] for one in given.values()) != 1:
-        raise InputError(
-            "give the sessions in one way: files, --table, or --register with --sensor"
-        )
-    if (sensor is not None) != (register is not None):
-        raise InputError("--register and --sensor go together", key="--sensor")
+    if sum(map(bool, (files, table, sensor))) != 1:
+        raise InputError("give the sessions in one way: files, --table or --sensor")
+    if register is not None and sensor is None:
+        raise InputError("--register: name the sensor by --sensor", key="--register")
     if table is not None:
         sessions, inputs = _of_table(table, same)
-    elif register is not None and sensor is not None:
+    elif sensor is not None:
         sessions, inputs = _of_register(register, sensor, same), []
     else:
         sessions, inputs = _of_files(files or [], same), files or []
@@ -113,7 +117,9 @@ def _of_files(files: list[Path], same: list[Same] | None) -> list["RepeatedSessi
     ]
 
 
-def _of_register(address: str, sensor: str, same: list[Same] | None) -> list["RepeatedSession"]:
+def _of_register(
+    address: str | None, sensor: str, same: list[Same] | None
+) -> list["RepeatedSession"]:
     from inercal.repeatability import RepeatedSession
     from inercal.store import Register
 
@@ -130,34 +136,26 @@ def _of_register(address: str, sensor: str, same: list[Same] | None) -> list["Re
 
 def _of_table(table: Path, same: list[Same] | None) -> tuple[list["RepeatedSession"], list[Path]]:
     """Return the sessions of a table, and its files."""
-    import csv
-
     from inercal.calibration.files import load
     from inercal.errors import InputError
     from inercal.repeatability import RepeatedSession
-    from inercal.small_files import read_small_file
+    from inercal.small_files import csv_lines
 
-    try:
-        text = read_small_file(table, "table of sessions").decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{table}: it is not UTF-8 text ({error.reason})", file=table) from None
-    rows = list(csv.DictReader(text.splitlines()))
-    columns = set(rows[0]) if rows else set[str]()
-    possible = {"file", *_TABLE.split(", ")}
-    if "file" not in columns or columns - possible:
-        raise InputError(
-            f"{table}: its columns are {', '.join(sorted(map(str, columns))) or 'none'}; give file "
-            f"and of {_TABLE} those that sessions share",
-            file=table,
-        )
     sessions: list[RepeatedSession] = []
     files: list[Path] = []
-    for k, row in enumerate(rows):
-        if any(not (value or "").strip() for value in row.values()):
-            raise InputError(f"{table} line {k + 2}: an empty cell; fill it", file=table)
-        file = table.parent / row["file"]
-        default = _labels(same, k, row["file"])
-        own = [row.get(name, word) for name, word in zip(_TABLE.split(", "), default, strict=True)]
-        sessions.append(RepeatedSession(row["file"], load(file), *own))
+    for k, (where, cells) in enumerate(csv_lines(table, (_FILE,), "table of sessions")):
+        if unknown := sorted(cells.keys() - {_FILE, *_LEVELS}):
+            raise InputError(
+                f"{table}: column {unknown[0]!r} is not known; there are {_FILE}, "
+                f"{', '.join(_LEVELS)}",
+                file=table,
+                names=(unknown[0],),
+            )
+        if empty := [name for name, cell in cells.items() if not cell.strip()]:
+            raise InputError(f"{table}: {where}: column {empty[0]} is empty", file=table)
+        file = table.parent / cells[_FILE]
+        default = _labels(same, k, cells[_FILE])
+        own = (cells.get(name, word) for name, word in zip(_LEVELS, default, strict=True))
+        sessions.append(RepeatedSession(cells[_FILE], load(file), *own))
         files.append(file)
     return sessions, [table, *files]

@@ -41,9 +41,7 @@ def _print_components(found: Repeatability) -> None:
     table = make_table("scatter", "with each", *heads, "unit", "in the next use")
     for one in found.components:
         cells = [f"{x / one.effect.si:.3g}" for x in (one.sd, one.low, one.high)]
-        counts = one.effect.owner == "sensor" and (
-            found.scope == "day" or one.effect.level != "day"
-        )
+        counts = one.effect.is_in_next_use(found.scope)
         add_row(table, one.effect.name, one.effect.level, *cells, one.effect.unit,
                 "yes" if counts else "no")  # fmt: skip
     terminal().print(table)

@@ -3,7 +3,7 @@
 Both are first converted to the same axes, nominal readout, form of the model and body frame.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -52,19 +52,13 @@ class Comparison:
     @cached_property
     def difference_covariance(self) -> Array:
         """Covariance of the difference, SI, (p, p); errors that both state to share cancel."""
-        first, second = self.first, self.second
-        picks = [[one.sensor.coefficients.index(n) for n in self.names] for one in self._both]
-        own = [
-            one.covariance[np.ix_(pick, pick)] for one, pick in zip(self._both, picks, strict=True)
-        ]
-        errors = [
-            None
-            if one.shared is None
-            else tuple(replace(e, covariance=e.covariance[pick]) for e in one.shared)
-            for one, pick in zip((first, second), picks, strict=True)
-        ]
-        shared = shared_covariance(errors[0], errors[1], len(self.names))
-        return own[0] + own[1] - shared - shared.T
+        first, second = (
+            [one.sensor.coefficients.index(name) for name in self.names] for one in self._both
+        )
+        shared = shared_covariance(self.first.shared, self.second.shared, (first, second))
+        own = self.first.covariance[np.ix_(first, first)]
+        own = own + self.second.covariance[np.ix_(second, second)]
+        return own - shared - shared.T
 
     @property
     def states_shared(self) -> bool:
@@ -74,10 +68,9 @@ class Comparison:
     @cached_property
     def difference_std(self) -> Array:
         """Standard uncertainty of the difference, SI, (p,)."""
-        own = np.hypot(*self.std)
-        # Rounding leaves something of two equal calibrations.
-        found = np.sqrt(np.maximum(np.diag(self.difference_covariance), (ROUNDING * own) ** 2))
-        return found if self.states_shared else own
+        variance = np.diag(self.difference_covariance)
+        # Where two calibrations share all errors, rounding leaves a little, or less than nothing.
+        return np.sqrt(np.maximum(variance, (ROUNDING * np.hypot(*self.std)) ** 2))
 
     @cached_property
     def normalised_errors(self) -> Array:

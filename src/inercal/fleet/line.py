@@ -9,10 +9,9 @@
 A column whose name has a dot, such as `bench.gravity`, is the value of that key for its sensor.
 """
 
-import csv
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from difflib import get_close_matches
@@ -23,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from inercal.errors import InputError, require_extra
-from inercal.small_files import read_small_file, read_toml
+from inercal.small_files import check_columns, csv_lines, read_toml
 
 if TYPE_CHECKING:
     from inercal.runfile import Run
@@ -192,7 +191,11 @@ def read_line(folder: str | Path) -> Line:
 
 
 def _read_rows(path: Path) -> list[SensorRow]:
-    lines = _csv_lines(path) if path.suffix == ".csv" else _parquet_lines(path)
+    lines = (
+        csv_lines(path, _NEEDED, "table of sensors", _LARGEST_TABLE)
+        if path.suffix == ".csv"
+        else _parquet_lines(path)
+    )
     rows: list[SensorRow] = []
     seen: dict[str, str] = {}
     codes: dict[str, str] = {}
@@ -236,31 +239,6 @@ def _require_time(path: Path, where: str, text: str) -> None:
         ) from None
 
 
-def _csv_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    try:
-        text = read_small_file(path, "table of sensors", _LARGEST_TABLE).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: byte {error.start} is not UTF-8; save the table as UTF-8", file=path
-        ) from None
-    reader = csv.reader(text.splitlines(), strict=True)
-    empty: list[str] = []
-    names = _checked_names(path, [name.strip() for name in next(reader, empty)])
-    try:
-        for cells in reader:
-            if not any(cells):
-                continue
-            where = f"line {reader.line_num}"
-            if len(cells) != len(names):
-                raise InputError(
-                    f"{path}: {where} has {len(cells)} cells; the table has {len(names)} columns",
-                    file=path,
-                )
-            yield where, dict(zip(names, cells, strict=True))
-    except csv.Error as error:
-        raise InputError(f"{path}: line {reader.line_num}: {error}", file=path) from None
-
-
 def _parquet_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
     with require_extra("fleet", f"{path} needs pyarrow", ("pyarrow",)):
         pa: Any = import_module("pyarrow")
@@ -271,25 +249,12 @@ def _parquet_lines(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
         raise InputError(
             f"{path}: not a Parquet file: {str(error).splitlines()[0]}", file=path
         ) from None
-    names = _checked_names(path, table.column_names)
+    names: list[str] = table.column_names
+    check_columns(path, names, _NEEDED)
     columns = [column.to_pylist() for column in table.columns]
     for k, cells in enumerate(zip(*columns, strict=True)):
         texts = ("" if cell is None else str(cell) for cell in cells)
         yield f"row {k + 1}", dict(zip(names, texts, strict=True))
-
-
-def _checked_names(path: Path, names: Sequence[str]) -> Sequence[str]:
-    for needed in _NEEDED:
-        if needed not in names:
-            raise InputError(
-                f"{path}: no column {needed!r}; its columns are {', '.join(names) or 'none'}"
-                f"{'; save it with commas between' * (len(names) == 1 and ';' in names[0])}",
-                file=path,
-                names=(needed,),
-            )
-    if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
-        raise InputError(f"{path}: column {twice[0]!r} comes twice", file=path, names=(twice[0],))
-    return names
 
 
 def _fill(value: object, columns: Mapping[str, str]) -> object:

@@ -1,17 +1,11 @@
 """What several calibrations of one sensor say together: its mean, and its next use.
 
-A session's U holds the noise and the bench of that session. From day to day, from mount to mount
-and from one power cycle to the next a sensor scatters besides; that shows in repeated sessions
-alone.
+The U of one session holds its noise and its bench. A sensor also scatters from day to day, from
+mounting to mounting and from power cycle to power cycle: only repeated sessions show that.
 """
 
-from inercal.repeatability.repeated_sessions import (
-    Owner,
-    Repeatability,
-    Scope,
-    StatedUncertainty,
-    repeat,
-)
+from inercal.repeatability.effects import Owner, Scope
+from inercal.repeatability.repeated_sessions import Repeatability, StatedUncertainty, repeat
 from inercal.repeatability.sessions import RepeatedSession
 
 __all__ = ["Owner", "Repeatability", "RepeatedSession", "Scope", "StatedUncertainty", "repeat"]

@@ -10,7 +10,8 @@ import numpy as np
 
 from inercal.repeatability.repeated_sessions import Repeatability, ScatterComponent
 
-RELATIVE = 0.3  # standard deviation of σ that is worth to aim at
+RELATIVE = 0.3  # standard deviation of σ that is aimed at
+_PLURAL = {"session": "sessions", "day": "days", "turn-on": "turn-ons", "mount": "mountings"}
 _LONGEST = 4.0  # λ beyond which longer sessions help more than further ones
 
 
@@ -49,12 +50,12 @@ def advice_lines(found: Repeatability) -> list[str]:
     for one in found.components:
         ratio, what = noise_ratio(found, one), f"{one.effect.name} ({one.effect.level})"
         if one.sd == 0:
-            lines.append(f"{what}: no scatter was found beside the sessions' own uncertainty")
+            lines.append(f"{what}: the sessions scatter no more than their uncertainties explain")
         elif ratio > _LONGEST:
             lines.append(f"{what}: longer sessions show it better than further ones do")
         elif (needed := required_sessions(ratio, one.effect.similar)) > one.effect.effect.levels:
             lines.append(
-                f"{what}: {needed} of them would give its standard deviation within "
-                f"{100 * RELATIVE:.0f} %; here are {one.effect.effect.levels}"
+                f"{what}: a standard deviation within {100 * RELATIVE:.0f} % takes {needed} "
+                f"{_PLURAL[one.effect.level]}; there are {one.effect.effect.levels}"
             )
     return lines

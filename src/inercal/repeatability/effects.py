@@ -20,6 +20,8 @@ from inercal.repeatability.sessions import MatchedSessions
 from inercal.uncertainty.repeated_measurements import RandomEffect
 
 Owner = Literal["sensor", "bench"]
+Scope = Literal["day", "turn-on"]
+"""What is new in the next use."""
 LevelName = Literal["session", "day", "turn-on", "mount"]
 _DAY, _MOUNT, _TURN_ON = range(3)
 _ROTATED = {"delta_o": 2, "delta_p": 1}  # the row of an axis's frame
@@ -51,6 +53,10 @@ class NamedEffect:
     unit: str
     si: float
     effect: RandomEffect
+
+    def is_in_next_use(self, scope: Scope) -> bool:
+        """Whether a next use on another day, or after another turn-on of a day, draws it anew."""
+        return self.owner == "sensor" and (scope == "day" or self.level in ("turn-on", "session"))
 
     @property
     def similar(self) -> int:

@@ -19,13 +19,12 @@ Higgins, Thompson and Spiegelhalter, J. R. Statist. Soc. A 172 (2009), 137–159
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.repeatability.effects import NamedEffect, Owner, named_effects, scatter
+from inercal.repeatability.effects import NamedEffect, Owner, Scope, named_effects, scatter
 from inercal.repeatability.session_findings import findings
 from inercal.repeatability.session_fit import SessionFit, fit_sessions
 from inercal.repeatability.sessions import MatchedSessions, RepeatedSession, match_sessions
@@ -33,8 +32,6 @@ from inercal.uncertainty.components import variance_components
 from inercal.uncertainty.conformity import expanded_uncertainty
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.uncertainty.scatter_limits import scatter_limits
-
-Scope = Literal["day", "turn-on"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +163,7 @@ def repeat(
 def _state(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Repeatability:
     """Return the two statements of fitted sessions."""
     dof = fit.similar * (_count_of_scope(fit.matched, scope) - 1)
-    next_use = _next_use_scatter(fit, scope, mount_owner)
+    next_use = _next_use_scatter(fit, scope)
     spread = _spread_ratio(fit)
     mean = fit.inverse * np.outer(spread, spread)
     components = tuple(_component(fit, k) for k in range(len(fit.effects)))
@@ -187,19 +184,16 @@ def _count_of_scope(matched: MatchedSessions, scope: Scope) -> int:
     return days if scope == "day" or days == turn_ons else turn_ons - days + 1
 
 
-def _next_use_scatter(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Array:
+def _next_use_scatter(fit: SessionFit, scope: Scope) -> Array:
     """Return the covariance of the next use, (p, p), in units of the fit.
 
     A coefficient that scatters more by itself than like ones takes its own variance.
     """
-    chosen = [
-        one.owner == "sensor" and (scope == "day" or one.level in ("turn-on", "session"))
-        for one in fit.effects
-    ]
+    chosen = [one.is_in_next_use(scope) for one in fit.effects]
     size = len(fit.unit)
     pooled = scatter(fit.effects, fit.variances.variance, chosen, size)
     pooled = pooled / np.outer(fit.unit, fit.unit)
-    alone = _scatter_alone(fit, mount_owner)
+    alone = _scatter_alone(fit)
     diagonal = np.diag(pooled)
     ratio = np.divide(np.maximum(diagonal, alone), diagonal, out=np.ones(size), where=diagonal > 0)
     found: Array = pooled * np.sqrt(np.outer(ratio, ratio))
@@ -207,7 +201,7 @@ def _next_use_scatter(fit: SessionFit, scope: Scope, mount_owner: Owner) -> Arra
     return found
 
 
-def _scatter_alone(fit: SessionFit, mount_owner: Owner) -> Array:
+def _scatter_alone(fit: SessionFit) -> Array:
     """Return the variance of each coefficient from its own values, (p,), in units of the fit.
 
     Of sessions that are not all of other days there is none; nor of misalignments that a mounting
@@ -218,7 +212,7 @@ def _scatter_alone(fit: SessionFit, mount_owner: Owner) -> Array:
     moved = {p for one in fit.effects if one.owner == "bench" for p in one.places}
     std = np.sqrt(np.diagonal(fit.own, axis1=1, axis2=2))
     return np.array([
-        0.0 if j in moved and mount_owner == "bench"
+        0.0 if j in moved
         else variance_components(fit.values[:, j], std[:, j]).within.sd ** 2
         for j in range(len(fit.unit))
     ])  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
+from inercal.calibration.shared_errors import shared_covariance
 from inercal.comparison import (
     ROUNDING,
     build_comparison,
@@ -252,7 +253,11 @@ def _coefficient_trend(
     points = [k for k, one in enumerate(found) if name in one.sensor.coefficients]
     line = newest.sensor.coefficient(name)
     std = np.array([found[k].uncertainty(name) for k in points])
-    shared = [_shared_covariance(name, found[a], found[b]) for a, b in pairwise(points)]
+    places = {k: [found[k].sensor.coefficients.index(name)] for k in points}
+    shared = [
+        float(shared_covariance(found[a].shared, found[b].shared, (places[a], places[b]))[0, 0])
+        for a, b in pairwise(points)
+    ]
     own = std[:-1] ** 2 + std[1:] ** 2
     return CoefficientTrend(
         name,
@@ -265,19 +270,6 @@ def _coefficient_trend(
         std,
         np.sqrt(np.maximum(own - 2 * np.array(shared), ROUNDING**2 * own)),
     )
-
-
-def _shared_covariance(name: str, first: Calibration, second: Calibration) -> float:
-    """Return the covariance of a coefficient by errors that both state to share."""
-    others = {(one.name, one.determination): one for one in second.shared or ()}
-    places = [one.sensor.coefficients.index(name) for one in (first, second)]
-    total = 0.0
-    for one in first.shared or ():
-        other = others.get((one.name, one.determination))
-        if other is not None:
-            pair = one.covariance[places[0]] * other.covariance[places[1]]
-            total += float(pair) / (one.std * other.std)
-    return total
 
 
 def _exclusion_lines(*parts: tuple[Collection[str], str]) -> list[str]:

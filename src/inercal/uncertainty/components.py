@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.errors import InputError
+from inercal.uncertainty.coverage import COVERAGE_PROBABILITY
 
 Indices = NDArray[np.intp]
-LEVEL = 0.9545  # of intervals: as of U = 2u
 _PRECISION = 1e-9  # of σ², relative
 _STEPS = 200
 _LEAST = 1e-200  # variance of a value that has none
@@ -130,7 +130,7 @@ def _component(value: Array, std: Array, lots: Indices, count: int, dof: int) ->
         return float(each.sum()), -float(weight @ each)
 
     spread = float(np.var(value))
-    tail = (1 - LEVEL) / 2
+    tail = (1 - COVERAGE_PROBABILITY) / 2
     least = 0.0 if np.all(variance > 0) else _PRECISION * spread
     begin = max(spread - float(variance.mean()), least)
     roots = [

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import scipy
 
-LEVEL = 0.9545  # as of U = 2u
+from inercal.uncertainty.coverage import COVERAGE_PROBABILITY
 
 
 class Limits(NamedTuple):
@@ -39,7 +39,7 @@ def scatter_limits(variance: float, variance_of_it: float, dof: int) -> Limits:
     """
     total = max(sqrt(variance_of_it * dof / 2), variance)
     noise = total - variance
-    tail = (1 - LEVEL) / 2
+    tail = (1 - COVERAGE_PROBABILITY) / 2
     low, high = (
         max(total * dof / float(scipy.special.chdtri(dof, p)) - noise, 0.0)
         for p in (tail, 1 - tail)
