@@ -32,7 +32,7 @@ _PAGE = """\
 
 Written by `make evidence`; do not edit. Laboratories are simulated without inercal
 (`tests/repeatability/laboratory.py`): a triad with own uncertainties of 9.3, 14 and 18 of bias,
-scale factor and misalignment, of which sessions share 0, 10 and 20 besides (1e-6 SI). {count}
+scale factor and misalignment, and further 0, 10 and 20 that sessions share (1e-6 SI). {count}
 laboratories with base seeds {seeds}; coverage in percent of bias, scale factor, misalignment; 95.45
 are aimed at, and the next use holds a new mounting. "Last session" and "independent" are what one
 states without the scatter: 2u of the last session, and 2u of the mean of sessions taken as

@@ -22,9 +22,9 @@ time t̄, w = 1/u² (GUM H.3, with weights)::
 Where the χ² of the line exceeds its 95 % bound, its uncertainties are scaled by the Birge ratio
 √(χ²/ν). The χ² of constancy is that about the weighted mean.
 
-The line takes the errors of different calibrations as independent, and so does all of it where a
-calibration does not state what it shares: |E_n| comes out smaller then, χ² too, and chance calls
-fewer changes than one in 22.
+The line takes the errors of different calibrations as independent. So do E_n and χ² where a
+calibration does not state its shared errors: both are then too small, and chance calls fewer
+changes than one in 22.
 """
 
 # scipy has no type stubs.

@@ -112,13 +112,13 @@ def _units(
     """Return a size for each coefficient, equal for like ones: u and scatter together."""
     unit = np.empty(len(matched.names))
     spread: Array = np.var(matched.values, axis=0, ddof=1)
-    variance: Array = spread + np.diagonal(matched.whole, axis1=1, axis2=2).mean(axis=0)
+    variance: Array = spread + np.diagonal(matched.stated, axis1=1, axis2=2).mean(axis=0)
     for places in groups.values():
         unit[list(places)] = np.sqrt(float(variance[list(places)].mean()))
     return unit
 
 
 def _weighting(matched: MatchedSessions, square: Array) -> Array:
-    """Return the covariances that weigh: the whole one where nothing shared is stated."""
+    """Return the covariances that weigh: as stated where a file names no shared errors."""
     silent = np.array([one.calibration.shared is None for one in matched.sessions])
-    return np.where(silent[:, None, None], matched.whole, matched.own) / square
+    return np.where(silent[:, None, None], matched.stated, matched.own) / square

@@ -17,7 +17,7 @@ from inercal.errors import InputError
 from inercal.sensors import Sensor
 
 _OWN_OF_UNSTATED = 1e-6  # part of a covariance that counts as own where nothing is stated
-_LEAST_EIGENVALUE = 1e-9  # of an own covariance, of that of the whole
+_LEAST_EIGENVALUE = 1e-9  # of an own covariance, relative to the stated one
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +84,11 @@ class MatchedSessions:
     values : (k, p) array
     own : (k, p, p) array
         Covariance without what is shared.
-    whole : (k, p, p) array
-        With it.
+    stated : (k, p, p) array
+        As the calibrations state it.
     shared : tuple of SharedColumn
     unstated : tuple of str
-        Sessions that do not state what they share: all of it is taken as shared.
+        Sessions that do not state what they share: everything is taken as shared.
     left_out : tuple of str
         Coefficients that not all sessions measured.
     """
@@ -99,7 +99,7 @@ class MatchedSessions:
     names: tuple[str, ...]
     values: Array
     own: Array
-    whole: Array
+    stated: Array
     shared: tuple[SharedColumn, ...]
     unstated: tuple[str, ...]
     left_out: tuple[str, ...]
@@ -121,7 +121,7 @@ class MatchedSessions:
             sessions=tuple(self.sessions[k] for k in kept),
             values=self.values[kept],
             own=self.own[kept],
-            whole=self.whole[kept],
+            stated=self.stated[kept],
             shared=tuple(one for one in shared if one.members.any()),
         )
 
@@ -146,7 +146,7 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
         try:
             matched.append(match_frame_and_form(one.calibration, last))
         except InputError as error:
-            raise error.located(f"{one.label} beside {sessions[-1].label}") from None
+            raise error.located(f"{one.label} compared with {sessions[-1].label}") from None
     fixed = frozenset[str]().union(*map(fixed_coefficients, matched))
     names = tuple(
         name
@@ -156,22 +156,22 @@ def match_sessions(sessions: Sequence[RepeatedSession]) -> MatchedSessions:
     if not names:
         raise InputError("the calibrations have no coefficient in common that was measured")
     known = {name for one in matched for name in one.sensor.coefficients}
-    whole = np.array([_covariance(one, names) for one in matched])
-    shared = _shared_columns(matched, names, whole)
+    stated = np.array([_covariance(one, names) for one in matched])
+    shared = _shared_columns(matched, names, stated)
     unstated = [one.shared is None for one in matched]
-    own = whole - sum(
+    own = stated - sum(
         (np.einsum("kp,kq->kpq", one.column, one.column) for one in shared if one.name),
-        np.zeros_like(whole),
+        np.zeros_like(stated),
     )
-    own[unstated] = _OWN_OF_UNSTATED * whole[unstated]
+    own[unstated] = _OWN_OF_UNSTATED * stated[unstated]
     return MatchedSessions(
         tuple(sessions),
         last.sensor,
         last.frame,
         names,
         np.array([[one.value(name) for name in names] for one in matched]),
-        np.array([_nonnegative(o, w) for o, w in zip(own, whole, strict=True)]),
-        whole,
+        np.array([_nonnegative(o, w) for o, w in zip(own, stated, strict=True)]),
+        stated,
         shared,
         tuple(s.label for s, is_so in zip(sessions, unstated, strict=True) if is_so),
         tuple(sorted(known - set(names))),
@@ -196,7 +196,7 @@ def _covariance(calibration: Calibration, names: Sequence[str]) -> Array:
 
 
 def _shared_columns(
-    calibrations: Sequence[Calibration], names: Sequence[str], whole: Array
+    calibrations: Sequence[Calibration], names: Sequence[str], stated: Array
 ) -> tuple[SharedColumn, ...]:
     """Return a column for each determination, and for what is not stated those of a root."""
     k, p = len(calibrations), len(names)
@@ -214,7 +214,7 @@ def _shared_columns(
     if silent.any():
         roots = np.zeros((p, k, p))
         for i in np.flatnonzero(silent):
-            roots[:, i] = _root(whole[i]).T
+            roots[:, i] = _root(stated[i]).T
         found += [SharedColumn("", column, silent) for column in roots]
     return tuple(found)
 
@@ -225,9 +225,9 @@ def _root(covariance: Array) -> Array:
     return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
 
 
-def _nonnegative(own: Array, whole: Array) -> Array:
+def _nonnegative(own: Array, stated: Array) -> Array:
     """Return an own covariance that is positive definite; rounding may have left it otherwise."""
-    scale = np.sqrt(np.diag(whole))
+    scale = np.sqrt(np.diag(stated))
     values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
     values = np.maximum(values, _LEAST_EIGENVALUE)
     return (vectors * values) @ vectors.T * np.outer(scale, scale)

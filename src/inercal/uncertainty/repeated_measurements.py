@@ -1,7 +1,7 @@
 """Random effects of known shape in repeated measurements of one vector (REML).
 
 Sessions i = 1 … k measure p values with a covariance C_i of their own, known. They scatter by
-random effects besides: an effect c is the same in all sessions of one level, a day say, and has the
+random effects, too: an effect c is the same in all sessions of one level, a day say, and has the
 covariance σ_c² G_c G_cᵀ of known shape::
 
     y_i = θ + Σ_c u_c(level of i) + e_i,   u_c ~ N(0, σ_c² G_c G_cᵀ),   e_i ~ N(0, C_i)

@@ -1,4 +1,4 @@
-"""Limits of a standard deviation that was estimated beside noise of known size."""
+"""Limits of a standard deviation that was estimated in the presence of known noise."""
 # SciPy has no stubs.
 # pyright: reportMissingTypeStubs=false
 
