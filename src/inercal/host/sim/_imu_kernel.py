@@ -19,12 +19,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from inercal.arrays import Array
+from inercal.sensors.basis_functions import COMPONENTS
 
 Integers = NDArray[np.int64]
 
 RING_SIZE = 8192  # servo cycles of the motion, a power of 2
 MAX_FACTORS = 4  # components in a product
-COMPONENT_COUNT = 12  # fi fp fo wi wp wo ai ap ao si swi dT
+COMPONENT_COUNT = len(COMPONENTS)
 
 
 @njit(cache=True, nogil=True)
@@ -71,7 +72,7 @@ def noise_free_readings(
     P, O, `along` (m,) what each reads without errors. A term is a factor, its axis, and the
     components whose product it is, `products` (terms, MAX_FACTORS), −1 where there are fewer.
     """
-    seen = np.empty(COMPONENT_COUNT)
+    seen = np.zeros(COMPONENT_COUNT)  # dTdt stays 0: a simulation has one temperature
     for n in range(motion.shape[0]):
         term = 0
         for k in range(along.size):
