@@ -13,8 +13,10 @@ from inercal.noise.channel_noise import Quantity
 from inercal.noise.conclusion import ChannelSummary
 from inercal.noise.confidence import identify_noise
 from inercal.noise.deviations import (
+    ALLAN,
     FULL_OVERLAP,
     Deviations,
+    stride_of,
     sum_of_squared_differences,
     with_intervals,
 )
@@ -31,8 +33,6 @@ from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, wh
 
 KEPT_EVERY = 64
 _SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1)
-_ALLAN = (1.0, -2.0, 1.0)
-_LONG_OVERLAP = 16  # differences within a long averaging time
 
 
 class StreamedChannel:
@@ -83,7 +83,7 @@ class StreamedChannel:
         old = self._tail.size
         for j, m in enumerate(_SHORT):
             first = max(old - 2 * int(m), 0)
-            total, terms = sum_of_squared_differences(x[first:], int(m), _ALLAN, 1)
+            total, terms = sum_of_squared_differences(x[first:], int(m), ALLAN, 1)
             self._squares[j] += total
             self._terms[j] += terms
         # x[old] is the cumulative sum number count + 1.
@@ -126,8 +126,8 @@ class StreamedChannel:
             if m <= FULL_OVERLAP:
                 total, terms = float(self._squares[j]), int(self._terms[j])
             else:
-                stride = m // _LONG_OVERLAP // KEPT_EVERY
-                total, terms = sum_of_squared_differences(kept, m // KEPT_EVERY, _ALLAN, stride)
+                stride = stride_of(m) // KEPT_EVERY
+                total, terms = sum_of_squared_differences(kept, m // KEPT_EVERY, ALLAN, stride)
             variances.append(total / (2.0 * terms * float(m) ** 2))
             counts.append(terms)
             alphas.append(identify_noise(kept, m // KEPT_EVERY) if m >= KEPT_EVERY else 0)
