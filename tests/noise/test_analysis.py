@@ -137,6 +137,9 @@ def test_lost_single_samples_are_closed_up_and_long_gaps_part_the_recording():
     parted = inercal.analyse_noise(whole.take(long))
     assert "2 pieces" in parted.remarks[0]
     assert len(parted.channels[0].bins.spectra) == 2
+    both = inercal.analyse_noise(whole.take(single & long))
+    assert "closed up" in both.remarks[0]
+    assert len(both.channels[0].bins.spectra) == 2
 
 
 def test_the_example_in_python_runs(capsys: pytest.CaptureFixture[str]):
