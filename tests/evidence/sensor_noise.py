@@ -55,9 +55,7 @@ def cover(task: tuple[str, int, int]) -> list[float]:
     bins, _ = spectrum_bins(y, truth.dt)
     selection = select_terms(bins, ("NBK",))
     oadev = deviations(y, truth.dt)
-    found, _ = estimate_coefficients(
-        selection, bins, oadev, "gyro", "likelihood", y.size, whole=True
-    )
+    found, _ = estimate_coefficients(selection, bins, oadev, "gyro", "likelihood", y.size)
     true = np.array([truth.white, truth.flicker, truth.walk]) * truth.unit
     inside = [abs(one.value - t) <= 2 * one.u for one, t in zip(found, true, strict=True)]
     inside[2] = found[2].low <= true[2] <= found[2].high

@@ -11,7 +11,7 @@ from tests.noise.generator import DEG_H, MEMS, Truth, draw
 import inercal
 from inercal.errors import InputError
 from inercal.noise import NoiseAnalysis
-from inercal.noise.channel_noise import NoiseCoefficient
+from inercal.noise.channel_noise import ChannelNoise, NoiseCoefficient
 from inercal.noise.recording_length import length_for
 from inercal.recording import Recording
 
@@ -23,7 +23,11 @@ def recording(y: np.ndarray, dt: float, unit: str = "rad/s") -> Recording:
 
 
 def coefficient(analysis: NoiseAnalysis, symbol: str, channel: int = 0) -> NoiseCoefficient:
-    found = analysis.channels[channel].coefficient(symbol)
+    return coefficient_of(analysis.channels[channel], symbol)
+
+
+def coefficient_of(channel: ChannelNoise, symbol: str) -> NoiseCoefficient:
+    found = channel.coefficient(symbol)
     assert found is not None
     return found
 
@@ -140,6 +144,39 @@ def test_lost_single_samples_are_closed_up_and_long_gaps_part_the_recording():
     both = inercal.analyse_noise(whole.take(single & long))
     assert "closed up" in both.remarks[0]
     assert len(both.channels[0].bins.spectra) == 2
+
+
+def test_gmwm_is_reported_only_where_it_is_possible():
+    y = draw(replace(MEMS, n=4096), 1)[0]
+    whole = recording(y, 0.25)
+    (one,) = inercal.analyse_noise(whole, terms="NB", method="gmwm").channels
+    assert one.method == "gmwm"
+    assert coefficient_of(one, "N").value == one.comparison["gmwm"]["N"][0]
+    kept = np.ones(y.size, dtype=bool)
+    kept[1000:1240] = False
+    (parted,) = inercal.analyse_noise(whole.take(kept), terms="NB", method="gmwm").channels
+    assert parted.method == "likelihood"
+    assert any("gmwm" in text for text in parted.remarks)
+
+
+def test_estimates_do_not_depend_on_the_averaging_times_that_are_reported():
+    y = recording(draw(replace(MEMS, n=2048), 1)[0], 0.25)
+    octave, every = (
+        inercal.analyse_noise(y, spacing=one, kinds=(), terms="NB").channels[0]
+        for one in ("octave", "all")
+    )
+    assert octave.comparison == every.comparison
+    assert (octave.oadev.tau.size, every.oadev.tau.size) == (11, 1024)
+
+
+def test_a_disturbance_at_the_start_is_left_out_with_its_temperature():
+    y = draw(replace(MEMS, n=8192), 1)[0]
+    y[8:48] += 3e-4 * np.random.default_rng(1).standard_normal(40)
+    temperature = 290 + np.sin(np.arange(y.size) / 900)
+    readings = replace(recording(y, 0.25), temperature=temperature)
+    (found,) = inercal.analyse_noise(readings, terms="NB", keep_disturbed=False).channels
+    assert [one.kind for one in found.disturbances] == ["burst"]
+    assert y.size - 120 < found.n < y.size - 40
 
 
 def test_the_example_in_python_runs(capsys: pytest.CaptureFixture[str]):

@@ -174,6 +174,7 @@ class StreamedChannel:
         remarks = check_rounding([self._segment[:kept] + self.origin], channel, source)
         clean = [take_out_lines(one) for one in self.spectra()]
         values, dt = self.low_values()
+        octaves = self.oadev()
         return ChannelSummary(
             channel=channel,
             quantity=quantity,
@@ -183,10 +184,10 @@ class StreamedChannel:
             mean=self.mean,
             spectra=tuple(spectrum for spectrum, _ in clean),
             lines=tuple(line for _, lines in clean for line in lines),
-            deviations={"oadev": self.oadev()},
+            octaves=octaves,
+            deviations={"oadev": octaves},
             disturbances=self.disturbances(),
             remarks=remarks,
-            whole=True,
             low_values=values,
             regressors={"ramp": np.arange(values.size, dtype=np.float64) * dt},
         )
