@@ -25,6 +25,7 @@ from inercal.noise.disturbances import (
     Disturbance,
     bursts_of_windows,
     find_changes,
+    largest_square,
 )
 from inercal.noise.expected_periodogram import squared_coefficients
 from inercal.noise.lines import take_out_lines
@@ -32,6 +33,7 @@ from inercal.noise.rounding import check_rounding
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
 
 KEPT_EVERY = 64
+_FIRST = 4096  # squared differences whose median sets the largest that counts
 _SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1)
 
 
@@ -59,6 +61,7 @@ class StreamedChannel:
         self._segments = 0
         self._half = max(1, max(2, round(WINDOW / dt)) // 2)
         self._differences = np.zeros(0)
+        self._largest: float | None = None
         self._half_sums: list[Array] = []
         self._last = np.zeros(0)
 
@@ -104,11 +107,20 @@ class StreamedChannel:
                 self._filled = 0
 
     def _add_differences(self, y: Array) -> None:
-        d = np.concatenate([self._differences, np.diff(np.concatenate([self._last, y])) ** 2])
+        d = np.diff(np.concatenate([self._last, y])) ** 2
         self._last = y[-1:].copy()
-        whole = d.size // self._half * self._half
-        self._half_sums.append(d[:whole].reshape(-1, self._half).sum(axis=1))
-        self._differences = d[whole:].copy()
+        self._differences = np.concatenate([self._differences, d])
+        if self._largest is not None or self._differences.size >= _FIRST:
+            self._sum_differences()
+
+    def _sum_differences(self) -> None:
+        d = self._differences
+        if self._largest is None:
+            self._largest = largest_square(d)
+        used = d.size // self._half * self._half
+        shown = np.minimum(d[:used], self._largest)
+        self._half_sums.append(shown.reshape(-1, self._half).sum(axis=1))
+        self._differences = d[used:].copy()
 
     def cumulative_sums(self) -> Array:
         """Return every 64th cumulative sum, from the first."""
@@ -151,6 +163,7 @@ class StreamedChannel:
 
     def disturbances(self) -> tuple[Disturbance, ...]:
         """Return steps, knocks and bursts; changes are placed to 64 samples."""
+        self._sum_differences()
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
         halves = np.concatenate(self._half_sums)
         bursts = bursts_of_windows(halves, self._half, self.dt)
