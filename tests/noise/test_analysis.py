@@ -179,6 +179,25 @@ def test_a_disturbance_at_the_start_is_left_out_with_its_temperature():
     assert y.size - 120 < found.n < y.size - 40
 
 
+@pytest.mark.parametrize(("name", "size"), [("ramp", 0.2), ("temperature", 50.0)])
+def test_drift_is_found_within_three_uncertainties_and_no_walk_takes_its_place(
+    name: str, size: float
+):
+    y = draw(replace(MEMS, n=8192, walk=0.0), 3)[0]
+    time = MEMS.dt * np.arange(y.size)
+    temperature = 300 + np.sin(time / 300)
+    follows = {"ramp": time, "temperature": temperature - 300}[name]
+    plain, drifted = (
+        inercal.analyse_noise(replace(recording(one, MEMS.dt), temperature=temperature), kinds=())
+        for one in (y, y + size * DEG_H * follows)
+    )
+    assert not plain.channels[0].drift
+    (found,) = drifted.channels[0].drift
+    assert found.name == name
+    assert abs(found.value - size * DEG_H) < 3 * found.u < 0.5 * size * DEG_H
+    assert drifted.channels[0].fit.symbols == plain.channels[0].fit.symbols == ("N", "B")
+
+
 def test_the_example_in_python_runs(capsys: pytest.CaptureFixture[str]):
     example = Path(__file__).parents[2] / "examples" / "noise_in_python.py"
     runpy.run_path(str(example))
