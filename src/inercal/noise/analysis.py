@@ -8,7 +8,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 
@@ -30,7 +29,6 @@ from inercal.recording import Recording
 from inercal.units import si_factor
 
 DEVIATIONS = ("oadev", "mdev", "ohdev", "totdev")
-METHODS: tuple[str, ...] = get_args(Method)
 
 
 def analyse_noise(

@@ -1,6 +1,6 @@
 """From a fit to coefficients with their uncertainties, and what a recording cannot determine."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from inercal.noise.spectrum import Bins
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
 Method = Literal["likelihood", "gmwm", "wls_log"]
+METHODS: tuple[str, ...] = get_args(Method)
 _GMWM_LONGEST = 1 << 18  # block means, for the covariance of all pairs of averaging times
 
 

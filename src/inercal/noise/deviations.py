@@ -32,6 +32,7 @@ from inercal.noise.total_deviations import total_hadamard_variance, total_modifi
 Kind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
 Spacing = Literal["octave", "decade", "all"]
 KINDS: tuple[str, ...] = get_args(Kind)
+SPACINGS: tuple[str, ...] = get_args(Spacing)
 FULL_OVERLAP = 1024  # averaging factor up to which every difference is used
 _OVERLAP = 16  # differences within an averaging time past that
 _MANY = 100  # averaging factors, beyond which names and edf are interpolated

@@ -147,13 +147,23 @@ def walk_for_filter(noise: TriadNoise, horizon: float) -> tuple[float, str]:
     return 0.0, "neither a random walk nor a bias instability is seen"
 
 
+def _white(noise: TriadNoise) -> float:
+    if "N" not in noise.values:
+        raise InputError(
+            f"no white noise N was found for the {noise.quantity}s, which Kalibr and ROS need: fit "
+            "it, as by --terms NBK",
+            key="--terms",
+        )
+    return noise.values["N"][0]
+
+
 def kalibr_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
     """Return Kalibr's imu.yaml, with densities as measured: nothing is inflated.
 
     Raises
     ------
     InputError
-        There is no axis to write.
+        There is no axis to write, or one without white noise.
     """
     lines = [f"{_MARK}: Kalibr, continuous-time, of {analysis.source or 'a recording'}"]
     rate = 0.0
@@ -167,7 +177,7 @@ def kalibr_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
         rate = noise.rate_hz
         walk, why = walk_for_filter(noise, horizon)
         lines += [
-            f"{name}_noise_density: {noise.values['N'][0]:.6e}  # {unit}/√Hz",
+            f"{name}_noise_density: {_white(noise):.6e}  # {unit}/√Hz",
             f"{name}_random_walk: {walk:.6e}  # {unit}/s/√Hz; {why}",
         ]
     if not rate:
@@ -176,7 +186,13 @@ def kalibr_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
 
 
 def ros_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
-    """Return covariances of sensor_msgs/Imu, N² Δ⁻¹ of each axis, and continuous-time densities."""
+    """Return covariances of sensor_msgs/Imu, N² Δ⁻¹ of each axis, and continuous-time densities.
+
+    Raises
+    ------
+    InputError
+        A kind of axes has no white noise.
+    """
     lines = [f"{_MARK}: ROS sensor_msgs/Imu, of {analysis.source or 'a recording'}"]
     names: dict[Quantity, tuple[str, str]] = {
         "gyro": ("angular_velocity", "gyroscope"),
@@ -193,7 +209,7 @@ def ros_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
         walk, why = walk_for_filter(noise, horizon)
         lines += [
             f"{field}_covariance: [{x:.6e}, 0, 0, 0, {y:.6e}, 0, 0, 0, {z:.6e}]",
-            f"{prefix}_noise_density: {noise.values['N'][0]:.6e}",
+            f"{prefix}_noise_density: {_white(noise):.6e}",
             f"{prefix}_random_walk: {walk:.6e}  # {why}",
         ]
     return "\n".join([*lines, ""])
