@@ -38,9 +38,7 @@ def test_a_mems_gyro_is_found_within_three_uncertainties():
     for symbol, true in (("N", MEMS.white), ("B", MEMS.flicker), ("K", MEMS.walk)):
         found = coefficient(analysis, symbol)
         assert abs(found.value - true * DEG_H) < 3 * found.u
-        assert (
-            found.low < true * DEG_H < found.high or abs(found.value - true * DEG_H) < 3 * found.u
-        )
+        assert found.low < true * DEG_H < found.high
     assert analysis.channels[0].goodness.fits
 
 
@@ -95,17 +93,20 @@ def test_bias_instability_that_white_noise_covers_at_all_averaging_times_has_onl
 
 
 def test_a_term_that_comes_out_zero_has_an_upper_limit_above_the_truth():
-    truth = replace(MEMS, n=4096, walk=0.0)
-    zeros, covered = 0, 0
-    for seed in range(12):
+    truth = replace(MEMS, n=2048)
+    limits: list[float] = []
+    for seed in range(16):
         analysis = inercal.analyse_noise(
             recording(draw(truth, seed)[0], truth.dt), terms="NBK", kinds=()
         )
         found = coefficient(analysis, "K")
-        zeros += found.is_limit
-        covered += found.low == 0 and found.high > 0
-    assert zeros >= 3
-    assert covered >= zeros
+        if found.is_limit:
+            assert (found.low, found.u) == (0, np.inf)
+            limits.append(found.high / (truth.walk * DEG_H))
+    assert len(limits) >= 3
+    # A limit of 95 % may lie below the truth in one of so few.
+    assert sum(limit < 1 for limit in limits) <= 1
+    assert max(limits) < 20
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
                 "u": one.u,
                 "low": one.low,
                 "high": one.high,
-                "significant": one.is_significant,
+                "significant": None if one.symbol == "T" else one.is_significant,
                 "likelihood_ratio": one.ratio,
                 "limit": one.limit,
                 "unit": one.unit,

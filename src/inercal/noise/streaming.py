@@ -146,7 +146,7 @@ class StreamedChannel:
         return with_intervals("oadev", factors, np.array(variances), counts, alphas, n, self.dt)
 
     def low_values(self) -> tuple[Array, float]:
-        """Return block means of the whole, at most 2¹⁷, and their Δ, s."""
+        """Return block means of all samples, at most 2¹⁷, and their Δ, s."""
         if self.count <= LONGEST:
             return self._segment[: self._filled], self.dt
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
