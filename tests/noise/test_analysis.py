@@ -147,6 +147,21 @@ def test_lost_single_samples_are_closed_up_and_long_gaps_part_the_recording():
     assert len(both.channels[0].bins.spectra) == 2
 
 
+def test_the_band_of_a_vibration_is_named_with_its_power():
+    rng = np.random.default_rng(3)
+    n, dt = 32768, 0.02
+    spectrum = np.fft.rfft(rng.standard_normal(n))
+    f = np.fft.rfftfreq(n, dt)
+    y = np.fft.irfft(spectrum * np.where((f > 4) & (f < 5), 3.0, 1.0), n)
+    (found,) = inercal.analyse_noise(recording(y * DEG_H, dt), terms="N", kinds=()).channels
+    assert not found.goodness.fits
+    worst = max(found.goodness.decades, key=lambda one: one.mean_square)
+    assert (worst.worst_low, worst.worst_high) == pytest.approx((4, 5), abs=0.2)
+    white = found.value("N") ** 2 / DEG_H**2 / dt
+    # The bins at both ends hold half of the band each.
+    assert worst.level == pytest.approx(9 / white, rel=0.2)
+
+
 def test_gmwm_is_reported_only_where_it_is_possible():
     y = draw(replace(MEMS, n=4096), 1)[0]
     whole = recording(y, 0.25)

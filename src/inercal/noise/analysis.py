@@ -187,7 +187,7 @@ def _channel(
         if temperature is not None:
             temperature = tuple(temperature[i][span] for i, span in spans)
         left = (before - sum(map(len, parts))) * pieces.dt
-        remarks.append(f"{left:.4g} s at {len(found)} disturbances were left out")
+        remarks.append(f"{left:.4g} s were left out (disturbances: {len(found)})")
     spectra, lines = _spectra(parts, pieces.dt)
     octaves = _deviations(parts, pieces.dt, "oadev", "octave")
     n = sum(map(len, parts))
