@@ -82,7 +82,7 @@ def _view(channel: ChannelNoise, recording: Recording) -> ChannelView:
         deviation_figure(channel),
         residual_figure(channel),
         time_figure(channel, time, y),
-        spectrogram_figure(channel, y) if channel.lines else None,
+        spectrogram_figure(channel, recording.median_step, y) if channel.lines else None,
         _comparison(channel),
         channel.method,
         _slope_bias(channel),
