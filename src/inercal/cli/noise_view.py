@@ -7,7 +7,7 @@ from inercal.noise.texts import channel_remarks, coefficient_cells
 
 
 def print_analysis(analysis: NoiseAnalysis) -> None:
-    """Print the coefficients of all channels, then what there is to say of each."""
+    """Print the coefficients of all channels, then the remarks on each."""
     from rich.text import Text
 
     from inercal.cli.tables import add_row, make_table, number_columns

@@ -237,7 +237,7 @@ def _spectra(
 def _regressors(
     temperature: tuple[Array, ...] | None, spectra: tuple[Spectrum, ...], dt: float
 ) -> dict[str, Array]:
-    """Return what drift may follow: a ramp, the temperature and its rate, of one piece."""
+    """Return the regressors of the drift of one piece: a ramp, the temperature and its rate."""
     low = spectra[0]
     found: dict[str, Array] = {"ramp": np.arange(low.n, dtype=np.float64) * low.dt}
     if temperature is not None:

@@ -111,7 +111,7 @@ def _coefficient(
 
 
 def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
-    """Return what the recording cannot tell: models that fit alike, and averaging times too short.
+    """Return remarks on models that fit alike, and on terms that white noise covers.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
         names = ", ".join(
             f"{' + '.join(one.symbols)} (AIC {one.aic - fit.aic:+.1f})" for one in rivals
         )
-        found.append(f"the recording does not tell {' + '.join(fit.symbols)} from {names}")
+        found.append(f"the recording does not distinguish {' + '.join(fit.symbols)} from {names}")
     if hidden := hidden_terms(selection, seconds):
         found.append(
             f"white noise covers {' and '.join(hidden)} at all averaging times, of which the "

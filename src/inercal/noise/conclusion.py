@@ -1,4 +1,4 @@
-"""From what is known of a channel's samples to its noise: fit, drift, judgement."""
+"""The noise of a channel from the summary of its samples: fit, drift, goodness."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ from inercal.noise.spectrum import Spectrum, make_bins
 
 @dataclass(frozen=True, eq=False)
 class ChannelSummary:
-    """What the fit needs of a channel, SI.
+    """Spectra, deviations and disturbances of a channel, from which its noise follows, SI.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class ChannelSummary:
     low_values : (k,) array or None
         Means whose transform is spectra[0]; None of several pieces.
     regressors : dict of name to (k,) array
-        What drift may follow.
+        Of the drift.
     """
 
     channel: str

@@ -31,7 +31,7 @@ _WHITE_DIFFERENCES = 1.5  # samples for one degree of freedom of the differences
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Something that is not noise.
+    """A step, a knock or a burst in one channel.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A noise analysis as text for others: a run file's section, Kalibr's imu.yaml, ROS covariances.
+"""A noise analysis for other programs: run-file sections, Kalibr's imu.yaml, ROS covariances.
 
 A triad has one value for all axes: the root mean square over its axes. Kalibr's numbers are
 continuous-time: N in rad/s/√Hz and m/s²/√Hz, K in rad/s²/√Hz and m/s³/√Hz.
@@ -33,7 +33,7 @@ class TriadNoise:
     values : dict of symbol to (value, u)
         N, B and K; without those that no axis shows.
     notes : tuple of str
-        How a value came about that no axis has as such.
+        Origin of a value that is not a coefficient of an axis.
     rate_hz : float
     """
 
@@ -136,7 +136,7 @@ def merge_sections(text: str, sections: dict[str, list[str]]) -> str:
 
 
 def walk_for_filter(noise: TriadNoise, horizon: float) -> tuple[float, str]:
-    """Return K, SI, and how it came about: of the fit, or K = 0.664 B √(3/τ_h) of a horizon."""
+    """Return K, SI, and its origin: the fit, or K = 0.664 B √(3/τ_h) of a horizon τ_h, s."""
     if "K" in noise.values:
         return noise.values["K"][0], "from the fit"
     if "B" in noise.values:
