@@ -30,7 +30,7 @@ from inercal.noise.spectrum import Bins, make_bins, piece_spectra
 GRADES = {"MEMS": MEMS, "tactical": TACTICAL}
 SEEDS, RUNS = (1, 2, 3), 300
 FEWER = 0.2  # of the runs, of models and disturbances
-CLEAN = {"fresh": range(40_000_000, 40_000_450), "tuned": range(30_000_000, 30_000_150)}
+CLEAN = {"fresh": range(40_000_000, 40_000_150), "tuned": range(30_000_000, 30_000_150)}
 """Seeds of undisturbed recordings of six channels; limits and levels were set on the latter."""
 MODELS = {
     "N": replace(MEMS, flicker=0.0, walk=0.0),

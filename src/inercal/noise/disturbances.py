@@ -172,7 +172,7 @@ def window_variances(y: Array, dt: float) -> tuple[Array, int]:
     """
     size = max(2, round(WINDOW / dt))
     d = np.diff(y) ** 2
-    d = np.minimum(d, largest_square(d))
+    d = np.minimum(d, clipping_level(d))
     half = max(1, size // 2)
     count = d.size // half
     if count < 2:
@@ -181,7 +181,7 @@ def window_variances(y: Array, dt: float) -> tuple[Array, int]:
     return (halves[:-1] + halves[1:]) / (2 * half), 2 * half
 
 
-def largest_square(d: Array) -> float:
+def clipping_level(d: Array) -> float:
     """Return the largest squared difference of neighbours that counts in a window.
 
     A step or a knock is one or two larger ones, and no burst.
@@ -206,7 +206,7 @@ def bursts_of_windows(halves: Array, half: int, dt: float) -> list[Disturbance]:
     Parameters
     ----------
     halves : (w,) array
-        Sums of `half` squared differences of neighbours, none above `largest_square`.
+        Sums of `half` squared differences of neighbours, none above `clipping_level`.
     half : int
     dt : float
         s.

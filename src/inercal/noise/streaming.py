@@ -24,8 +24,8 @@ from inercal.noise.disturbances import (
     WINDOW,
     Disturbance,
     bursts_of_windows,
+    clipping_level,
     find_changes,
-    largest_square,
 )
 from inercal.noise.expected_periodogram import squared_coefficients
 from inercal.noise.lines import take_out_lines
@@ -116,7 +116,7 @@ class StreamedChannel:
     def _sum_differences(self) -> None:
         d = self._differences
         if self._largest is None:
-            self._largest = largest_square(d)
+            self._largest = clipping_level(d)
         used = d.size // self._half * self._half
         shown = np.minimum(d[:used], self._largest)
         self._half_sums.append(shown.reshape(-1, self._half).sum(axis=1))
