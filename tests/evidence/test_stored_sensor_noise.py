@@ -32,7 +32,9 @@ def test_disturbances_are_found_and_clean_recordings_raise_few_alarms():
                  "line, amplitude over sd 0.1"):  # fmt: skip
         assert found[what]["found"] >= 0.95
         assert found[what]["largest_time_error"] <= 5
-    assert FOUND["clean_alarms"] <= 0.02
+    for name, seeds in sensor_noise.CLEAN.items():
+        assert FOUND["clean"][name]["seeds"] == [seeds[0], seeds[-1]]
+        assert FOUND["clean"][name]["alarms"] <= 0.02 * len(seeds)
 
 
 def test_the_page_is_that_of_the_counts():

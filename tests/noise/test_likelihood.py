@@ -30,6 +30,16 @@ def ratios(fit: NoiseFit, truth: Truth) -> np.ndarray:
     return np.sqrt(fit.variances) / true
 
 
+def allan_variances(rng: np.random.Generator, runs: int, n: int, factors: list[int]) -> np.ndarray:
+    """Return overlapping Allan variances of white noise, (runs, k), with Δ = 1."""
+    x = np.cumsum(np.pad(rng.standard_normal((runs, n)), ((0, 0), (1, 0))), axis=1)
+    found = [
+        np.mean((x[:, 2 * m :] - 2 * x[:, m:-m] + x[:, : -2 * m]) ** 2, axis=1) / (2 * m**2)
+        for m in factors
+    ]
+    return np.stack(found, axis=1)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("grade", GRADES)
 @pytest.mark.parametrize("seed", [1, 2])
@@ -64,17 +74,16 @@ def test_n_and_b_of_short_recordings_are_covered_and_k_has_its_interval(seed: in
 
 
 @pytest.mark.slow
-def test_the_exact_covariance_of_allan_variances_is_that_of_4000_recordings():
-    n, dt, factors = 512, 1.0, [1, 2, 4, 8, 16, 32, 64]
-    rng = np.random.default_rng(1)
-    y = rng.standard_normal((4000, n))
-    found = np.array([deviations(one, dt, factors=factors).value ** 2 for one in y])
-    gamma = np.concatenate([[0.0], TERMS["N"].variogram(np.arange(1.0, n), dt, 1.0)])
+def test_the_exact_covariance_of_allan_variances_is_that_of_40_000_recordings():
+    # Of 4000 recordings alone the sd scatters by 1.5 % at the longest averaging time.
+    n, factors, rng = 512, [1, 2, 4, 8, 16, 32, 64], np.random.default_rng(1)
+    found = np.concatenate([allan_variances(rng, 4000, n, factors) for _ in range(10)])
+    gamma = np.concatenate([[0.0], TERMS["N"].variogram(np.arange(1.0, n), 1.0, 1.0)])
     exact = allan_covariance(gamma, factors, n)
     sd = np.sqrt(np.diag(exact))
-    assert np.allclose(found.std(axis=0) / sd, 1, atol=0.04)
+    assert np.allclose(found.std(axis=0) / sd, 1, atol=0.02)
     correlation = exact / np.outer(sd, sd)
-    assert np.abs(np.corrcoef(found.T) - correlation).max() < 0.04
+    assert np.abs(np.corrcoef(found.T) - correlation).max() < 0.03
     neighbours = np.diag(correlation, 1)[2:]
     assert np.allclose(neighbours, 0.53, atol=0.04)
 
@@ -179,14 +188,14 @@ def test_a_step_a_knock_and_a_burst_are_found_within_5_s_and_clean_channels_rais
 @pytest.mark.slow
 def test_gaps_of_20_times_60_s_leave_n_b_and_k():
     found = []
-    for seed in range(24):
+    for seed in range(400):
         y = draw(MEMS, 900 + seed)[0]
         pieces = np.array_split(y, 21)
         parts = [one[: one.size - 240] for one in pieces]
         spectra = [spectrum for one in parts for spectrum in piece_spectra(one, MEMS.dt)]
         found.append(ratios(fit_terms(make_bins(spectra, MEMS.dt), "NBK"), MEMS))
     median = np.median(np.array(found), axis=0)
-    # Of 24 runs a median scatters by 1.25 rms/√24.
+    # The median of K is 0.955 and scatters by 1.25 · 0.46/√400 = 0.03.
     assert median[0] == pytest.approx(1, abs=0.005)
     assert median[1] == pytest.approx(1, abs=0.015)
-    assert median[2] == pytest.approx(1, abs=0.2)
+    assert median[2] == pytest.approx(1, abs=0.1)

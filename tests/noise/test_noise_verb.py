@@ -96,6 +96,12 @@ def test_a_run_file_takes_the_noise_into_its_sections_and_keeps_the_rest(
     assert target.with_name("run.toml.previous").read_text() == before
 
 
+def test_the_offset_of_an_accelerometer_whose_unit_is_seen_counts(folder: Path):
+    shifted = analysed(folder, "--set", "sensor.accelerometer.offset=0.5")
+    plain = analysed(folder)
+    assert float(str(shifted["ax"]["mean"])) == pytest.approx(float(str(plain["ax"]["mean"])) - 0.5)
+
+
 def test_a_run_file_names_the_recording(folder: Path, tmp_path: Path):
     run_file = folder / "run.toml"
     run_file.write_text(
@@ -123,6 +129,12 @@ def test_a_run_file_names_the_recording(folder: Path, tmp_path: Path):
         (("--set", UNIT, "--terms", "NZ"), "NZ"),
         (("--set", UNIT, "--horizon", "0"), "--horizon"),
         (("--set", UNIT, "--set", "data.gyro=a,b,c"), "data.gyro"),
+        (("--set", "sensor.gyro.unit=foo"), "[sensor.gyro] unit"),
+        (("--set", UNIT, "--set", "sensor.gyro.offset=none"), "sensor.gyro.offset"),
+        (("--set", UNIT, "--set", "data.nonfinite=keep"), "data.nonfinite"),
+        (("--set", UNIT, "--set", "sensor.gyro.white=3"), "sensor.gyro.white"),
+        (("--set", UNIT, "--terms", "B", "--to", "kalibr"), "--terms"),
+        (("--set", UNIT, "--terms", "B", "--to", "ros"), "--terms"),
     ],
 )
 def test_what_is_not_known_or_not_possible_is_refused_in_one_line(

@@ -44,12 +44,14 @@ def test_the_coefficients_of_pieces_are_those_of_the_whole(series: np.ndarray):
         assert abs(one.value - other.value) < 0.3 * other.u
 
 
-def test_a_step_and_a_burst_of_a_stream_are_found(series: np.ndarray):
+@pytest.mark.parametrize("step", [60, 1000])
+def test_a_step_and_a_burst_of_a_stream_are_found(series: np.ndarray, step: float):
     y = series.copy()
-    y[160_000:] += 60 * MEMS.unit
+    y[160_000:] += step * MEMS.unit
     y[40_000:40_040] += 60 * MEMS.unit * np.random.default_rng(1).standard_normal(40)
     pieces = (y[start : start + 10_000, None] for start in range(0, N, 10_000))
     found = analyse_noise_stream(pieces, MEMS.dt, ["gx"], ["rad/s"], terms="NBK").channels[0]
     kinds = {one.kind: one.time for one in found.disturbances}
+    assert len(found.disturbances) == 2
     assert kinds["step"] == pytest.approx(40_000, abs=64 * MEMS.dt)
     assert kinds["burst"] == pytest.approx(10_000, abs=10)

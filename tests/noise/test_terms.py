@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from inercal.noise.expected_periodogram import expected_periodogram
-from inercal.noise.terms import FLICKER_FLOOR, TERMS, model_avar, sinusoid_avar
+from inercal.noise.terms import FLICKER_FLOOR, TERMS, model_avar
 from inercal.units import si_factor
 
 N = 512
@@ -40,13 +40,6 @@ def test_gauss_markov_peaks_at_1_893_times_its_time_constant_with_617_sigma():
     sigma = np.sqrt(model_avar({"G": 1.0}, tau, 0.01, 1.0))
     assert tau[sigma.argmax()] == pytest.approx(1.893, abs=1e-3)
     assert sigma.max() == pytest.approx(0.617, abs=5e-4)
-
-
-def test_a_sinusoid_peaks_at_371_periods_with_7246_of_its_amplitude():
-    tau = np.linspace(0.1, 0.9, 100_001)
-    sigma = np.sqrt(sinusoid_avar(1.0, 1.0, tau))
-    assert tau[sigma.argmax()] == pytest.approx(0.371, abs=5e-4)
-    assert sigma.max() == pytest.approx(0.7246, abs=5e-5)
 
 
 def test_flicker_has_its_floor_at_0_664_b():

@@ -30,7 +30,7 @@ def run(
         None, "--terms", help="Terms to fit, as NBK, instead of those that the data support."
     ),
     method: str = typer.Option(
-        "likelihood", "--method", help="likelihood, gmwm or wls_log; the others stand beside."
+        "likelihood", "--method", help="Estimate to report: likelihood, gmwm or wls_log."
     ),
     spacing: str = typer.Option("octave", "--taus", help="Averaging times: octave, decade or all."),
     skip_disturbed: bool = typer.Option(
@@ -59,7 +59,7 @@ def run(
     """Find noise, bias instability and random walk of a sensor at rest, and its disturbances."""
     from inercal.cli.noise_view import as_object, print_analysis
     from inercal.cli.outputs import PAGE, RUN_FILE, OutputKind, check_outputs
-    from inercal.io.atomic_files import write_text
+    from inercal.io.atomic_files import keep_previous, write_text
     from inercal.noise.noise_files import WRITERS
 
     _check_choices(method, spacing, to, horizon)
@@ -87,11 +87,15 @@ def run(
             spacing=spacing,  # type: ignore[arg-type]
             keep_disturbed=not skip_disturbed,
         )
+    # All texts before the first is written: what refuses one leaves no other.
+    contents = {one: WRITERS[one](analysis, horizon) for one in texts}
+    merged = "" if section is None else _merged_run_file(analysis, section)
     files: dict[str, Path | str] = {}
     for one, path in texts.items():
-        files[one] = write_text(path, WRITERS[one](analysis, horizon))
+        files[one] = write_text(path, contents[one])
     if section is not None:
-        files["run_file"] = _write_section(analysis, section)
+        keep_previous(section)
+        files["run_file"] = write_text(section, merged)
     for name, path in pages.items():
         from inercal.report import write_noise
 
@@ -106,11 +110,14 @@ def run(
 def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float) -> None:
     """Refuse an unknown method, spacing or program, before the work."""
     from inercal.errors import InputError
+    from inercal.noise.coefficients import METHODS
+    from inercal.noise.deviations import SPACINGS
+    from inercal.noise.noise_files import WRITERS
 
     for option, value, possible in (
-        ("--method", method, ("likelihood", "gmwm", "wls_log")),
-        ("--taus", spacing, ("octave", "decade", "all")),
-        *(("--to", one, ("kalibr", "ros")) for one in to),
+        ("--method", method, METHODS),
+        ("--taus", spacing, SPACINGS),
+        *(("--to", one, tuple(WRITERS)) for one in to),
     ):
         if value not in possible:
             raise InputError(f"{option} {value!r}: it can be {', '.join(possible)}", key=option)
@@ -146,12 +153,11 @@ def _read(path: Path, stated: Sequence[str]) -> "Recording":
     return in_si(recording, [axis.readout for axis in chosen], units)
 
 
-def _write_section(analysis: "NoiseAnalysis", path: Path) -> Path:
-    """Write the noise into the sections of a run file, and keep the previous file."""
+def _merged_run_file(analysis: "NoiseAnalysis", path: Path) -> str:
+    """Return the text of a run file with the noise in its sections."""
     import tomllib
 
     from inercal.errors import InputError
-    from inercal.io.atomic_files import keep_previous, write_text
     from inercal.noise.noise_files import merge_sections, run_file_sections
 
     text = path.read_text(encoding="utf-8") if path.exists() else ""
@@ -163,5 +169,4 @@ def _write_section(analysis: "NoiseAnalysis", path: Path) -> Path:
             f"{path}: the noise cannot be written into this file ({error}): write to a new file",
             file=path,
         ) from None
-    keep_previous(path)
-    return write_text(path, merged)
+    return merged

@@ -7,7 +7,7 @@ from inercal.noise.texts import channel_remarks, coefficient_cells
 
 
 def print_analysis(analysis: NoiseAnalysis) -> None:
-    """Print the coefficients of all channels, then what there is to say of each."""
+    """Print the coefficients of all channels, then the remarks on each."""
     from rich.text import Text
 
     from inercal.cli.tables import add_row, make_table, number_columns
@@ -58,7 +58,7 @@ def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
                 "u": one.u,
                 "low": one.low,
                 "high": one.high,
-                "significant": one.is_significant,
+                "significant": None if one.symbol == "T" else one.is_significant,
                 "likelihood_ratio": one.ratio,
                 "limit": one.limit,
                 "unit": one.unit,

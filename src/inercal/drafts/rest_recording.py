@@ -5,8 +5,9 @@ stated.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -15,17 +16,23 @@ from inercal.drafts.draft_sections import clock_keys
 from inercal.drafts.readouts import guess_accelerometer
 from inercal.drafts.stated_keys import stated_columns, stated_values
 from inercal.errors import InputError
+from inercal.io.audit import NonfinitePolicy
 from inercal.io.column_table import Table
 from inercal.io.read import detect_reader, read_recording, read_table
 from inercal.io.table_recording import Columns
 from inercal.recording import Recording
+from inercal.runfile.schema import ReadoutSection
+from inercal.runfile.sensor_builder import READING_UNITS, build_readout
 from inercal.section_settings import si_value
 from inercal.sensors.axis import Readout
-from inercal.units import si_factor
 
-_LIKE = {"accelerometer": "m/s²", "gyro": "rad/s"}
-_COUNTS = ("LSB", "V")
+_COUNTS = "LSB"
 _AXES = "xyz"
+_KEYS = (
+    *(f"data.{name}" for name in ("accelerometer", "gyro", "time", "time_unit", "rate",
+                                  "temperature", "temperature_unit", "nonfinite")),
+    *(f"sensor.{kind}.{name}" for kind in READING_UNITS for name in ("unit", "scale", "offset")),
+)  # fmt: skip
 
 
 def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
@@ -42,8 +49,10 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
     Raises
     ------
     InputError
-        No column of a sensor, a unit or a rate that is not known, or what the audit refuses.
+        A key that changes nothing, no column of a sensor, a unit or a rate that is not known, or
+        what the audit refuses.
     """
+    _require_used_keys(stated)
     values = stated_values(stated)
     table = read_table(log)
     columns = stated_columns(values, table, second_file=False)
@@ -62,7 +71,9 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
     )
     recording = read_recording(log, _columns(log, table, roles, channels, stated, values))
     kinds = [kind for kind, names in roles.triads.items() for _ in names]
-    return in_si(recording, [readouts[kind] for kind in kinds], [_LIKE[kind] for kind in kinds])
+    return in_si(
+        recording, [readouts[kind] for kind in kinds], [READING_UNITS[kind] for kind in kinds]
+    )
 
 
 def _axes(count: int) -> tuple[str, ...]:
@@ -80,31 +91,35 @@ def in_si(recording: Recording, readouts: list[Readout], units: list[str]) -> Re
     units : list of str
         "m/s²" or "rad/s" of each.
     """
-    from dataclasses import replace
-
     offsets = np.array([one.offset for one in readouts])
     scales = np.array([one.scale for one in readouts])
     return replace(recording, data=(recording.data - offsets) / scales, units=tuple(units))
+
+
+def _require_used_keys(stated: Mapping[str, str]) -> None:
+    unused = [key for key in stated if key not in _KEYS]
+    if unused:
+        raise InputError(
+            f"--set {unused[0]}: it changes nothing in a noise analysis; possible: "
+            f"{', '.join(_KEYS)}",
+            key=unused[0],
+        )
 
 
 def _readout(
     log: Path, table: Table, roles: ColumnRoles, kind: str, values: Mapping[str, Any]
 ) -> Readout:
     key = f"sensor.{kind}"
-    like = _LIKE[kind]
-    unit = values.get(f"{key}.unit", roles.units.get(kind))
-    scale = values.get(f"{key}.scale")
-    offset = float(values.get(f"{key}.offset", 0.0))
-    if scale is not None:
-        output = unit if unit in _COUNTS else "LSB"
-        return Readout(si_value(str(scale), f"{output}/({like})", f"{key}.scale"), offset, output)
+    scale, offset = values.get(f"{key}.scale"), values.get(f"{key}.offset", 0.0)
+    if isinstance(offset, bool) or not isinstance(offset, int | float):
+        raise InputError(f"{key}.offset: {offset!r} is not a number", key=f"{key}.offset")
+    unit = values.get(f"{key}.unit", roles.units.get(kind) if scale is None else _COUNTS)
     if unit is None and kind == "accelerometer":
         names = roles.triads[kind]
         mean = np.array([[float(np.mean(table.numbers(name))) for name in names]])
         guess = guess_accelerometer(mean, None)
-        if guess.unit not in _COUNTS:
-            return Readout(1 / guess.size, 0.0, guess.unit)
-    if unit is None or unit in _COUNTS:
+        unit = None if guess.unit == _COUNTS else guess.unit
+    if unit is None:
         example = "rad/s" if kind == "gyro" else "m/s²"
         counts = "131 LSB/(°/s)" if kind == "gyro" else "2048 LSB/g"
         raise InputError(
@@ -113,7 +128,8 @@ def _readout(
             file=log,
             key=f"{key}.unit",
         )
-    return Readout(1 / si_factor(str(unit), like), offset, str(unit))
+    keys = {"unit": str(unit), "scale": scale, "offset": float(offset)}
+    return build_readout(kind, ReadoutSection.model_validate(keys))[0]
 
 
 def _columns(
@@ -133,6 +149,12 @@ def _columns(
             file=log,
             key="data.rate",
         )
+    policy = values.get("data.nonfinite", "refuse")
+    if policy not in get_args(NonfinitePolicy):
+        raise InputError(
+            f"data.nonfinite: {policy!r} can be {', '.join(get_args(NonfinitePolicy))}",
+            key="data.nonfinite",
+        )
     unit = str(values.get("data.time_unit", keys.get("time_unit", "s")))
     dates = "time" in keys and table.columns[roles.single["time"]].dtype.kind == "U"
     return Columns(
@@ -142,5 +164,5 @@ def _columns(
         rate_hz=si_value(stated["data.rate"], "Hz", "data.rate") if counted else None,
         temperature=roles.single.get("temperature"),
         temperature_unit=str(values.get("data.temperature_unit", "°C")),
-        nonfinite=values.get("data.nonfinite", "refuse"),
+        nonfinite=policy,
     )

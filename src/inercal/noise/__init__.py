@@ -1,7 +1,7 @@
-"""What a sensor's noise is, from a recording at rest: deviations, coefficients and disturbances.
+"""The noise of a sensor from a recording at rest: deviations, coefficients and disturbances.
 
-`analyse_noise` is the way from a recording to a `NoiseAnalysis`, and `analyse_noise_stream` that
-from pieces of one that is too long for the memory. Values inside are in SI.
+`analyse_noise` returns the `NoiseAnalysis` of a recording. `analyse_noise_stream` returns that of
+a recording that is too long for the memory, from its pieces. Values inside are in SI.
 """
 
 from inercal.noise.analysis import analyse_noise, analyse_noise_stream

@@ -8,7 +8,6 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 
@@ -17,11 +16,8 @@ from inercal.errors import InputError
 from inercal.noise.channel_noise import SI_UNIT, ChannelNoise, NoiseAnalysis, Quantity
 from inercal.noise.coefficients import Method
 from inercal.noise.conclusion import ChannelSummary, conclude
-from inercal.noise.deviations import (
-    Deviations,
-    Spacing,
-    deviations,
-)
+from inercal.noise.confidence import interval
+from inercal.noise.deviations import Deviations, Spacing, deviations
 from inercal.noise.disturbances import Disturbance, find_disturbances
 from inercal.noise.lines import SpectralLine, take_out_lines
 from inercal.noise.pieces import FEWEST, Pieces, split_at_gaps
@@ -33,7 +29,6 @@ from inercal.recording import Recording
 from inercal.units import si_factor
 
 DEVIATIONS = ("oadev", "mdev", "ohdev", "totdev")
-METHODS: tuple[str, ...] = get_args(Method)
 
 
 def analyse_noise(
@@ -54,9 +49,10 @@ def analyse_noise(
     terms : str, optional
         Symbols of the terms to fit, such as "NBK"; by default Akaike's criterion chooses.
     method : "likelihood", "gmwm" or "wls_log"
-        Which estimate of the coefficients is reported; all stand in `comparison`.
+        Which estimate of the coefficients is reported. GMWM needs one piece of at most 2¹⁸
+        samples; for others the likelihood is reported, and a remark says so.
     spacing : "octave", "decade" or "all"
-        Averaging times of the deviations.
+        Averaging times of the reported deviations. The estimates use octaves.
     kinds : sequence of str
         Deviations; "oadev" is always among them.
     keep_disturbed : bool
@@ -183,11 +179,17 @@ def _channel(
     size = si_factor(unit)
     parts = [np.ascontiguousarray(one[:, k]) * size for one in pieces.values]
     remarks = list(check_rounding(parts, name, recording.source))
-    found = _disturbances(parts, pieces)
+    found, temperature = _disturbances(parts, pieces), pieces.temperature
     if found and not keep_disturbed:
-        parts, remark = _without(parts, pieces.starts, found, pieces.dt)
-        remarks.append(remark)
+        spans = _undisturbed_spans(parts, pieces.starts, found, pieces.dt)
+        before = sum(map(len, parts))
+        parts = [parts[i][span] for i, span in spans]
+        if temperature is not None:
+            temperature = tuple(temperature[i][span] for i, span in spans)
+        left = (before - sum(map(len, parts))) * pieces.dt
+        remarks.append(f"{left:.4g} s were left out (disturbances: {len(found)})")
     spectra, lines = _spectra(parts, pieces.dt)
+    octaves = _deviations(parts, pieces.dt, "oadev", "octave")
     n = sum(map(len, parts))
     summary = ChannelSummary(
         channel=name,
@@ -198,14 +200,17 @@ def _channel(
         mean=float(sum(one.sum() for one in parts) / n),
         spectra=spectra,
         lines=lines,
+        octaves=octaves,
         deviations={
-            kind: _deviations(parts, pieces.dt, kind, spacing) for kind in ("oadev", *kinds)
+            kind: octaves
+            if (kind, spacing) == ("oadev", "octave")
+            else _deviations(parts, pieces.dt, kind, spacing)
+            for kind in dict.fromkeys(("oadev", *kinds))
         },
         disturbances=found,
         remarks=tuple(remarks),
-        whole=len(parts) == 1,
         low_values=_low_values(parts, spectra, pieces.dt),
-        regressors=_regressors(parts, spectra, pieces),
+        regressors=_regressors(temperature, spectra, pieces.dt) if len(parts) == 1 else {},
     )
     return conclude(summary, candidates, method)
 
@@ -230,18 +235,16 @@ def _spectra(
 
 
 def _regressors(
-    parts: Sequence[Array], spectra: tuple[Spectrum, ...], pieces: Pieces
+    temperature: tuple[Array, ...] | None, spectra: tuple[Spectrum, ...], dt: float
 ) -> dict[str, Array]:
-    """Return what drift may follow: a ramp, the temperature and its rate, of one piece."""
-    if len(parts) > 1 or len(pieces.values) > 1:
-        return {}
+    """Return the regressors of the drift of one piece: a ramp, the temperature and its rate."""
     low = spectra[0]
     found: dict[str, Array] = {"ramp": np.arange(low.n, dtype=np.float64) * low.dt}
-    if pieces.temperature is not None:
-        temperature = block_means(pieces.temperature[0], round(low.dt / pieces.dt))
-        if np.ptp(temperature) > 0:
-            found["temperature"] = temperature
-            found["temperature rate"] = np.asarray(np.gradient(temperature, low.dt))
+    if temperature is not None:
+        means = block_means(temperature[0], round(low.dt / dt))
+        if np.ptp(means) > 0:
+            found["temperature"] = means
+            found["temperature rate"] = np.asarray(np.gradient(means, low.dt))
     return found
 
 
@@ -253,12 +256,12 @@ def _disturbances(parts: Sequence[Array], pieces: Pieces) -> tuple[Disturbance, 
     )
 
 
-def _without(
+def _undisturbed_spans(
     parts: Sequence[Array], starts: Sequence[float], found: Sequence[Disturbance], dt: float
-) -> tuple[list[Array], str]:
-    """Return the pieces parted at disturbances, which are left out with 1 s about them."""
-    kept: list[Array] = []
-    for part, start in zip(parts, starts, strict=True):
+) -> list[tuple[int, slice]]:
+    """Return the samples of each piece that no disturbance, nor 1 s about it, covers."""
+    kept: list[tuple[int, slice]] = []
+    for i, (part, start) in enumerate(zip(parts, starts, strict=True)):
         good = np.ones(part.size + 1, dtype=bool)
         good[-1] = False
         for one in found:
@@ -267,13 +270,11 @@ def _without(
             last = int(np.ceil((one.time + seconds - start + 1.0) / dt))
             good[max(first, 0) : max(last, 0)] = False
         edges = np.flatnonzero(np.diff(np.concatenate([[False], good])))
-        for a, b in edges.reshape(-1, 2):
-            if b - a >= 64:
-                kept.append(part[a:b])
+        spans = [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+        kept += [(i, span) for span in spans if span.stop - span.start >= FEWEST]
     if not kept:
         raise InputError("nothing of the recording is undisturbed: record again")
-    left = sum(map(len, parts)) - sum(map(len, kept))
-    return kept, f"{left * dt:.4g} s at {len(found)} disturbances were left out"
+    return kept
 
 
 def _deviations(parts: Sequence[Array], dt: float, kind: str, spacing: Spacing) -> Deviations:
@@ -290,7 +291,5 @@ def _deviations(parts: Sequence[Array], dt: float, kind: str, spacing: Spacing) 
         count[:k] += one.count
         edf[:k] += one.edf
     value = np.sqrt(square / count)
-    from inercal.noise.confidence import interval
-
     low, high = interval(value, edf)
     return replace(longest, value=value, low=low, high=high, edf=edf, count=count)

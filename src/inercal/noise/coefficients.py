@@ -1,6 +1,6 @@
 """From a fit to coefficients with their uncertainties, and what a recording cannot determine."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -13,7 +13,25 @@ from inercal.noise.spectrum import Bins
 from inercal.noise.terms import FLICKER_FLOOR, TERMS
 
 Method = Literal["likelihood", "gmwm", "wls_log"]
+METHODS: tuple[str, ...] = get_args(Method)
 _GMWM_LONGEST = 1 << 18  # block means, for the covariance of all pairs of averaging times
+
+
+def possible_method(method: Method, n: int, *, single: bool) -> tuple[Method, tuple[str, ...]]:
+    """Return the method, or the likelihood in place of GMWM that is not possible, and remarks.
+
+    Parameters
+    ----------
+    method : "likelihood", "gmwm" or "wls_log"
+    n : int
+        Samples of the longest piece.
+    single : bool
+        Whether it is the only piece: GMWM joins none.
+    """
+    if method != "gmwm" or (single and n <= _GMWM_LONGEST):
+        return method, ()
+    why = f"{n} samples exceed its {_GMWM_LONGEST}" if single else "the recording has gaps"
+    return "likelihood", (f"gmwm is not possible, {why}: the likelihood is reported",)
 
 
 def estimate_coefficients(
@@ -23,8 +41,6 @@ def estimate_coefficients(
     quantity: Quantity,
     method: Method,
     n: int,
-    *,
-    whole: bool,
 ) -> tuple[tuple[NoiseCoefficient, ...], dict[str, Estimates]]:
     """Return the coefficients by a method, and the estimates of the other methods, SI.
 
@@ -33,12 +49,12 @@ def estimate_coefficients(
     selection : Selection
     bins : Bins
     oadev : Deviations
+        At octaves.
     quantity : "gyro" or "accelerometer"
     method : "likelihood", "gmwm" or "wls_log"
+        See `possible_method`.
     n : int
         Block means of the longest piece.
-    whole : bool
-        Whether it is the only piece: GMWM joins none.
     """
     fit = selection.fit
     comparison: dict[str, Estimates] = {
@@ -46,9 +62,9 @@ def estimate_coefficients(
         "wls_log": wls_log(oadev, fit.symbols, bins.dt, fit.markov_time),
         "slopes": slopes(oadev),
     }
-    if method == "gmwm" and whole and n <= _GMWM_LONGEST:
+    if method == "gmwm":
         comparison["gmwm"] = gmwm(oadev, fit.symbols, bins.dt, fit.markov_time, fit.variances, n)
-    chosen = comparison.get(method, comparison["likelihood"])
+    chosen = comparison[method]
     hidden = hidden_terms(selection, n * bins.dt)
     found = [
         _coefficient(symbol, (0.0, np.inf), selection, bins, quantity)
@@ -95,7 +111,7 @@ def _coefficient(
 
 
 def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
-    """Return what the recording cannot tell: models that fit alike, and averaging times too short.
+    """Return remarks on models that fit alike, and on terms that white noise covers.
 
     Parameters
     ----------
@@ -111,7 +127,7 @@ def undetermined(selection: Selection, bins: Bins, seconds: float) -> list[str]:
         names = ", ".join(
             f"{' + '.join(one.symbols)} (AIC {one.aic - fit.aic:+.1f})" for one in rivals
         )
-        found.append(f"the recording does not tell {' + '.join(fit.symbols)} from {names}")
+        found.append(f"the recording does not distinguish {' + '.join(fit.symbols)} from {names}")
     if hidden := hidden_terms(selection, seconds):
         found.append(
             f"white noise covers {' and '.join(hidden)} at all averaging times, of which the "

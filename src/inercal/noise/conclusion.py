@@ -1,10 +1,15 @@
-"""From what is known of a channel's samples to its noise: fit, drift, judgement."""
+"""The noise of a channel from the summary of its samples: fit, drift, goodness."""
 
 from dataclasses import dataclass
 
 from inercal.arrays import Array
 from inercal.noise.channel_noise import ChannelNoise, Quantity
-from inercal.noise.coefficients import Method, estimate_coefficients, undetermined
+from inercal.noise.coefficients import (
+    Method,
+    estimate_coefficients,
+    possible_method,
+    undetermined,
+)
 from inercal.noise.deviations import Deviations
 from inercal.noise.disturbances import Disturbance
 from inercal.noise.drift_regression import find_drift
@@ -16,7 +21,7 @@ from inercal.noise.spectrum import Spectrum, make_bins
 
 @dataclass(frozen=True, eq=False)
 class ChannelSummary:
-    """What the fit needs of a channel, SI.
+    """Spectra, deviations and disturbances of a channel, from which its noise follows, SI.
 
     Parameters
     ----------
@@ -30,15 +35,16 @@ class ChannelSummary:
     spectra : tuple of Spectrum
         Without lines; those of low frequencies first.
     lines : tuple of SpectralLine
+    octaves : Deviations
+        Overlapping Allan deviation at octaves, for the estimates.
     deviations : dict of kind to Deviations
+        To report.
     disturbances : tuple of Disturbance
     remarks : tuple of str
-    whole : bool
-        Whether there is one piece.
     low_values : (k,) array or None
         Means whose transform is spectra[0]; None of several pieces.
     regressors : dict of name to (k,) array
-        What drift may follow.
+        Of the drift.
     """
 
     channel: str
@@ -49,10 +55,10 @@ class ChannelSummary:
     mean: float
     spectra: tuple[Spectrum, ...]
     lines: tuple[SpectralLine, ...]
+    octaves: Deviations
     deviations: dict[str, Deviations]
     disturbances: tuple[Disturbance, ...]
     remarks: tuple[str, ...]
-    whole: bool
     low_values: Array | None
     regressors: dict[str, Array]
 
@@ -76,9 +82,9 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         )
     if drift is not None:
         selection, bins = drift.selection, drift.bins
-    oadev = one.deviations["oadev"]
+    used, why = possible_method(method, one.longest, single=one.low_values is not None)
     coefficients, comparison = estimate_coefficients(
-        selection, bins, oadev, one.quantity, method, one.longest, whole=one.whole
+        selection, bins, one.octaves, one.quantity, used, one.longest
     )
     return ChannelNoise(
         one.channel,
@@ -90,11 +96,11 @@ def conclude(one: ChannelSummary, candidates: tuple[str, ...], method: Method) -
         one.deviations,
         selection,
         bins,
-        judge_fit(bins, selection.fit, oadev),
+        judge_fit(bins, selection.fit, one.octaves),
         one.lines,
         one.disturbances,
         () if drift is None else drift.terms,
-        (*one.remarks, *undetermined(selection, bins, one.longest * one.dt)),
+        (*one.remarks, *why, *undetermined(selection, bins, one.longest * one.dt)),
         comparison,
-        method,
+        used,
     )

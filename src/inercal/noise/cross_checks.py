@@ -1,4 +1,4 @@
-"""Other estimators of the same coefficients, for comparison beside the likelihood.
+"""Other estimators of the same coefficients, for comparison with the likelihood.
 
 - `slopes`: the straight lines that are read off the Allan plot. B is read too large by
   √(1 + 2NK/(√3·0.4413 B²)), and N at 1 s by √(1 + 0.4413 B²/N² + K²/3N²).
@@ -113,7 +113,7 @@ def gmwm(
     Parameters
     ----------
     oadev : Deviations
-        Of the whole series of n block means.
+        At octaves, of n block means without gaps.
     symbols : sequence of str
     dt, markov_time : float
         s.

@@ -32,12 +32,13 @@ from inercal.noise.total_deviations import total_hadamard_variance, total_modifi
 Kind = Literal["adev", "oadev", "mdev", "hdev", "ohdev", "tdev", "totdev", "htot", "mtot"]
 Spacing = Literal["octave", "decade", "all"]
 KINDS: tuple[str, ...] = get_args(Kind)
+SPACINGS: tuple[str, ...] = get_args(Spacing)
 FULL_OVERLAP = 1024  # averaging factor up to which every difference is used
 _OVERLAP = 16  # differences within an averaging time past that
 _MANY = 100  # averaging factors, beyond which names and edf are interpolated
 _COMPILED_FROM, _COMPILED_FACTORS = 2e7, 1000  # samples times factors
 _PIECE = 1 << 15  # samples that stay in the processor's cache
-_ALLAN, _HADAMARD = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
+ALLAN, _HADAMARD = (1.0, -2.0, 1.0), (-1.0, 3.0, -3.0, 1.0)
 _PHASES = {"adev": 2, "oadev": 2, "mdev": 3, "tdev": 3, "hdev": 3, "ohdev": 3,
            "totdev": 1, "htot": 3, "mtot": 3}  # fmt: skip
 
@@ -134,7 +135,7 @@ def stride_of(m: int) -> int:
 def _difference_variance(x: Array, m: int, kind: str) -> tuple[float, int]:
     hadamard = kind in ("hdev", "ohdev")
     stride = m if kind in ("adev", "hdev") else stride_of(m)
-    coefficients = _HADAMARD if hadamard else _ALLAN
+    coefficients = _HADAMARD if hadamard else ALLAN
     total, count = sum_of_squared_differences(x, m, coefficients, stride)
     return total / (count * (6.0 if hadamard else 2.0) * m**2), count
 
@@ -147,9 +148,9 @@ def _modified_variance(x: Array, m: int) -> tuple[float, int]:
 
 def _total_variance(x: Array, m: int) -> tuple[float, int]:
     """Return the total variance: of x reflected about both of its ends."""
-    head, tail = 2 * x[0] - x[1 : m + 1][::-1], 2 * x[-1] - x[-m - 1 : -1][::-1]
-    extended = np.concatenate([head, x, tail])[m - (m - 1) : -1] if m else x
-    total, count = sum_of_squared_differences(extended, m, _ALLAN, stride_of(m))
+    head, tail = 2 * x[0] - x[1:m][::-1], 2 * x[-1] - x[-m:-1][::-1]
+    extended = np.concatenate([head, x, tail])
+    total, count = sum_of_squared_differences(extended, m, ALLAN, stride_of(m))
     return total / (count * 2.0 * m**2), count
 
 
@@ -229,7 +230,7 @@ def _variances(x: Array, factors: np.ndarray, kind: str) -> tuple[Array, list[in
     from inercal.noise._kernels import squared_second_differences
 
     factors = factors.astype(np.int64)
-    strides = np.where(factors <= FULL_OVERLAP, 1, factors // _OVERLAP)
+    strides = np.array([stride_of(int(m)) for m in factors])
     counts = (x.size - 2 * factors - 1) // strides + 1
     totals = squared_second_differences(x, factors, strides)
     return totals / (2.0 * counts * factors.astype(np.float64) ** 2), counts.tolist()

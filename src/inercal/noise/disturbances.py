@@ -31,7 +31,7 @@ _WHITE_DIFFERENCES = 1.5  # samples for one degree of freedom of the differences
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Something that is not noise.
+    """A step, a knock or a burst in one channel.
 
     Parameters
     ----------
@@ -172,14 +172,21 @@ def window_variances(y: Array, dt: float) -> tuple[Array, int]:
     """
     size = max(2, round(WINDOW / dt))
     d = np.diff(y) ** 2
-    # A step or a knock is one or two large differences, and no burst.
-    d = np.minimum(d, _LARGEST_DIFFERENCE * float(np.median(d)) / _CHI_SQUARED_MEDIAN)
+    d = np.minimum(d, clipping_level(d))
     half = max(1, size // 2)
     count = d.size // half
     if count < 2:
         return np.zeros(0), size
     halves = d[: count * half].reshape(count, half).sum(axis=1)
     return (halves[:-1] + halves[1:]) / (2 * half), 2 * half
+
+
+def clipping_level(d: Array) -> float:
+    """Return the largest squared difference of neighbours that counts in a window.
+
+    A step or a knock is one or two larger ones, and no burst.
+    """
+    return _LARGEST_DIFFERENCE * float(np.median(d)) / _CHI_SQUARED_MEDIAN
 
 
 def find_bursts(y: Array, dt: float) -> list[Disturbance]:
@@ -199,7 +206,7 @@ def bursts_of_windows(halves: Array, half: int, dt: float) -> list[Disturbance]:
     Parameters
     ----------
     halves : (w,) array
-        Sums of `half` squared differences of neighbours.
+        Sums of `half` squared differences of neighbours, none above `clipping_level`.
     half : int
     dt : float
         s.

@@ -39,7 +39,7 @@ class DriftTerm:
 
 @dataclass(frozen=True, eq=False)
 class DriftFit:
-    """The noise terms beside a drift.
+    """The noise terms, fitted together with a drift.
 
     Parameters
     ----------
@@ -47,14 +47,14 @@ class DriftFit:
     bins : Bins
         Of what the drift leaves, with the correction of REML.
     terms : tuple of DriftTerm
-    ratio : float
-        Fall of 2 L by the drift.
+    loss : float
+        L at the minimum, without the correction of REML.
     """
 
     selection: Selection
     bins: Bins
     terms: tuple[DriftTerm, ...]
-    ratio: float
+    loss: float
 
 
 def _transform(values: Array) -> Array:
@@ -92,7 +92,7 @@ def fit_drift(
     dt: float,
     candidates: tuple[str, ...] = CANDIDATES,
 ) -> DriftFit:
-    """Return the fit of terms beside these regressors.
+    """Return the fit of terms together with these regressors.
 
     Parameters
     ----------
@@ -113,20 +113,18 @@ def fit_drift(
     beta = _generalised(c, x, np.ones_like(c), low.kept)[0]
     bins = _residual_bins(c, x, beta, spectra, dt)
     selection = select_terms(bins, candidates)
-    covariance, plain = np.zeros((len(names), len(names))), bins
+    covariance = np.zeros((len(names), len(names)))
     for _ in range(_ROUNDS):
-        model = _model(selection.fit, low)
-        beta, covariance, leverage = _generalised(c, x, model, low.kept)
-        plain = _residual_bins(c, x, beta, spectra, dt)
-        bins = replace(plain, power=_residual_bins(c, x, beta, spectra, dt, leverage).power)
-        fit = _refit(bins, selection.fit)
-        selection = replace(selection, fit=fit)
+        beta, covariance, leverage = _generalised(c, x, _model(selection.fit, low), low.kept)
+        bins = _residual_bins(c, x, beta, spectra, dt, leverage)
+        selection = replace(selection, fit=_refit(bins, selection.fit))
     final = select_terms(bins, candidates)
+    plain = _residual_bins(c, x, beta, spectra, dt)
     sd = np.sqrt(np.diag(covariance))
     terms = tuple(
         DriftTerm(*one) for one in zip(names, map(float, beta), map(float, sd), strict=True)
     )
-    return DriftFit(final, bins, terms, -2 * _refit(plain, final.fit).loss)
+    return DriftFit(final, bins, terms, _refit(plain, final.fit).loss)
 
 
 def _refit(bins: Bins, fit: NoiseFit) -> NoiseFit:
@@ -168,18 +166,16 @@ def find_drift(
     """
     found: DriftFit | None = None
     taken: dict[str, Array] = {}
-    loss = selection.fit.loss
-    best = 2 * loss
+    least = selection.fit.loss
     while len(taken) < len(regressors):
         trials = {
             name: fit_drift(y, spectra, {**taken, name: values}, dt, candidates)
             for name, values in regressors.items()
             if name not in taken
         }
-        name = min(trials, key=lambda one: -trials[one].ratio)
-        if best + trials[name].ratio < DRIFT_RATIO:
+        name = min(trials, key=lambda one: trials[one].loss)
+        if 2 * (least - trials[name].loss) < DRIFT_RATIO:
             break
-        found = replace(trials[name], ratio=2 * loss + trials[name].ratio)
-        best = -trials[name].ratio
+        found, least = trials[name], trials[name].loss
         taken[name] = regressors[name]
     return found

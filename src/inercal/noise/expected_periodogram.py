@@ -16,7 +16,7 @@ from inercal.noise.numerics import cosine_sums, dct2, sine_sums
 from inercal.noise.terms import TERMS
 
 
-@lru_cache(maxsize=512)
+@lru_cache(maxsize=64)  # up to 1 MB each
 def expected_periodogram(symbol: str, n: int, dt: float, markov_time: float = 1.0) -> Array:
     """Return E c_k² of a term with a coefficient of 1, (n−1,), k = 1 … n−1.
 

@@ -22,6 +22,7 @@ from inercal.noise.terms import model_avar
 _LARGEST = 1.5  # mean square of a decade
 _QUANTILE = 3.5  # standard deviations of a decade's mean square
 _OUTSIDE = 0.2  # share of averaging times outside the band
+_IN_BAND = 2.0  # residual of the bins beside the worst one that belong to its band
 _CERTAIN = 3.0  # edf from which an averaging time is judged
 
 
@@ -36,14 +37,18 @@ class Decade:
     mean_square : float
         Of the residuals.
     limit : float
+    worst_low, worst_high : float
+        Band about the largest residual, Hz.
     level : float
-        Measured power over the model's.
+        Measured power over the model's in this band.
     """
 
     low: float
     high: float
     mean_square: float
     limit: float
+    worst_low: float
+    worst_high: float
     level: float
 
     @property
@@ -95,9 +100,12 @@ class Goodness:
                 "times"
             )
         worst = max(bad, key=lambda one: one.mean_square / one.limit)
+        band = f"{worst.worst_low:.3g}–{worst.worst_high:.3g} Hz"
+        if worst.worst_low == worst.worst_high:
+            band = f"{worst.worst_low:.3g} Hz"
         return (
-            f"the terms do not describe {worst.low:.3g}–{worst.high:.3g} Hz, where the power is "
-            f"{worst.level:.3g} times the model's"
+            f"the terms do not describe {band}, where the power is {worst.level:.3g} times the "
+            "model's"
         )
 
 
@@ -106,22 +114,22 @@ def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
     residual = normal_deviate(bins.weight, bins.weight * bins.power / fit.model)
     top = np.log10(bins.frequency.max()) + 1e-9
     number = np.floor(top - np.log10(bins.frequency)).astype(int)
+    ratio = bins.power / fit.model
     decades: list[Decade] = []
     for k in range(number.max(), -1, -1):
         chosen = number == k
         if not chosen.any():
             continue
-        weight, z = bins.weight[chosen], residual[chosen]
-        spread = np.sqrt(2 / weight.size)
-        level = float(weight @ (bins.power[chosen] / fit.model[chosen]) / weight.sum())
+        frequency, z = bins.frequency[chosen], residual[chosen]
+        spread = np.sqrt(2 / z.size)
         limit = max(_LARGEST, 1 + _QUANTILE * float(spread))
         decades.append(
             Decade(
-                float(bins.frequency[chosen].min()),
-                float(bins.frequency[chosen].max()),
+                float(frequency.min()),
+                float(frequency.max()),
                 float(np.mean(z**2)),
                 limit,
-                level,
+                *_worst_band(frequency, z, bins.weight[chosen], ratio[chosen]),
             )
         )
     judged = oadev.edf >= _CERTAIN
@@ -129,3 +137,22 @@ def judge_fit(bins: Bins, fit: NoiseFit, oadev: Deviations) -> Goodness:
     outside = (expected < oadev.low) | (expected > oadev.high)
     count = int(np.count_nonzero(outside & judged))
     return Goodness(bins.frequency, residual, tuple(decades), count, int(judged.sum()))
+
+
+def _worst_band(
+    frequency: Array, residual: Array, weight: Array, ratio: Array
+) -> tuple[float, float, float]:
+    """Return ends, Hz, and power over the model's, of the bins about the largest residual.
+
+    They are its neighbours with a residual of the same sign beyond 2 standard deviations.
+    """
+    order = np.argsort(frequency, kind="stable")
+    z = residual[order]
+    k = int(np.argmax(np.abs(z)))
+    others = np.flatnonzero(z * np.sign(z[k]) <= _IN_BAND)
+    below, above = others[others < k], others[others > k]
+    first = int(below[-1]) + 1 if below.size else 0
+    stop = int(above[0]) if above.size else z.size
+    band = order[first:stop] if first < stop else order[k : k + 1]
+    level = float(weight[band] @ ratio[band] / weight[band].sum())
+    return float(frequency[band[0]]), float(frequency[band[-1]]), level

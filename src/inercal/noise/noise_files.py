@@ -1,4 +1,4 @@
-"""A noise analysis as text for others: a run file's section, Kalibr's imu.yaml, ROS covariances.
+"""A noise analysis for other programs: run-file sections, Kalibr's imu.yaml, ROS covariances.
 
 A triad has one value for all axes: the root mean square over its axes. Kalibr's numbers are
 continuous-time: N in rad/s/√Hz and m/s²/√Hz, K in rad/s²/√Hz and m/s³/√Hz.
@@ -33,7 +33,7 @@ class TriadNoise:
     values : dict of symbol to (value, u)
         N, B and K; without those that no axis shows.
     notes : tuple of str
-        How a value came about that no axis has as such.
+        Origin of a value that is not a coefficient of an axis.
     rate_hz : float
     """
 
@@ -136,7 +136,7 @@ def merge_sections(text: str, sections: dict[str, list[str]]) -> str:
 
 
 def walk_for_filter(noise: TriadNoise, horizon: float) -> tuple[float, str]:
-    """Return K, SI, and how it came about: of the fit, or K = 0.664 B √(3/τ_h) of a horizon."""
+    """Return K, SI, and its origin: the fit, or K = 0.664 B √(3/τ_h) of a horizon τ_h, s."""
     if "K" in noise.values:
         return noise.values["K"][0], "from the fit"
     if "B" in noise.values:
@@ -147,13 +147,23 @@ def walk_for_filter(noise: TriadNoise, horizon: float) -> tuple[float, str]:
     return 0.0, "neither a random walk nor a bias instability is seen"
 
 
+def _white(noise: TriadNoise) -> float:
+    if "N" not in noise.values:
+        raise InputError(
+            f"no white noise N was found for the {noise.quantity}s, which Kalibr and ROS need: fit "
+            "it, as by --terms NBK",
+            key="--terms",
+        )
+    return noise.values["N"][0]
+
+
 def kalibr_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
     """Return Kalibr's imu.yaml, with densities as measured: nothing is inflated.
 
     Raises
     ------
     InputError
-        There is no axis to write.
+        There is no axis to write, or one without white noise.
     """
     lines = [f"{_MARK}: Kalibr, continuous-time, of {analysis.source or 'a recording'}"]
     rate = 0.0
@@ -167,7 +177,7 @@ def kalibr_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
         rate = noise.rate_hz
         walk, why = walk_for_filter(noise, horizon)
         lines += [
-            f"{name}_noise_density: {noise.values['N'][0]:.6e}  # {unit}/√Hz",
+            f"{name}_noise_density: {_white(noise):.6e}  # {unit}/√Hz",
             f"{name}_random_walk: {walk:.6e}  # {unit}/s/√Hz; {why}",
         ]
     if not rate:
@@ -176,7 +186,13 @@ def kalibr_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
 
 
 def ros_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
-    """Return covariances of sensor_msgs/Imu, N² Δ⁻¹ of each axis, and continuous-time densities."""
+    """Return covariances of sensor_msgs/Imu, N² Δ⁻¹ of each axis, and continuous-time densities.
+
+    Raises
+    ------
+    InputError
+        A kind of axes has no white noise.
+    """
     lines = [f"{_MARK}: ROS sensor_msgs/Imu, of {analysis.source or 'a recording'}"]
     names: dict[Quantity, tuple[str, str]] = {
         "gyro": ("angular_velocity", "gyroscope"),
@@ -193,7 +209,7 @@ def ros_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
         walk, why = walk_for_filter(noise, horizon)
         lines += [
             f"{field}_covariance: [{x:.6e}, 0, 0, 0, {y:.6e}, 0, 0, 0, {z:.6e}]",
-            f"{prefix}_noise_density: {noise.values['N'][0]:.6e}",
+            f"{prefix}_noise_density: {_white(noise):.6e}",
             f"{prefix}_random_walk: {walk:.6e}  # {why}",
         ]
     return "\n".join([*lines, ""])

@@ -35,8 +35,6 @@ class Pieces:
         All channels of each piece.
     starts : tuple of float
         Time of each piece's first sample, s from the recording's first.
-    indices : tuple of (first, stop)
-        Samples of each piece in `values` of the whole series without the dropped pieces.
     temperature : tuple of (n_i,) array, or None
         K.
     remarks : tuple of str
@@ -48,16 +46,6 @@ class Pieces:
     starts: tuple[float, ...]
     temperature: tuple[Array, ...] | None
     remarks: tuple[str, ...]
-
-    @property
-    def count(self) -> int:
-        """Number of samples in all pieces."""
-        return sum(len(one) for one in self.values)
-
-    @property
-    def longest(self) -> int:
-        """Number of samples of the longest piece."""
-        return max(len(one) for one in self.values)
 
 
 def split_at_gaps(recording: Recording) -> Pieces:
@@ -85,16 +73,17 @@ def split_at_gaps(recording: Recording) -> Pieces:
     # The median of rounded stamps would be off by their rounding.
     dt = float(steps[plain].mean())
     gaps = np.flatnonzero(lost >= 1)
+    few = gaps[lost[gaps] <= _FEW_LOST]
     remarks: list[str] = []
-    if gaps.size:
-        total = int(lost[gaps].sum())
+    if few.size:
+        total = int(lost[few].sum())
         share = total / (time.size + total)
-        if lost[gaps].max() <= _FEW_LOST and share <= _LOST_SHARE:
+        if share <= _LOST_SHARE:
             remarks.append(
-                f"{total} lost samples ({100 * share:.2g} %) in {gaps.size} gaps of at most "
+                f"{total} lost samples ({100 * share:.2g} %) in {few.size} gaps of at most "
                 f"{_FEW_LOST} were closed up"
             )
-            gaps = gaps[:0]
+            gaps = np.setdiff1d(gaps, few)
     bounds = np.concatenate([[0], gaps + 1, [time.size]])
     return _cut(recording, time, dt, bounds, remarks)
 

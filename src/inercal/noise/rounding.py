@@ -38,7 +38,7 @@ def noise_over_step(y: Array, step: float) -> float:
 
 
 def check_rounding(parts: Sequence[Array], channel: str, source: str) -> tuple[str, ...]:
-    """Return what is to be said of the rounding of a channel's pieces.
+    """Return remarks on the rounding of a channel's pieces.
 
     Raises
     ------

@@ -2,12 +2,13 @@
 
 Candidates are N, NB, NK, NBK, NG, NGK, NBG, and the best of them with quantisation. A Gauss–Markov
 process counts three parameters, σ, T and the search over T: counted as two, it was added to 8 to
-15 % of simulated recordings without it. A variance
-lies on the boundary of its range when the term is absent, so that the likelihood ratio 2 ΔL of one
-term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is significant where every candidate without it
-has a loss that is larger by half the limit below or more: not only the model without the term, but
-every model that may replace it. The limit shares `LEVEL` between the terms that are tested; that
-of a Gauss–Markov process also between the T that were searched.
+15 % of simulated recordings without it.
+
+A variance lies on the boundary of its range when the term is absent, so that the likelihood ratio
+2 ΔL of one term is ½χ²₀ + ½χ²₁ (Self and Liang 1987). A term is significant where every candidate
+without it has a loss that is larger by half the limit below or more: not only the model without
+the term, but every model that may replace it. The limit shares `LEVEL` between the terms that are
+tested; that of a Gauss–Markov process also between the T that were searched.
 """
 
 from collections.abc import Iterable

@@ -1,6 +1,6 @@
 """Squared DCT-II coefficients of a recording in bins, whatever its length and gaps.
 
-A series of up to 2¹⁷ block means is transformed whole. Of a longer one, block means give the low
+A series of up to 2¹⁷ block means has one transform. Of a longer one, block means give the low
 frequencies and segments of 2¹⁷ samples, whose squares are averaged, those above. Pieces between
 gaps are transformed one by one, and their likelihoods add: nothing bridges a gap.
 """
@@ -50,11 +50,6 @@ class Spectrum:
     last: int
     kept: NDArray[np.bool_]
 
-    @property
-    def frequency(self) -> Array:
-        """Frequency of each coefficient, Hz, (n−1,)."""
-        return np.arange(1, self.n) / (2 * self.n * self.dt)
-
 
 @lru_cache(maxsize=256)
 def bin_edges(first: int, last: int) -> tuple[int, ...]:
@@ -88,6 +83,8 @@ class Bins:
     spectra : tuple of Spectrum
     dt : float
         Δ of the samples, s.
+    used : array of bool
+        Of all bins of the spectra, those with a coefficient that is kept.
     """
 
     power: Array
@@ -131,7 +128,6 @@ class Bins:
     def basis(self, symbol: str, markov_time: float = 1.0) -> Array:
         """Return E of each bin for a term with a coefficient of 1, (b,)."""
         parts = [
-            # Blocks of many samples have no quantisation left; its Δ is that of the samples.
             binned_basis(symbol, one.n, one.dt, one.first, one.last, markov_time)
             for one in self.spectra
         ]
@@ -196,7 +192,7 @@ def join_long(blocks: Spectrum, power: Array, segments: int, dt: float) -> tuple
     Parameters
     ----------
     blocks : Spectrum
-        Of block means, whole.
+        Of block means of the series.
     power : (2¹⁷ − 1,) array
         Averaged squares of the segments' coefficients.
     segments : int

@@ -13,8 +13,10 @@ from inercal.noise.channel_noise import Quantity
 from inercal.noise.conclusion import ChannelSummary
 from inercal.noise.confidence import identify_noise
 from inercal.noise.deviations import (
+    ALLAN,
     FULL_OVERLAP,
     Deviations,
+    stride_of,
     sum_of_squared_differences,
     with_intervals,
 )
@@ -22,6 +24,7 @@ from inercal.noise.disturbances import (
     WINDOW,
     Disturbance,
     bursts_of_windows,
+    clipping_level,
     find_changes,
 )
 from inercal.noise.expected_periodogram import squared_coefficients
@@ -30,9 +33,8 @@ from inercal.noise.rounding import check_rounding
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
 
 KEPT_EVERY = 64
+_FIRST = 4096  # squared differences whose median sets the largest that counts
 _SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1)
-_ALLAN = (1.0, -2.0, 1.0)
-_LONG_OVERLAP = 16  # differences within a long averaging time
 
 
 class StreamedChannel:
@@ -59,6 +61,7 @@ class StreamedChannel:
         self._segments = 0
         self._half = max(1, max(2, round(WINDOW / dt)) // 2)
         self._differences = np.zeros(0)
+        self._largest: float | None = None
         self._half_sums: list[Array] = []
         self._last = np.zeros(0)
 
@@ -83,7 +86,7 @@ class StreamedChannel:
         old = self._tail.size
         for j, m in enumerate(_SHORT):
             first = max(old - 2 * int(m), 0)
-            total, terms = sum_of_squared_differences(x[first:], int(m), _ALLAN, 1)
+            total, terms = sum_of_squared_differences(x[first:], int(m), ALLAN, 1)
             self._squares[j] += total
             self._terms[j] += terms
         # x[old] is the cumulative sum number count + 1.
@@ -104,11 +107,20 @@ class StreamedChannel:
                 self._filled = 0
 
     def _add_differences(self, y: Array) -> None:
-        d = np.concatenate([self._differences, np.diff(np.concatenate([self._last, y])) ** 2])
+        d = np.diff(np.concatenate([self._last, y])) ** 2
         self._last = y[-1:].copy()
-        whole = d.size // self._half * self._half
-        self._half_sums.append(d[:whole].reshape(-1, self._half).sum(axis=1))
-        self._differences = d[whole:].copy()
+        self._differences = np.concatenate([self._differences, d])
+        if self._largest is not None or self._differences.size >= _FIRST:
+            self._sum_differences()
+
+    def _sum_differences(self) -> None:
+        d = self._differences
+        if self._largest is None:
+            self._largest = clipping_level(d)
+        used = d.size // self._half * self._half
+        shown = np.minimum(d[:used], self._largest)
+        self._half_sums.append(shown.reshape(-1, self._half).sum(axis=1))
+        self._differences = d[used:].copy()
 
     def cumulative_sums(self) -> Array:
         """Return every 64th cumulative sum, from the first."""
@@ -126,15 +138,15 @@ class StreamedChannel:
             if m <= FULL_OVERLAP:
                 total, terms = float(self._squares[j]), int(self._terms[j])
             else:
-                stride = m // _LONG_OVERLAP // KEPT_EVERY
-                total, terms = sum_of_squared_differences(kept, m // KEPT_EVERY, _ALLAN, stride)
+                stride = stride_of(m) // KEPT_EVERY
+                total, terms = sum_of_squared_differences(kept, m // KEPT_EVERY, ALLAN, stride)
             variances.append(total / (2.0 * terms * float(m) ** 2))
             counts.append(terms)
             alphas.append(identify_noise(kept, m // KEPT_EVERY) if m >= KEPT_EVERY else 0)
         return with_intervals("oadev", factors, np.array(variances), counts, alphas, n, self.dt)
 
     def low_values(self) -> tuple[Array, float]:
-        """Return block means of the whole, at most 2¹⁷, and their Δ, s."""
+        """Return block means of all samples, at most 2¹⁷, and their Δ, s."""
         if self.count <= LONGEST:
             return self._segment[: self._filled], self.dt
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
@@ -151,6 +163,7 @@ class StreamedChannel:
 
     def disturbances(self) -> tuple[Disturbance, ...]:
         """Return steps, knocks and bursts; changes are placed to 64 samples."""
+        self._sum_differences()
         means = np.diff(self.cumulative_sums()) / KEPT_EVERY
         halves = np.concatenate(self._half_sums)
         bursts = bursts_of_windows(halves, self._half, self.dt)
@@ -174,6 +187,7 @@ class StreamedChannel:
         remarks = check_rounding([self._segment[:kept] + self.origin], channel, source)
         clean = [take_out_lines(one) for one in self.spectra()]
         values, dt = self.low_values()
+        octaves = self.oadev()
         return ChannelSummary(
             channel=channel,
             quantity=quantity,
@@ -183,10 +197,10 @@ class StreamedChannel:
             mean=self.mean,
             spectra=tuple(spectrum for spectrum, _ in clean),
             lines=tuple(line for _, lines in clean for line in lines),
-            deviations={"oadev": self.oadev()},
+            octaves=octaves,
+            deviations={"oadev": octaves},
             disturbances=self.disturbances(),
             remarks=remarks,
-            whole=True,
             low_values=values,
             regressors={"ramp": np.arange(values.size, dtype=np.float64) * dt},
         )

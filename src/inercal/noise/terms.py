@@ -44,8 +44,6 @@ class NoiseTerm:
         At lags h = 1, 2, … of blocks of Δ.
     gyro_unit, accelerometer_unit : str
         In which the coefficient is printed.
-    gyro_si, accelerometer_si : str
-        SI unit of the coefficient.
     """
 
     symbol: str
@@ -55,8 +53,6 @@ class NoiseTerm:
     variogram: Callable[[Array, float, float], Array]
     gyro_unit: str
     accelerometer_unit: str
-    gyro_si: str
-    accelerometer_si: str
 
 
 def _flicker_variogram(h: Array, dt: float, _: float) -> Array:
@@ -104,8 +100,6 @@ TERMS = {
             lambda h, dt, _: np.where(h == 1, 3.0, 2.0) / dt**2,
             "″",
             "m/s",
-            "rad",
-            "m/s",
         ),
         NoiseTerm(
             "N",
@@ -115,8 +109,6 @@ TERMS = {
             lambda h, dt, _: np.full(np.shape(h), 1 / dt),
             "°/√h",
             "µg/√Hz",
-            "rad/s/√Hz",
-            "m/s²/√Hz",
         ),
         NoiseTerm(
             "B",
@@ -126,8 +118,6 @@ TERMS = {
             _flicker_variogram,
             "°/h",
             "µg",
-            "rad/s",
-            "m/s²",
         ),
         NoiseTerm(
             "K",
@@ -137,8 +127,6 @@ TERMS = {
             lambda h, dt, _: 0.5 * dt * (h - 1 / 3),
             "°/h/√s",
             "µg/√s",
-            "rad/s/√s",
-            "m/s²/√s",
         ),
         NoiseTerm(
             "G",
@@ -148,8 +136,6 @@ TERMS = {
             _markov_variogram,
             "°/h",
             "µg",
-            "rad/s",
-            "m/s²",
         ),
     )
 }
@@ -171,9 +157,3 @@ def model_psd(variances: dict[str, float], f: Array, dt: float, markov_time: flo
     for symbol, variance in variances.items():
         total = total + variance * TERMS[symbol].psd(np.asarray(f), dt, markov_time)
     return total
-
-
-def sinusoid_avar(amplitude: float, frequency: float, tau: Array) -> Array:
-    """Return the Allan variance A² (sin² πfτ / πfτ)² of a sinusoid at averaging times, s."""
-    z = np.pi * frequency * np.asarray(tau)
-    return amplitude**2 * (np.sin(z) ** 2 / z) ** 2

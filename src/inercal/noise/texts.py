@@ -1,4 +1,4 @@
-"""What a noise analysis says, as texts for the terminal and the page."""
+"""Texts of a noise analysis for the terminal and the page."""
 
 from math import inf
 
@@ -26,7 +26,7 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
 
 
 def channel_remarks(channel: ChannelNoise) -> list[str]:
-    """Return what there is to say of a channel, in a line each."""
+    """Return the verdict on a channel, then its remarks, drift and disturbances, a line each."""
     found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
     found += channel.remarks
     shown = SHOWN_UNIT[channel.quantity]
@@ -42,7 +42,7 @@ def channel_remarks(channel: ChannelNoise) -> list[str]:
         )
     found += [disturbance_text(one, channel.quantity) for one in channel.disturbances]
     if lengths := recording_lengths(channel):
-        found.append("to record for " + ", ".join(lengths))
+        found.append("length of a recording for " + ", ".join(lengths))
     return found
 
 
@@ -60,7 +60,11 @@ def recording_lengths(channel: ChannelNoise) -> list[str]:
 
 
 def duration_text(seconds: float) -> str:
-    """Return a time in its natural unit: "40 s", "3.2 h"."""
+    """Return a time in its natural unit.
+
+    >>> duration_text(107), duration_text(11520)
+    ('107 s', '3.2 h')
+    """
     for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2 * size:
             return (
@@ -68,11 +72,11 @@ def duration_text(seconds: float) -> str:
                 if seconds < 100 * size
                 else (f"{seconds / size:.0f} {unit}")
             )
-    return f"{seconds:.2g} s"
+    return f"{seconds:.0f} s" if seconds >= 10 else f"{seconds:.2g} s"
 
 
 def disturbance_text(one: Disturbance, quantity: Quantity) -> str:
-    """Return what a disturbance is, when, and how large."""
+    """Return the kind, time, length and size of a disturbance."""
     shown = SHOWN_UNIT[quantity]
     size = one.size / si_factor(shown)
     if one.kind == "burst":

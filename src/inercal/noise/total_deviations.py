@@ -19,31 +19,27 @@ def total_hadamard_variance(y: Array, m: int) -> tuple[float, int]:
     if m == 1:
         d = y[2:] - 2 * y[1:-1] + y[:-2]
         return float(d @ d) / (6 * d.size), d.size
-    count, length = y.size - 3 * m + 1, 3 * m
-    half = length // 2
-    middle = length % 2
-    lags = (np.arange(length) - (length - 1) / 2) / (half + middle)
-    total = 0.0
-    for part in _blocks(np.lib.stride_tricks.sliding_window_view(y, length), 9 * m):
-        slope = part[:, half + middle :].mean(axis=1) - part[:, :half].mean(axis=1)
-        flat = part - slope[:, None] * lags
-        extended = np.concatenate([flat[:, ::-1], flat, flat[:, ::-1]], axis=1)
-        sums = _sums_of(extended)
-        means = (sums[:, m:] - sums[:, :-m]) / m
-        d = means[:, 2 * m :] - 2 * means[:, m:-m] + means[:, : -2 * m]
-        total += float((d[:, : 6 * m] ** 2).mean(axis=1).sum())
+    total, count = _squares_of_subsequences(y, m)
     return total / (6 * count), count
 
 
 def total_modified_variance(x: Array, m: int) -> tuple[float, int]:
     """Return the modified total variance of phases x, (n + 1,), and its number of subsequences."""
+    total, count = _squares_of_subsequences(x, m)
+    return total / (2 * float(m) ** 2 * count), count
+
+
+def _squares_of_subsequences(series: Array, m: int) -> tuple[float, int]:
+    """Return the sum over all subsequences of 3 m values, and their number.
+
+    Of each it is the mean square of the second differences of means of m values.
+    """
     length = 3 * m
-    count = x.size - length + 1
-    half = length // 2
-    middle = length % 2
+    half, middle = divmod(length, 2)
     lags = (np.arange(length) - (length - 1) / 2) / (half + middle)
+    windows = np.lib.stride_tricks.sliding_window_view(series, length)
     total = 0.0
-    for part in _blocks(np.lib.stride_tricks.sliding_window_view(x, length), 9 * m):
+    for part in _blocks(windows, 9 * m):
         slope = part[:, half + middle :].mean(axis=1) - part[:, :half].mean(axis=1)
         flat = part - slope[:, None] * lags
         extended = np.concatenate([flat[:, ::-1], flat, flat[:, ::-1]], axis=1)
@@ -51,7 +47,7 @@ def total_modified_variance(x: Array, m: int) -> tuple[float, int]:
         means = (sums[:, m:] - sums[:, :-m]) / m
         d = means[:, 2 * m :] - 2 * means[:, m:-m] + means[:, : -2 * m]
         total += float((d[:, : 6 * m] ** 2).mean(axis=1).sum())
-    return total / (2 * float(m) ** 2 * count), count
+    return total, len(windows)
 
 
 def _sums_of(values: Array) -> Array:

@@ -13,15 +13,15 @@ from inercal.design.worksheet import Worksheet
 from inercal.drafts import Draft
 from inercal.errors import require_extra, require_installed
 from inercal.io.atomic_files import write_text
-from inercal.noise.channel_noise import NoiseAnalysis
 from inercal.pipeline import Outcome
 from inercal.pipeline.refused_recording import InspectedRecording
 from inercal.recording import Recording
 from inercal.sensors import Sensor
 
-if TYPE_CHECKING:  # reports do without a register
+if TYPE_CHECKING:  # reports do without a register, and most without a noise analysis
     from matplotlib.axes import Axes
 
+    from inercal.noise import NoiseAnalysis
     from inercal.store import SensorHistory
 
 
@@ -158,7 +158,7 @@ def write_draft(draft: Draft, path: str | Path) -> Path:
     return write_text(path, page(draft))
 
 
-def write_noise(analysis: NoiseAnalysis, recording: Recording, path: str | Path) -> Path:
+def write_noise(analysis: "NoiseAnalysis", recording: Recording, path: str | Path) -> Path:
     """Write the page of a noise analysis; it appears whole or not at all. Return its path.
 
     Parameters

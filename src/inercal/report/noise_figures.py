@@ -44,7 +44,7 @@ def _plain_decades(axes: Axes) -> None:
 
 @drawing.style
 def deviation_figure(channel: ChannelNoise) -> Markup:
-    """Return the Allan deviation with its band and terms, and the spectrum beside it."""
+    """Return the Allan deviation with its band and terms at the left, the spectrum at the right."""
     figure, ((left, right),) = drawing.panels(3.0, [0.5], 2)
     unit = SHOWN_UNIT[channel.quantity]
     size = si_factor(unit)
@@ -114,7 +114,7 @@ def time_figure(channel: ChannelNoise, time: Array, y: Array) -> Markup:
     shown = block_means(y - y.mean(), m) / si_factor(unit)
     top.plot(block_means(time, m), shown, color=INK, lw=0.6)
     top.set_ylabel(f"mean, {unit}")
-    _draw_ratios(low, channel, time, y)
+    _draw_ratios(low, time, y)
     for axes in (top, low):
         axes.set_xlim(float(time[0]), float(time[-1]))
         for one in channel.disturbances:
@@ -126,34 +126,36 @@ def time_figure(channel: ChannelNoise, time: Array, y: Array) -> Markup:
     return svg(figure, f"{channel.channel}-time", "Means over time and deviation of ten windows")
 
 
-def _draw_ratios(axes: Axes, channel: ChannelNoise, time: Array, y: Array) -> None:
-    """Draw the Allan deviation of each window over that of the whole, at three averaging times."""
+def _draw_ratios(axes: Axes, time: Array, y: Array) -> None:
+    """Draw the ratio of each window's Allan deviation to the recording's, at three times."""
     size = y.size // _WINDOWS
     longest = int(np.log2(max(size // 8, 1)))
     factors = np.unique(2 ** np.linspace(0, longest, _RATIO_TAUS).astype(int))
-    whole = deviations(y, channel.dt, factors=factors.tolist())
+    # Not the analysis's interval, which is that of blocks where stamps jitter.
+    dt = float(np.median(np.diff(time)))
+    overall = deviations(y, dt, factors=factors.tolist())
     parts = [
-        deviations(y[k * size : (k + 1) * size], channel.dt, factors=factors.tolist())
+        deviations(y[k * size : (k + 1) * size], dt, factors=factors.tolist())
         for k in range(_WINDOWS)
     ]
     middles = [float(time[k * size + size // 2]) for k in range(_WINDOWS)]
     for j, colour in zip(range(factors.size), (X, Y, Z), strict=False):
-        ratio = np.array([one.value[j] for one in parts]) / whole.value[j]
-        below = np.array([one.value[j] - one.low[j] for one in parts]) / whole.value[j]
-        above = np.array([one.high[j] - one.value[j] for one in parts]) / whole.value[j]
+        ratio = np.array([one.value[j] for one in parts]) / overall.value[j]
+        below = np.array([one.value[j] - one.low[j] for one in parts]) / overall.value[j]
+        above = np.array([one.high[j] - one.value[j] for one in parts]) / overall.value[j]
         axes.errorbar(middles, ratio, yerr=[below, above], fmt="o-", ms=3, lw=0.7, color=colour,
-                      elinewidth=0.6, label=f"{whole.tau[j]:.3g} s")  # fmt: skip
+                      elinewidth=0.6, label=f"{overall.tau[j]:.3g} s")  # fmt: skip
     axes.axhline(1, color=FAINT, lw=0.8)
     axes.set_yscale("log")
     axes.set_yticks([0.5, 1, 2, 5, 10])
     _plain_decades(axes)
     axes.set_ylim(0.3, max(3.0, axes.get_ylim()[1]))
-    axes.set_ylabel("deviation / whole")
+    axes.set_ylabel("deviation ratio")
     drawing.add_legend(axes)
 
 
 @drawing.style
-def spectrogram_figure(channel: ChannelNoise, y: Array) -> Markup | None:
+def spectrogram_figure(channel: ChannelNoise, dt: float, y: Array) -> Markup | None:
     """Return the power by time and frequency over its median in time; None of a short recording."""
     size = y.size // _CELLS
     if size < 8 * _CELLS:
@@ -168,7 +170,7 @@ def spectrogram_figure(channel: ChannelNoise, y: Array) -> Markup | None:
     decibel = 10 * np.log10(cells / np.median(cells))
     shade = np.clip((decibel - 3) / 25, 0, 1)
     figure, ((axes,),) = drawing.panels(1.8, [0.45])
-    length, step = size * channel.dt, 1 / (2 * channel.dt) / _CELLS
+    length, step = size * dt, 1 / (2 * dt) / _CELLS
     for i, j in zip(*np.nonzero(shade > 0.04), strict=True):
         axes.broken_barh([(i * length, length)], (j * step, step),
                          fc=(WARN, round(float(shade[i, j]), 2)), lw=0)  # fmt: skip

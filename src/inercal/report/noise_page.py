@@ -6,6 +6,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
+from inercal.noise.cross_checks import slope_bias
 from inercal.noise.texts import (
     SHOWN_UNIT,
     channel_remarks,
@@ -35,10 +36,12 @@ class ChannelView:
     time: Markup
     spectrogram: Markup | None
     others: list[tuple[str, ...]]
+    method: str
+    slope_bias: str
 
 
 def page(analysis: NoiseAnalysis, recording: Recording) -> str:
-    """Return the whole page, HTML."""
+    """Return the page, HTML."""
     good = all(one.goodness.fits for one in analysis.channels)
     disturbed = [
         (one.channel, disturbance_text(found, one.quantity))
@@ -79,9 +82,20 @@ def _view(channel: ChannelNoise, recording: Recording) -> ChannelView:
         deviation_figure(channel),
         residual_figure(channel),
         time_figure(channel, time, y),
-        spectrogram_figure(channel, y) if channel.lines else None,
+        spectrogram_figure(channel, recording.median_step, y) if channel.lines else None,
         _comparison(channel),
+        channel.method,
+        _slope_bias(channel),
     )
+
+
+def _slope_bias(channel: ChannelNoise) -> str:
+    """Return by how much slopes read N and B of the fit too large; empty without both."""
+    white, flicker, walk = (channel.value(one) for one in "NBK")
+    if not (white and flicker):
+        return ""
+    bias = slope_bias(white, flicker, walk)
+    return ", ".join(f"{symbol} by {100 * (one - 1):.2g} %" for symbol, one in bias.items())
 
 
 def _comparison(channel: ChannelNoise) -> list[tuple[str, ...]]:

@@ -8,7 +8,7 @@ from inercal.section_settings import si_value
 from inercal.sensors import Noise, Readout, Sensor
 from inercal.units import Measured, parse_quantity, si_factor
 
-_QUANTITY = {"accelerometer": "m/s²", "gyro": "rad/s"}
+READING_UNITS = {"accelerometer": "m/s²", "gyro": "rad/s"}
 _EXAMPLE = {"accelerometer": "2048 {}/g", "gyro": "16.4 {}/(°/s)"}
 _COUNTS = ("LSB", "V")  # an output that is neither acceleration nor rate needs a scale
 Output = tuple[Readout, Noise]
@@ -34,8 +34,8 @@ def build_sensor(section: SensorSection, columns: tuple[str | int, ...], parts: 
     _require_same_axes(section, columns)
     accelerometer = (Readout(), Noise())  # of no axis
     if section.accelerometer is not None:
-        accelerometer = _build_readout("accelerometer", section.accelerometer)
-    gyro = None if section.gyro is None else _build_readout("gyro", section.gyro)
+        accelerometer = build_readout("accelerometer", section.accelerometer)
+    gyro = None if section.gyro is None else build_readout("gyro", section.gyro)
     sensor = parts(section.name, columns, accelerometer, gyro)
     form = section.form or sensor.form
     return Sensor(sensor.name, sensor.axes, (), form, frame=section.frame)
@@ -54,8 +54,20 @@ def _require_same_axes(section: SensorSection, columns: tuple[str | int, ...]) -
         )
 
 
-def _build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
-    quantity = _QUANTITY[kind]
+def build_readout(kind: str, section: ReadoutSection) -> tuple[Readout, Noise]:
+    """Return the readout and the noise of the axes of one kind.
+
+    Parameters
+    ----------
+    kind : "accelerometer" or "gyro"
+    section : ReadoutSection
+
+    Raises
+    ------
+    InputError
+        An unknown unit, a scale that is not possible, or a negative noise.
+    """
+    quantity = READING_UNITS[kind]
     key = f"[sensor.{kind}]"
     output = next((u for u in _COUNTS if _has_dimension(section.unit, u)), None)
     if output is None:
