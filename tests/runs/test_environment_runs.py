@@ -230,6 +230,15 @@ def test_a_ramp_up_and_down_finds_the_lag_and_the_biases(tmp_path: Path):
     assert not {one.what for one in outcome.findings} & {"one_way", "drift_in_time"}
 
 
+def test_a_lag_that_is_stated_exactly_is_not_taken_for_hysteresis(tmp_path: Path):
+    stated = {'kind = "ramp"': 'kind = "ramp"\nlag = "20 s"'}
+    outcome = calibrate(simulated(tmp_path, RAMP, stated))
+    assert "lag" not in outcome.estimate.names
+    half = float(outcome.calibration.conditions["hysteresis of gx"].split()[0])
+    # b' Ṫ τ of gx is 84 °/h; the noise of a bin is about 10 °/h.
+    assert abs(half) < 40
+
+
 def test_a_bias_against_the_rate_of_the_temperature_is_found_and_corrected(tmp_path: Path):
     changes = {
         '"gy.bias_dT"': '"gx.bias_dTdt" = "40 °/h/(K/min)"\n"gy.bias_dT"',
@@ -260,6 +269,9 @@ def test_a_ramp_one_way_says_what_shifts_it(tmp_path: Path):
     assert "b′ Ṫ τ" in said["one_way"]
     assert "drift_in_time" in said
     assert outcome.verdict.grade != "consistent"
+    lag = {'kind = "ramp"': 'kind = "ramp"\nlag = "20 s ± 2 s"'}
+    known = calibrate(written(tmp_path, RAMP, ONE_WAY | lag))
+    assert "one_way" not in {one.what for one in known.findings}
     warm = written(tmp_path, RAMP, ONE_WAY | {'kind = "ramp"': 'kind = "ramp"\nwarm_up = "300 s"'})
     with refused(InputError, key="[environment] warm_up"):
         calibrate(warm)

@@ -233,6 +233,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         run.priors,
         estimate,
         run.time_offset,
+        run.environment,
     )
     remarks = run.method.remarks(fit)
     findings += remarks.findings
