@@ -347,8 +347,9 @@ class _Solver:
     inputs: EstimatorInput
 
     def solve(self, observations: Observations, sensor: Sensor) -> Estimate:
-        bench = self.inputs.bench or self.run.bench
-        return self.run.solver()(observations, sensor, bench, self.inputs.plan, self.run.priors)
+        inputs, bench = self.inputs, self.inputs.bench or self.run.bench
+        sampled = inputs.sensor_of_samples(sensor)
+        return self.run.solver()(observations, sampled, bench, inputs.plan, self.run.priors)
 
     def leave_out(
         self, observations: Observations, sensor: Sensor, whole: Estimate

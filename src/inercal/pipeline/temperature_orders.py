@@ -15,7 +15,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName
-from inercal.runfile.environment_section import MAX_ORDERS, highest_orders, order_terms
+from inercal.runfile.environment_section import MAX_ORDERS, order_terms, orders_of_terms
 from inercal.sensors import Sensor
 
 Orders = tuple[int, int, int]
@@ -53,7 +53,7 @@ def used_orders(sensor: Sensor) -> dict[Literal["f", "w"], Orders]:
         if all(axis.measures != kind for axis in sensor.axes):
             continue
         own = sensor.select_axes(kind).coefficients
-        result[kind] = highest_orders(kind, {CoefficientName(name).term for name in own})
+        result[kind] = orders_of_terms(kind, {CoefficientName(name).term for name in own})
     return result
 
 

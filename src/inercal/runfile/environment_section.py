@@ -44,7 +44,7 @@ def order_terms(kind: str, orders: Sequence[int]) -> tuple[str, ...]:
     return tuple(n for terms, order in by_quantity for names in terms[:order] for n in names)
 
 
-def highest_orders(kind: str, terms: Collection[str]) -> tuple[int, int, int]:
+def orders_of_terms(kind: str, terms: Collection[str]) -> tuple[int, int, int]:
     """Return the highest orders of bias, scale factor and misalignment among short names.
 
     Parameters
@@ -109,7 +109,7 @@ def _require_estimated(
     for name in possible:
         axis, term = CoefficientName(name).parts
         terms[measures[axis]].add(term)
-    highest = {kind: highest_orders(kind, own) for kind, own in terms.items()}
+    highest = {kind: orders_of_terms(kind, own) for kind, own in terms.items()}
     for place, (quantity, order) in enumerate(zip(QUANTITIES, orders, strict=True)):
         found = {kind: most[place] for kind, most in highest.items()}
         if order and not any(found.values()):

@@ -49,7 +49,7 @@ class RampModel(NamedTuple):
         """Return the lag of parameters x, s."""
         return float(x[self.names.index(LAG)]) if LAG in self.nuisances else self.lag
 
-    def element_offset(self, x: Array) -> Array:
+    def temperature_offset(self, x: Array) -> Array:
         """Return ΔT of the sensing element at the blocks, (b,) K."""
         kelvin = self.blocks.kelvin + self.lag_of(x) * self.blocks.rate
         return kelvin - self.sensor.reference_temperature
@@ -78,7 +78,7 @@ class RampModel(NamedTuple):
     def _of_axis(self, x: Array, k: int) -> tuple[Array, Array]:
         """Return the derivatives of an axis but to the lag, (b, p), and its db/dT, (b,)."""
         blocks, names, axis = self.blocks, self.names, self.sensor.axes[k]
-        seen = {"dT": self.element_offset(x), "dTdt": blocks.rate}
+        seen = {"dT": self.temperature_offset(x), "dTdt": blocks.rate}
         jacobian = np.zeros((blocks.time.size, len(names)))
         slope = np.zeros(blocks.time.size)
         for at, name in enumerate(self.sensor.coefficients):

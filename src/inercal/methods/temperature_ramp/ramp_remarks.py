@@ -36,7 +36,7 @@ def hysteresis(model: RampModel, x: Array) -> list[Hysteresis]:
     blocks, sensor = model.blocks, model.sensor
     if blocks.is_monotonic:
         return []
-    dT, residual = model.element_offset(x), model.residual(x)
+    dT, residual = model.temperature_offset(x), model.residual(x)
     edges: Array = np.linspace(float(dT.min()), float(dT.max()), _BINS + 1)
     place = np.minimum(np.searchsorted(edges[1:], dT), _BINS - 1)
     found: list[Hysteresis] = []
