@@ -6,9 +6,12 @@ from tests.accuracy import ramps
 from tests.base_seeds import SEEDS
 from tests.evidence import temperature_ramps
 
+from inercal.benches import Hand
 from inercal.environment import Environment
+from inercal.methods.temperature_ramp import ramp, rest
 from inercal.methods.temperature_ramp.blocks import RampBlocks
-from inercal.methods.temperature_ramp.ramp_remarks import lag_and_rate_correlation
+from inercal.methods.temperature_ramp.ramp_model import ramp_model
+from inercal.methods.temperature_ramp.ramp_remarks import hysteresis, lag_and_rate_correlation
 from inercal.segments.drift import drift_covariance, even_drift_covariance
 from inercal.sensors import Noise
 from inercal.units import Measured
@@ -69,6 +72,17 @@ def test_an_error_of_all_temperatures_moves_the_polynomial():
     at_reference = ramps.BIAS[1]
     expected = np.hypot(without, np.abs(slope - at_reference))
     np.testing.assert_allclose(with_error[away][1:-1], expected[away][1:-1], rtol=0.2, atol=1e-6)
+
+
+def test_a_warm_up_that_is_estimated_is_not_taken_for_hysteresis():
+    size = 1000 * ramps.DEG_H
+    made = ramps.record(np.random.default_rng(7), ramps.PROFILES[UP_AND_DOWN](), warm_up=size)
+    environment, sensor = Environment("ramp", warm_up=300.0), temperature_ramps.gyro()
+    seen = temperature_ramps.observed(made)
+    bench = Hand(Measured(9.81, 1e-4))
+    estimate = ramp(seen, sensor, bench, rest(), environment=environment)
+    (loop,) = hysteresis(ramp_model(seen, sensor, environment), estimate.value)
+    assert np.abs(loop.half).max() < 0.03 * size
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ from inercal.export.model import parse_axes
 from inercal.export.target_definition import Rendering, Request, Target
 from inercal.export.term_kinds import kinds_of
 from inercal.sensors import Sensor, imu, triad
+from inercal.units import ZERO_CELSIUS
 
 FULL = (*LINEAR, *TEMPERATURE, *NONLINEAR)
 
@@ -152,6 +153,18 @@ def test_sensors_that_a_target_cannot_take_are_refused():
     for axes in ("x y", "x y -z", "x x z", "a b c"):
         with refused(key="axes"):
             parse_axes(axes)
+
+
+@pytest.mark.parametrize("to", ["px4", "ardupilot"])
+def test_no_export_corrects_two_kelvin_beyond_the_temperatures_of_the_calibration(to: str):
+    calibration, options = make_calibration(*LINEAR, *TEMPERATURE), OPTIONS.get(to, {})
+    assert RANGES.temperature is not None
+    low, high = RANGES.temperature
+    export_calibration(calibration, to, options=options, temperature=(low, high + 0.9))
+    with refused(key="temperature"):
+        export_calibration(calibration, to, options=options, temperature=(low, high + 2))
+    with refused(key="--set"):
+        export_calibration(calibration, to, options={**options, "lowest": low - ZERO_CELSIUS - 2})
 
 
 def test_temperature_is_refused_where_no_range_is_known():

@@ -230,6 +230,15 @@ def test_a_ramp_up_and_down_finds_the_lag_and_the_biases(tmp_path: Path):
     assert not {one.what for one in outcome.findings} & {"one_way", "drift_in_time"}
 
 
+def test_a_lag_that_is_stated_exactly_is_not_taken_for_hysteresis(tmp_path: Path):
+    stated = {'kind = "ramp"': 'kind = "ramp"\nlag = "20 s"'}
+    outcome = calibrate(simulated(tmp_path, RAMP, stated))
+    assert "lag" not in outcome.estimate.names
+    half = float(outcome.calibration.conditions["hysteresis of gx"].split()[0])
+    # b' Ṫ τ of gx is 84 °/h; the noise of a bin is about 10 °/h.
+    assert abs(half) < 40
+
+
 def test_a_bias_against_the_rate_of_the_temperature_is_found_and_corrected(tmp_path: Path):
     changes = {
         '"gy.bias_dT"': '"gx.bias_dTdt" = "40 °/h/(K/min)"\n"gy.bias_dT"',
@@ -260,6 +269,9 @@ def test_a_ramp_one_way_says_what_shifts_it(tmp_path: Path):
     assert "b′ Ṫ τ" in said["one_way"]
     assert "drift_in_time" in said
     assert outcome.verdict.grade != "consistent"
+    lag = {'kind = "ramp"': 'kind = "ramp"\nlag = "20 s ± 2 s"'}
+    known = calibrate(written(tmp_path, RAMP, ONE_WAY | lag))
+    assert "one_way" not in {one.what for one in known.findings}
     warm = written(tmp_path, RAMP, ONE_WAY | {'kind = "ramp"': 'kind = "ramp"\nwarm_up = "300 s"'})
     with refused(InputError, key="[environment] warm_up"):
         calibrate(warm)
@@ -348,3 +360,62 @@ case_time = "20 s"
     assert float(chdtri(dof, 0.9995)) < nees < float(chdtri(dof, 0.0005))
     exact = written(tmp_path, text + more, changes | {'temperature_sd = "0.2 K"\n': ""})
     assert calibrate(exact).calibration.uncertainty("gx.bias") < 0.9 * found.uncertainty("gx.bias")
+
+
+TUMBLE = (HERE.parents[1] / "examples" / "dividing_head" / "tumble.toml").read_text(
+    encoding="utf-8"
+)
+
+
+def tumbled_soaks(folder: Path, order: str, more: str = "") -> Path:
+    """Write the tumble example at four temperatures, with a bias of 200 µg/K."""
+    name = "tumble.csv"
+    header, *rows = (HERE.parents[1] / "examples" / "dividing_head" / name).read_text().split()
+    lines = [f"{header},temp"]
+    for celsius in (0, 20, 40, 60):
+        for angle, volts in (row.split(",") for row in rows):
+            reading = float(volts) + 1.3 * 200e-6 * (celsius - 20)
+            lines.append(f"{angle},{reading:.9f},{celsius}")
+    changes = {
+        'file = "tumble.csv"': 'file = "tumble.csv"\ntemperature = "temp"',
+        'name = "tumble"': f'name = "tumble"\ntemperature_order = {order}\n{more}',
+    }
+    path = written(folder, TUMBLE, changes)
+    (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_tumble_over_soaks_finds_the_orders_that_it_has(tmp_path: Path):
+    outcome = calibrate(tumbled_soaks(tmp_path, "[2, 0, 0]"))
+    fit, found = outcome.temperature_fit, outcome.calibration
+    assert fit is not None
+    assert fit.orders == {"f": (2, 0, 0)}
+    np.testing.assert_allclose(fit.soaks, np.array([0, 20, 40, 60]) + ZERO_CELSIUS)
+    assert found.value("a.k0_dT") == pytest.approx(200e-6 * 9.80665, rel=1e-2)
+
+
+@pytest.mark.parametrize("order", ["[3, 0, 0]", "[1, 2, 0]", "[1, 0, 1]"])
+def test_an_order_that_the_method_has_only_in_part_is_refused(order: str, tmp_path: Path):
+    with refused(InputError, key="[method] temperature_order"):
+        read(tumbled_soaks(tmp_path, order))
+
+
+def test_a_refusal_over_soaks_names_the_run_file_once(tmp_path: Path):
+    path = tumbled_soaks(tmp_path, '"auto"')
+    with refused(InputError, key="[method] temperature_order") as refusal:
+        calibrate(path)
+    assert str(refusal.value).count(str(path)) == 1
+
+
+def test_the_uncertainty_of_a_lag_is_refused_where_nothing_weighs_it(tmp_path: Path):
+    vague = {'temperature_sd = "0.1 K"': 'temperature_sd = "0.1 K"\nlag = "20 s ± 5 s"'}
+    lag = read(written(tmp_path / "weighed", SOAKS, vague)).environment.lag  # type: ignore[union-attr]
+    assert (lag.value, lag.sd) == (20.0, 5.0)  # type: ignore[union-attr]
+    with refused(InputError, key="[environment] lag"):
+        read(written(tmp_path / "held", HELD, vague))
+    ramp = vague | {
+        "[environment]\n": '[environment]\nkind = "ramp"\n',
+        'accelerometer_repeatability = "50 µg"\n': "",
+    }
+    with refused(InputError, key="[environment] lag"):
+        read(written(tmp_path / "ramp", SOAKS, ramp))

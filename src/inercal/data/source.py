@@ -134,3 +134,14 @@ class EstimatorInput:
     rests: "RestDetection | None" = None
     bench: Any = None
     notes: tuple[str, ...] = ()
+
+    def sensor_of_samples(self, sensor: Sensor) -> Sensor:
+        """Return the sensor with the noise by which an estimator weighs the observations.
+
+        Estimators that follow samples weigh single ones by the stated noise, which does not include
+        their rounding; the covariance of means does.
+        """
+        if self.observations.track is None:
+            return sensor
+        assert self.recording is not None
+        return sensor.rounded(self.recording.rate_hz)

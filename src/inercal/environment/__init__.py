@@ -1,8 +1,9 @@
-"""The temperature around a bench: what is stated of it, and the errors that it adds.
+"""The temperatures around a bench, and the errors that they add.
 
-A run spans temperatures as soaks, the whole plan at one temperature after the other, or as a ramp
-at rest. What a soak has in common is an error of all its rows: of the temperature, which acts on
-the readings by their slope against temperature, and of the bias, which comes back with a scatter.
+A run spans temperatures as soaks, in which the plan is carried out at one temperature after the
+other, or as a ramp, in which the temperature moves. The rows of a soak share two errors: that of
+its temperature, which acts on the readings by their slope against temperature, and that of the
+bias, which repeats with a scatter from soak to soak.
 """
 
 from dataclasses import dataclass, field
@@ -15,7 +16,7 @@ EnvironmentKind = Literal["soaks", "ramp"]
 
 @dataclass(frozen=True)
 class ChamberProfile:
-    """The temperatures that a chamber is set to in a simulation.
+    """The set temperatures of a chamber in a simulation.
 
     Parameters
     ----------
@@ -46,8 +47,8 @@ class Environment:
         Standard deviation of the error of the temperature that the rows of a soak, or all of a
         ramp, have in common, K.
     force_repeatability, rate_repeatability : float
-        Standard deviation by which the bias of an accelerometer, m/s², or a gyro, rad/s, comes back
-        from soak to soak.
+        Standard deviation of the bias of an accelerometer, m/s², or a gyro, rad/s, from soak to
+        soak.
     lag : Measured or None
         Time by which the recorded temperature is behind that of the sensing element, s; None is
         unknown: a ramp estimates it, and soaks neglect it.

@@ -1,4 +1,4 @@
-"""Errors of temperatures and biases in common, for estimators that do not weigh them.
+"""Common errors of temperatures and biases, for estimators that do not weigh them.
 
 Temperatures that are all δ too high give the polynomial b(T − δ): the coefficient of order k − 1
 moves by −k c_k δ, whatever the estimator. Errors of single soaks move an estimate by what it moves
@@ -74,13 +74,13 @@ def changed_by_soak_errors(
     sizes = {"f": environment.force_repeatability, "w": environment.rate_repeatability}
     for soak in range(int(number.max()) + 1):
         member = number == soak
-        way = observations.transitions
-        within = None if way is None else _samples_of_soak(observations, way, number, soak)
+        path = observations.transitions
+        samples = None if path is None else _samples_of_soak(observations, path, number, soak)
         if environment.temperature_sd:
-            warmer = way
-            if way is not None and way.temperature is not None:
-                warmth = way.temperature + environment.temperature_sd * np.asarray(within)
-                warmer = replace(way, temperature=warmth)
+            warmer = path
+            if path is not None and path.temperature is not None:
+                warmth = path.temperature + environment.temperature_sd * np.asarray(samples)
+                warmer = replace(path, temperature=warmth)
             yield replace(
                 observations,
                 temperature=kelvin + environment.temperature_sd * member,
@@ -91,18 +91,18 @@ def changed_by_soak_errors(
                 continue
             mean = observations.mean.copy()
             mean[member, k] += sizes[axis.measures]
-            moved = way
-            if way is not None:
-                output = way.output.copy()
-                output[within, k] += sizes[axis.measures] * axis.readout.scale
-                moved = replace(way, output=output)
+            moved = path
+            if path is not None:
+                output = path.output.copy()
+                output[samples, k] += sizes[axis.measures] * axis.readout.scale
+                moved = replace(path, output=output)
             yield replace(observations, mean=mean, transitions=moved)
 
 
 def _samples_of_soak(
-    observations: Observations, way: Transitions, number: NDArray[np.int64], soak: int
+    observations: Observations, path: Transitions, number: NDArray[np.int64], soak: int
 ) -> NDArray[np.bool_]:
     """Return which samples are of a soak: from its first row to that of the next, (n,)."""
     order = np.argsort(observations.time, kind="stable")
-    row = np.searchsorted(observations.time[order], way.time, side="right") - 1
+    row = np.searchsorted(observations.time[order], path.time, side="right") - 1
     return number[order][np.maximum(row, 0)] == soak

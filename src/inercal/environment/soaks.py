@@ -85,13 +85,10 @@ def with_soak_errors(
     c : (..., p) array
         Its coefficients by a first fit, SI.
     environment : Environment
-        The rows of a ramp are of one soak.
     rates : (r,) array, optional
         Mean rate of the temperature in each row, K/s, by which an error of the lag acts.
     """
     number = soak_numbers(observations)
-    if environment.kind == "ramp":
-        number = np.zeros_like(number)
     member: Array = np.eye(int(number.max()) + 1)[number]  # (r, s)
     columns: list[Array] = []
     slope = temperature_slopes(observations, sensor, c)

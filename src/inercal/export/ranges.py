@@ -7,6 +7,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
+from inercal.calibration.temperature_curves import TEMPERATURE_MARGIN, require_inside
 from inercal.errors import InputError
 from inercal.motion import Motion
 from inercal.sensors import G0
@@ -54,7 +55,8 @@ def calibrated_ranges(
     Raises
     ------
     InputError
-        A range whose end is not above its begin.
+        A range whose end is not above its begin, or temperatures beyond those of the calibration
+        where its model depends on them.
     """
     known = {} if calibration.validity is None else calibration.validity.ranges
     for name, stated in (("force", force), ("rate", rate), ("temperature", temperature)):
@@ -65,6 +67,8 @@ def calibrated_ranges(
                     key=name,
                 )
             known[name] = stated
+    if temperature is not None:
+        require_inside(calibration, np.array(temperature))
     kinds = {axis.measures for axis in calibration.sensor.axes}
     # Gyros of a table have a range of rates, and feel gravity at most.
     assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]
@@ -112,7 +116,8 @@ def temperature_limits(
     Raises
     ------
     InputError
-        Neither the calibration nor the user states them.
+        Neither the calibration nor the user states them, or the user states others than those of
+        the calibration.
     """
     known = ranges.temperature
     low = lowest if known is None or lowest is not None else known[0] - ZERO_CELSIUS
@@ -123,4 +128,14 @@ def temperature_limits(
             "give --over-temperature, such as '-10 60 °C'",
             key="temperature",
         )
+    if known is not None:
+        ends = (known[0] - ZERO_CELSIUS, known[1] - ZERO_CELSIUS)
+        if low < ends[0] - TEMPERATURE_MARGIN or high > ends[1] + TEMPERATURE_MARGIN:
+            raise InputError(
+                f"{target}: {low:g} to {high:g} °C is beyond the temperatures of the calibration, "
+                f"{ends[0]:.2f} to {ends[1]:.2f} °C: a polynomial is unknown there; give "
+                "temperatures within",
+                key="--set",
+                names=("lowest", "highest"),
+            )
     return low, high

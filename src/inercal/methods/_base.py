@@ -7,6 +7,7 @@ from typing import Any, Generic, Literal, NamedTuple, Protocol, TypeVar
 
 from inercal.arrays import Array
 from inercal.calibration.forms import Frame
+from inercal.environment import Environment
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
 from inercal.recording import Finding, Observations, Track
@@ -130,6 +131,8 @@ class Fit(Generic[Bench, Step]):
     estimate : Estimate
     time_offset : bool
         Whether the gyros' delay is to be estimated.
+    environment : Environment or None
+        The temperatures around the bench, where they are stated.
     """
 
     estimator: str
@@ -140,6 +143,7 @@ class Fit(Generic[Bench, Step]):
     priors: Sequence[Gaussian]
     estimate: Estimate
     time_offset: bool = False
+    environment: Environment | None = None
 
 
 class Remarks(NamedTuple):

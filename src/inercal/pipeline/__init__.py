@@ -204,10 +204,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         findings += check_stated_noise(
             observations, sensor, inputs.steps, by_hand=run.method.unknown_attitudes
         )
-    # Filters weigh single samples by the stated noise, which does not include rounding.
-    sampled = (
-        sensor if observations.track is None else _add_rounding_noise(sensor, inputs.recording)
-    )
+    sampled = inputs.sensor_of_samples(sensor)
     if thermal is not None:
         findings += thermal.findings
     generations: list[Generation] = []
@@ -233,6 +230,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         run.priors,
         estimate,
         run.time_offset,
+        run.environment,
     )
     remarks = run.method.remarks(fit)
     findings += remarks.findings
@@ -340,13 +338,6 @@ def _possible_causes(inputs: EstimatorInput, sensor: Sensor, error: InercalError
             rows = f"the rows are at {low:.2f} to {high:.2f} °C: coefficients of temperature need"
             causes.insert(0, f"{rows} rows at temperatures that differ by more")
     return "".join(f"; {cause}" for cause in causes)
-
-
-def _add_rounding_noise(sensor: Sensor, recording: Recording | None) -> Sensor:
-    """Return the sensor with the rounding of its samples in their white noise."""
-    assert recording is not None
-    axes = (replace(a, noise=a.noise.rounded(recording.rate_hz)) for a in sensor.axes)
-    return replace(sensor, axes=tuple(axes))
 
 
 __all__ = [

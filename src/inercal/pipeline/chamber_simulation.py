@@ -5,7 +5,7 @@ the time constant of the case, and the temperature sensor is behind the element 
 
     τ_case dT/dt = T_chamber − T,     τ dR/dt = T − R
 
-In soaks the whole plan is carried out at each temperature, after a wait at rest; in a ramp the
+In soaks the plan is carried out at each temperature, after a wait at rest; in a ramp the
 chamber moves while the plan is carried out.
 """
 
@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.benches.contract import SimulatedMotion
+from inercal.benches.hand.bench import visit_number
+from inercal.data.recording_loader import number_repeated_names
 from inercal.environment import ChamberProfile, Environment
 from inercal.errors import InputError
 from inercal.motion import Motion
@@ -42,19 +44,12 @@ class ChamberRun:
     order: NDArray[np.int64]
 
 
-def visit_label(label: str, visit: int) -> str:
-    """Return the label of a step in the soak of a number from 0: "x_p (2)" in the second."""
-    return label if visit == 0 else f"{label} ({visit + 1})"
-
-
 def steps_of_soaks(steps: Sequence[Any], environment: Environment) -> list[Any]:
-    """Return the steps of all soaks, one soak after the other."""
+    """Return the steps of all soaks, one soak after the other; the labels count the visits."""
     count = len(environment.profile.temperatures) if environment.kind == "soaks" else 1
-    return [
-        replace(step, label=visit_label(step.label, visit))
-        for visit in range(count)
-        for step in steps
-    ]
+    every = [step for _ in range(count) for step in steps]
+    names = number_repeated_names([step.label for step in every])
+    return [replace(step, label=name) for step, name in zip(every, names, strict=True)]
 
 
 def require_profile(environment: Environment) -> ChamberProfile:
@@ -104,17 +99,17 @@ def in_chamber(
     """
     profile = require_profile(environment)
     if environment.kind == "soaks":
-        whole, chamber, soak, order = _soak_course(done, profile, rate_hz)
+        moved, chamber, soak, order = _soak_course(done, profile, rate_hz)
     else:
-        whole, chamber, soak, order = _ramp_course(done, profile, rate_hz)
+        moved, chamber, soak, order = _ramp_course(done, profile, rate_hz)
     element = _follow(chamber, profile.case_time, 1 / rate_hz)
     lag = 0.0 if environment.lag is None else environment.lag.value
     recorded = _follow(element, lag, 1 / rate_hz)
-    trials = whole.motion.f.shape[0]
+    trials = moved.motion.f.shape[0]
     # On the way between soaks the error is that of the soak before.
     errors = environment.temperature_sd * rng.standard_normal((trials, soak.max() + 1))
-    motion = replace(whole.motion, dT=element - reference, dTdt=np.gradient(element, 1 / rate_hz))
-    return ChamberRun(replace(whole, motion=motion), recorded + errors[:, soak], order)
+    motion = replace(moved.motion, dT=element - reference, dTdt=np.gradient(element, 1 / rate_hz))
+    return ChamberRun(replace(moved, motion=motion), recorded + errors[:, soak], order)
 
 
 def repeatability_errors(
@@ -130,8 +125,8 @@ def repeatability_errors(
 def _visit_of_samples(labels: NDArray[np.str_]) -> NDArray[np.int64]:
     """Return the number of the soak of each sample by the visit in its label, from 0."""
     names, place = np.unique(labels, return_inverse=True)
-    visit = [int(n.rpartition(" (")[2][:-1]) - 1 if n.endswith(")") else 0 for n in names.tolist()]
-    number = np.where(labels == "", 0, np.array(visit)[place.reshape(labels.shape)])
+    visit = np.array([visit_number(name) - 1 for name in names.tolist()])
+    number = np.where(labels == "", 0, visit[place.reshape(labels.shape)])
     return np.maximum.accumulate(number)
 
 

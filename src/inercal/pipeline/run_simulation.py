@@ -163,13 +163,9 @@ def _require_chamber(run: Run) -> None:
         )
 
 
-def _visits_again(run: Run) -> bool:
-    return run.kind.name == "hand" and not run.method.unknown_attitudes
-
-
 def _stated_labels(run: Run, labels: NDArray[np.str_]) -> NDArray[np.str_]:
     """Return the labels as a recording has them: those of the positions, at each visit."""
-    if run.environment is None or not _visits_again(run):
+    if run.environment is None or run.kind.name != "hand" or run.method.unknown_attitudes:
         return labels
     names, place = np.unique(labels, return_inverse=True)
     plain = np.array([face_label(name) for name in names.tolist()])

@@ -42,16 +42,16 @@ from inercal.pipeline.temperature_orders import (
 )
 from inercal.recording import Finding, Observations, temperature_rate
 from inercal.runfile import Run
-from inercal.runfile.environment_section import MAX_ORDERS
+from inercal.runfile.environment_section import MAX_ORDERS, QUANTITIES
 from inercal.section_settings import key_error
-from inercal.sensors import G0, Sensor
+from inercal.sensors import Axis, Sensor
+from inercal.sensors.coefficient_tables import BIAS_UNITS
 from inercal.units import ZERO_CELSIUS
 
 LEAST_SPAN = 10.0  # K
 LARGEST_PREDICTION_RATIO = 1.3  # of a prediction error, rms, to its standard uncertainty
 _TOO_LOW = 100.0  # χ²/ν beyond which an order is called too low
 _NO_SOAKS = np.zeros(0)
-DEG_PER_H = np.pi / 180 / 3600
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ class TemperatureFit:
         χ²/ν of the fit.
     loops : tuple of SoakLoop
         Of temperatures that were reached from below and from above.
-    channels : tuple of m str
-        Axes of the loops.
+    axes : tuple of m Axis
+        Of the loops.
     drift : float
         Largest change of the recorded temperature within a section, K; NaN of means.
     """
@@ -105,7 +105,7 @@ class TemperatureFit:
     left_out: tuple[SoakLeftOut, ...] = ()
     ratio: float = 1.0
     loops: tuple[SoakLoop, ...] = ()
-    channels: tuple[str, ...] = ()
+    axes: tuple[Axis, ...] = ()
     drift: float = np.nan
 
     @property
@@ -156,8 +156,8 @@ class TemperatureFit:
     def _largest_loop(self) -> str:
         """Return the largest loop of each kind of axes, in words."""
         texts: list[str] = []
-        for letter, (size, unit) in {"a": (1e-6 * G0, "µg"), "g": (DEG_PER_H, "°/h")}.items():
-            own = [k for k, name in enumerate(self.channels) if name.startswith(letter)]
+        for kind, (size, unit) in BIAS_UNITS.items():
+            own = [k for k, axis in enumerate(self.axes) if axis.measures == kind]
             if not own:
                 continue
             at, k = max(
@@ -166,7 +166,7 @@ class TemperatureFit:
             )
             celsius = at.temperature - ZERO_CELSIUS
             half = float(at.half[k]) / size
-            texts.append(f"{half:+.3g} {unit} of {self.channels[k]} at {celsius:.1f} °C")
+            texts.append(f"{half:+.3g} {unit} of {self.axes[k].name} at {celsius:.1f} °C")
         return (
             f"half the loop between rising and falling temperature is at most {', '.join(texts)}; "
             "it is not corrected"
@@ -203,29 +203,22 @@ def fit_over_temperatures(
     observations = inputs.observations
     _require_temperatures(run, observations)
     if run.method.follows_rest:
-        return _ordered_ramp(run, inputs, stated)
+        return _ordered_ramp(run, inputs)
     weighs = run.method.weighs_common_errors and environment.kind == "soaks"
     if stated == "auto" and not weighs:
         raise key_error(
             "[method] temperature_order",
             f"method {run.method.name} tests no orders over {environment.kind}: state them, such "
             "as [1, 1, 0]",
-            run.path,
         )
     if observations.track is not None:
-        _refuse_row_errors(run)
-        used = {} if stated is None else used_orders(run.sensor)
-        return run, inputs, TemperatureFit(_NO_SOAKS, used)
+        _refuse_soaks_of_samples(run)
+    if observations.track is not None or environment.kind == "ramp":
+        return run, inputs, TemperatureFit(_NO_SOAKS, _orders_of(run))
     soaks = soak_temperatures(observations)
-    levels = distinct_levels(soaks) if environment.kind == "soaks" else 1 + max(MAX_ORDERS)
-    run = _within_levels(run, levels)
+    run = _within_levels(run, distinct_levels(soaks))
     if not weighs:
-        used = {} if stated is None else used_orders(run.sensor)
-        return (
-            run,
-            inputs,
-            TemperatureFit(soaks if environment.kind == "soaks" else _NO_SOAKS, used),
-        )
+        return run, inputs, TemperatureFit(soaks, _orders_of(run))
     solver = _Solver(run, inputs)
     first = solver.solve(observations, run.sensor)
     c = first.value[..., : len(run.sensor.coefficients)]
@@ -235,21 +228,23 @@ def fit_over_temperatures(
     if stated == "auto":
         sensor, tests = choose_orders(solver.solve(observations, run.sensor), run.sensor)
         run = replace(run, sensor=sensor)
-    whole = solver.solve(observations, run.sensor)
-    left_out = (
-        () if environment.kind == "ramp" else solver.leave_out(observations, run.sensor, whole)
-    )
+    final = solver.solve(observations, run.sensor)
     found = TemperatureFit(
         soaks,
-        {} if stated is None else used_orders(run.sensor),
+        _orders_of(run),
         tests,
-        left_out,
-        float(whole.chi2) / max(whole.dof, 1),
-        soak_loops(observations, whole.residual),
-        run.sensor.channels,
+        solver.leave_out(observations, run.sensor, final),
+        float(final.chi2) / max(final.dof, 1),
+        soak_loops(observations, final.residual),
+        run.sensor.axes,
         np.nan if rates is None else float(np.abs(rates * observations.duration).max()),
     )
     return run, replace(inputs, observations=observations), found
+
+
+def _orders_of(run: Run) -> dict[Literal["f", "w"], Orders]:
+    """Return the orders in use by kind of axes; none where they were not stated or tested."""
+    return {} if run.temperature_order is None else used_orders(run.sensor)
 
 
 def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> Estimate:
@@ -276,17 +271,14 @@ def with_common_errors(run: Run, inputs: EstimatorInput, estimate: Estimate) -> 
     return with_added_covariance(estimate, added)
 
 
-def _ordered_ramp(
-    run: Run, inputs: EstimatorInput, stated: object
-) -> tuple[Run, EstimatorInput, TemperatureFit]:
+def _ordered_ramp(run: Run, inputs: EstimatorInput) -> tuple[Run, EstimatorInput, TemperatureFit]:
     """Return the run of a ramp with the orders of least AIC, where they are tested."""
     tests: tuple[OrderTest, ...] = ()
-    if stated == "auto":
-        whole = _Solver(run, inputs).solve(inputs.observations, run.sensor)
-        sensor, tests = choose_orders(whole, run.sensor)
+    if run.temperature_order == "auto":
+        fit = _Solver(run, inputs).solve(inputs.observations, run.sensor)
+        sensor, tests = choose_orders(fit, run.sensor)
         run = replace(run, sensor=sensor)
-    orders = {} if stated is None else used_orders(run.sensor)
-    return run, inputs, TemperatureFit(_NO_SOAKS, orders, tests)
+    return run, inputs, TemperatureFit(_NO_SOAKS, _orders_of(run), tests)
 
 
 def _row_rates(inputs: EstimatorInput) -> Array | None:
@@ -309,7 +301,6 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
         raise key_error(
             "[data] temperature",
             f"is missing: {names} need the sensor's temperature; name its column",
-            run.path,
         )
     span = float(np.ptp(kelvin))
     if span < LEAST_SPAN:
@@ -318,26 +309,16 @@ def _require_temperatures(run: Run, observations: Observations) -> None:
             "[data] temperature",
             f"the temperatures are {low:.2f} to {high:.2f} °C, a span of {span:.2g} K; "
             f"coefficients of temperature need {LEAST_SPAN:g} K or more",
-            run.path,
         )
 
 
-def _refuse_row_errors(run: Run) -> None:
-    """Refuse soaks and errors of soaks where filters follow samples."""
-    environment = run.environment or Environment("ramp")
-    if environment.kind == "soaks":
+def _refuse_soaks_of_samples(run: Run) -> None:
+    """Refuse soaks where filters follow samples."""
+    if run.environment is not None and run.environment.kind == "soaks":
         raise key_error(
             "[environment] kind",
             f"method {run.method.name} follows samples while the temperature moves; write kind = "
             '"ramp"',
-            run.path,
-        )
-    if environment.lag is not None and environment.lag.sd:
-        raise key_error(
-            "[environment] lag",
-            f"method {run.method.name} follows samples and cannot count the uncertainty of the "
-            "lag; state the lag alone",
-            run.path,
         )
 
 
@@ -345,13 +326,12 @@ def _within_levels(run: Run, levels: int) -> Run:
     """Return the run with terms that so many temperatures determine; refuse stated orders."""
     stated = run.temperature_order
     if isinstance(stated, tuple):
-        for word, order in zip(("bias", "scale factor", "misalignment"), stated, strict=True):
+        for quantity, order in zip(QUANTITIES, stated, strict=True):
             if order >= levels:
                 raise key_error(
                     "[method] temperature_order",
-                    f"order {order} of the {word} needs {order + 1} soaks at different "
+                    f"order {order} of the {quantity} needs {order + 1} soaks at different "
                     f"temperatures; there are {levels} (further apart than {SOAK_SPREAD:g} K)",
-                    run.path,
                 )
     if stated != "auto":
         return run
@@ -367,8 +347,9 @@ class _Solver:
     inputs: EstimatorInput
 
     def solve(self, observations: Observations, sensor: Sensor) -> Estimate:
-        bench = self.inputs.bench or self.run.bench
-        return self.run.solver()(observations, sensor, bench, self.inputs.plan, self.run.priors)
+        inputs, bench = self.inputs, self.inputs.bench or self.run.bench
+        sampled = inputs.sensor_of_samples(sensor)
+        return self.run.solver()(observations, sampled, bench, inputs.plan, self.run.priors)
 
     def leave_out(
         self, observations: Observations, sensor: Sensor, whole: Estimate

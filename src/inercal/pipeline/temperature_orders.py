@@ -15,7 +15,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.estimate import Estimate
 from inercal.keys import CoefficientName
-from inercal.runfile.environment_section import MAX_ORDERS, order_terms
+from inercal.runfile.environment_section import MAX_ORDERS, order_terms, orders_of_terms
 from inercal.sensors import Sensor
 
 Orders = tuple[int, int, int]
@@ -52,14 +52,8 @@ def used_orders(sensor: Sensor) -> dict[Literal["f", "w"], Orders]:
     for kind in kinds:
         if all(axis.measures != kind for axis in sensor.axes):
             continue
-        axes = sensor.select_axes(kind)
-        terms = {CoefficientName(name).term for name in axes.coefficients}
-        found: list[int] = []
-        for place, most in enumerate(MAX_ORDERS):
-            alone = [[n if k == place else 0 for k in range(3)] for n in range(1, most + 1)]
-            own = [n for n, one in enumerate(alone, 1) if order_terms(kind, one)[-1] in terms]
-            found.append(max(own, default=0))
-        result[kind] = (found[0], found[1], found[2])
+        own = sensor.select_axes(kind).coefficients
+        result[kind] = orders_of_terms(kind, {CoefficientName(name).term for name in own})
     return result
 
 

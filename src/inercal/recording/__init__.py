@@ -5,15 +5,7 @@ trials, `(..., n, m)`; trials share times and labels.
 """
 
 from inercal.recording.findings import Finding, Severity
-from inercal.recording.observations import (
-    TEMPERATURE_VARIATION,
-    AngleQuality,
-    HalfSectionChanges,
-    Observations,
-    Track,
-    Transitions,
-    join_observations,
-)
+from inercal.recording.observations import Observations, join_observations
 from inercal.recording.samples import (
     GAP_FACTOR,
     Indices,
@@ -22,7 +14,13 @@ from inercal.recording.samples import (
     Recording,
     line_of_row,
 )
-from inercal.recording.temperature_course import ahead_of_lag, temperature_rate
+from inercal.recording.temperature_course import (
+    TEMPERATURE_VARIATION,
+    ahead_of_lag,
+    temperature_rate,
+)
+from inercal.recording.track import AngleQuality, Track
+from inercal.recording.transitions import HalfSectionChanges, Transitions
 
 __all__ = [
     "GAP_FACTOR",

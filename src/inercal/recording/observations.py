@@ -1,8 +1,8 @@
-"""Observations in SI: means over the sections of a recording, and samples for filters."""
+"""Observations in SI: means over the sections of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,213 +10,12 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.recording.samples import Indices
+from inercal.recording.temperature_course import temperature_varies
+from inercal.recording.track import Track
+from inercal.recording.transitions import HalfSectionChanges, Transitions
 
 if TYPE_CHECKING:
     from inercal.estimate import ModelTest
-
-TEMPERATURE_VARIATION = 0.5  # K; a smaller variation counts as constant temperature
-
-
-def _temperature_varies(temperature: Array | None) -> bool:
-    if temperature is None:
-        return False
-    return float(np.ptp(temperature, axis=-1).max(initial=0.0)) > TEMPERATURE_VARIATION
-
-
-@dataclass(frozen=True, eq=False)
-class Transitions:
-    """Motion of the sensor from each rest to the next, as ranges of samples.
-
-    A transition is weighted from the mean attitude of one rest to that of the next: the weight of a
-    sample rises from 0 to 1 along samples `start` to `left`, and falls along `reached` to `stop`.
-
-    Parameters
-    ----------
-    time : (n,) array
-        s, of each sample of the recording.
-    output : (n, m) array
-        Readings of the sensor's axes in output units.
-    rest : (k,) array of int
-        Row of the observations at the begin of each transition; it ends at the next row.
-    start, left, reached, stop : (k,) arrays of int
-        Samples: `left` is the last sample of the rest before, `reached` the first sample of the
-        rest after, `stop` the last sample of the transition.
-    temperature : (n,) array or None
-        K, of each sample.
-    """
-
-    time: Array
-    output: Array
-    rest: Indices
-    start: Indices
-    left: Indices
-    reached: Indices
-    stop: Indices
-    temperature: Array | None = None
-
-    @property
-    def duration(self) -> Array:
-        """Effective duration of each transition, (k,) s: rotation over a constant rate."""
-        t = self.time
-        ends = t[self.left] - t[self.start] + t[self.stop] - t[self.reached]
-        return t[self.reached] - t[self.left] + 0.5 * ends
-
-
-@dataclass(frozen=True, eq=False)
-class HalfSectionChanges:
-    """Changes of the readings of r sections at rest from the first half to the second.
-
-    Parameters
-    ----------
-    change : (r, m) array
-        Mean of the second half less that of the first, output units.
-    integral : (r, m) array
-        Integral of the readings over time, with the weight by which a rate rotates the first mean
-        attitude into the second: from 0 to 1 across the first half, and back; output units times s.
-    seconds : (r,) array
-        Integral of that weight.
-    square : (r,) array
-        Sum of the weights' squares times the step squared, s²: the variance of an integral over
-        that of a sample.
-    warming : (r,) array or None
-        Mean temperature of the second half less that of the first, K.
-    """
-
-    change: Array
-    integral: Array
-    seconds: Array
-    square: Array
-    warming: Array | None = None
-
-
-class AngleQuality(NamedTuple):
-    """Uncertainty of a table's angles at each sample, where a host interpolated its readings.
-
-    `noise_gain` is the sum of the squares of the interpolation's weights: the variance of the
-    angles' noise over that of one reading. A filter uses no angle whose gain is infinite.
-    `interpolation_sd` is infinite where nothing bounds the table's motion between two readings.
-    """
-
-    noise_gain: Array  # (n,)
-    interpolation_sd: Array  # (n,) rad
-
-    def where(self, rows: "NDArray[np.bool_] | Indices | slice") -> "AngleQuality":
-        """Return the quality at some of the samples."""
-        return AngleQuality(self.noise_gain[rows], self.interpolation_sd[rows])
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """The samples of a turntable's run in SI, for filters.
-
-    Parameters
-    ----------
-    time : (n,) array
-        s, by the sensor's clock.
-    reading : (..., n, m) array
-        Readings of the sensor's axes after the nominal readout, m/s² or rad/s.
-    angles : (..., n, k) array
-        Readback of the table's axes, rad, the outermost first, unwrapped.
-    hold : (n,) array of int
-        Number of the hold of each sample, from 0; -1 while the table moves.
-    temperature : (..., n) array or None
-        K.
-    angle_quality : AngleQuality or None
-        None where each sample has an angle that was read at its time, with the readback's noise.
-
-    Raises
-    ------
-    InputError
-        Unequal lengths, or a temperature that is not finite.
-    """
-
-    time: Array
-    reading: Array
-    angles: Array
-    hold: Indices
-    temperature: Array | None = None
-    angle_quality: AngleQuality | None = None
-
-    def __post_init__(self) -> None:
-        n = self.time.size
-        if self.angle_quality is not None and any(q.shape != (n,) for q in self.angle_quality):
-            raise InputError(
-                f"track: each array of angle_quality must have shape ({n},), one value per sample",
-                key="angle_quality",
-            )
-        if self.reading.shape[-2] != n or self.angles.shape[-2] != n or self.hold.shape != (n,):
-            raise InputError(
-                f"track: time has shape ({n},), reading {self.reading.shape}, angles "
-                f"{self.angles.shape} and hold {self.hold.shape}; give each the same number of "
-                "samples"
-            )
-        if self.temperature is not None:
-            if self.temperature.shape[-1] != n:
-                raise InputError(
-                    f"track: temperature has shape {self.temperature.shape}; expected (..., {n})",
-                    key="temperature",
-                )
-            bad = np.flatnonzero(~np.isfinite(self.temperature).reshape(-1, n).all(axis=0))
-            if bad.size:
-                raise InputError(
-                    f"track: the temperature at {self.time[bad[0]]:.6g} s is not finite; correct "
-                    "or remove the sample",
-                    key="temperature",
-                )
-
-    def slice(self, start: int, stop: int) -> "Track":
-        """Return samples start to stop (half open)."""
-        return self._select(slice(start, stop))
-
-    @property
-    def with_known_angles(self) -> "Track":
-        """The samples at which the table's angles are known."""
-        if self.angle_quality is None:
-            return self
-        return self._select(np.isfinite(self.angle_quality.interpolation_sd))
-
-    def _select(self, at: "NDArray[np.bool_] | slice") -> "Track":
-        return Track(
-            self.time[at],
-            self.reading[..., at, :],
-            self.angles[..., at, :],
-            self.hold[at],
-            None if self.temperature is None else self.temperature[..., at],
-            None if self.angle_quality is None else self.angle_quality.where(at),
-        )
-
-    def angle_variance(self, variance: float) -> Array:
-        """Return the variance of the angles at each sample, (n,) rad².
-
-        Infinite where the angles are not usable.
-
-        Parameters
-        ----------
-        variance : float
-            Of the noise of one reading of the table, rad².
-        """
-        if self.angle_quality is None:
-            return np.full(self.time.size, variance)
-        gain, sd = self.angle_quality
-        return variance * gain + sd**2
-
-    def trial(self, *index: int) -> "Track":
-        """Return a single trial; all trials share a temperature without axes of trials."""
-        t = self.temperature
-        if t is not None and t.ndim > 1:
-            t = t[index]
-        return Track(
-            self.time, self.reading[index], self.angles[index], self.hold, t, self.angle_quality
-        )
-
-    def temperature_offset(self, reference: float) -> Array | None:
-        """Return the temperature of each sample minus a reference, (..., n) K; None without one."""
-        return None if self.temperature is None else self.temperature - reference
-
-    @property
-    def temperature_varies(self) -> bool:
-        """Whether the recorded temperatures differ, as of `Observations`."""
-        return _temperature_varies(self.temperature)
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,7 +156,7 @@ class Observations:
     @property
     def temperature_varies(self) -> bool:
         """Whether the recorded temperatures differ by more than a temperature sensor's error."""
-        return _temperature_varies(self.temperature)
+        return temperature_varies(self.temperature)
 
     @property
     def trial_shape(self) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""The course of a recorded temperature: its rate, and the temperature ahead of a sensor's lag.
+"""The course of a recorded temperature: whether it varies, its rate, and its lag.
 
 A temperature sensor with the lag τ reads R while the sensing element is at T = R + τ dR/dt.
 """
@@ -11,6 +11,14 @@ from inercal.arrays import Array
 from inercal.recording.samples import Recording
 
 SMOOTHING = 8.0  # s; longer would bias lags of 20 s, shorter leaves the sensor's noise in the rate
+TEMPERATURE_VARIATION = 0.5  # K; a smaller variation counts as constant temperature
+
+
+def temperature_varies(kelvin: Array | None) -> bool:
+    """Return whether temperatures, (..., n) K, differ by more than `TEMPERATURE_VARIATION`."""
+    if kelvin is None:
+        return False
+    return float(np.ptp(kelvin, axis=-1).max(initial=0.0)) > TEMPERATURE_VARIATION
 
 
 def temperature_rate(time: Array, kelvin: Array) -> Array:

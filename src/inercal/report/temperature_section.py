@@ -58,12 +58,9 @@ def temperature_section(outcome: Outcome) -> TemperatureSection | None:
     if not 1 < stated.size <= _TABLE_ROWS:
         stated = np.linspace(limits[0], limits[1], _TABLE_ROWS)
     kelvin: Array = np.clip(stated, *limits)
-    curves = temperature_curves(calibration, course)
-    if not curves:
-        return None
     tests = () if found is None else tuple(sorted(found.tests, key=lambda one: one.excess))
     return TemperatureSection(
-        curve_figure(curves, course),
+        curve_figure(temperature_curves(calibration, course), course),
         tuple(typeset_minus(f"{t - ZERO_CELSIUS:.1f} °C") for t in kelvin.tolist()),
         temperature_rows(temperature_curves(calibration, kelvin)),
         tests[:_BEST_ORDERS],

@@ -364,7 +364,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         findings=check_stated_gravity(schema.bench) + overdue,
         job=job,
         specification=stated_specification(schema.specification, sensor, frame, path.parent),
-        environment=stated_environment(schema, sensor, chosen, chosen.follows_rest),
+        environment=stated_environment(schema, sensor, chosen),
         temperature_order=schema.method.temperature_order,
     )
 

@@ -1,24 +1,31 @@
 """[environment] of a run file: the temperatures around the bench, to SI."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, Literal
 
 from inercal.environment import ChamberProfile, Environment
 from inercal.errors import InputError
+from inercal.keys import CoefficientName
 from inercal.methods import Method
 from inercal.runfile.schema import EnvironmentSection, RunSchema
 from inercal.section_settings import key_error, measured_constant, si_value
 from inercal.sensors import Sensor
+from inercal.units import Measured
 
 _WORDS = {"f": "accelerometers", "w": "gyros"}
 TemperatureOrder = Literal["auto"] | tuple[int, int, int] | None
-MAX_ORDERS = (3, 2, 1)  # of bias, scale factor and misalignment
-# Terms of each order from 1, by kind of axis: bias, scale factor, misalignment.
+QUANTITIES = ("bias", "scale factor", "misalignment")
+MAX_ORDERS = (3, 2, 1)  # of these quantities
+# Terms of each quantity by kind of axis, order after order from 1.
 _TERMS = {
-    "f": (("k0_dT", "k0_dT2", "k0_dT3"), ("k1_dT", "k1_dT2"), (("delta_o_dT", "delta_p_dT"),)),
+    "f": (
+        (("k0_dT",), ("k0_dT2",), ("k0_dT3",)),
+        (("k1_dT",), ("k1_dT2",)),
+        (("delta_o_dT", "delta_p_dT"),),
+    ),
     "w": (
-        ("bias_dT", "bias_dT2", "bias_dT3"),
-        ("scale_dT", "scale_dT2"),
+        (("bias_dT",), ("bias_dT2",), ("bias_dT3",)),
+        (("scale_dT",), ("scale_dT2",)),
         (("delta_o_dT", "delta_p_dT"),),
     ),
 }
@@ -33,11 +40,24 @@ def order_terms(kind: str, orders: Sequence[int]) -> tuple[str, ...]:
     orders : sequence of 3 int
         Of bias, scale factor and misalignment.
     """
-    names: list[str] = []
-    for terms, order in zip(_TERMS[kind], orders, strict=True):
-        for term in terms[:order]:
-            names += [term] if isinstance(term, str) else term
-    return tuple(names)
+    by_quantity = zip(_TERMS[kind], orders, strict=True)
+    return tuple(n for terms, order in by_quantity for names in terms[:order] for n in names)
+
+
+def orders_of_terms(kind: str, terms: Collection[str]) -> tuple[int, int, int]:
+    """Return the highest orders of bias, scale factor and misalignment among short names.
+
+    Parameters
+    ----------
+    kind : "f" or "w"
+    terms : collection of str
+        Short names of terms; others than those of temperature do not count.
+    """
+    bias, scale, misalignment = (
+        max((n for n, names in enumerate(rows, 1) if set(names) & set(terms)), default=0)
+        for rows in _TERMS[kind]
+    )
+    return bias, scale, misalignment
 
 
 def terms_of_order(
@@ -56,43 +76,57 @@ def terms_of_order(
     Raises
     ------
     InputError
-        Orders beyond the highest, or an order that the method estimates of no axis.
+        Orders beyond the highest, or beyond those that the method estimates.
     """
     if section_order is None:
         return []
     key = "[method] temperature_order"
-    automatic = section_order == "auto"
-    orders = MAX_ORDERS if isinstance(section_order, str) else section_order
+    orders = MAX_ORDERS if section_order == "auto" else section_order
     if any(not 0 <= n <= most for n, most in zip(orders, MAX_ORDERS, strict=True)):
         raise key_error(key, f"{list(orders)}: give orders from 0 to {list(MAX_ORDERS)}, or 'auto'")
+    if section_order != "auto":
+        _require_estimated(key, orders, sensor, possible)
     named = [
         f"{axis.name}.{term}"
         for axis in sensor.axes
         for term in order_terms(axis.measures, orders)
         if f"{axis.name}.{term}" in possible
     ]
-    if not automatic:
-        for place, word in enumerate(("bias", "scale factor", "misalignment")):
-            alone = [orders[k] if k == place else 0 for k in range(3)]
-            wanted = [
-                f"{axis.name}.{term}"
-                for axis in sensor.axes
-                for term in order_terms(axis.measures, alone)
-            ]
-            if wanted and not set(wanted) & set(possible):
-                raise key_error(
-                    key,
-                    f"the method estimates no {word} against temperature; give order 0 there",
-                    None,
-                    tuple(wanted),
-                )
     if not named:
         raise key_error(key, "the method estimates no coefficients of temperature; remove the key")
     return named
 
 
+def _require_estimated(
+    key: str, orders: Sequence[int], sensor: Sensor, possible: Sequence[str]
+) -> None:
+    """Refuse an order that the method estimates of no axis, or of a kind of axes only in part.
+
+    A quantity that the method does not estimate of one kind of axes at all has no orders there.
+    """
+    measures = {axis.name: axis.measures for axis in sensor.axes}
+    terms = {kind: set[str]() for kind in measures.values()}
+    for name in possible:
+        axis, term = CoefficientName(name).parts
+        terms[measures[axis]].add(term)
+    highest = {kind: orders_of_terms(kind, own) for kind, own in terms.items()}
+    for place, (quantity, order) in enumerate(zip(QUANTITIES, orders, strict=True)):
+        found = {kind: most[place] for kind, most in highest.items()}
+        if order and not any(found.values()):
+            raise key_error(
+                key, f"the method estimates no {quantity} against temperature; give order 0 there"
+            )
+        for kind, most in found.items():
+            if 0 < most < order:
+                raise key_error(
+                    key,
+                    f"the method estimates the {quantity} of {_WORDS[kind]} to order {most}, not "
+                    f"{order}; give order {most} there",
+                )
+
+
 def stated_environment(
-    schema: RunSchema, sensor: Sensor, chosen: Method[Any, Any], estimates_lag: bool
+    schema: RunSchema, sensor: Sensor, chosen: Method[Any, Any]
 ) -> Environment | None:
     """Return the environment that a run file states; None without the section.
 
@@ -102,8 +136,6 @@ def stated_environment(
     sensor : Sensor
         With the coefficients to estimate.
     chosen : Method
-    estimates_lag : bool
-        Whether the method follows a ramp.
 
     Raises
     ------
@@ -120,12 +152,8 @@ def stated_environment(
         )
     if section is None:
         return None
-    _require_used(section, schema, sensor, chosen, estimates_lag)
-    lag = None
-    if section.lag is not None:
-        lag = measured_constant(section.lag, "s", "[environment] lag", last_digit=False)
-        if lag.value < 0:
-            raise key_error("[environment] lag", f"{section.lag!r} is negative; give 0 or more")
+    _require_used(section, schema, sensor, chosen)
+    lag = _stated_lag(section, chosen)
     profile = ChamberProfile(
         tuple(si_value(t, "°C", "[environment] temperatures") for t in section.temperatures),
         _positive(section, "ramp_rate", "K/s"),
@@ -143,6 +171,23 @@ def stated_environment(
     )
 
 
+def _stated_lag(section: EnvironmentSection, chosen: Method[Any, Any]) -> Measured | None:
+    """Return the lag; refuse an uncertainty where nothing weighs it."""
+    if section.lag is None:
+        return None
+    lag = measured_constant(section.lag, "s", "[environment] lag", last_digit=False)
+    if lag.value < 0:
+        raise key_error("[environment] lag", f"{section.lag!r} is negative; give 0 or more")
+    weighed = chosen.follows_rest or (chosen.weighs_common_errors and section.kind == "soaks")
+    if lag.sd and not weighed:
+        raise key_error(
+            "[environment] lag",
+            f"method {chosen.name} does not weigh the uncertainty of the lag with kind = "
+            f'"{section.kind}"; state the lag without it',
+        )
+    return lag
+
+
 def _positive(section: EnvironmentSection, name: str, like: str) -> float:
     text = getattr(section, name)
     if text is None:
@@ -158,7 +203,6 @@ def _require_used(
     schema: RunSchema,
     sensor: Sensor,
     chosen: Method[Any, Any],
-    estimates_lag: bool,
 ) -> None:
     """Refuse the section, or keys of it, that change no result."""
     if not sensor.uses("dT", "dTdt"):
@@ -168,7 +212,7 @@ def _require_used(
             key="[environment]",
         )
     ramp = section.kind == "ramp"
-    if estimates_lag and not ramp:
+    if chosen.follows_rest and not ramp:
         raise key_error(
             "[environment] kind", f'method {chosen.name} follows a ramp; write kind = "ramp"'
         )
@@ -179,7 +223,7 @@ def _require_used(
             unused[key] = "a ramp has no soaks from which a bias comes back"
         elif kind not in kinds:
             unused[key] = f"the method calibrates no {_WORDS[kind]}"
-    if not estimates_lag:
+    if not chosen.follows_rest:
         unused["warm_up"] = "only method temperature_ramp estimates a warm-up"
     if schema.data.kind == "means":
         unused["lag"] = "means hold no course of the temperature; correct their temperatures"

@@ -197,4 +197,6 @@ SI_UNITS = {  # of the units as printed
     "°/h/(K/min)": "(rad/s)/(K/s)",
 }
 TABLES = {"f": ACCELEROMETER, "w": GYRO}
+# SI size and name of the unit of a bias, by kind of axis.
+BIAS_UNITS = {kind: (table[0].si, table[0].unit) for kind, table in TABLES.items()}
 GROUPS = tuple(dict.fromkeys(c.group for table in TABLES.values() for c in table))

@@ -101,6 +101,11 @@ class Sensor:
         names = tuple(c for c in self.coefficients if CoefficientName(c).axis in kept)
         return replace(self, axes=axes, coefficients=names)
 
+    def rounded(self, rate_hz: float) -> "Sensor":
+        """Return the sensor with the rounding of its samples in their white noise."""
+        axes = (replace(axis, noise=axis.noise.rounded(rate_hz)) for axis in self.axes)
+        return replace(self, axes=tuple(axes))
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the axes."""

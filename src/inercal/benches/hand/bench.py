@@ -38,7 +38,7 @@ from inercal.units import Measured
 DEGREE = pi / 180
 _TURN_ON = tuple(f"turn_on_{a}" for a in "xyz")
 _PLACEMENT = ("placement1", "placement2")
-_VISIT = re.compile(r" \(\d+\)$")  # of a position that is visited again, "x_p (2)"
+_VISIT = re.compile(r" \((\d+)\)$")  # of a position that is visited again, "x_p (2)"
 _SKEW = Limit(20 * DEGREE, "a face or an axis can err, 20°")
 
 
@@ -208,6 +208,12 @@ class Hand:
 def face_label(label: str) -> str:
     """Return the label of a position, of any of its visits: "x_p" of "x_p (2)"."""
     return _VISIT.sub("", label)
+
+
+def visit_number(label: str) -> int:
+    """Return the number of the visit that a label names, from 1: 2 of "x_p (2)"."""
+    found = _VISIT.search(label)
+    return 1 if found is None else int(found[1])
 
 
 def tangent_vectors(up: ArrayLike) -> Array:

@@ -42,7 +42,7 @@ def observe_whole_rest(run: Source[RestsSection]) -> EstimatorInput:
         recording.time,
         reading,
         np.zeros((n, 0)),
-        np.full(n, 0, dtype=np.int64),
+        np.zeros(n, dtype=np.int64),
         recording.temperature,
     )
     step = run.steps[0]

@@ -15,26 +15,22 @@ f of gravity the result is b(T) + s(T) f.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from inercal.arrays import Array
 from inercal.benches import Hand
 from inercal.earth import EARTH_RATE
 from inercal.environment import Environment
 from inercal.environment.common_errors import with_temperature_shift
-from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian, Problem, least_squares
-from inercal.keys import CoefficientName, ErrorName
+from inercal.keys import ErrorName
 from inercal.methods._base import Method
-from inercal.methods.temperature_ramp.blocks import RampBlocks
+from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel, ramp_model
 from inercal.methods.temperature_ramp.ramp_remarks import remarks
 from inercal.plan import Hold
 from inercal.recording import Observations
 from inercal.sensors import G0, Sensor
 
-LAG = "lag"
 WIDEST_LAG = 300.0  # s, standard deviation of a lag that is not stated
 _NATURAL = {"f": G0, "w": 1.0}
 
@@ -42,69 +38,6 @@ _NATURAL = {"f": G0, "w": 1.0}
 def rest(seconds: float = 3600.0) -> tuple[Hold, ...]:
     """Return the one rest of a ramp."""
     return (Hold("rest", (0.0, 0.0, 1.0), seconds),)
-
-
-class RampModel(NamedTuple):
-    """The model of one recording, whitened axis by axis.
-
-    Parameters
-    ----------
-    blocks : RampBlocks
-    sensor : Sensor
-        Its coefficients are biases and terms of temperature.
-    whitening : list of (b, b) array
-        Of each axis.
-    nuisances : tuple of str
-        The constants, "constant[gx]", a warm-up, and the lag where it is estimated.
-    lag : float
-        s, where it is not estimated.
-    warm_up : float
-        Time constant of a warm-up, s; 0 is none.
-    """
-
-    blocks: RampBlocks
-    sensor: Sensor
-    whitening: list[Array]
-    nuisances: tuple[str, ...]
-    lag: float
-    warm_up: float
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All parameters."""
-        return (*self.sensor.coefficients, *self.nuisances)
-
-    def lag_of(self, x: Array) -> float:
-        """Return the lag of parameters x, s."""
-        return float(x[self.names.index(LAG)]) if LAG in self.nuisances else self.lag
-
-    def linearise(self, x: Array) -> tuple[Array, Array]:
-        """Return the whitened residual, (b m,) axis after axis, and its Jacobian."""
-        lag, blocks, names = self.lag_of(x), self.blocks, self.names
-        dT = blocks.kelvin + lag * blocks.rate - self.sensor.reference_temperature
-        seen = {"dT": dT, "dTdt": blocks.rate}
-        residuals: list[Array] = []
-        jacobians: list[Array] = []
-        for k, axis in enumerate(self.sensor.axes):
-            jacobian = np.zeros((blocks.time.size, len(names)))
-            slope = np.zeros(blocks.time.size)
-            for at, name in enumerate(self.sensor.coefficients):
-                if CoefficientName(name).axis != axis.name:
-                    continue
-                basis = self.sensor.coefficient(name).basis
-                jacobian[:, at] = basis.value(seen)
-                for product in basis.derivative("dT"):
-                    slope += x[at] * product.value(seen)
-            jacobian[:, names.index(f"constant[{axis.name}]")] = 1.0
-            if self.warm_up:
-                at = names.index(f"warm_up[{axis.name}]")
-                jacobian[:, at] = np.exp(-blocks.time / self.warm_up)
-            reading = jacobian @ x
-            if LAG in self.nuisances:
-                jacobian[:, names.index(LAG)] = slope * blocks.rate
-            residuals.append(self.whitening[k] @ (blocks.reading[:, k] - reading))
-            jacobians.append(self.whitening[k] @ jacobian)
-        return np.concatenate(residuals), np.concatenate(jacobians)
 
 
 def ramp(
@@ -163,42 +96,6 @@ def ramp(
     # Thousands of residuals of blocks have no names of rows that a report could print.
     estimate = replace(estimate, residual=np.zeros(0), whitened=np.zeros(0))
     return with_temperature_shift(estimate, sensor, found.temperature_sd)
-
-
-def ramp_model(
-    observations: Observations, sensor: Sensor, environment: Environment | None
-) -> RampModel:
-    """Return the model of a recording; arguments and refusals as of `ramp`."""
-    track = observations.track
-    if track is None or track.temperature is None:
-        raise InputError(
-            "[data] temperature is missing: a ramp needs the recorded temperature; name its column",
-            key="[data] temperature",
-        )
-    blocks = RampBlocks.from_track(track)
-    environment = environment or Environment("ramp")
-    if environment.warm_up and blocks.is_monotonic:
-        raise InputError(
-            "[environment] warm_up: the temperature goes one way, in which a warm-up cannot be "
-            "told from the polynomial; go up and down, or remove warm_up and switch on "
-            f"{5 * environment.warm_up:.0f} s before the recording",
-            key="[environment] warm_up",
-        )
-    nuisances = [f"constant[{name}]" for name in sensor.channels]
-    if environment.warm_up:
-        nuisances += [f"warm_up[{name}]" for name in sensor.channels]
-    stated = environment.lag
-    # Where the bias is a line, lag and the term of dT/dt are one: with that term the lag is known.
-    if not sensor.uses("dTdt") and (stated is None or stated.sd > 0):
-        nuisances.append(LAG)
-    return RampModel(
-        blocks,
-        sensor,
-        blocks.whitening(sensor),
-        tuple(nuisances),
-        0.0 if stated is None else stated.value,
-        environment.warm_up,
-    )
 
 
 def _size(name: str, sensor: Sensor) -> float:

@@ -1,21 +1,19 @@
-"""What is said of a ramp: lag, direction, hysteresis, drift, and what accelerometers mix."""
+"""Findings and notes on a ramp: lag, direction, hysteresis, drift, and what accelerometers mix."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.estimate import Estimate
-from inercal.keys import CoefficientName
 from inercal.methods._base import Fit, Remarks
 from inercal.methods.temperature_ramp.blocks import RampBlocks
+from inercal.methods.temperature_ramp.ramp_model import LAG, RampModel, ramp_model
 from inercal.recording import Finding
-from inercal.sensors import G0, Sensor
+from inercal.sensors.coefficient_tables import BIAS_UNITS
 from inercal.units import ZERO_CELSIUS
 
 _STRONG = 0.9  # correlation of temperature and time
 _BINS = 20  # of the temperature, in which rising and falling are compared
-_UNITS = {"f": (1e-6 * G0, "µg"), "w": (np.pi / 180 / 3600, "°/h")}
 
 
 class Hysteresis(NamedTuple):
@@ -26,38 +24,28 @@ class Hysteresis(NamedTuple):
     half: Array
 
 
-def bias_slopes(blocks: RampBlocks, sensor: Sensor, c: Array, lag: float) -> dict[str, Array]:
-    """Return db/dT of each axis at the blocks, (b,) SI per K."""
-    dT = blocks.kelvin + lag * blocks.rate - sensor.reference_temperature
-    seen = {"dT": dT, "dTdt": blocks.rate}
-    result = {axis.name: np.zeros(dT.size) for axis in sensor.axes}
-    for value, name in zip(c, sensor.coefficients, strict=True):
-        for product in sensor.coefficient(name).basis.derivative("dT"):
-            result[CoefficientName(name).axis] += value * product.value(seen)
-    return result
+def hysteresis(model: RampModel, x: Array) -> list[Hysteresis]:
+    """Return the loops of each axis beyond the model; none of a one-way ramp.
 
-
-def hysteresis(blocks: RampBlocks, estimate: Estimate, sensor: Sensor) -> list[Hysteresis]:
-    """Return the loops of each axis; none where the temperature does not come back."""
+    Parameters
+    ----------
+    model : RampModel
+    x : (p,) array
+        Its parameters, SI.
+    """
+    blocks, sensor = model.blocks, model.sensor
     if blocks.is_monotonic:
         return []
-    named = dict(zip(estimate.names, estimate.value.tolist(), strict=True))
-    lag = named.get("lag", 0.0)
-    dT = blocks.kelvin + lag * blocks.rate - sensor.reference_temperature
-    seen = {"dT": dT, "dTdt": blocks.rate}
+    dT, residual = model.temperature_offset(x), model.residual(x)
     edges: Array = np.linspace(float(dT.min()), float(dT.max()), _BINS + 1)
-    place = np.minimum(np.searchsorted(edges[1:], np.asarray(dT)), _BINS - 1)
+    place = np.minimum(np.searchsorted(edges[1:], dT), _BINS - 1)
     found: list[Hysteresis] = []
     for k, axis in enumerate(sensor.axes):
-        left = blocks.reading[:, k].copy()
-        for name in sensor.coefficients:
-            if CoefficientName(name).axis == axis.name:
-                left -= named[name] * sensor.coefficient(name).basis.value(seen)
         kelvin: list[float] = []
         half: list[float] = []
         for one in range(_BINS):
-            up = left[(place == one) & (blocks.rate > 0)]
-            down = left[(place == one) & (blocks.rate < 0)]
+            up = residual[(place == one) & (blocks.rate > 0), k]
+            down = residual[(place == one) & (blocks.rate < 0), k]
             if up.size and down.size:
                 kelvin.append(0.5 * float(edges[one] + edges[one + 1]))
                 half.append(0.5 * float(up.mean() - down.mean()))
@@ -92,80 +80,18 @@ def lag_and_rate_correlation(blocks: RampBlocks, slope: Array, whitening: Array)
 
 
 def remarks(fit: Fit[Any, Any]) -> Remarks:
-    """Return what is said of a ramp."""
-    track, sensor, estimate = fit.observations.track, fit.sensor, fit.estimate
-    assert track is not None
-    blocks = RampBlocks.from_track(track)
-    named = list(estimate.names)
-    fitted = "lag" in named
-    lag = float(estimate.value[named.index("lag")]) if fitted else 0.0
-    lag_sd = float(estimate.std[named.index("lag")]) if fitted else 0.0
-    slopes = bias_slopes(blocks, sensor, estimate.value[: len(sensor.coefficients)], lag)
-    whitening = blocks.whitening(sensor)
-    fastest = float(np.abs(blocks.rate).max())
-    notes: list[str] = []
-    findings: list[Finding] = []
-    conditions: dict[str, str] = {}
-    steepest = max(
-        range(len(sensor.axes)),
-        key=lambda k: float(
-            np.abs(whitening[k] @ (slopes[sensor.channels[k]] * blocks.rate)).max()
-        ),
-    )
-    axis = sensor.axes[steepest]
-    size, unit = _UNITS[axis.measures]
-    slope = slopes[axis.name]
-    shift = float(np.abs(slope * blocks.rate).max()) / size
-    if fitted:
-        text = f"{lag:.1f} ± {2 * lag_sd:.1f} s (k = 2)"
-        conditions["lag of the temperature"] = text
-        r = lag_and_rate_correlation(blocks, slope, whitening[steepest])
-        notes.append(
-            f"the recorded temperature is behind the sensing element by {text}; the correlation of "
-            f"this lag with a term of dT/dt is {r:+.4f}, and only one of the two is estimated"
-        )
-    else:
-        notes.append(
-            "the lag of the temperature is taken as stated: where the bias is a line in "
-            "temperature, a term of dT/dt and the lag are one"
-        )
-    walk = axis.noise.random_walk * float(np.sqrt(blocks.time[-1])) / size
-    notes.append(
-        f"the temperature moves at {60 * fastest:.2f} K/min at most; on {axis.name} an error of "
-        f"the lag by its u shifts b(T) by {shift * lag_sd:.2g} {unit}, and the random walk of the "
-        f"bias over the run is {walk:.2g} {unit}"
-    )
-    if blocks.is_monotonic:
-        findings.append(
-            Finding(
-                "warning",
-                "one_way",
-                f"the temperature goes one way: b(T) is shifted by b′ Ṫ τ, {shift:.2g} {unit} a "
-                f"second of lag on {axis.name}, unless τ is known; go up and down, or state "
-                "[environment] lag",
-            )
-        )
+    """Return findings, notes and conditions of a ramp."""
+    model, x = ramp_model(fit.observations, fit.sensor, fit.environment), fit.estimate.value
+    blocks, sensor = model.blocks, model.sensor
+    loops = _loop_conditions(model, x)
     correlation = float(np.corrcoef(blocks.kelvin, blocks.time)[0, 1])
-    conditions["correlation of temperature and time"] = f"{correlation:+.3f}"
-    if abs(correlation) > _STRONG:
-        findings.append(
-            Finding(
-                "warning",
-                "drift_in_time",
-                f"temperature and time rise together (correlation {correlation:+.3f}): a drift in "
-                "time cannot be told from b(T); go up and down",
-            )
-        )
-    for one in hysteresis(blocks, estimate, sensor):
-        if not one.half.size:
-            continue
-        measures = sensor.axes[sensor.channels.index(one.axis)].measures
-        size, unit = _UNITS[measures]
-        k = int(np.abs(one.half).argmax())
-        conditions[f"hysteresis of {one.axis}"] = (
-            f"{one.half[k] / size:+.3g} {unit} at {one.kelvin[k] - ZERO_CELSIUS:.1f} °C"
-        )
-    if any(key.startswith("hysteresis") for key in conditions):
+    conditions = {"correlation of temperature and time": f"{correlation:+.3f}"} | loops
+    lag_sd = 0.0
+    if LAG in model.nuisances:
+        lag_sd = float(fit.estimate.std[model.names.index(LAG)])
+        conditions["lag of the temperature"] = _lag_text(model.lag_of(x), lag_sd)
+    notes = list(_lag_notes(model, x, lag_sd))
+    if loops:
         notes.append(
             "half the loop between rising and falling temperature (conditions) is not corrected; "
             "it adds its size over √3 to u of each use"
@@ -176,4 +102,90 @@ def remarks(fit: Fit[Any, Any]) -> Remarks:
             "gravity shows b(T) + s(T) · 1 g, and a case that bends with temperature adds g times "
             "its tilt to the level axes"
         )
+    findings: list[Finding] = []
+    lag_is_stated = fit.environment is not None and fit.environment.lag is not None
+    if blocks.is_monotonic and not lag_is_stated:
+        findings.append(_one_way_finding(model, x))
+    if abs(correlation) > _STRONG:
+        findings.append(
+            Finding(
+                "warning",
+                "drift_in_time",
+                f"temperature and time rise together (correlation {correlation:+.3f}): a drift in "
+                "time cannot be told from b(T); go up and down",
+            )
+        )
     return Remarks(tuple(findings), tuple(notes), conditions)
+
+
+def _lag_text(lag: float, sd: float) -> str:
+    return f"{lag:.1f} ± {2 * sd:.1f} s (k = 2)"
+
+
+def _loop_conditions(model: RampModel, x: Array) -> dict[str, str]:
+    """Return the largest half loop of each axis, in words."""
+    measures = {axis.name: axis.measures for axis in model.sensor.axes}
+    found: dict[str, str] = {}
+    for one in hysteresis(model, x):
+        if one.half.size:
+            size, unit = BIAS_UNITS[measures[one.axis]]
+            k = int(np.abs(one.half).argmax())
+            found[f"hysteresis of {one.axis}"] = (
+                f"{one.half[k] / size:+.3g} {unit} at {one.kelvin[k] - ZERO_CELSIUS:.1f} °C"
+            )
+    return found
+
+
+def _steepest_axis(model: RampModel, x: Array) -> int:
+    """Return the axis on which an error of the lag acts most, in units of its noise."""
+    effects = [
+        float(np.abs(whitening @ (model.slope(x, k) * model.blocks.rate)).max())
+        for k, whitening in enumerate(model.whitening)
+    ]
+    return int(np.argmax(effects))
+
+
+def _largest_shift(model: RampModel, x: Array, k: int) -> float:
+    """Return what a second of lag shifts the bias of an axis at most, in its unit."""
+    size = BIAS_UNITS[model.sensor.axes[k].measures][0]
+    return float(np.abs(model.slope(x, k) * model.blocks.rate).max()) / size
+
+
+def _lag_notes(model: RampModel, x: Array, lag_sd: float) -> tuple[str, str]:
+    """Return what the lag is, and what it and the random walk of the bias add."""
+    blocks, k = model.blocks, _steepest_axis(model, x)
+    axis = model.sensor.axes[k]
+    size, unit = BIAS_UNITS[axis.measures]
+    shift = _largest_shift(model, x, k)
+    walk = axis.noise.random_walk * float(np.sqrt(blocks.time[-1])) / size
+    fastest = 60 * float(np.abs(blocks.rate).max())
+    if LAG in model.nuisances:
+        r = lag_and_rate_correlation(blocks, model.slope(x, k), model.whitening[k])
+        lag = (
+            f"the recorded temperature is behind the sensing element by "
+            f"{_lag_text(model.lag_of(x), lag_sd)}; the correlation of this lag with a term of "
+            f"dT/dt is {r:+.4f}, and only one of the two is estimated"
+        )
+        error = f"an error of the lag by its u shifts b(T) by {shift * lag_sd:.2g} {unit}"
+    else:
+        lag = (
+            f"the lag of the temperature is taken as {model.lag:g} s and not estimated: where the "
+            "bias is a line in temperature, a term of dT/dt and the lag are one"
+        )
+        error = f"an error of the lag by 1 s shifts b(T) by {shift:.2g} {unit}"
+    return lag, (
+        f"the temperature moves at {fastest:.2f} K/min at most; on {axis.name} {error}, and the "
+        f"random walk of the bias over the run is {walk:.2g} {unit}"
+    )
+
+
+def _one_way_finding(model: RampModel, x: Array) -> Finding:
+    k = _steepest_axis(model, x)
+    axis = model.sensor.axes[k]
+    return Finding(
+        "warning",
+        "one_way",
+        f"the temperature goes one way: b(T) is shifted by b′ Ṫ τ, "
+        f"{_largest_shift(model, x, k):.2g} {BIAS_UNITS[axis.measures][1]} a second of lag on "
+        f"{axis.name}, unless τ is known; go up and down, or state [environment] lag",
+    )

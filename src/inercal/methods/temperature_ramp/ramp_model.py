@@ -1,0 +1,145 @@
+"""The model of a ramp at rest: readings and their derivatives, axis by axis."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.environment import Environment
+from inercal.errors import InputError
+from inercal.keys import CoefficientName
+from inercal.methods.temperature_ramp.blocks import RampBlocks
+from inercal.recording import Observations
+from inercal.sensors import Sensor
+
+LAG = "lag"
+
+
+class RampModel(NamedTuple):
+    """The model of one recording.
+
+    Parameters
+    ----------
+    blocks : RampBlocks
+    sensor : Sensor
+        Its coefficients are biases and terms of temperature.
+    whitening : list of (b, b) array
+        Of each axis.
+    nuisances : tuple of str
+        The constants, "constant[gx]", a warm-up, and the lag where it is estimated.
+    lag : float
+        s, where it is not estimated.
+    warm_up : float
+        Time constant of a warm-up, s; 0 is none.
+    """
+
+    blocks: RampBlocks
+    sensor: Sensor
+    whitening: list[Array]
+    nuisances: tuple[str, ...]
+    lag: float
+    warm_up: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All parameters."""
+        return (*self.sensor.coefficients, *self.nuisances)
+
+    def lag_of(self, x: Array) -> float:
+        """Return the lag of parameters x, s."""
+        return float(x[self.names.index(LAG)]) if LAG in self.nuisances else self.lag
+
+    def temperature_offset(self, x: Array) -> Array:
+        """Return ΔT of the sensing element at the blocks, (b,) K."""
+        kelvin = self.blocks.kelvin + self.lag_of(x) * self.blocks.rate
+        return kelvin - self.sensor.reference_temperature
+
+    def slope(self, x: Array, k: int) -> Array:
+        """Return db/dT of axis k at the blocks, (b,) SI per K."""
+        return self._of_axis(x, k)[1]
+
+    def residual(self, x: Array) -> Array:
+        """Return the readings less those of the model, (b, m) SI."""
+        axes = range(len(self.sensor.axes))
+        return self.blocks.reading - np.stack([self._of_axis(x, k)[0] @ x for k in axes], axis=-1)
+
+    def linearise(self, x: Array) -> tuple[Array, Array]:
+        """Return the whitened residual, (b m,) axis after axis, and its Jacobian."""
+        residuals: list[Array] = []
+        jacobians: list[Array] = []
+        for k, whitening in enumerate(self.whitening):
+            jacobian, slope = self._of_axis(x, k)
+            residuals.append(whitening @ (self.blocks.reading[:, k] - jacobian @ x))
+            if LAG in self.nuisances:
+                jacobian[:, self.names.index(LAG)] = slope * self.blocks.rate
+            jacobians.append(whitening @ jacobian)
+        return np.concatenate(residuals), np.concatenate(jacobians)
+
+    def _of_axis(self, x: Array, k: int) -> tuple[Array, Array]:
+        """Return the derivatives of an axis but to the lag, (b, p), and its db/dT, (b,)."""
+        blocks, names, axis = self.blocks, self.names, self.sensor.axes[k]
+        seen = {"dT": self.temperature_offset(x), "dTdt": blocks.rate}
+        jacobian = np.zeros((blocks.time.size, len(names)))
+        slope = np.zeros(blocks.time.size)
+        for at, name in enumerate(self.sensor.coefficients):
+            if CoefficientName(name).axis != axis.name:
+                continue
+            basis = self.sensor.coefficient(name).basis
+            jacobian[:, at] = basis.value(seen)
+            for product in basis.derivative("dT"):
+                slope += x[at] * product.value(seen)
+        jacobian[:, names.index(f"constant[{axis.name}]")] = 1.0
+        if self.warm_up:
+            at = names.index(f"warm_up[{axis.name}]")
+            jacobian[:, at] = np.exp(-blocks.time / self.warm_up)
+        return jacobian, slope
+
+
+def ramp_model(
+    observations: Observations, sensor: Sensor, environment: Environment | None
+) -> RampModel:
+    """Return the model of a recording.
+
+    Parameters
+    ----------
+    observations : Observations
+        One row, with the track of the recording; of one trial.
+    sensor : Sensor
+        With its noise.
+    environment : Environment or None
+
+    Raises
+    ------
+    InputError
+        No temperature, no white noise, too short a recording, or a warm-up of a one-way ramp.
+    """
+    track = observations.track
+    if track is None or track.temperature is None:
+        raise InputError(
+            "[data] temperature is missing: a ramp needs the recorded temperature; name its column",
+            key="[data] temperature",
+        )
+    blocks = RampBlocks.from_track(track)
+    environment = environment or Environment("ramp")
+    if environment.warm_up and blocks.is_monotonic:
+        raise InputError(
+            "[environment] warm_up: the temperature goes one way, in which a warm-up cannot be "
+            "told from the polynomial; go up and down, or remove warm_up and switch on "
+            f"{5 * environment.warm_up:.0f} s before the recording",
+            key="[environment] warm_up",
+        )
+    nuisances = [f"constant[{name}]" for name in sensor.channels]
+    if environment.warm_up:
+        nuisances += [f"warm_up[{name}]" for name in sensor.channels]
+    stated = environment.lag
+    # Where the bias is a line, lag and the term of dT/dt are one: with that term the lag is known.
+    if not sensor.uses("dTdt") and (stated is None or stated.sd > 0):
+        nuisances.append(LAG)
+    return RampModel(
+        blocks,
+        sensor,
+        blocks.whitening(sensor),
+        tuple(nuisances),
+        0.0 if stated is None else stated.value,
+        environment.warm_up,
+    )
