@@ -128,7 +128,14 @@ def export_calibration(
         sensor = calibration.sensor
         readings = sensor.forward(samples.motion, calibration.values)
         model = export_model(calibration, axes, refit=(samples.motion, readings))
-    request = Request(model, ranges, resolved, identifier(name or calibration.sensor.name))
+    request = Request(
+        model,
+        ranges,
+        resolved,
+        identifier(name or calibration.sensor.name),
+        samples.readings[-1:],
+        samples.dT[-1:],
+    )
     rendering = target.render(request)
     if rendering.possible is not None:
         samples = possible_samples(model, samples, rendering.possible)

@@ -40,8 +40,6 @@ class Cost:
         U (k = 2) of the correction where the error is largest.
     exceeds : bool
         Whether a component's error is somewhere larger than its U and than rounding.
-    rounding : float
-        What single precision may cost over this range, SI.
     """
 
     measures: Literal["f", "w"]
@@ -49,7 +47,6 @@ class Cost:
     rms: float
     expanded: float
     exceeds: bool
-    rounding: float
 
 
 @dataclass(frozen=True)
@@ -153,7 +150,6 @@ def costs(
                 float(np.sqrt(np.mean(mine**2))),
                 float(limits[at]),
                 bool((np.abs(mine) > np.maximum(limits, rounding)).any()),
-                rounding,
             )
         )
     return tuple(found)
@@ -196,5 +192,5 @@ def _expanded(model: ExportModel, samples: Samples) -> Array:
     by = np.linalg.solve(slope, design)
     turn = np.kron(np.eye(len(kinds)), model.turn)
     by = turn @ by
-    variance = np.einsum("nip,pq,niq->ni", by, calibration.covariance, by, optimize=True)
+    variance = ((by @ calibration.covariance) * by).sum(axis=-1)
     return COVERAGE * np.sqrt(np.maximum(variance, 0.0))

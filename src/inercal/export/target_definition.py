@@ -49,12 +49,18 @@ class Request:
         Every option of the target, as declared.
     name : str
         An identifier (letters, digits, _) for names in code.
+    check_reading : (1, k) array
+        A reading in SI within the ranges, whose correction the file can state as a check.
+    check_dT : (1,) array
+        Its temperature, K from the reference.
     """
 
     model: ExportModel
     ranges: Ranges
     options: Mapping[str, Any]
     name: str
+    check_reading: Array
+    check_dT: Array
 
 
 @dataclass(frozen=True)
@@ -111,8 +117,6 @@ class Target:
     options : tuple of TargetOption
     temperature_order : int
         The highest power of temperature of a bias that it can apply.
-    clips_temperature : bool
-        Whether it corrects between two temperatures and holds the correction beyond them.
     """
 
     name: str
@@ -122,4 +126,3 @@ class Target:
     render: Callable[[Request], Rendering]
     options: tuple[TargetOption, ...] = field(default=())
     temperature_order: int = 0
-    clips_temperature: bool = False

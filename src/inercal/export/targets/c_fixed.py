@@ -14,9 +14,8 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.export.cost import sample
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.c_text import block_comment
+from inercal.export.targets.c_text import header_text, self_test_lines
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 
 _FRACTION = {"f": 16, "w": 20}
@@ -63,24 +62,23 @@ def _render(request: Request) -> Rendering:
         counts = np.rint(model.outputs(readings) / lsb)
         return (counts * lsb - model.joined("offset")) / model.joined("scale")
 
-    samples = sample(model, request.ranges)
-    seen = possible(samples.readings[-1:])
-    expected = np.rint(correct(seen, samples.dT[-1:])[0] * 2.0**fraction).astype(int).tolist()
+    seen = possible(request.check_reading)
+    expected = np.rint(correct(seen, request.check_dT)[0] * 2.0**fraction).astype(int).tolist()
     counted = np.rint(model.outputs(seen)[0] / lsb).astype(int).tolist()
+    constants_of_test = {
+        "reading": f"{{{', '.join(map(str, counted))}}}",
+        "expected": f"{{{', '.join(map(str, expected))}}}",
+    }
 
     def write(header: Sequence[str]) -> str:
         rows = ",\n".join(
             "        {" + ", ".join(f"INT64_C({x})" for x in row) + "}" for row in factors.tolist()
         )
         loops = [line for k in range(len(kinds)) for line in _loop(n, 3 * k, int(shift[3 * k]))]
-        guard = f"INERCAL_{name.upper()}_FIXED_H"
         steps = {"f": "2^-16 m/s^2", "w": "2^-20 rad/s"}
         what = {"f": "specific force", "w": "angular rate"}
         parts = ", then ".join(f"{what[k]} x y z in steps of {steps[k]}" for k in kinds)
         lines = [
-            f"#ifndef {guard}",
-            f"#define {guard}",
-            "",
             "#include <stdint.h>",
             "",
             f"/* motion: {parts}. */",
@@ -93,29 +91,20 @@ def _render(request: Request) -> Rendering:
             f"    static const int64_t constant[{n}] = {{"
             + ", ".join(f"INT64_C({x})" for x in constants)
             + "};",
-            "    int i, j;",
             *loops,
             "}",
             "",
             "/* Returns 0 where a reading gives the motion that it must. */",
             f"static inline int {name}_self_test_fixed(void)",
-            "{",
-            f"    static const int32_t reading[{n}] = {{{', '.join(map(str, counted))}}};",
-            f"    static const int32_t expected[{n}] = {{{', '.join(map(str, expected))}}};",
-            f"    int32_t motion[{n}];",
-            "    int i;",
-            f"    {name}_correct_fixed(reading, motion);",
-            f"    for (i = 0; i < {n}; ++i) {{",
-            "        if (motion[i] != expected[i]) {",
-            "            return i + 1;",
-            "        }",
-            "    }",
-            "    return 0;",
-            "}",
-            "",
-            "#endif",
+            *self_test_lines(
+                "int32_t",
+                constants_of_test,
+                f"{name}_correct_fixed(reading, motion)",
+                "motion[i] != expected[i]",
+                n,
+            ),
         ]
-        return block_comment(header) + "\n".join(lines) + "\n"
+        return header_text(header, f"INERCAL_{name.upper()}_FIXED_H", lines)
 
     return Rendering(
         correct,
@@ -138,9 +127,9 @@ def _loop(n: int, first: int, shift: int) -> list[str]:
     """
     one, half = f"INT64_C({1 << shift})", f"INT64_C({1 << (shift - 1)})"
     return [
-        f"    for (i = {first}; i < {first + 3}; ++i) {{",
+        f"    for (int i = {first}; i < {first + 3}; ++i) {{",
         "        int64_t sum = constant[i];",
-        f"        for (j = 0; j < {n}; ++j) {{",
+        f"        for (int j = 0; j < {n}; ++j) {{",
         "            sum += factor[i][j] * reading[j];",
         "        }",
         "        /* Halves are rounded away from zero. */",

@@ -13,6 +13,11 @@ from inercal.export.term_kinds import TermKind
 
 MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
 MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
+# Of flight controllers: no number across the axes, and no scale factor of gyros.
+PARAMETERS: dict[str, frozenset[TermKind]] = {
+    "f": frozenset({"bias", "scale", "bias_temperature"}),
+    "w": frozenset({"bias", "bias_temperature"}),
+}
 Correction = Callable[[Array, Array], Array]
 _LARGEST_OFF_DIAGONAL = 0.5
 
