@@ -89,6 +89,22 @@ def test_lossless_refuses_an_error_above_u_and_passes_one_below():
     assert [one.word for one in made.losses] == ["g-sensitivity"]
 
 
+def test_a_loss_without_a_stated_range_is_unknown_and_not_lossless():
+    cold = make_calibration(*LINEAR, "k0_dT", "k1_dT", "k2", "kang")
+    cold = replace(cold, validity=replace(RANGES, temperature=None))
+    for to, groups in (("imucal", 3), ("c", 1)):
+        made = export_calibration(cold, to)
+        unknown = [one for one in made.losses if np.isnan(one.effect)]
+        names = {name.partition(".")[2] for one in unknown for name in one.names}
+        assert len(unknown) == groups
+        assert names == ({"kang"} if to == "c" else {"kang", "k0_dT", "k1_dT"})
+        with refused(key="--lossless"):
+            export_calibration(cold, to, lossless=True)
+    # Without kang, code holds everything: nothing is unknown.
+    whole = replace(make_calibration(*LINEAR, "k0_dT"), validity=cold.validity)
+    assert export_calibration(whole, "c", lossless=True).losses == ()
+
+
 def test_the_cost_of_a_misalignment_is_its_angle_times_the_force_across():
     sensor = triad("t").with_coefficients("bias", "scale", "misalignment")
     c = np.zeros(len(sensor.coefficients))

@@ -173,8 +173,7 @@ def cost_lines(made: "Export") -> list[str]:
 
     words = {"f": "specific force", "w": "angular rate"}
     lines = [
-        f"not held by {made.target.name}: {one.word} ({words[one.measures]}), up to "
-        f"{one.effect:.2g} {UNITS[one.measures]}"
+        f"not held by {made.target.name}: {one.word} ({words[one.measures]}), {one.effect_text}"
         for one in made.losses
     ]
     for one in made.costs:

@@ -5,6 +5,7 @@ a module with `TARGET = Target(...)`, by `inercal.export.target_definition`; a p
 registers one by the entry point `inercal.exports`.
 """
 
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -98,7 +99,8 @@ def export_calibration(
         The target's x, y and z along the body's axes, "x -y -z" from front-left-up to
         front-right-down; the channels of the sensor turn likewise.
     lossless : bool
-        Whether to refuse an export whose error exceeds U (k = 2) of the calibration.
+        Whether to refuse an export whose error exceeds U (k = 2) of the calibration, or is not
+        known because no range of temperature or angular acceleration is stated.
     refit : bool
         Whether scale factors, misalignments and biases are fitted over the range, where the
         target holds no nonlinear terms; else these are left out.
@@ -113,7 +115,7 @@ def export_calibration(
     ------
     InputError
         No such target, an option that is missing or wrong, a sensor that the target cannot take, or
-        an error above U with `lossless`.
+        an error that is above U or not known, with `lossless`.
     """
     target = TARGETS.find(to)
     resolved = resolve_options(target, options or {})
@@ -141,7 +143,9 @@ def export_calibration(
         samples = possible_samples(model, samples, rendering.possible)
     lost = losses(model, samples, target, rendering)
     cost = costs(model, samples, rendering.correct)
-    if lossless and any(one.exceeds for one in cost):
+    if lossless and (
+        any(one.exceeds for one in cost) or any(math.isnan(one.effect) for one in lost)
+    ):
         raise InputError(_refusal(target, cost, lost), key="--lossless")
     biased = rendering.correct_with_bias
     header = header_lines(
@@ -176,9 +180,15 @@ def _refusal(target: Target, cost: tuple[Cost, ...], lost: tuple[Loss, ...]) -> 
         if one.exceeds
     )
     what = ", ".join(dict.fromkeys(one.word for one in lost)) or "digits of its numbers"
+    error = (
+        f"the error over the calibrated range is at most {worst}"
+        if worst
+        else "the error is unknown, because no range of temperature (--over-temperature) or of "
+        "angular acceleration is stated"
+    )
     return (
-        f"--lossless: {target.name} cannot hold {what}; the error over the calibrated range is at "
-        f"most {worst}: choose another target, or leave out --lossless"
+        f"--lossless: {target.name} cannot hold {what}; {error}: choose another target, or leave "
+        "out --lossless"
     )
 
 

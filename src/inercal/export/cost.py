@@ -9,6 +9,7 @@ uncertainty (k = 2) of what `correct` makes of it, by the calibration's covarian
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import isnan, nan
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError, NotInvertible
-from inercal.export.model import ExportModel
+from inercal.export.model import UNITS, ExportModel
 from inercal.export.ranges import Ranges, sample_motions
 from inercal.export.target_definition import Rendering, Target
 from inercal.export.term_kinds import WORDS, kinds_of
@@ -61,13 +62,24 @@ class Loss:
     names : tuple of str
         The coefficients.
     effect : float
-        The largest reading that they make over the range, m/s² or rad/s.
+        The largest reading that they make over the range, m/s² or rad/s; NaN where they depend on
+        a quantity whose range is not stated.
     """
 
     measures: Literal["f", "w"]
     word: str
     names: tuple[str, ...]
     effect: float
+
+    @property
+    def effect_text(self) -> str:
+        """The effect in words."""
+        if not isnan(self.effect):
+            return f"up to {self.effect:.3g} {UNITS[self.measures]} over the range"
+        quantity = (
+            "angular acceleration" if self.word == WORDS["angular_acceleration"] else "temperature"
+        )
+        return f"effect unknown: no range of {quantity} is stated"
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,21 +173,25 @@ def losses(
     """Return what a target cannot hold of a calibration, with the readings that it makes."""
     holds = target.holds if rendering.holds is None else rendering.holds
     sensor, values = model.sensor, model.calibration.values
-    whole = sensor.forward(samples.motion, values)
-    groups: dict[tuple[Literal["f", "w"], str], list[int]] = {}
+    complete = sensor.forward(samples.motion, values)
+    warmed = bool(np.any(samples.dT))
+    groups: dict[tuple[Literal["f", "w"], str, bool], list[int]] = {}
     for k, (measures, kind, order) in enumerate(kinds_of(sensor)):
         held = kind in holds.get(measures, ())
         if kind == "bias_temperature" and order > target.temperature_order:
             held = False
         if not held:
-            groups.setdefault((measures, WORDS[kind]), []).append(k)
+            basis = sensor.coefficient(sensor.coefficients[k]).basis
+            sampled = kind != "angular_acceleration" and (warmed or not basis.uses("dT"))
+            groups.setdefault((measures, WORDS[kind], sampled), []).append(k)
     found: list[Loss] = []
-    for (measures, word), members in groups.items():
+    for (measures, word, sampled), members in groups.items():
         less = values.copy()
         less[members] = 0.0
-        change = whole - sensor.forward(samples.motion, less)
+        change = complete - sensor.forward(samples.motion, less)
         names = tuple(sensor.coefficients[k] for k in members)
-        found.append(Loss(measures, word, names, float(np.abs(change).max())))
+        effect = float(np.abs(change).max()) if sampled or not values[members].any() else nan
+        found.append(Loss(measures, word, names, effect))
     return tuple(found)
 
 

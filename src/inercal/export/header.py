@@ -118,10 +118,7 @@ def _frame_text(model: ExportModel) -> str:
 
 def _loss_text(one: Loss) -> str:
     shown = ", ".join(one.names[:6]) + (" ..." if len(one.names) > 6 else "")
-    return (
-        f"NOT held: {one.word} ({shown}), which reads up to {one.effect:.3g} {UNITS[one.measures]} "
-        "over the range"
-    )
+    return f"NOT held: {one.word} ({shown}), {one.effect_text}"
 
 
 def _cost_lines(what: str, costs: Sequence[Cost], ranges: Ranges, model: ExportModel) -> list[str]:
