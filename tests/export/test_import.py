@@ -11,7 +11,9 @@ from tests.refusals import refused
 
 import inercal
 from inercal.calibration import Calibration
+from inercal.calibration.display import coefficient_lines
 from inercal.comparison import compare
+from inercal.comparison.comparison_text import comparison_lines
 from inercal.export import export_calibration
 
 # Aliases of aliases: 10⁹ numbers, if an array were made of them.
@@ -51,8 +53,13 @@ def test_what_an_export_holds_is_read_back(to: str, tmp_path: Path):
     for name in both:
         # Single precision of numbers near 1 where the target has it.
         assert abs(found.value(name) - wanted.value(name)) <= 1.3e-7 * scale[name]
-    assert not found.covariance.any()
+    assert not found.states_uncertainty
+    assert all(line.expanded == "" for line in coefficient_lines(found))
     compared = compare(calibration, found)
+    # Of two without uncertainties there is no verdict; of one there is.
+    silent = comparison_lines(compare(found, found))
+    assert not any("|E_n|" in line for line in silent)
+    assert any("|E_n|" in line for line in comparison_lines(compared))
     # Along the frame of Kalibr some misalignments are 0 by definition.
     assert len(compared.names) >= len(both) - 3
     assert np.nanmax(np.abs(compared.normalised_errors)) < 0.02
@@ -154,6 +161,8 @@ def test_the_verb_writes_a_calibration_that_can_be_compared(tmp_path: Path):
     assert (found.method, found.estimator) == ("imported", "px4")
     ended = run_program("compare", own, out, "--json")
     assert len(json.loads(ended.output)["coefficients"]) == 9
-    assert run_program("compare", out, out).status == 0
+    alone = json.loads(run_program("compare", out, out, "--json").output)
+    assert alone["joint"] is None
+    assert all(one["en"] is None for one in alone["coefficients"])
     assert run_program("show", out).status == 0
     assert run_program("import", params, "--from", "nothing", "--out", out).status == 2

@@ -77,10 +77,10 @@ def header_lines(
             + f" {UNITS[kind]}"
             for kind, triad in model.triads
         ]
-    if np.any(model.calibration.covariance):
-        lines.append("uncertainties and covariance are in the calibration file alone")
+    if model.calibration.states_uncertainty:
+        lines.append("uncertainties and covariance are only in the calibration file")
     else:
-        lines.append("the calibration has no uncertainties (it was imported)")
+        lines.append("the calibration states no uncertainties")
     lines += rendering.remarks
     lines.append(_check_text(model, rendering, samples))
     return tuple(
