@@ -188,6 +188,9 @@ def test_the_noise_of_an_analysis_is_taken_from_its_file(tmp_path: Path):
     path.write_text("\n".join(f"{key}: {value}" for key, value in NOISE.items()), encoding="utf-8")
     text = export_calibration(make_calibration(), "kalibr", options={"noise": str(path)}).text
     assert "  gyroscope_random_walk: 1.0e-05\n" in text
+    path.write_text("gyroscope_random_walk: 1e\n", encoding="utf-8")
+    with refused(key="gyroscope_random_walk"):
+        export_calibration(make_calibration(), "kalibr", options={"noise": str(path)})
 
 
 def test_a_target_of_another_package_is_found():

@@ -111,6 +111,28 @@ def test_imu_tk_of_its_own_frame_becomes_triangular(tmp_path: Path):
     assert abs(found.value("ax.delta_o")) < 1e-15
 
 
+def test_ardupilot_limits_the_temperature_of_its_offsets(tmp_path: Path):
+    """Truth by hand: CALTEMP 70 counts as TMAX 60, where the reading without force is OFFS."""
+    path = tmp_path / "board.param"
+    lines = ["INS_ACCOFFS_X,0.1", "INS_TCAL1_ENABLE,1", "INS_TCAL1_TMIN,0", "INS_TCAL1_TMAX,60"]
+    lines += ["INS_ACC1_CALTEMP,70", "INS_TCAL1_ACC1_X,1000"]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    found = inercal.import_calibration(path, "ardupilot")
+    assert found.sensor.reference_temperature == pytest.approx(333.15)
+    motion = found.correct(np.array([[1.1, 0, 0], [1.06, 0, 0]]), dT=np.array([0.0, -40.0]))
+    np.testing.assert_allclose(motion.f[:, 0], 1, atol=1e-12)
+
+
+def test_px4_applies_no_temperature_set_of_another_device(tmp_path: Path):
+    path = tmp_path / "board.params"
+    rows = ["CAL_ACC0_XOFF\t0.1\t9", "TC_A_ENABLE\t1\t6", "TC_A0_X0_0\t0.5\t9"]
+    for more in ([], ["CAL_ACC0_ID\t2\t6"], ["CAL_ACC0_ID\t2\t6", "TC_A0_ID\t3\t6"]):
+        path.write_text("".join(f"1\t1\t{row}\n" for row in rows + more), encoding="utf-8")
+        found = inercal.import_calibration(path, "px4")
+        assert found.value("ax.k0") == 0.1
+        assert found.sensor.reference_temperature == 293.15
+
+
 @pytest.mark.parametrize(
     ("of", "text"),
     [

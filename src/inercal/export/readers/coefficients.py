@@ -33,7 +33,7 @@ def build_calibration(
     like : Calibration or None
         Gives axes and readouts.
     name : str
-        Of the sensor where `like` gives none.
+        Of the sensor.
     estimator : str
         The format.
 
@@ -56,7 +56,7 @@ def build_calibration(
         for row, axis in enumerate(mine):
             values |= _coefficients(triad, row, axis, kind, output=stated.output)
     sensor = Sensor(
-        name if like is None else like.sensor.name,
+        name,
         tuple(axes),
         reference_temperature=stated.reference_temperature,
     )

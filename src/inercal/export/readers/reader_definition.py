@@ -8,10 +8,27 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Frame
+from inercal.errors import InputError
 from inercal.export.target_definition import TargetOption
 from inercal.sensors.sensor import Sensor
 
 REFERENCE = Sensor("", ()).reference_temperature
+
+
+def common_reference(references: set[float], parameter: str) -> float:
+    """Return the one reference temperature of accelerometers and gyros, K.
+
+    Raises
+    ------
+    InputError
+        They differ; `parameter` is the name in the message.
+    """
+    if len(references) > 1:
+        raise InputError(
+            f"{parameter} of accelerometers and gyros differ; a sensor of inercal has one "
+            "reference temperature: import a file with one of the two"
+        )
+    return next(iter(references), REFERENCE)
 
 
 @dataclass(frozen=True, eq=False)
