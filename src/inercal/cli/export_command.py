@@ -43,8 +43,8 @@ def run(
     to: str = typer.Option(
         ...,
         "--to",
-        help="kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, imucal, c, "
-        "c_fixed, cpp, matlab, python, csv, or a target of another package.",
+        help="Target: kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, "
+        "imucal, c, c_fixed, cpp, matlab, python, csv, or one of another package.",
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="The file to write."),
     stated: list[str] = SET,

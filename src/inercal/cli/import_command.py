@@ -15,7 +15,7 @@ def run(
     of: str = typer.Option(
         ...,
         "--from",
-        help="imu_tk, imucal, kalibr, px4, ardupilot, or a format of another package.",
+        help="Format: imu_tk, imucal, kalibr, px4, ardupilot, or one of another package.",
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="The calibration file to write."),
     like: Path | None = typer.Option(
