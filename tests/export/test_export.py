@@ -1,4 +1,4 @@
-"""The verb, what a file says of itself, and what is refused."""
+"""The verb, the explanation in each file, and refusals."""
 
 import json
 from dataclasses import replace
@@ -101,8 +101,8 @@ def test_a_loss_without_a_stated_range_is_unknown_and_not_lossless():
         with refused(key="--lossless"):
             export_calibration(cold, to, lossless=True)
     # Without kang, code holds everything: nothing is unknown.
-    whole = replace(make_calibration(*LINEAR, "k0_dT"), validity=cold.validity)
-    assert export_calibration(whole, "c", lossless=True).losses == ()
+    ranged = replace(make_calibration(*LINEAR, "k0_dT"), validity=cold.validity)
+    assert export_calibration(ranged, "c", lossless=True).losses == ()
 
 
 def test_the_cost_of_a_misalignment_is_its_angle_times_the_force_across():

@@ -1,4 +1,4 @@
-"""A file a sensor of a production line."""
+"""One file per sensor of a production line."""
 
 from pathlib import Path
 
@@ -49,6 +49,7 @@ def test_nothing_is_written_where_a_sensor_is_refused(line: Path, tmp_path: Path
         ["--to", "nothing"],
         ["--to", "csv", "--sensor", "S000"],
         ["--set", "acc_id=1"],
+        ["--axes", "x -y -z"],
     ):
         assert run_program("fleet", "export", line, out, *more).status == 2
     assert not out.exists()

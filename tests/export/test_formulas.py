@@ -1,6 +1,6 @@
 """Exports, applied as their targets do, against the calibration: formulas written from the sources.
 
-The files are read by this test alone. Where a target holds the model, the correction agrees to
+This test reads the files without inercal. Where a target holds the model, the correction agrees to
 rounding; where not, to the error that the file states.
 """
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 NAME = "export"
 
 SET = typer.Option(
-    [], "--set", metavar="OPTION=VALUE", help="What the target needs: --set acc_id=1310988."
+    [], "--set", metavar="OPTION=VALUE", help="An option of the target: --set acc_id=1310988."
 )
 AXES = typer.Option(
     "x y z",
@@ -24,15 +24,19 @@ AXES = typer.Option(
     help="The target's x, y, z along the body's: 'x -y -z' from front-left-up to front-right-down.",
 )
 LOSSLESS = typer.Option(
-    False, "--lossless", help="Refuse an export whose error exceeds U of the calibration."
+    False,
+    "--lossless",
+    help="Refuse an export whose error exceeds U of the calibration, or is unknown.",
 )
 REFIT = typer.Option(
-    False, "--refit", help="Fit the linear terms over the range, where others are left out."
+    False,
+    "--refit",
+    help="Fit the linear terms over the range, for a target without nonlinear terms.",
 )
 FORCE_RANGE = typer.Option(
-    None, "--over-force", help="Range of an axis, '-2 2 g' (default: that of the data)."
+    None, "--over-force", help="Range per axis, '-2 2 g' (default: that of the data)."
 )
-RATE_RANGE = typer.Option(None, "--over-rate", help="Range of an axis, '-200 200 deg/s'.")
+RATE_RANGE = typer.Option(None, "--over-rate", help="Range per axis, '-200 200 deg/s'.")
 TEMPERATURE_RANGE = typer.Option(
     None, "--over-temperature", help="Range of temperatures, '-10 60 °C'."
 )
@@ -60,7 +64,7 @@ def run(
     force: bool = typer.Option(False, "--force", help="Write over an existing file."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Write a calibration for a program, a device or a language, and say what that loses."""
+    """Write a calibration for another program, a device or a language, and print the error."""
     from inercal.calibration.files import load
     from inercal.cli.outputs import OutputKind, check_outputs
     from inercal.export import TARGETS, export_calibration

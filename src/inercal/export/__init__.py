@@ -1,8 +1,9 @@
-"""Calibrations written for the programs, devices and languages that use them, and read from them.
+"""Calibrations written as files of other programs, devices and languages, and read from them.
 
-`export_calibration` gives the text of a file and what it loses; `TARGETS` has the targets. Each is
-a module with `TARGET = Target(...)`, by `inercal.export.target_definition`; a package of its own
-registers one by the entry point `inercal.exports`.
+`export_calibration` returns the text of a file with its error against the calibration; `TARGETS`
+lists the targets. A target is a module with `TARGET = Target(...)`
+(`inercal.export.target_definition`); another package registers one by the entry point
+`inercal.exports`.
 """
 
 import math
@@ -62,7 +63,7 @@ class Export:
     losses : tuple of Loss
         What the target cannot hold.
     header : tuple of str
-        What the file says of itself, line by line.
+        The explanation in the file, line by line.
     """
 
     target: Target
@@ -86,7 +87,7 @@ def export_calibration(
     source: str = "",
     name: str = "",
 ) -> Export:
-    """Return a calibration as the file of a target, with what the target loses.
+    """Return a calibration as the file of a target, with its error against the calibration.
 
     Parameters
     ----------
@@ -94,18 +95,18 @@ def export_calibration(
     to : str
         Name of the target, one of `TARGETS`.
     options : mapping of str to object, optional
-        What the target needs beside the calibration, by name.
+        Options of the target, by name.
     axes : str
         The target's x, y and z along the body's axes, "x -y -z" from front-left-up to
-        front-right-down; the channels of the sensor turn likewise.
+        front-right-down; the channels of the sensor turn with the axes.
     lossless : bool
         Whether to refuse an export whose error exceeds U (k = 2) of the calibration, or is not
         known because no range of temperature or angular acceleration is stated.
     refit : bool
-        Whether scale factors, misalignments and biases are fitted over the range, where the
-        target holds no nonlinear terms; else these are left out.
+        Whether scale factors, misalignments and biases are fitted over the range, for a target
+        that holds no nonlinear terms. Without `refit` the nonlinear terms are left out.
     force, rate, temperature : (float, float), optional
-        Range of an axis, m/s², rad/s and K; those of the calibration's data by default.
+        Range of each axis, m/s², rad/s and K; those of the calibration's data by default.
     source : str
         Name of the calibration file, for the explanation in the file.
     name : str

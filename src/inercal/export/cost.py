@@ -1,8 +1,8 @@
 """What an export loses: the correction of the target against `Calibration.correct`.
 
 Motions that fill the calibrated range are turned into output by the calibration's own model. The
-error is what the target makes of this output, minus what `correct` makes of it; U is the expanded
-uncertainty (k = 2) of what `correct` makes of it, by the calibration's covariance::
+error is the motion by the target minus the motion by `correct`; U is the expanded uncertainty
+(k = 2) of the motion by `correct`, from the calibration's covariance::
 
     u²(x) = J C Jᵀ,   J = −(∂y/∂x)⁻¹ ∂y/∂c
 """
@@ -40,7 +40,7 @@ class Cost:
     expanded : float
         U (k = 2) of the correction where the error is largest.
     exceeds : bool
-        Whether a component's error is somewhere larger than its U and than rounding.
+        Whether the error of a component exceeds both its U and rounding somewhere in the range.
     """
 
     measures: Literal["f", "w"]

@@ -19,7 +19,7 @@ _SEED = 20261
 
 @dataclass(frozen=True)
 class Ranges:
-    """Ranges of one axis; `assumed` names those that the calibration does not state.
+    """Ranges per axis; `assumed` names those that neither the calibration nor the user states.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def calibrated_ranges(
     rate: Range | None = None,
     temperature: Range | None = None,
 ) -> Ranges:
-    """Return the ranges that are stated, else those of the calibration's data, else 1 g, 1 rad/s.
+    """Return the stated ranges, else those of the calibration's data, else ±1 g and ±1 rad/s.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def calibrated_ranges(
     Raises
     ------
     InputError
-        A range whose end is not above its begin.
+        A range whose upper end is not above its lower end.
     """
     known = {} if calibration.validity is None else calibration.validity.ranges
     for name, stated in (("force", force), ("rate", rate), ("temperature", temperature)):
@@ -66,7 +66,7 @@ def calibrated_ranges(
                 )
             known[name] = stated
     kinds = {axis.measures for axis in calibration.sensor.axes}
-    # Gyros of a table have a range of rates, and feel gravity at most.
+    # Of gyros the range of specific force is not assumed: on a rate table they sense gravity.
     assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]
     return Ranges(
         known.get("force", (-G0, G0)),

@@ -12,7 +12,7 @@ from inercal.export.term_kinds import TermKind
 
 @dataclass(frozen=True)
 class TargetOption:
-    """Something that a target needs or takes beside the calibration.
+    """An option of a target or of a format to import.
 
     Parameters
     ----------
@@ -79,15 +79,15 @@ class Rendering:
     reads : str
         What the formula takes: "readings in m/s^2 and rad/s".
     remarks : tuple of str
-        What the user must set or know beside the file.
+        What the user must set or know to use the file.
     correct_with_bias : callable or None
         As `correct`, where the target estimates the bias itself and the file has none.
     takes_output : bool
         Whether the formula takes the sensor's own output, not SI.
     possible : callable or None
-        Readings (n, k) in SI -> the nearest that the target can be given, as whole counts.
+        Readings (n, k) in SI -> the nearest readings in whole counts, if the target takes counts.
     holds : mapping of "f" or "w" to set of TermKind, or None
-        Of this file, where its options leave out what the target can hold.
+        The terms of this file, where its options leave out some that the target can hold.
     """
 
     correct: Callable[[Array, Array], Array]

@@ -1,4 +1,4 @@
-"""What each coefficient is to a target, read from the declaration of its basis function.
+"""The kind of each coefficient for a target, from the declaration of its basis function.
 
 | kind | basis function |
 |---|---|
@@ -6,7 +6,7 @@
 | scale | along the input axis, once |
 | misalignment | across the input axis, once |
 | g | of a gyro: specific force, once |
-| bias_temperature | powers of the temperature alone |
+| bias_temperature | powers of only the temperature |
 | polynomial | other products of force, rate, their signs and temperature |
 | angular_acceleration | with a component of the angular acceleration |
 """

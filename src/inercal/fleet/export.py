@@ -1,4 +1,4 @@
-"""Results of a fleet: a table with a row a sensor, or a file a sensor for a program or device."""
+"""Results of a fleet: a table with one row per sensor, or one file per sensor for a target."""
 
 import csv
 import math
@@ -80,7 +80,7 @@ def _wide_row(row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]) ->
 
 
 class FleetExport(NamedTuple):
-    """What was written: the files, and why sensors have none, by id."""
+    """The files that were written, and the reasons of sensors without a file, by id."""
 
     files: tuple[Path, ...]
     without: Mapping[str, str]

@@ -1,7 +1,7 @@
 """Calibrations that other programs made, read into a `Calibration` without covariance.
 
-Their files state no uncertainties: the covariance is zero, a note says so, and `inercal compare`
-gives differences against the U of the other calibration alone. Each format is a module with
+Their files state no uncertainties: the covariance is zero, a note states it, and `inercal compare`
+compares differences with the U of only the other calibration. Each format is a module with
 `READER = CalibrationReader(...)`; a package of its own registers one by the entry point
 `inercal.calibration_readers`.
 """

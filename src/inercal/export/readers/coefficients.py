@@ -1,7 +1,8 @@
 """Coefficients of matrices and biases: the inverse of `inercal.export.model`.
 
 An axis with I, P, O reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form), so that with row
-r of the matrix k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; of gyros likewise, and g_i = r·I, g_p, g_o.
+r of the matrix k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; the same for gyros, and with row r of A
+g_i = r·I, g_p = r·P, g_o = r·O.
 """
 
 from dataclasses import replace

@@ -3,9 +3,9 @@
     motion = round((Σ K x + B) / 2^s),   K = C 2^(s + p),   B = −Σ C o 2^(s + p)
 
 x are the counts, C and o of the sensor's own output. The result is in steps of 2^−p: p is 16 for
-m/s² and 20 for rad/s. s is as large as leaves six products within 63 bits; K has 28
-bits, and B 64, so that the offset is not rounded to a count. Errors: the rounding
-of the result, of half a step, and that of K, |x| 2^−(s + p + 1) for each product.
+m/s² and 20 for rad/s. s is the largest for which six products fit 63 bits; K has 28 bits and B has
+64, so that the offset is not rounded to a count. Errors: half a step by the rounding of the result,
+and |x| 2^−(s + p + 1) of each product by the rounding of K.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 _FRACTION = {"f": 16, "w": 20}
 _BITS = 28  # of K, so that six products of 32 bit counts fit 63 bits
 _MAX_SHIFT = 40
-_LARGEST_CONSTANT = 1 << 61  # beside the products, of 2^61.6 at most
+_LARGEST_CONSTANT = 1 << 61  # the products add up to 2^61.6 at most
 OPTIONS = (TargetOption("lsb", "output units of one count of the reading", 1.0),)
 
 
@@ -32,19 +32,19 @@ def _render(request: Request) -> Rendering:
         raise InputError(f"--set lsb={lsb:g}: give a number above 0", key="--set", names=("lsb",))
     kinds = [kind for kind, _ in model.triads]
     n = 3 * len(kinds)
-    whole = model.correction / model.joined("scale") * lsb
+    matrix = model.correction / model.joined("scale") * lsb
     offset = model.outputs(model.joined("bias")) / lsb
     fraction = np.repeat([_FRACTION[kind] for kind in kinds], 3)
     shift = np.repeat(
         [
-            _shift(np.abs(whole[3 * k : 3 * k + 3]).max() * 2.0 ** _FRACTION[kind])
+            _shift(np.abs(matrix[3 * k : 3 * k + 3]).max() * 2.0 ** _FRACTION[kind])
             for k, kind in enumerate(kinds)
         ],
         3,
     )
     one = 2.0 ** (shift + fraction)
-    factors = np.rint(whole * one[:, None]).astype(np.int64)
-    constants = [round(float(x)) for x in -(whole @ offset) * one]
+    factors = np.rint(matrix * one[:, None]).astype(np.int64)
+    constants = [round(float(x)) for x in -(matrix @ offset) * one]
     if max(map(abs, constants)) >= _LARGEST_CONSTANT:
         raise InputError(
             "c_fixed: the offset is too large for these integers; choose target c", key="--to"
@@ -110,9 +110,9 @@ def _render(request: Request) -> Rendering:
         correct,
         write,
         ("motion 2^p = round((sum of K x + B) / 2^s) in 64 bit integers; p = 16 and 20",),
-        f"{output_text(*(t for _, t in model.triads))}, as whole counts of {lsb:.9g} of it",
+        f"{output_text(*(t for _, t in model.triads))}, in whole counts of {lsb:.9g} output units",
         (
-            "rounding: half a step of the result (7.6e-06 m/s^2, 4.8e-07 rad/s), and that of a "
+            "rounding: half a step of the result (7.6e-06 m/s^2, 4.8e-07 rad/s), and of each "
             f"factor K, {_rounding_text(shift, fraction)}",
         ),
         takes_output=True,
@@ -144,7 +144,7 @@ def _shift(largest: float) -> int:
     shift = int(np.floor(_BITS - np.log2(largest)))
     if shift < 1:
         raise InputError(
-            "c_fixed: the motion of a count is too large for these integers; state --set lsb, or "
+            "c_fixed: the motion per count is too large for these integers; state --set lsb, or "
             "choose target c",
             key="--set",
         )
@@ -153,7 +153,7 @@ def _shift(largest: float) -> int:
 
 def _rounding_text(shift: Array, fraction: Array) -> str:
     sizes = dict.fromkeys(float(x) for x in 2.0 ** -(shift + fraction + 1.0))
-    return " and ".join(f"{x:.2g}" for x in sizes) + " a count"
+    return " and ".join(f"{x:.2g}" for x in sizes) + " per count"
 
 
 TARGET = Target("c_fixed", "C99 header in integers", ".h", {"f": MATRIX, "w": MATRIX_AND_G},

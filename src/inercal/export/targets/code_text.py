@@ -1,4 +1,4 @@
-"""What the targets of code share: the terms that code holds, and what it states of itself."""
+"""What the targets of code share: the terms that code holds, its formula and its remarks."""
 
 from collections.abc import Callable, Sequence
 from typing import Any

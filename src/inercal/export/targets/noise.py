@@ -1,4 +1,4 @@
-"""The noise that Kalibr and OpenVINS want beside a calibration: stated, never invented."""
+"""The noise densities that files of Kalibr and OpenVINS need: the user states them."""
 
 import re
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ def noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
         path = Path(options["noise"])
         text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
         for name in _KEYS:
-            # One number a line: PyYAML, an extra, is not needed.
+            # One number per line: PyYAML, an extra, is not needed.
             if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
                 known[name] = _number(found[1], name, path)
     known |= {name: options[name] for name in _KEYS if options[name] is not None}

@@ -23,7 +23,7 @@ _LARGEST_OFF_DIAGONAL = 0.5
 
 
 def number(value: float, digits: int = 9) -> str:
-    """Return a number with so many significant digits; 9 tell single precision numbers apart."""
+    """Return a number with significant digits; 9 distinguish all numbers of single precision."""
     return f"{float(value) + 0.0:.{digits}g}"
 
 
@@ -48,7 +48,7 @@ def row_text(values: Sequence[float] | Array, digits: int = 9) -> str:
 
 
 def written(values: Array, digits: int = 9) -> Array:
-    """Return numbers as a program reads them from such a text."""
+    """Return numbers as a program reads them from text with these digits."""
     flat = [float(number(x, digits)) for x in np.asarray(values).ravel()]
     return np.array(flat).reshape(np.shape(values))
 
@@ -82,7 +82,7 @@ def needed(
 
 
 def require_aligned(model: ExportModel, target: str) -> None:
-    """Refuse axes that do not lie along the target's, where it has a number for each axis alone.
+    """Refuse axes that do not lie along the target's, where it has one number per axis.
 
     Raises
     ------
