@@ -66,6 +66,7 @@ def test_every_coefficient_is_of_one_kind_by_its_declaration():
         "ax.k0_dT2": "bias_temperature", "gx.bias_dT": "bias_temperature", "ax.k2": "polynomial",
         "ax.k0_prime": "polynomial", "ax.k1_dT": "polynomial", "gx.scale_dT": "polynomial",
         "ax.kspin": "polynomial", "ax.kang": "angular_acceleration",
+        "ax.k0_dTdt": "temperature_rate", "gx.bias_dTdt": "temperature_rate",
         "ax.arm_p": "angular_acceleration", "ax.arm_i": "polynomial", "gx.scale": "scale",
         "gx.g_ii": "polynomial", "gx.delta_o": "misalignment",
     }  # fmt: skip
@@ -90,19 +91,29 @@ def test_lossless_refuses_an_error_above_u_and_passes_one_below():
 
 
 def test_a_loss_without_a_stated_range_is_unknown_and_not_lossless():
-    cold = make_calibration(*LINEAR, "k0_dT", "k1_dT", "k2", "kang")
+    cold = make_calibration(*LINEAR, "k0_dT", "k1_dT", "k2", "kang", "k0_dTdt")
     cold = replace(cold, validity=replace(RANGES, temperature=None))
-    for to, groups in (("imucal", 3), ("c", 1)):
+    for to, groups in (("imucal", 4), ("c", 2)):
         made = export_calibration(cold, to)
         unknown = [one for one in made.losses if np.isnan(one.effect)]
         names = {name.partition(".")[2] for one in unknown for name in one.names}
         assert len(unknown) == groups
-        assert names == ({"kang"} if to == "c" else {"kang", "k0_dT", "k1_dT"})
+        derivatives = {"kang", "k0_dTdt"}
+        assert names == (derivatives if to == "c" else derivatives | {"k0_dT", "k1_dT"})
         with refused(key="--lossless"):
             export_calibration(cold, to, lossless=True)
     # Without kang, code holds everything: nothing is unknown.
     ranged = replace(make_calibration(*LINEAR, "k0_dT"), validity=cold.validity)
     assert export_calibration(ranged, "c", lossless=True).losses == ()
+
+    # Gyros without accelerometers: nothing gives the force to their g-sensitivity.
+    gyros = triad("t", "w", "g").with_coefficients("bias", "scale", "g")
+    values = np.full(len(gyros.coefficients), 1e-3)
+    alone = inercal.Calibration(gyros, values, np.eye(values.size) * 1e-12, validity=RANGES)
+    for to in ("vectornav", "c"):
+        (loss,) = export_calibration(alone, to).losses
+        assert {name.partition(".")[2] for name in loss.names} == {"g_i", "g_p", "g_o"}
+        assert np.isnan(loss.effect)
 
 
 def test_the_cost_of_a_misalignment_is_its_angle_times_the_force_across():

@@ -6,7 +6,6 @@ lists the targets. A target is a module with `TARGET = Target(...)`
 `inercal.exports`.
 """
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -101,7 +100,7 @@ def export_calibration(
         front-right-down; the channels of the sensor turn with the axes.
     lossless : bool
         Whether to refuse an export whose error exceeds U (k = 2) of the calibration, or is not
-        known because no range of temperature or angular acceleration is stated.
+        known because a quantity is not measured or its range is not stated.
     refit : bool
         Whether scale factors, misalignments and biases are fitted over the range, for a target
         that holds no nonlinear terms. Without `refit` the nonlinear terms are left out.
@@ -144,9 +143,7 @@ def export_calibration(
         samples = possible_samples(model, samples, rendering.possible)
     lost = losses(model, samples, target, rendering)
     cost = costs(model, samples, rendering.correct)
-    if lossless and (
-        any(one.exceeds for one in cost) or any(math.isnan(one.effect) for one in lost)
-    ):
+    if lossless and (any(one.exceeds for one in cost) or any(one.unknown for one in lost)):
         raise InputError(_refusal(target, cost, lost), key="--lossless")
     biased = rendering.correct_with_bias
     header = header_lines(
@@ -181,11 +178,11 @@ def _refusal(target: Target, cost: tuple[Cost, ...], lost: tuple[Loss, ...]) -> 
         if one.exceeds
     )
     what = ", ".join(dict.fromkeys(one.word for one in lost)) or "digits of its numbers"
+    unknown = " and ".join(dict.fromkeys(one.unknown for one in lost if one.unknown))
     error = (
         f"the error over the calibrated range is at most {worst}"
         if worst
-        else "the error is unknown, because no range of temperature (--over-temperature) or of "
-        "angular acceleration is stated"
+        else f"the error is unknown, because {unknown}"
     )
     return (
         f"--lossless: {target.name} cannot hold {what}; {error}: choose another target, or leave "

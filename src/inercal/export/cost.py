@@ -9,7 +9,7 @@ error is the motion by the target minus the motion by `correct`; U is the expand
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isnan, nan
+from math import nan
 from typing import Literal
 
 import numpy as np
@@ -20,8 +20,10 @@ from inercal.errors import InputError, NotInvertible
 from inercal.export.model import UNITS, ExportModel
 from inercal.export.ranges import Ranges, sample_motions
 from inercal.export.target_definition import Rendering, Target
-from inercal.export.term_kinds import WORDS, kinds_of
+from inercal.export.term_kinds import DERIVATIVES, WORDS, kinds_of
 from inercal.motion import Motion
+from inercal.sensors import Sensor
+from inercal.sensors.basis_functions import Basis
 from inercal.uncertainty.coverage import COVERAGE
 
 _FLOAT32 = 2.0**-24
@@ -62,24 +64,23 @@ class Loss:
     names : tuple of str
         The coefficients.
     effect : float
-        The largest reading that they make over the range, m/s² or rad/s; NaN where they depend on
-        a quantity whose range is not stated.
+        The largest reading that they make over the range, m/s² or rad/s; NaN where it is unknown.
+    unknown : str
+        Why the effect is unknown; else empty.
     """
 
     measures: Literal["f", "w"]
     word: str
     names: tuple[str, ...]
     effect: float
+    unknown: str = ""
 
     @property
     def effect_text(self) -> str:
         """The effect in words."""
-        if not isnan(self.effect):
-            return f"up to {self.effect:.3g} {UNITS[self.measures]} over the range"
-        quantity = (
-            "angular acceleration" if self.word == WORDS["angular_acceleration"] else "temperature"
-        )
-        return f"effect unknown: no range of {quantity} is stated"
+        if self.unknown:
+            return f"effect unknown: {self.unknown}"
+        return f"up to {self.effect:.3g} {UNITS[self.measures]} over the range"
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,7 @@ def _corrected(model: ExportModel, motion: Motion, y: Array) -> Samples:
     output = sensor.to_output(y)
     dT = np.broadcast_to(np.asarray(motion.dT, dtype=float), y.shape[:1])
     try:
-        back = calibration.correct(output, dw=np.zeros((1, 3)), dT=dT)
+        back = calibration.correct(output, dw=np.zeros((1, 3)), dT=dT, dTdt=0.0)
     except NotInvertible as error:
         raise InputError(
             f"over the calibrated range the model of {sensor.name} has no inverse ({error}); give "
@@ -175,24 +176,42 @@ def losses(
     sensor, values = model.sensor, model.calibration.values
     complete = sensor.forward(samples.motion, values)
     warmed = bool(np.any(samples.dT))
-    groups: dict[tuple[Literal["f", "w"], str, bool], list[int]] = {}
+    groups: dict[tuple[Literal["f", "w"], str, str], list[int]] = {}
     for k, (measures, kind, order) in enumerate(kinds_of(sensor)):
         held = kind in holds.get(measures, ())
         if kind == "bias_temperature" and order > target.temperature_order:
             held = False
+        basis = sensor.coefficient(sensor.coefficients[k]).basis
+        unknown = ""
+        if unmeasured := _unmeasured(sensor, basis):
+            held, unknown = False, f"the sensor does not measure {unmeasured}"
+        elif kind in DERIVATIVES:
+            unknown = f"no range of {DERIVATIVES[kind]} is stated"
+        elif basis.uses("dT") and not warmed:
+            unknown = "no range of temperature is stated"
         if not held:
-            basis = sensor.coefficient(sensor.coefficients[k]).basis
-            sampled = kind != "angular_acceleration" and (warmed or not basis.uses("dT"))
-            groups.setdefault((measures, WORDS[kind], sampled), []).append(k)
+            groups.setdefault((measures, WORDS[kind], unknown), []).append(k)
     found: list[Loss] = []
-    for (measures, word, sampled), members in groups.items():
+    for (measures, word, unknown), members in groups.items():
+        names = tuple(sensor.coefficients[k] for k in members)
+        if unknown and values[members].any():
+            found.append(Loss(measures, word, names, nan, unknown))
+            continue
         less = values.copy()
         less[members] = 0.0
         change = complete - sensor.forward(samples.motion, less)
-        names = tuple(sensor.coefficients[k] for k in members)
-        effect = float(np.abs(change).max()) if sampled or not values[members].any() else nan
-        found.append(Loss(measures, word, names, effect))
+        found.append(Loss(measures, word, names, float(np.abs(change).max())))
     return tuple(found)
+
+
+def _unmeasured(sensor: Sensor, basis: Basis) -> str:
+    """Return the quantity of a term that no axis of the sensor measures; "" where there is none."""
+    kinds = {axis.measures for axis in sensor.axes}
+    if "f" not in kinds and basis.uses("fi", "fp", "fo", "si"):
+        return "specific force"
+    if "w" not in kinds and basis.uses("wi", "wp", "wo", "swi"):
+        return "angular rate"
+    return ""
 
 
 def _expanded(model: ExportModel, samples: Samples) -> Array:

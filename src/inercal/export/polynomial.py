@@ -20,7 +20,7 @@ from inercal.errors import InputError
 from inercal.export.model import ExportModel
 from inercal.export.ranges import sample_motions
 from inercal.export.target_definition import Request
-from inercal.export.term_kinds import LINEAR, kinds_of
+from inercal.export.term_kinds import DERIVATIVES, LINEAR, kinds_of
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
 from inercal.sensors import Sensor
@@ -246,7 +246,7 @@ def _held(model: ExportModel) -> Sensor:
         for name, (_, kind, _) in zip(
             model.sensor.coefficients, kinds_of(model.sensor), strict=True
         )
-        if kind != "angular_acceleration"
+        if kind not in DERIVATIVES
     )
     return replace(model.sensor, coefficients=kept)
 
@@ -257,5 +257,5 @@ def _nonlinear_names(model: ExportModel) -> Sequence[str]:
     return [
         name
         for name, value, (_, kind, _) in zip(model.sensor.coefficients, values, kinds, strict=True)
-        if kind not in LINEAR and kind != "angular_acceleration" and value != 0
+        if kind not in LINEAR and kind not in DERIVATIVES and value != 0
     ]
