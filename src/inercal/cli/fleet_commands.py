@@ -1,5 +1,6 @@
 """`inercal fleet`: the sensors of a production line, calibrated in batches and compared."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -191,6 +192,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
 ) -> None:
     """Write the results as one table, the calibration file of one sensor, or files for a target."""
+    from inercal.cli.console import progress_status
     from inercal.cli.outputs import CALIBRATION, OutputKind, check_outputs
     from inercal.errors import InputError
     from inercal.fleet import results
@@ -206,17 +208,20 @@ def export(
             )
         options = export_command.stated_options(stated)
         columns = export_command.stated_options(column or [], "--column")
-        made = export_files(
-            read_line(line),
-            folder,
-            path,
-            to,
-            columns=columns,
-            force=force,
-            options=options,
-            axes=axes,
-            lossless=lossless,
-        )
+        with progress_status(f"writing files for {to}"):
+            made = export_files(
+                read_line(line),
+                folder,
+                path,
+                to,
+                columns=columns,
+                force=force,
+                options=options,
+                axes=axes,
+                lossless=lossless,
+            )
+        for name in made.unreliable:
+            print(f"inercal: warning: {name} is not to be relied on", file=sys.stderr)
         print(f"wrote {path}: {len(made.files)} files")
         for name, reason in made.without.items():
             print(f"no file for {name}: {reason}")
