@@ -15,7 +15,7 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.errors import InputError
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.c_text import header_text, self_test_lines
+from inercal.export.targets.c_text import check_lines, header_text
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 
 _FRACTION = {"f": 16, "w": 20}
@@ -96,7 +96,7 @@ def _render(request: Request) -> Rendering:
             "",
             "/* Returns 0 where a reading gives the motion that it must. */",
             f"static inline int {name}_self_test_fixed(void)",
-            *self_test_lines(
+            *check_lines(
                 "int32_t",
                 constants_of_test,
                 f"{name}_correct_fixed(reading, motion)",

@@ -10,10 +10,10 @@ import numpy as np
 from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.c_text import (
     BEYOND_TOLERANCE,
+    check_lines,
     header_code,
     header_text,
     literal,
-    self_test_lines,
 )
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
 
@@ -34,7 +34,7 @@ def _render(request: Request) -> Rendering:
             "",
             "/* Returns 0 where the check above is reproduced to 1e-5. */",
             f"static inline int {name}_self_test(void)",
-            *self_test_lines("float", made.constants, call, BEYOND_TOLERANCE, n),
+            *check_lines("float", made.constants, call, BEYOND_TOLERANCE, n),
         ]
         return header_text(header, f"INERCAL_{name.upper()}_H", lines)
 

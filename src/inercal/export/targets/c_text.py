@@ -72,7 +72,7 @@ def header_text(comment: Sequence[str], guard: str, lines: Sequence[str]) -> str
     return block_comment(comment) + "\n".join(parts) + "\n"
 
 
-def self_test_lines(
+def check_lines(
     kind: str, constants: Mapping[str, str], call: str, failure: str, n: int
 ) -> list[str]:
     """Return the body of a self-test: 0, or the number of the channel whose result is wrong.

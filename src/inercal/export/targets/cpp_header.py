@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from inercal.export.target_definition import Rendering, Request
 from inercal.export.targets.c_text import (
     BEYOND_TOLERANCE,
+    check_lines,
     header_code,
     header_text,
-    self_test_lines,
 )
 from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
 
@@ -36,7 +36,7 @@ def _render(request: Request) -> Rendering:
             "/* Returns 0 where the check above is reproduced to 1e-5. */",
             "template <typename Real>",
             "inline int self_test()",
-            *self_test_lines("Real", made.constants, call, BEYOND_TOLERANCE, n),
+            *check_lines("Real", made.constants, call, BEYOND_TOLERANCE, n),
             "",
             f"}}  // namespace {name}",
         ]
