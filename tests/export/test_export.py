@@ -21,6 +21,7 @@ from tests.refusals import refused
 
 import inercal
 from inercal.calibration.files import as_object
+from inercal.cli.export_command import default_path
 from inercal.export import TARGETS, export_calibration
 from inercal.export.model import parse_axes
 from inercal.export.target_definition import Rendering, Request, Target
@@ -213,6 +214,16 @@ def test_a_target_of_another_package_is_found():
         made = export_calibration(make_calibration(), "raw")
     assert len(made.losses) == 7
     assert made.costs[0].exceeds
+
+
+@pytest.mark.parametrize(
+    ("to", "wanted"),
+    [("matlab", "imu_7_correct.m"), ("python", "imu_7_correct.py"), ("px4", "run.px4.params")],
+)
+def test_code_that_is_found_by_its_file_gets_the_name_of_its_function(to: str, wanted: str):
+    path = default_path(Path("a/run.calibration.json"), TARGETS.find(to), "IMU-7")
+    assert path == Path(wanted)
+    assert path.stem.isidentifier() is (to != "px4")
 
 
 def test_the_verb_writes_beside_what_it_says(tmp_path: Path):

@@ -12,6 +12,7 @@ from inercal.cli.console import print_json
 if TYPE_CHECKING:
     from inercal.export import Export
     from inercal.export.ranges import Range
+    from inercal.export.target_definition import Target
 
 NAME = "export"
 
@@ -50,7 +51,9 @@ def run(
         help="Target: kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, "
         "imucal, c, c_fixed, cpp, matlab, python, csv, or one of another package.",
     ),
-    out: Path | None = typer.Option(None, "--out", "-o", help="The file to write."),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="The file to write (default: RUN.TARGET in this folder)."
+    ),
     stated: list[str] = SET,
     axes: str = AXES,
     lossless: bool = LOSSLESS,
@@ -72,8 +75,7 @@ def run(
 
     target = TARGETS.find(to)
     calibration = load(calibration_file)
-    stem = calibration_file.name.removesuffix(".json").removesuffix(".calibration")
-    path = out or Path(f"{stem}.{to}{target.suffix}")
+    path = out or default_path(calibration_file, target, name or calibration.sensor.name)
     check_outputs({path: OutputKind("export")}, [calibration_file], force=force)
     made = export_calibration(
         calibration,
@@ -97,6 +99,16 @@ def run(
     for line in cost_lines(made):
         print(line)
     print(f"wrote {path}")
+
+
+def default_path(calibration_file: Path, target: "Target", name: str) -> Path:
+    """Return the file that an export is written to: RUN.TARGET, or NAME_correct by the language."""
+    from inercal.export import identifier
+
+    stem = calibration_file.name.removesuffix(".json").removesuffix(".calibration")
+    if target.named_by_function:
+        return Path(f"{identifier(name)}_correct{target.suffix}")
+    return Path(f"{stem}.{target.name}{target.suffix}")
 
 
 def stated_options(texts: Sequence[str], option: str = "--set") -> dict[str, str]:

@@ -117,6 +117,8 @@ class Target:
     options : tuple of TargetOption
     temperature_order : int
         The highest power of temperature of a bias that it can apply.
+    named_by_function : bool
+        Whether the language finds the function by the name of its file, NAME_correct.
     """
 
     name: str
@@ -126,3 +128,4 @@ class Target:
     render: Callable[[Request], Rendering]
     options: tuple[TargetOption, ...] = field(default=())
     temperature_order: int = 0
+    named_by_function: bool = False

@@ -17,11 +17,22 @@ _MAX_ORDER = 99  # of temperature: code has no limit
 
 
 def code_target(
-    name: str, meaning: str, suffix: str, render: Callable[[Request], Rendering]
+    name: str,
+    meaning: str,
+    suffix: str,
+    render: Callable[[Request], Rendering],
+    *,
+    named_by_function: bool = False,
 ) -> Target:
-    """Return a target of code: it holds all terms but those with angular acceleration."""
+    """Return a target of code: it holds all terms but those of derivatives (`DERIVATIVES`)."""
     return Target(
-        name, meaning, suffix, {"f": _HELD, "w": _HELD}, render, temperature_order=_MAX_ORDER
+        name,
+        meaning,
+        suffix,
+        {"f": _HELD, "w": _HELD},
+        render,
+        temperature_order=_MAX_ORDER,
+        named_by_function=named_by_function,
     )
 
 

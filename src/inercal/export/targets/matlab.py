@@ -60,7 +60,7 @@ def _render(request: Request) -> Rendering:
         return "\n".join([*lines, "end"]) + "\n"
 
     plain = code.matrix[:3, :3]
-    remarks: list[str] = []
+    remarks = [f"the name of this file must be {request.name}_correct.m"]
     if not code.passes and code.model.accelerometer is not None:
         bias = -(code.offset[:3] @ plain.T)
         remarks.append(
@@ -71,4 +71,4 @@ def _render(request: Request) -> Rendering:
     return code_rendering(code, write, remarks=remarks)
 
 
-TARGET = code_target("matlab", "MATLAB or Octave function", ".m", _render)
+TARGET = code_target("matlab", "MATLAB or Octave function", ".m", _render, named_by_function=True)

@@ -73,4 +73,6 @@ def _render(request: Request) -> Rendering:
     return code_rendering(code, write)
 
 
-TARGET = code_target("python", "Python module without imports", ".py", _render)
+TARGET = code_target(
+    "python", "Python module without imports", ".py", _render, named_by_function=True
+)
