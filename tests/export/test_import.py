@@ -154,6 +154,11 @@ def test_px4_applies_no_temperature_set_of_another_device(tmp_path: Path):
         ("ardupilot", "FOO,1\n"),
         ("ardupilot", "INS_ACCOFFS_X,0.1\nINS_ACCSCAL_X,0\n"),
         ("ardupilot", "INS_ACCOFFS_X,0.1\nINS_TCAL1_ENABLE,1\n"),
+        (
+            "ardupilot",
+            "INS_ACCOFFS_X,0\nINS_GYROFFS_X,0\nINS_TCAL1_ENABLE,1\n"
+            "INS_ACC1_CALTEMP,20\nINS_GYR1_CALTEMP,30\n",
+        ),
     ],
 )
 def test_a_file_of_another_kind_is_refused_by_name(of: str, text: str, tmp_path: Path):

@@ -16,7 +16,7 @@ from inercal.export.readers.reader_definition import (
     CalibrationReader,
     StatedCalibration,
     StatedTriad,
-    common_reference,
+    parameter_calibration,
 )
 from inercal.export.target_definition import TargetOption
 from inercal.export.targets.ardupilot import CENTRE, ORDERS, UNIT, parameter_names, shifted
@@ -58,12 +58,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"no parameters of IMU {imu}, such as INS_ACCOFFS_X: give parameters of ArduPilot, or "
             "another --set imu=…"
         )
-    return StatedCalibration(
-        triads.get("f"),
-        triads.get("w"),
-        reference_temperature=common_reference(references, "CALTEMP"),
-        notes=("ArduPilot states no misalignment and no scale factor of gyros",),
-    )
+    return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
 
 
 def _parameters(text: str) -> dict[str, float]:

@@ -13,7 +13,7 @@ from inercal.export.readers.reader_definition import (
     CalibrationReader,
     StatedCalibration,
     StatedTriad,
-    common_reference,
+    parameter_calibration,
 )
 from inercal.export.target_definition import TargetOption
 from inercal.units import ZERO_CELSIUS
@@ -54,12 +54,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"no parameters CAL_ACC{n}_XOFF or CAL_GYRO{n}_XOFF: give parameters of PX4, or "
             "another --set instance=…"
         )
-    return StatedCalibration(
-        triads.get("f"),
-        triads.get("w"),
-        reference_temperature=common_reference(references, "TREF"),
-        notes=("PX4 states no misalignment and no scale factor of gyros",),
-    )
+    return parameter_calibration("PX4", triads, references, "TREF")
 
 
 def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:

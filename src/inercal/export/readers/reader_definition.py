@@ -15,22 +15,6 @@ from inercal.sensors.sensor import Sensor
 REFERENCE = Sensor("", ()).reference_temperature
 
 
-def common_reference(references: set[float], parameter: str) -> float:
-    """Return the one reference temperature of accelerometers and gyros, K.
-
-    Raises
-    ------
-    InputError
-        They differ; `parameter` is the name in the message.
-    """
-    if len(references) > 1:
-        raise InputError(
-            f"{parameter} of accelerometers and gyros differ; a sensor of inercal has one "
-            "reference temperature: import a file with one of the two"
-        )
-    return next(iter(references), REFERENCE)
-
-
 @dataclass(frozen=True, eq=False)
 class StatedTriad:
     """What a file states of three axes; None where it states nothing.
@@ -102,3 +86,36 @@ class CalibrationReader:
     meaning: str
     read: Callable[[str, Mapping[str, Any]], StatedCalibration]
     options: tuple[TargetOption, ...] = ()
+
+
+def parameter_calibration(
+    program: str, triads: Mapping[str, StatedTriad], references: set[float], parameter: str
+) -> StatedCalibration:
+    """Return what the parameters of a flight controller state.
+
+    Parameters
+    ----------
+    program : str
+        Its name, for the note.
+    triads : mapping of "f" or "w" to StatedTriad
+    references : set of float
+        Reference temperatures of the triads that have one, K.
+    parameter : str
+        Name of the parameter of the reference temperature.
+
+    Raises
+    ------
+    InputError
+        The reference temperatures differ.
+    """
+    if len(references) > 1:
+        raise InputError(
+            f"{parameter} of accelerometers and gyros differ; a sensor of inercal has one "
+            "reference temperature: import a file with one of the two"
+        )
+    return StatedCalibration(
+        triads.get("f"),
+        triads.get("w"),
+        reference_temperature=next(iter(references), REFERENCE),
+        notes=(f"{program} states no misalignment and no scale factor of gyros",),
+    )
