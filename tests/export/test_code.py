@@ -15,7 +15,7 @@ from tests.export.calibrations import (
     make_calibration,
     random_readings,
 )
-from tests.export.test_formulas import SETS, SINGLE
+from tests.export.test_formulas import SETS, SINGLE, stated
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
@@ -156,6 +156,18 @@ def test_integers_err_by_half_a_step_of_the_result(tmp_path: Path):
     # The header states the rounding of a factor beside half a step: some 4e-3 of a step here.
     assert 0.49 < error.max() <= 0.53
     assert error.mean() == pytest.approx(0.25, abs=0.01)
+
+
+def test_integers_err_by_what_the_header_states_where_they_cannot_hold_a_term(tmp_path: Path):
+    calibration = make_calibration(*SETS["full"], readouts=COUNTS)
+    seen = random_readings(calibration)
+    program = built(tmp_path, calibration, "c_fixed")
+    found = run(program, seen.output.astype("i4").tobytes(), "i4")
+    error = np.abs(found * np.repeat([2.0**-16, 2.0**-20], 3) - seen.corrected)
+    text = (tmp_path / "imu.h").read_text(encoding="ascii")
+    for k, kind in enumerate(("specific force", "angular rate")):
+        limit = stated(text, kind)
+        assert 0.5 * limit <= error[:, 3 * k : 3 * k + 3].max() <= 1.03 * limit
 
 
 def test_integers_take_fractions_of_the_unit(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""The verb, what a file says of itself, and what is refused."""
+"""The verb, the explanation in each file, and refusals."""
 
 import json
 from dataclasses import replace
@@ -21,6 +21,7 @@ from tests.refusals import refused
 
 import inercal
 from inercal.calibration.files import as_object
+from inercal.cli.export_command import default_path
 from inercal.export import TARGETS, export_calibration
 from inercal.export.model import parse_axes
 from inercal.export.target_definition import Rendering, Request, Target
@@ -67,6 +68,7 @@ def test_every_coefficient_is_of_one_kind_by_its_declaration():
         "ax.k0_dT2": "bias_temperature", "gx.bias_dT": "bias_temperature", "ax.k2": "polynomial",
         "ax.k0_prime": "polynomial", "ax.k1_dT": "polynomial", "gx.scale_dT": "polynomial",
         "ax.kspin": "polynomial", "ax.kang": "angular_acceleration",
+        "ax.k0_dTdt": "temperature_rate", "gx.bias_dTdt": "temperature_rate",
         "ax.arm_p": "angular_acceleration", "ax.arm_i": "polynomial", "gx.scale": "scale",
         "gx.g_ii": "polynomial", "gx.delta_o": "misalignment",
     }  # fmt: skip
@@ -88,6 +90,32 @@ def test_lossless_refuses_an_error_above_u_and_passes_one_below():
     rough = make_calibration(*LINEAR, u=1e-3)
     made = export_calibration(rough, "vectornav", lossless=True)
     assert [one.word for one in made.losses] == ["g-sensitivity"]
+
+
+def test_a_loss_without_a_stated_range_is_unknown_and_not_lossless():
+    cold = make_calibration(*LINEAR, "k0_dT", "k1_dT", "k2", "kang", "k0_dTdt")
+    cold = replace(cold, validity=replace(RANGES, temperature=None))
+    for to, groups in (("imucal", 4), ("c", 2)):
+        made = export_calibration(cold, to)
+        unknown = [one for one in made.losses if np.isnan(one.effect)]
+        names = {name.partition(".")[2] for one in unknown for name in one.names}
+        assert len(unknown) == groups
+        derivatives = {"kang", "k0_dTdt"}
+        assert names == (derivatives if to == "c" else derivatives | {"k0_dT", "k1_dT"})
+        with refused(key="--lossless"):
+            export_calibration(cold, to, lossless=True)
+    # Without kang, code holds everything: nothing is unknown.
+    ranged = replace(make_calibration(*LINEAR, "k0_dT"), validity=cold.validity)
+    assert export_calibration(ranged, "c", lossless=True).losses == ()
+
+    # Gyros without accelerometers: nothing gives the force to their g-sensitivity.
+    gyros = triad("t", "w", "g").with_coefficients("bias", "scale", "g")
+    values = np.full(len(gyros.coefficients), 1e-3)
+    alone = inercal.Calibration(gyros, values, np.eye(values.size) * 1e-12, validity=RANGES)
+    for to in ("vectornav", "c"):
+        (loss,) = export_calibration(alone, to).losses
+        assert {name.partition(".")[2] for name in loss.names} == {"g_i", "g_p", "g_o"}
+        assert np.isnan(loss.effect)
 
 
 def test_the_cost_of_a_misalignment_is_its_angle_times_the_force_across():
@@ -185,6 +213,9 @@ def test_the_noise_of_an_analysis_is_taken_from_its_file(tmp_path: Path):
     path.write_text("\n".join(f"{key}: {value}" for key, value in NOISE.items()), encoding="utf-8")
     text = export_calibration(make_calibration(), "kalibr", options={"noise": str(path)}).text
     assert "  gyroscope_random_walk: 1.0e-05\n" in text
+    path.write_text("gyroscope_random_walk: 1e\n", encoding="utf-8")
+    with refused(key="gyroscope_random_walk"):
+        export_calibration(make_calibration(), "kalibr", options={"noise": str(path)})
 
 
 def test_a_target_of_another_package_is_found():
@@ -196,6 +227,16 @@ def test_a_target_of_another_package_is_found():
         made = export_calibration(make_calibration(), "raw")
     assert len(made.losses) == 7
     assert made.costs[0].exceeds
+
+
+@pytest.mark.parametrize(
+    ("to", "wanted"),
+    [("matlab", "imu_7_correct.m"), ("python", "imu_7_correct.py"), ("px4", "run.px4.params")],
+)
+def test_code_that_is_found_by_its_file_gets_the_name_of_its_function(to: str, wanted: str):
+    path = default_path(Path("a/run.calibration.json"), TARGETS.find(to), "IMU-7")
+    assert path == Path(wanted)
+    assert path.stem.isidentifier() is (to != "px4")
 
 
 def test_the_verb_writes_beside_what_it_says(tmp_path: Path):

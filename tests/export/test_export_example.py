@@ -8,8 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.program import run_program
 
 from inercal.export import TARGETS
+from inercal.export.readers import READERS
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "export.md").read_text(encoding="utf-8")
@@ -41,7 +43,13 @@ def test_the_guide_lists_the_targets():
     assert re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE) == list(TARGETS)
 
 
-def test_the_help_of_the_verb_names_the_targets():
-    source = (ROOT / "src" / "inercal" / "cli" / "export_command.py").read_text(encoding="utf-8")
-    for name in TARGETS:
-        assert re.search(rf"\b{name}\b", source)
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [(("export", "x.json"), list(TARGETS)), (("import", "x.json"), list(READERS))],
+    ids=["export", "import"],
+)
+def test_a_verb_without_target_or_format_lists_them(arguments: tuple[str, ...], names: list[str]):
+    ended = run_program(*arguments)
+    assert ended.status == 2
+    listed = re.split(r"[^\w]+", ended.error.partition(": ")[2])
+    assert [word for word in listed if word in names] == names

@@ -1,4 +1,4 @@
-"""A file a sensor of a production line."""
+"""One file per sensor of a production line."""
 
 from pathlib import Path
 
@@ -14,10 +14,15 @@ pytest.importorskip("pyarrow")
 
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = make_line(tmp_path_factory.mktemp("line"), 4)
-    table = [(f"S{k:03d}", f"recordings/S{k:03d}.npz", str(1000 + k)) for k in range(4)]
+    folder = make_line(tmp_path_factory.mktemp("line"), 5)
+    table = [(f"S{k:03d}", f"recordings/S{k:03d}.npz", str(1000 + k)) for k in range(5)]
     write_table(folder, table, ["device_id"])
     (folder / "recordings" / "S002.npz").write_bytes(b"")
+    # Gravity of S004 is 1.1 g in one of the positions.
+    columns, _ = readings(4)
+    columns["y"] = np.where(columns["face"] == "y_p", 1.1 * columns["y"], columns["y"])
+    columns["x"] = np.where(columns["face"] == "y_p", columns["x"] + 0.1, columns["x"])
+    np.savez(folder / "recordings" / "S004.npz", allow_pickle=False, **columns)
     run_program("fleet", "calibrate", folder)
     assert (folder / results.FOLDER).is_dir()
     return folder
@@ -29,7 +34,9 @@ def test_each_sensor_has_a_file_with_the_device_id_of_its_row(line: Path, tmp_pa
     ended = run_program(*arguments)
     assert ended.status == 0, ended.error
     assert "S002" in ended.output
-    names = ["S000.px4.params", "S001.px4.params", "S003.px4.params"]
+    names = [f"S00{k}.px4.params" for k in (0, 1, 3, 4)]
+    assert [f"S00{k}" in ended.error for k in range(5)] == [False] * 4 + [True]
+    assert "NOT TO BE RELIED ON" in (out / names[3]).read_text(encoding="utf-8")
     assert sorted(path.name for path in out.iterdir()) == names
     for k in (0, 1, 3):
         text = (out / f"S00{k}.px4.params").read_text(encoding="utf-8")
@@ -49,6 +56,7 @@ def test_nothing_is_written_where_a_sensor_is_refused(line: Path, tmp_path: Path
         ["--to", "nothing"],
         ["--to", "csv", "--sensor", "S000"],
         ["--set", "acc_id=1"],
+        ["--axes", "x -y -z"],
     ):
         assert run_program("fleet", "export", line, out, *more).status == 2
     assert not out.exists()

@@ -11,7 +11,9 @@ from tests.refusals import refused
 
 import inercal
 from inercal.calibration import Calibration
+from inercal.calibration.display import coefficient_lines
 from inercal.comparison import compare
+from inercal.comparison.comparison_text import comparison_lines
 from inercal.export import export_calibration
 
 # Aliases of aliases: 10⁹ numbers, if an array were made of them.
@@ -51,8 +53,13 @@ def test_what_an_export_holds_is_read_back(to: str, tmp_path: Path):
     for name in both:
         # Single precision of numbers near 1 where the target has it.
         assert abs(found.value(name) - wanted.value(name)) <= 1.3e-7 * scale[name]
-    assert not found.covariance.any()
+    assert not found.states_uncertainty
+    assert all(line.expanded == "" for line in coefficient_lines(found))
     compared = compare(calibration, found)
+    # Of two without uncertainties there is no verdict; of one there is.
+    silent = comparison_lines(compare(found, found))
+    assert not any("|E_n|" in line for line in silent)
+    assert any("|E_n|" in line for line in comparison_lines(compared))
     # Along the frame of Kalibr some misalignments are 0 by definition.
     assert len(compared.names) >= len(both) - 3
     assert np.nanmax(np.abs(compared.normalised_errors)) < 0.02
@@ -104,6 +111,28 @@ def test_imu_tk_of_its_own_frame_becomes_triangular(tmp_path: Path):
     assert abs(found.value("ax.delta_o")) < 1e-15
 
 
+def test_ardupilot_limits_the_temperature_of_its_offsets(tmp_path: Path):
+    """Truth by hand: CALTEMP 70 counts as TMAX 60, where the reading without force is OFFS."""
+    path = tmp_path / "board.param"
+    lines = ["INS_ACCOFFS_X,0.1", "INS_TCAL1_ENABLE,1", "INS_TCAL1_TMIN,0", "INS_TCAL1_TMAX,60"]
+    lines += ["INS_ACC1_CALTEMP,70", "INS_TCAL1_ACC1_X,1000"]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    found = inercal.import_calibration(path, "ardupilot")
+    assert found.sensor.reference_temperature == pytest.approx(333.15)
+    motion = found.correct(np.array([[1.1, 0, 0], [1.06, 0, 0]]), dT=np.array([0.0, -40.0]))
+    np.testing.assert_allclose(motion.f[:, 0], 1, atol=1e-12)
+
+
+def test_px4_applies_no_temperature_set_of_another_device(tmp_path: Path):
+    path = tmp_path / "board.params"
+    rows = ["CAL_ACC0_XOFF\t0.1\t9", "TC_A_ENABLE\t1\t6", "TC_A0_X0_0\t0.5\t9"]
+    for more in ([], ["CAL_ACC0_ID\t2\t6"], ["CAL_ACC0_ID\t2\t6", "TC_A0_ID\t3\t6"]):
+        path.write_text("".join(f"1\t1\t{row}\n" for row in rows + more), encoding="utf-8")
+        found = inercal.import_calibration(path, "px4")
+        assert found.value("ax.k0") == 0.1
+        assert found.sensor.reference_temperature == 293.15
+
+
 @pytest.mark.parametrize(
     ("of", "text"),
     [
@@ -125,6 +154,11 @@ def test_imu_tk_of_its_own_frame_becomes_triangular(tmp_path: Path):
         ("ardupilot", "FOO,1\n"),
         ("ardupilot", "INS_ACCOFFS_X,0.1\nINS_ACCSCAL_X,0\n"),
         ("ardupilot", "INS_ACCOFFS_X,0.1\nINS_TCAL1_ENABLE,1\n"),
+        (
+            "ardupilot",
+            "INS_ACCOFFS_X,0\nINS_GYROFFS_X,0\nINS_TCAL1_ENABLE,1\n"
+            "INS_ACC1_CALTEMP,20\nINS_GYR1_CALTEMP,30\n",
+        ),
     ],
 )
 def test_a_file_of_another_kind_is_refused_by_name(of: str, text: str, tmp_path: Path):
@@ -154,6 +188,8 @@ def test_the_verb_writes_a_calibration_that_can_be_compared(tmp_path: Path):
     assert (found.method, found.estimator) == ("imported", "px4")
     ended = run_program("compare", own, out, "--json")
     assert len(json.loads(ended.output)["coefficients"]) == 9
-    assert run_program("compare", out, out).status == 0
+    alone = json.loads(run_program("compare", out, out, "--json").output)
+    assert alone["joint"] is None
+    assert all(one["en"] is None for one in alone["coefficients"])
     assert run_program("show", out).status == 0
     assert run_program("import", params, "--from", "nothing", "--out", out).status == 2

@@ -146,6 +146,11 @@ class Calibration:
         """Standard uncertainty (k = 1) of each coefficient, SI, (p,)."""
         return np.sqrt(np.diag(self.covariance))
 
+    @property
+    def states_uncertainty(self) -> bool:
+        """Whether there is a covariance; calibrations imported from other programs have none."""
+        return bool(self.covariance.any())
+
     def value(self, name: str) -> float:
         """Return a coefficient in SI by its full name, such as "ax.k0"."""
         return float(self.values[self._index(name)])

@@ -42,6 +42,7 @@ class CoefficientLine(NamedTuple):
     Parameters
     ----------
     name, meaning, value, expanded, unit : str
+        `expanded` is empty where the calibration states no uncertainties.
     si : float
         SI size of the unit.
     """
@@ -67,6 +68,8 @@ def coefficient_lines(calibration: "Calibration") -> tuple[CoefficientLine, ...]
     ):
         row = calibration.sensor.coefficient(name)
         value, expanded = format_value_and_uncertainty(value / row.si, COVERAGE * std / row.si)
+        if not calibration.states_uncertainty:
+            expanded = ""
         lines.append(CoefficientLine(name, row.meaning, value, expanded, row.unit, row.si))
     return tuple(lines)
 

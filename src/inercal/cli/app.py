@@ -121,7 +121,8 @@ def _run() -> int:
         return status or 0
     except TyperException as error:
         if text := error.format_message():  # else it has printed the help
-            print(f"inercal: {visible_text(' '.join(text.split()))} (see --help)", file=sys.stderr)
+            text = " ".join(f"{text} {_missing_help(error, text)}".split())
+            print(f"inercal: {visible_text(text)} (see --help)", file=sys.stderr)
         return error.exit_code
     except InercalError as error:
         print(f"inercal: {error}", file=sys.stderr)
@@ -129,3 +130,11 @@ def _run() -> int:
     except KeyboardInterrupt:
         print("inercal: stopped", file=sys.stderr)
         return _INTERRUPTED
+
+
+def _missing_help(error: TyperException, text: str) -> str:
+    """Return the help of a missing parameter, which names the possible values."""
+    if not text.startswith("Missing "):
+        return ""
+    # A bracket is escaped for the markup of the help.
+    return (getattr(getattr(error, "param", None), "help", None) or "").replace("\\[", "[")

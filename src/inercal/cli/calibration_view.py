@@ -49,13 +49,16 @@ def print_comparison(compared: Comparison, names: tuple[str, str]) -> None:
     for k, name in enumerate(compared.names):
         previous = begin_section(table, name, previous)
         line = compared.second.sensor.coefficient(name)
-        found = [(one.value(name), float(u[k])) for one, u in zip(both, std, strict=True)]
-        found.append((float(compared.difference[k]), float(compared.difference_std[k])))
-        cells = [
-            cell
-            for x, u in found
-            for cell in format_value_and_uncertainty(x / line.si, COVERAGE * u / line.si)
+        found = [
+            (one.value(name), float(u[k]), one.states_uncertainty)
+            for one, u in zip(both, std, strict=True)
         ]
+        difference = float(compared.difference[k]), float(compared.difference_std[k])
+        found.append((*difference, compared.states_uncertainty))
+        cells: list[str] = []
+        for x, u, stated in found:
+            value, expanded = format_value_and_uncertainty(x / line.si, COVERAGE * u / line.si)
+            cells += [value, expanded if stated else ""]
         add_row(table, name, *cells, line.unit, format_en(float(compared.normalised_errors[k])))
     terminal().print(table)
     for line in comparison_lines(compared):

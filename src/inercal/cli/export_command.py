@@ -12,11 +12,12 @@ from inercal.cli.console import print_json
 if TYPE_CHECKING:
     from inercal.export import Export
     from inercal.export.ranges import Range
+    from inercal.export.target_definition import Target
 
 NAME = "export"
 
 SET = typer.Option(
-    [], "--set", metavar="OPTION=VALUE", help="What the target needs: --set acc_id=1310988."
+    [], "--set", metavar="OPTION=VALUE", help="An option of the target: --set acc_id=1310988."
 )
 AXES = typer.Option(
     "x y z",
@@ -24,15 +25,19 @@ AXES = typer.Option(
     help="The target's x, y, z along the body's: 'x -y -z' from front-left-up to front-right-down.",
 )
 LOSSLESS = typer.Option(
-    False, "--lossless", help="Refuse an export whose error exceeds U of the calibration."
+    False,
+    "--lossless",
+    help="Refuse an export whose error exceeds U of the calibration, or is unknown.",
 )
 REFIT = typer.Option(
-    False, "--refit", help="Fit the linear terms over the range, where others are left out."
+    False,
+    "--refit",
+    help="Fit the linear terms over the range, for a target without nonlinear terms.",
 )
 FORCE_RANGE = typer.Option(
-    None, "--over-force", help="Range of an axis, '-2 2 g' (default: that of the data)."
+    None, "--over-force", help="Range per axis, '-2 2 g' (default: that of the data)."
 )
-RATE_RANGE = typer.Option(None, "--over-rate", help="Range of an axis, '-200 200 deg/s'.")
+RATE_RANGE = typer.Option(None, "--over-rate", help="Range per axis, '-200 200 deg/s'.")
 TEMPERATURE_RANGE = typer.Option(
     None, "--over-temperature", help="Range of temperatures, '-10 60 °C'."
 )
@@ -43,10 +48,12 @@ def run(
     to: str = typer.Option(
         ...,
         "--to",
-        help="kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, imucal, c, "
-        "c_fixed, cpp, matlab, python, csv, or a target of another package.",
+        help="Target: kalibr, openvins, imu_calib, px4, ardupilot, vectornav, adis, imu_tk, "
+        "imucal, c, c_fixed, cpp, matlab, python, csv, or one of another package.",
     ),
-    out: Path | None = typer.Option(None, "--out", "-o", help="The file to write."),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="The file to write (default: RUN.TARGET in this folder)."
+    ),
     stated: list[str] = SET,
     axes: str = AXES,
     lossless: bool = LOSSLESS,
@@ -60,7 +67,7 @@ def run(
     force: bool = typer.Option(False, "--force", help="Write over an existing file."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Write a calibration for a program, a device or a language, and say what that loses."""
+    """Write a calibration for another program, a device or a language, and print the error."""
     from inercal.calibration.files import load
     from inercal.cli.outputs import OutputKind, check_outputs
     from inercal.export import TARGETS, export_calibration
@@ -68,8 +75,7 @@ def run(
 
     target = TARGETS.find(to)
     calibration = load(calibration_file)
-    stem = calibration_file.name.removesuffix(".json").removesuffix(".calibration")
-    path = out or Path(f"{stem}.{to}{target.suffix}")
+    path = out or default_path(calibration_file, target, name or calibration.sensor.name)
     check_outputs({path: OutputKind("export")}, [calibration_file], force=force)
     made = export_calibration(
         calibration,
@@ -93,6 +99,16 @@ def run(
     for line in cost_lines(made):
         print(line)
     print(f"wrote {path}")
+
+
+def default_path(calibration_file: Path, target: "Target", name: str) -> Path:
+    """Return the file that an export is written to: RUN.TARGET, or NAME_correct by the language."""
+    from inercal.export import identifier
+
+    stem = calibration_file.name.removesuffix(".json").removesuffix(".calibration")
+    if target.named_by_function:
+        return Path(f"{identifier(name)}_correct{target.suffix}")
+    return Path(f"{stem}.{target.name}{target.suffix}")
 
 
 def stated_options(texts: Sequence[str], option: str = "--set") -> dict[str, str]:
@@ -173,8 +189,7 @@ def cost_lines(made: "Export") -> list[str]:
 
     words = {"f": "specific force", "w": "angular rate"}
     lines = [
-        f"not held by {made.target.name}: {one.word} ({words[one.measures]}), up to "
-        f"{one.effect:.2g} {UNITS[one.measures]}"
+        f"not held by {made.target.name}: {one.word} ({words[one.measures]}), {one.effect_text}"
         for one in made.losses
     ]
     for one in made.costs:

@@ -1,5 +1,6 @@
 """`inercal fleet`: the sensors of a production line, calibrated in batches and compared."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -172,7 +173,9 @@ def export(
     ] = None,
     to: Annotated[
         str | None,
-        typer.Option("--to", help="Write a file a sensor for this target (inercal export --help)."),
+        typer.Option(
+            "--to", help="Write one file per sensor for this target (inercal export --help)."
+        ),
     ] = None,
     stated: list[str] = export_command.SET,
     column: Annotated[
@@ -180,7 +183,7 @@ def export(
         typer.Option(
             "--column",
             metavar="OPTION=COLUMN",
-            help="With --to: an option by the table of sensors, acc_id=device_id.",
+            help="With --to: an option from a column of the table of sensors, acc_id=device_id.",
         ),
     ] = None,
     axes: str = export_command.AXES,
@@ -189,6 +192,7 @@ def export(
     force: Annotated[bool, typer.Option("--force", help="Write over a file.")] = False,
 ) -> None:
     """Write the results as one table, the calibration file of one sensor, or files for a target."""
+    from inercal.cli.console import progress_status
     from inercal.cli.outputs import CALIBRATION, OutputKind, check_outputs
     from inercal.errors import InputError
     from inercal.fleet import results
@@ -199,27 +203,37 @@ def export(
     folder = line / results.FOLDER if out is None else out
     if to is not None:
         if sensor is not None:
-            raise InputError("--sensor: --to writes all sensors; leave one out", key="--sensor")
+            raise InputError(
+                "--sensor and --to exclude each other: --to writes all sensors", key="--sensor"
+            )
         options = export_command.stated_options(stated)
         columns = export_command.stated_options(column or [], "--column")
-        made = export_files(
-            read_line(line),
-            folder,
-            path,
-            to,
-            columns=columns,
-            force=force,
-            options=options,
-            axes=axes,
-            lossless=lossless,
-        )
+        with progress_status(f"writing files for {to}"):
+            made = export_files(
+                read_line(line),
+                folder,
+                path,
+                to,
+                columns=columns,
+                force=force,
+                options=options,
+                axes=axes,
+                lossless=lossless,
+            )
+        for name in made.unreliable:
+            print(f"inercal: warning: {name} is not to be relied on", file=sys.stderr)
         print(f"wrote {path}: {len(made.files)} files")
         for name, reason in made.without.items():
-            print(f"{name} has none: {reason}")
+            print(f"no file for {name}: {reason}")
         return
-    for option, given in (("--set", stated), ("--column", column), ("--lossless", lossless)):
+    for option, given in (
+        ("--set", stated),
+        ("--column", column),
+        ("--axes", axes != export_command.AXES.default),
+        ("--lossless", lossless),
+    ):
         if given:
-            raise InputError(f"{option}: it goes with --to", key=option)
+            raise InputError(f"{option} needs --to: name a target", key=option)
     table = OutputKind("table of sensors", ",".join(COLUMNS).encode())
     kind = CALIBRATION if sensor is not None else table
     check_outputs({path: kind}, force=force or None)

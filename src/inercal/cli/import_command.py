@@ -1,4 +1,4 @@
-"""`inercal import`: a calibration that another program made."""
+"""`inercal import`: a calibration of another program."""
 
 from pathlib import Path
 
@@ -15,20 +15,20 @@ def run(
     of: str = typer.Option(
         ...,
         "--from",
-        help="imu_tk, imucal, kalibr, px4, ardupilot, or a format of another package.",
+        help="Format: imu_tk, imucal, kalibr, px4, ardupilot, or one of another package.",
     ),
     out: Path | None = typer.Option(None, "--out", "-o", help="The calibration file to write."),
     like: Path | None = typer.Option(
         None, "--like", help="A calibration of the same sensor, for its axes and readouts."
     ),
     stated: list[str] = typer.Option(
-        [], "--set", metavar="OPTION=VALUE", help="What the format takes: --set part=gyro."
+        [], "--set", metavar="OPTION=VALUE", help="An option of the format: --set part=gyro."
     ),
     name: str | None = typer.Option(None, "--name", help="Name of the sensor."),
     force: bool = typer.Option(False, "--force", help="Write over an existing file."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Read a calibration of another program; it has no uncertainties, and can be compared."""
+    """Read a calibration of another program, which has no uncertainties, for `inercal compare`."""
     from inercal.calibration.files import as_object, load, save
     from inercal.cli.outputs import CALIBRATION, check_outputs
     from inercal.export.readers import import_calibration

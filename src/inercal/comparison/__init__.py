@@ -61,6 +61,11 @@ class Comparison:
         return own - shared - shared.T
 
     @property
+    def states_uncertainty(self) -> bool:
+        """Whether one of the calibrations states uncertainties, so that E_n exists."""
+        return any(one.states_uncertainty for one in self._both)
+
+    @property
     def states_shared(self) -> bool:
         """Whether both calibrations state what they share with others."""
         return all(one.shared is not None for one in self._both)
@@ -80,7 +85,7 @@ class Comparison:
     @cached_property
     def joint_test(self) -> changes.JointTest | None:
         """All coefficients together; None without a common coefficient, or without covariance."""
-        if not self.names or not any(one.covariance.any() for one in self._both):
+        if not self.names or not self.states_uncertainty:
             return None
         return changes.joint_test(self.difference, self.difference_covariance)
 
@@ -126,9 +131,9 @@ def compare(first: Calibration, second: Calibration) -> Comparison:
 
 def build_comparison(first: Calibration, second: Calibration) -> Comparison:
     """Return the comparison of two calibrations that are in the same terms."""
-    # An imported calibration has no covariance: none of its coefficients is known to be fixed.
+    # Without a covariance no coefficient is known to be fixed.
     fixed = frozenset[str]().union(
-        *(fixed_coefficients(one) for one in (first, second) if one.covariance.any())
+        *(fixed_coefficients(one) for one in (first, second) if one.states_uncertainty)
     )
     mine, its = (one.sensor.coefficients for one in (first, second))
     names = tuple(name for name in its if name in mine and name not in fixed)

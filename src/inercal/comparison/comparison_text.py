@@ -46,16 +46,24 @@ def comparison_lines(compared: Comparison) -> list[str]:
         lines.append(
             "both are of the same recording and share its errors: E_n shows no change of the sensor"
         )
-    for word, one in (("first", compared.first), ("second", compared.second)):
-        if not one.covariance.any():
-            lines.append(f"the {word} has no uncertainties: E_n and χ² count those of the other")
+    return [*lines, *_test_lines(compared), *(f"left out: {one}" for one in compared.exclusions)]
+
+
+def _test_lines(compared: Comparison) -> list[str]:
+    """Return the results of E_n and χ², and which uncertainties they take."""
+    if not compared.states_uncertainty:
+        return ["neither calibration states uncertainties: there is no E_n and no test of a change"]
+    lines = [
+        f"the {word} calibration states no uncertainties: E_n and χ² take only those of the other"
+        for word, one in (("first", compared.first), ("second", compared.second))
+        if not one.states_uncertainty
+    ]
     lines.append(
         exceedance_text(compared.exceedances, len(compared.names), compared.expected_exceedances)
     )
     if compared.joint_test is not None:
         lines.append(f"all together: {joint_test_text(compared.joint_test)}")
-    lines.append(SHARED_NOTE if compared.states_shared else INDEPENDENCE_NOTE)
-    return [*lines, *(f"left out: {one}" for one in compared.exclusions)]
+    return [*lines, SHARED_NOTE if compared.states_shared else INDEPENDENCE_NOTE]
 
 
 def exceedance_text(beyond: int, of: int, by_chance: float) -> str:

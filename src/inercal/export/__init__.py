@@ -1,8 +1,9 @@
-"""Calibrations written for the programs, devices and languages that use them, and read from them.
+"""Calibrations written as files of other programs, devices and languages, and read from them.
 
-`export_calibration` gives the text of a file and what it loses; `TARGETS` has the targets. Each is
-a module with `TARGET = Target(...)`, by `inercal.export.target_definition`; a package of its own
-registers one by the entry point `inercal.exports`.
+`export_calibration` returns the text of a file with its error against the calibration; `TARGETS`
+lists the targets. A target is a module with `TARGET = Target(...)`
+(`inercal.export.target_definition`); another package registers one by the entry point
+`inercal.exports`.
 """
 
 import re
@@ -61,7 +62,7 @@ class Export:
     losses : tuple of Loss
         What the target cannot hold.
     header : tuple of str
-        What the file says of itself, line by line.
+        The explanation in the file, line by line.
     """
 
     target: Target
@@ -85,7 +86,7 @@ def export_calibration(
     source: str = "",
     name: str = "",
 ) -> Export:
-    """Return a calibration as the file of a target, with what the target loses.
+    """Return a calibration as the file of a target, with its error against the calibration.
 
     Parameters
     ----------
@@ -93,17 +94,18 @@ def export_calibration(
     to : str
         Name of the target, one of `TARGETS`.
     options : mapping of str to object, optional
-        What the target needs beside the calibration, by name.
+        Options of the target, by name.
     axes : str
         The target's x, y and z along the body's axes, "x -y -z" from front-left-up to
-        front-right-down; the channels of the sensor turn likewise.
+        front-right-down; the channels of the sensor turn with the axes.
     lossless : bool
-        Whether to refuse an export whose error exceeds U (k = 2) of the calibration.
+        Whether to refuse an export whose error exceeds U (k = 2) of the calibration, or is not
+        known because a quantity is not measured or its range is not stated.
     refit : bool
-        Whether scale factors, misalignments and biases are fitted over the range, where the
-        target holds no nonlinear terms; else these are left out.
+        Whether scale factors, misalignments and biases are fitted over the range, for a target
+        that holds no nonlinear terms. Without `refit` the nonlinear terms are left out.
     force, rate, temperature : (float, float), optional
-        Range of an axis, m/s², rad/s and K; those of the calibration's data by default.
+        Range of each axis, m/s², rad/s and K; those of the calibration's data by default.
     source : str
         Name of the calibration file, for the explanation in the file.
     name : str
@@ -113,7 +115,7 @@ def export_calibration(
     ------
     InputError
         No such target, an option that is missing or wrong, a sensor that the target cannot take, or
-        an error above U with `lossless`.
+        an error that is above U or not known, with `lossless`.
     """
     target = TARGETS.find(to)
     resolved = resolve_options(target, options or {})
@@ -128,13 +130,20 @@ def export_calibration(
         sensor = calibration.sensor
         readings = sensor.forward(samples.motion, calibration.values)
         model = export_model(calibration, axes, refit=(samples.motion, readings))
-    request = Request(model, ranges, resolved, identifier(name or calibration.sensor.name))
+    request = Request(
+        model,
+        ranges,
+        resolved,
+        identifier(name or calibration.sensor.name),
+        samples.readings[-1:],
+        samples.dT[-1:],
+    )
     rendering = target.render(request)
     if rendering.possible is not None:
         samples = possible_samples(model, samples, rendering.possible)
     lost = losses(model, samples, target, rendering)
     cost = costs(model, samples, rendering.correct)
-    if lossless and any(one.exceeds for one in cost):
+    if lossless and (any(one.exceeds for one in cost) or any(one.unknown for one in lost)):
         raise InputError(_refusal(target, cost, lost), key="--lossless")
     biased = rendering.correct_with_bias
     header = header_lines(
@@ -169,9 +178,15 @@ def _refusal(target: Target, cost: tuple[Cost, ...], lost: tuple[Loss, ...]) -> 
         if one.exceeds
     )
     what = ", ".join(dict.fromkeys(one.word for one in lost)) or "digits of its numbers"
+    unknown = " and ".join(dict.fromkeys(one.unknown for one in lost if one.unknown))
+    error = (
+        f"the error over the calibrated range is at most {worst}"
+        if worst
+        else f"the error is unknown, because {unknown}"
+    )
     return (
-        f"--lossless: {target.name} cannot hold {what}; the error over the calibrated range is at "
-        f"most {worst}: choose another target, or leave out --lossless"
+        f"--lossless: {target.name} cannot hold {what}; {error}: choose another target, or leave "
+        "out --lossless"
     )
 
 

@@ -1,14 +1,15 @@
 """What an export loses: the correction of the target against `Calibration.correct`.
 
 Motions that fill the calibrated range are turned into output by the calibration's own model. The
-error is what the target makes of this output, minus what `correct` makes of it; U is the expanded
-uncertainty (k = 2) of what `correct` makes of it, by the calibration's covariance::
+error is the motion by the target minus the motion by `correct`; U is the expanded uncertainty
+(k = 2) of the motion by `correct`, from the calibration's covariance::
 
     u²(x) = J C Jᵀ,   J = −(∂y/∂x)⁻¹ ∂y/∂c
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import nan
 from typing import Literal
 
 import numpy as np
@@ -16,11 +17,13 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.errors import InputError, NotInvertible
-from inercal.export.model import ExportModel
+from inercal.export.model import UNITS, ExportModel
 from inercal.export.ranges import Ranges, sample_motions
 from inercal.export.target_definition import Rendering, Target
-from inercal.export.term_kinds import WORDS, kinds_of
+from inercal.export.term_kinds import DERIVATIVES, WORDS, kinds_of
 from inercal.motion import Motion
+from inercal.sensors import Sensor
+from inercal.sensors.basis_functions import Basis
 from inercal.uncertainty.coverage import COVERAGE
 
 _FLOAT32 = 2.0**-24
@@ -39,9 +42,7 @@ class Cost:
     expanded : float
         U (k = 2) of the correction where the error is largest.
     exceeds : bool
-        Whether a component's error is somewhere larger than its U and than rounding.
-    rounding : float
-        What single precision may cost over this range, SI.
+        Whether the error of a component exceeds both its U and rounding somewhere in the range.
     """
 
     measures: Literal["f", "w"]
@@ -49,7 +50,6 @@ class Cost:
     rms: float
     expanded: float
     exceeds: bool
-    rounding: float
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,23 @@ class Loss:
     names : tuple of str
         The coefficients.
     effect : float
-        The largest reading that they make over the range, m/s² or rad/s.
+        The largest reading that they make over the range, m/s² or rad/s; NaN where it is unknown.
+    unknown : str
+        Why the effect is unknown; else empty.
     """
 
     measures: Literal["f", "w"]
     word: str
     names: tuple[str, ...]
     effect: float
+    unknown: str = ""
+
+    @property
+    def effect_text(self) -> str:
+        """The effect in words."""
+        if self.unknown:
+            return f"effect unknown: {self.unknown}"
+        return f"up to {self.effect:.3g} {UNITS[self.measures]} over the range"
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +135,7 @@ def _corrected(model: ExportModel, motion: Motion, y: Array) -> Samples:
     output = sensor.to_output(y)
     dT = np.broadcast_to(np.asarray(motion.dT, dtype=float), y.shape[:1])
     try:
-        back = calibration.correct(output, dw=np.zeros((1, 3)), dT=dT)
+        back = calibration.correct(output, dw=np.zeros((1, 3)), dT=dT, dTdt=0.0)
     except NotInvertible as error:
         raise InputError(
             f"over the calibrated range the model of {sensor.name} has no inverse ({error}); give "
@@ -153,7 +163,6 @@ def costs(
                 float(np.sqrt(np.mean(mine**2))),
                 float(limits[at]),
                 bool((np.abs(mine) > np.maximum(limits, rounding)).any()),
-                rounding,
             )
         )
     return tuple(found)
@@ -165,22 +174,44 @@ def losses(
     """Return what a target cannot hold of a calibration, with the readings that it makes."""
     holds = target.holds if rendering.holds is None else rendering.holds
     sensor, values = model.sensor, model.calibration.values
-    whole = sensor.forward(samples.motion, values)
-    groups: dict[tuple[Literal["f", "w"], str], list[int]] = {}
+    complete = sensor.forward(samples.motion, values)
+    warmed = bool(np.any(samples.dT))
+    groups: dict[tuple[Literal["f", "w"], str, str], list[int]] = {}
     for k, (measures, kind, order) in enumerate(kinds_of(sensor)):
         held = kind in holds.get(measures, ())
         if kind == "bias_temperature" and order > target.temperature_order:
             held = False
+        basis = sensor.coefficient(sensor.coefficients[k]).basis
+        unknown = ""
+        if unmeasured := _unmeasured(sensor, basis):
+            held, unknown = False, f"the sensor does not measure {unmeasured}"
+        elif kind in DERIVATIVES:
+            unknown = f"no range of {DERIVATIVES[kind]} is stated"
+        elif basis.uses("dT") and not warmed:
+            unknown = "no range of temperature is stated"
         if not held:
-            groups.setdefault((measures, WORDS[kind]), []).append(k)
+            groups.setdefault((measures, WORDS[kind], unknown), []).append(k)
     found: list[Loss] = []
-    for (measures, word), members in groups.items():
+    for (measures, word, unknown), members in groups.items():
+        names = tuple(sensor.coefficients[k] for k in members)
+        if unknown and values[members].any():
+            found.append(Loss(measures, word, names, nan, unknown))
+            continue
         less = values.copy()
         less[members] = 0.0
-        change = whole - sensor.forward(samples.motion, less)
-        names = tuple(sensor.coefficients[k] for k in members)
+        change = complete - sensor.forward(samples.motion, less)
         found.append(Loss(measures, word, names, float(np.abs(change).max())))
     return tuple(found)
+
+
+def _unmeasured(sensor: Sensor, basis: Basis) -> str:
+    """Return the quantity of a term that no axis of the sensor measures; "" where there is none."""
+    kinds = {axis.measures for axis in sensor.axes}
+    if "f" not in kinds and basis.uses("fi", "fp", "fo", "si"):
+        return "specific force"
+    if "w" not in kinds and basis.uses("wi", "wp", "wo", "swi"):
+        return "angular rate"
+    return ""
 
 
 def _expanded(model: ExportModel, samples: Samples) -> Array:
@@ -196,5 +227,5 @@ def _expanded(model: ExportModel, samples: Samples) -> Array:
     by = np.linalg.solve(slope, design)
     turn = np.kron(np.eye(len(kinds)), model.turn)
     by = turn @ by
-    variance = np.einsum("nip,pq,niq->ni", by, calibration.covariance, by, optimize=True)
+    variance = ((by @ calibration.covariance) * by).sum(axis=-1)
     return COVERAGE * np.sqrt(np.maximum(variance, 0.0))

@@ -46,7 +46,7 @@ def header_lines(
     source: str = "",
     refitted: bool = False,
 ) -> tuple[str, ...]:
-    """Return what the file says of itself.
+    """Return the explanation of a file.
 
     Parameters
     ----------
@@ -67,7 +67,9 @@ def header_lines(
     lines += [f"formula: {text}" for text in rendering.formula]
     if refitted:
         lines.append("the linear terms are a least-squares fit over the range below (refit)")
-    lines += [_loss_text(one) for one in losses] or ["holds every coefficient of the calibration"]
+    lines += [_loss_text(one) for one in losses] or [
+        "the target holds every coefficient of the calibration"
+    ]
     lines += _cost_lines("this file", costs, ranges, model)
     if with_bias:
         lines += [_cost_text("the same with the biases below subtracted", c) for c in with_bias]
@@ -77,10 +79,10 @@ def header_lines(
             + f" {UNITS[kind]}"
             for kind, triad in model.triads
         ]
-    if np.any(model.calibration.covariance):
-        lines.append("uncertainties and covariance are in the calibration file alone")
+    if model.calibration.states_uncertainty:
+        lines.append("uncertainties and covariance are only in the calibration file")
     else:
-        lines.append("the calibration has no uncertainties (it was imported)")
+        lines.append("the calibration states no uncertainties")
     lines += rendering.remarks
     lines.append(_check_text(model, rendering, samples))
     return tuple(
@@ -113,15 +115,12 @@ def _frame_text(model: ExportModel) -> str:
     names = [
         ("-" if row.sum() < 0 else "") + "xyz"[int(np.abs(row).argmax())] for row in model.turn
     ]
-    return f"{text} with axes {' '.join(names)}; the channels are turned likewise"
+    return f"{text} with axes {' '.join(names)}; the channels are turned with them"
 
 
 def _loss_text(one: Loss) -> str:
     shown = ", ".join(one.names[:6]) + (" ..." if len(one.names) > 6 else "")
-    return (
-        f"NOT held: {one.word} ({shown}), which reads up to {one.effect:.3g} {UNITS[one.measures]} "
-        "over the range"
-    )
+    return f"NOT held: {one.word} ({shown}), {one.effect_text}"
 
 
 def _cost_lines(what: str, costs: Sequence[Cost], ranges: Ranges, model: ExportModel) -> list[str]:
@@ -130,12 +129,12 @@ def _cost_lines(what: str, costs: Sequence[Cost], ranges: Ranges, model: ExportM
     for kind, name, (low, high) in (("f", "force", ranges.force), ("w", "rate", ranges.rate)):
         if kind in kinds:
             word = " (assumed)" if name in ranges.assumed else ""
-            parts.append(f"{low:.4g} to {high:.4g} {UNITS[kind]} an axis{word}")
+            parts.append(f"{low:.4g} to {high:.4g} {UNITS[kind]} per axis{word}")
     if ranges.temperature is not None and model.sensor.uses("dT"):
         low, high = (t - ZERO_CELSIUS for t in ranges.temperature)
         parts.append(f"{low:.4g} to {high:.4g} degC")
     elif model.sensor.uses("dT"):
-        parts.append(f"{_celsius(model):.4g} degC alone: no range of temperatures is stated")
+        parts.append(f"{_celsius(model):.4g} degC only: no range of temperature is stated")
     return [f"range: {'; '.join(parts)}", *[_cost_text(f"error of {what}", c) for c in costs]]
 
 
@@ -143,10 +142,10 @@ def _cost_text(what: str, one: Cost) -> str:
     unit = UNITS[one.measures]
     against = f"; U (k = 2) of the calibration there: {one.expanded:.3g}" if one.expanded else ""
     if one.exceeds:
-        against += ", which the error exceeds somewhere"
+        against += "; the error exceeds U somewhere in the range"
     return (
         f"{what} in {_KINDS[one.measures]} against the calibration: at most {one.largest:.3g} "
-        f"{unit} a component, rms {one.rms:.3g}{against}"
+        f"{unit} per component, rms {one.rms:.3g}{against}"
     )
 
 
@@ -155,7 +154,7 @@ def _celsius(model: ExportModel) -> float:
 
 
 def _check_text(model: ExportModel, rendering: Rendering, samples: Samples) -> str:
-    """Return a reading and what the target makes of it."""
+    """Return a reading and its correction by the target."""
     readings, dT = samples.readings[-1:], samples.dT[-1:]
     corrected = rendering.correct(readings, dT)[0]
     at = f" at {_celsius(model) + float(dT[0]):.6g} degC" if model.sensor.uses("dT") else ""

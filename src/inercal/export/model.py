@@ -5,7 +5,7 @@
 
 y is a reading after the nominal readout, y = (output − offset)/scale. Where the target's axes are
 other than the body's, by a signed permutation S, vectors and channels turn together:
-M′ = S M Sᵀ, b′ = S b, and likewise G and A.
+M′ = S M Sᵀ, b′ = S b; G and A as M.
 """
 
 from collections.abc import Sequence
@@ -110,12 +110,12 @@ class ExportModel:
     def matrix(self) -> Array:
         """[M 0; A G] or the one block that there is, (n, n)."""
         blocks = [triad.matrix for _, triad in self.triads]
-        whole = np.zeros((3 * len(blocks),) * 2)
+        joint = np.zeros((3 * len(blocks),) * 2)
         for k, block in enumerate(blocks):
-            whole[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = block
+            joint[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = block
         if len(blocks) == 2:
-            whole[3:, :3] = self.g_sensitivity
-        return whole
+            joint[3:, :3] = self.g_sensitivity
+        return joint
 
     @cached_property
     def correction(self) -> Array:
@@ -254,7 +254,7 @@ def _kinds(sensor: Sensor) -> Sequence[str]:
 
 
 def _linear_part(calibration: Calibration) -> tuple[Array, Array]:
-    """Return slope (m, 6) and bias (m,) of the linear terms alone, at the reference temperature."""
+    """Return slope (m, 6) and bias (m,) of only the linear terms, at the reference temperature."""
     sensor = calibration.sensor
     kept = [kind in LINEAR for kind in _kinds(sensor)]
     c = np.where(kept, calibration.values, 0.0)
@@ -266,7 +266,7 @@ def _linear_part(calibration: Calibration) -> tuple[Array, Array]:
 
 
 def _fitted(calibration: Calibration, motion: Motion, readings: Array) -> tuple[Array, Array]:
-    """Return slope (m, 6) and bias (m,) of the straight line through readings."""
+    """Return slope (m, 6) and bias (m,) of the least-squares fit that is linear in f and ω."""
     n = readings.shape[0]
     sensed = [np.broadcast_to(v, (n, 3)) for v in (motion.f, motion.w)]
     columns = np.concatenate([*sensed, np.ones((n, 1))], axis=1)

@@ -1,4 +1,4 @@
-"""Options of a target: from what the user states to what the target declares."""
+"""Values of the options of a target, from the texts of the user."""
 
 import math
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ def resolve_options(of: _WithOptions, stated: Mapping[str, Any]) -> dict[str, An
     Raises
     ------
     InputError
-        An option that it has not, one that is missing, or a value that it cannot be.
+        An unknown option, a missing one, or a value that the option does not take.
     """
     known = {one.name: one for one in of.options}
     for name in stated:

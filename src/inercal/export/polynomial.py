@@ -1,11 +1,11 @@
-"""Corrections as code: the matrix, the terms that no matrix holds, and how often they are repeated.
+"""Corrections as code: the matrix, the nonlinear and temperature terms, and the number of passes.
 
 With y = M x + b + n(x, ΔT), in the sensor's own output units s y + o, the motion x is the limit of
 
     x ← C (output − o − s n(x, ΔT)),   C = M⁻¹/s,   beginning with n = 0
 
-The number of passes is found over the calibrated range and written as a constant: a device needs no
-test of convergence. n is written out from the declarations of the basis functions.
+The number of passes that the calibrated range needs is written as a constant, so that a device
+tests no convergence. n is written out from the declarations of the basis functions.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,9 +20,10 @@ from inercal.errors import InputError
 from inercal.export.model import ExportModel
 from inercal.export.ranges import sample_motions
 from inercal.export.target_definition import Request
-from inercal.export.term_kinds import LINEAR, kinds_of
+from inercal.export.term_kinds import DERIVATIVES, LINEAR, kinds_of
 from inercal.keys import CoefficientName
 from inercal.motion import Motion
+from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
 
 _SETTLED = 1e-10  # of the range, between two passes
@@ -70,7 +71,7 @@ class CodeModel:
     limits : (float, float) or None
         °C, between which temperatures are clipped; None where no range is stated.
     passes : int
-        How often n is put in; 0 for a linear model.
+        Number of passes; 0 for a linear model.
     """
 
     model: ExportModel
@@ -160,8 +161,8 @@ def nonlinear(model: ExportModel, x: Array, dT: Array) -> Array:
     values = np.array(model.calibration.values)
     kinds = [kind for _, kind, _ in kinds_of(sensor)]
     linear = np.where([kind in LINEAR for kind in kinds], values, 0.0)
-    whole = np.where([name in names for name in sensor.coefficients], values, linear)
-    change = sensor.forward(motion, whole) - sensor.forward(motion, linear)
+    complete = np.where([name in names for name in sensor.coefficients], values, linear)
+    change = sensor.forward(motion, complete) - sensor.forward(motion, linear)
     change = np.broadcast_to(change, (*x.shape[:1], change.shape[-1]))
     return np.concatenate([change[:, list(t.rows)] * t.signs for _, t in model.triads], axis=-1)
 
@@ -200,7 +201,7 @@ def statements(model: ExportModel, dialect: Dialect) -> tuple[list[Statement], l
 def _variable(
     component: str, directions: Array, measures: str, dialect: Dialect, made: dict[str, str]
 ) -> str:
-    """Return the variable of a component of the motion along an axis; it is made once."""
+    """Return the variable of a component of the motion along an axis, added to `made` once."""
     if component == "dT":
         return "dT"
     if component in ("si", "swi"):
@@ -238,14 +239,14 @@ def _directions(model: ExportModel, row: int) -> Array:
     return np.array([along, frame[1], frame[2], frame[0]]) @ model.turn.T
 
 
-def _held(model: ExportModel):
+def _held(model: ExportModel) -> Sensor:
     """Return the sensor with the terms that code holds."""
     kept = tuple(
         name
         for name, (_, kind, _) in zip(
             model.sensor.coefficients, kinds_of(model.sensor), strict=True
         )
-        if kind != "angular_acceleration"
+        if kind not in DERIVATIVES
     )
     return replace(model.sensor, coefficients=kept)
 
@@ -256,5 +257,5 @@ def _nonlinear_names(model: ExportModel) -> Sequence[str]:
     return [
         name
         for name, value, (_, kind, _) in zip(model.sensor.coefficients, values, kinds, strict=True)
-        if kind not in LINEAR and kind != "angular_acceleration" and value != 0
+        if kind not in LINEAR and kind not in DERIVATIVES and value != 0
     ]

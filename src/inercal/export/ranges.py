@@ -20,7 +20,7 @@ _SEED = 20261
 
 @dataclass(frozen=True)
 class Ranges:
-    """Ranges of one axis; `assumed` names those that the calibration does not state.
+    """Ranges per axis; `assumed` names those that neither the calibration nor the user states.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def calibrated_ranges(
     rate: Range | None = None,
     temperature: Range | None = None,
 ) -> Ranges:
-    """Return the ranges that are stated, else those of the calibration's data, else 1 g, 1 rad/s.
+    """Return the stated ranges, else those of the calibration's data, else ±1 g and ±1 rad/s.
 
     Parameters
     ----------
@@ -55,8 +55,8 @@ def calibrated_ranges(
     Raises
     ------
     InputError
-        A range whose end is not above its begin, or temperatures beyond those of the calibration
-        where its model depends on them.
+        A range whose upper end is not above its lower end, or temperatures beyond those of the
+        calibration where its model depends on them.
     """
     known = {} if calibration.validity is None else calibration.validity.ranges
     for name, stated in (("force", force), ("rate", rate), ("temperature", temperature)):
@@ -70,7 +70,7 @@ def calibrated_ranges(
     if temperature is not None:
         require_inside(calibration, np.array(temperature))
     kinds = {axis.measures for axis in calibration.sensor.axes}
-    # Gyros of a table have a range of rates, and feel gravity at most.
+    # Of gyros the range of specific force is not assumed: on a rate table they sense gravity.
     assumed = [n for n, k in (("force", "f"), ("rate", "w")) if k in kinds and n not in known]
     return Ranges(
         known.get("force", (-G0, G0)),

@@ -12,7 +12,7 @@ from inercal.export.term_kinds import TermKind
 
 @dataclass(frozen=True)
 class TargetOption:
-    """Something that a target needs or takes beside the calibration.
+    """An option of a target or of a format to import.
 
     Parameters
     ----------
@@ -49,12 +49,18 @@ class Request:
         Every option of the target, as declared.
     name : str
         An identifier (letters, digits, _) for names in code.
+    check_reading : (1, k) array
+        A reading in SI within the ranges, whose correction the file can state as a check.
+    check_dT : (1,) array
+        Its temperature, K from the reference.
     """
 
     model: ExportModel
     ranges: Ranges
     options: Mapping[str, Any]
     name: str
+    check_reading: Array
+    check_dT: Array
 
 
 @dataclass(frozen=True)
@@ -73,15 +79,15 @@ class Rendering:
     reads : str
         What the formula takes: "readings in m/s^2 and rad/s".
     remarks : tuple of str
-        What the user must set or know beside the file.
+        What the user must set or know to use the file.
     correct_with_bias : callable or None
         As `correct`, where the target estimates the bias itself and the file has none.
     takes_output : bool
         Whether the formula takes the sensor's own output, not SI.
     possible : callable or None
-        Readings (n, k) in SI -> the nearest that the target can be given, as whole counts.
+        Readings (n, k) in SI -> the nearest readings in whole counts, if the target takes counts.
     holds : mapping of "f" or "w" to set of TermKind, or None
-        Of this file, where its options leave out what the target can hold.
+        The terms of this file, where its options leave out some that the target can hold.
     """
 
     correct: Callable[[Array, Array], Array]
@@ -111,8 +117,8 @@ class Target:
     options : tuple of TargetOption
     temperature_order : int
         The highest power of temperature of a bias that it can apply.
-    clips_temperature : bool
-        Whether it corrects between two temperatures and holds the correction beyond them.
+    named_by_function : bool
+        Whether the language finds the function by the name of its file, NAME_correct.
     """
 
     name: str
@@ -122,4 +128,4 @@ class Target:
     render: Callable[[Request], Rendering]
     options: tuple[TargetOption, ...] = field(default=())
     temperature_order: int = 0
-    clips_temperature: bool = False
+    named_by_function: bool = False

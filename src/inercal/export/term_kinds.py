@@ -1,4 +1,4 @@
-"""What each coefficient is to a target, read from the declaration of its basis function.
+"""The kind of each coefficient for a target, from the declaration of its basis function.
 
 | kind | basis function |
 |---|---|
@@ -6,9 +6,10 @@
 | scale | along the input axis, once |
 | misalignment | across the input axis, once |
 | g | of a gyro: specific force, once |
-| bias_temperature | powers of the temperature alone |
+| bias_temperature | powers of only the temperature |
 | polynomial | other products of force, rate, their signs and temperature |
 | angular_acceleration | with a component of the angular acceleration |
+| temperature_rate | with the rate of the temperature |
 """
 
 from typing import Literal
@@ -26,8 +27,14 @@ TermKind = Literal[
     "bias_temperature",
     "polynomial",
     "angular_acceleration",
+    "temperature_rate",
 ]
 LINEAR: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment", "g"})
+# Derivatives, which no reading of the sensor gives: no target holds them.
+DERIVATIVES: dict[TermKind, str] = {
+    "angular_acceleration": "angular acceleration",
+    "temperature_rate": "temperature rate",
+}
 WORDS: dict[TermKind, str] = {
     "bias": "bias",
     "scale": "scale factor",
@@ -36,6 +43,7 @@ WORDS: dict[TermKind, str] = {
     "bias_temperature": "bias over temperature",
     "polynomial": "nonlinear or temperature terms",
     "angular_acceleration": "terms with angular acceleration",
+    "temperature_rate": "terms with temperature rate",
 }
 
 
@@ -45,6 +53,8 @@ def term_kind(measures: Measures, term: ErrorTerm) -> TermKind:
     used = {name for product in products for name in product}
     if used & {"ai", "ap", "ao"}:
         return "angular_acceleration"
+    if "dTdt" in used:
+        return "temperature_rate"
     if not used:
         return "bias"
     if used == {"dT"}:

@@ -1,4 +1,4 @@
-"""Results of a fleet: a table with a row a sensor, or a file a sensor for a program or device."""
+"""Results of a fleet: a table with one row per sensor, or one file per sensor for a target."""
 
 import csv
 import math
@@ -80,10 +80,21 @@ def _wide_row(row: Mapping[str, Any], units: Mapping[str, tuple[str, float]]) ->
 
 
 class FleetExport(NamedTuple):
-    """What was written: the files, and why sensors have none, by id."""
+    """The files of a fleet for a target.
+
+    Parameters
+    ----------
+    files : tuple of Path
+        Those that were written.
+    without : mapping of str to str
+        Why a sensor has no file, by id.
+    unreliable : tuple of str
+        Ids of the sensors with a file whose calibration is not to be relied on.
+    """
 
     files: tuple[Path, ...]
     without: Mapping[str, str]
+    unreliable: tuple[str, ...]
 
 
 def export_files(
@@ -129,14 +140,20 @@ def export_files(
     target = TARGETS.find(to)
     texts: dict[Path, str] = {}
     without: dict[str, str] = {}
+    unreliable: list[str] = []
     by_id = {row.id: row for row in line.rows}
-    for rows in results.last_rows_by_part(folder, ("status", "error", "calibration")):
+    for rows in results.last_rows_by_part(folder, ("status", "error", "grade", "calibration")):
         for row in rows:
             if row["id"] not in by_id:
                 continue
             if row["status"] != results.DONE:
                 without[row["id"]] = row["error"] or row["status"]
                 continue
+            path = _sensor_file(out, row["id"], f".{to}{target.suffix}")
+            if path.exists() and not force:
+                raise InputError(f"{path} exists: name another folder, or use --force", file=path)
+            if row["grade"] == "unreliable":
+                unreliable.append(row["id"])
             try:
                 stated = dict(options or {}) | _from_columns(by_id[row["id"]], columns or {})
                 calibration = parse(row["calibration"], row["id"])
@@ -150,17 +167,14 @@ def export_files(
                 )
             except InputError as error:
                 raise error.located(f"sensor {row['id']}") from None
-            texts[_sensor_file(out, row["id"], f".{to}{target.suffix}")] = made.text
+            texts[path] = made.text
     if not texts:
         raise InputError(f"{folder}: no calibrated sensors; calibrate the line first", file=folder)
-    taken = next((path for path in texts if path.exists() and not force), None)
-    if taken is not None:
-        raise InputError(f"{taken} exists: name another folder, or use --force", file=taken)
     make_folder(out)
     with atomic_write_all(list(texts)) as parts:
         for part, text in zip(parts, texts.values(), strict=True):
             part.write_text(text, encoding="utf-8")
-    return FleetExport(tuple(texts), without)
+    return FleetExport(tuple(texts), without, tuple(unreliable))
 
 
 def _sensor_file(out: Path, name: str, suffix: str) -> Path:

@@ -1,7 +1,7 @@
 """Calibrations that other programs made, read into a `Calibration` without covariance.
 
-Their files state no uncertainties: the covariance is zero, a note says so, and `inercal compare`
-gives differences against the U of the other calibration alone. Each format is a module with
+Their files state no uncertainties: the covariance is zero, a note states it, and `inercal compare`
+compares differences with the U of only the other calibration. Each format is a module with
 `READER = CalibrationReader(...)`; a package of its own registers one by the entry point
 `inercal.calibration_readers`.
 """
@@ -73,7 +73,8 @@ def import_calibration(
     raw = read_small_file(path, f"{reader.meaning} file", _LARGEST)
     try:
         stated = reader.read(raw.decode("utf-8-sig"), resolved)
-        calibration = build_calibration(stated, like, name or path.name.partition(".")[0], of)
+        named = name or (path.name.partition(".")[0] if like is None else like.sensor.name)
+        calibration = build_calibration(stated, like, named, of)
     except UnicodeDecodeError:
         raise InputError(f"{path}: no text; give a {reader.meaning} file", file=path) from None
     except InputError as error:
@@ -85,8 +86,7 @@ def import_calibration(
         "inercal": version("inercal"),
     }
     notes = (WITHOUT_COVARIANCE, *stated.notes)
-    sensor = replace(calibration.sensor, name=name or calibration.sensor.name)
-    return replace(calibration, sensor=sensor, provenance=provenance, notes=notes)
+    return replace(calibration, provenance=provenance, notes=notes)
 
 
 __all__ = ["READERS", "import_calibration"]

@@ -2,20 +2,21 @@
 
     raw = f/SCAL + OFFS + P(T − 35) − P(T_cal − 35),   P(t) = (c₁ t + c₂ t² + c₃ t³) 10⁻⁶
 
-The reference temperature becomes T_cal, where the bias is OFFS.
+The reference temperature becomes T_cal within TMIN … TMAX, where the bias is OFFS.
 """
 
 from collections.abc import Mapping
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from inercal.errors import InputError
 from inercal.export.readers.reader_definition import (
-    REFERENCE,
     CalibrationReader,
     StatedCalibration,
     StatedTriad,
+    parameter_calibration,
 )
 from inercal.export.target_definition import TargetOption
 from inercal.export.targets.ardupilot import CENTRE, ORDERS, UNIT, parameter_names, shifted
@@ -40,7 +41,9 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
         if thermal:
             if temperature not in known:
                 raise InputError(f"{temperature} is missing: the offsets have no temperature")
-            taken = known[temperature]
+            lowest = known.get(f"INS_TCAL{imu}_TMIN", -inf)
+            highest = known.get(f"INS_TCAL{imu}_TMAX", inf)
+            taken = min(max(known[temperature], lowest), highest)
             about = [
                 [known.get(f"INS_TCAL{imu}_{word}{k}_{a}", 0.0) for a in "XYZ"]
                 for k in range(1, ORDERS + 1)
@@ -55,14 +58,7 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"no parameters of IMU {imu}, such as INS_ACCOFFS_X: give parameters of ArduPilot, or "
             "another --set imu=…"
         )
-    if len(references) > 1:
-        raise InputError("CALTEMP of accelerometer and gyro differ; inercal has one for a sensor")
-    return StatedCalibration(
-        triads.get("f"),
-        triads.get("w"),
-        reference_temperature=references.pop() if references else REFERENCE,
-        notes=("ArduPilot states no misalignment and no scale factor of gyros",),
-    )
+    return parameter_calibration("ArduPilot", triads, references, "CALTEMP")
 
 
 def _parameters(text: str) -> dict[str, float]:

@@ -1,7 +1,8 @@
 """Coefficients of matrices and biases: the inverse of `inercal.export.model`.
 
 An axis with I, P, O reads f_I (1 + k1) + δ_O f_P − δ_P f_O + k0 (reference form), so that with row
-r of the matrix k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; of gyros likewise, and g_i = r·I, g_p, g_o.
+r of the matrix k1 = r·I − 1, δ_O = r·P, δ_P = −r·O; the same for gyros, and with row r of A
+g_i = r·I, g_p = r·P, g_o = r·O.
 """
 
 from dataclasses import replace
@@ -33,7 +34,7 @@ def build_calibration(
     like : Calibration or None
         Gives axes and readouts.
     name : str
-        Of the sensor where `like` gives none.
+        Of the sensor.
     estimator : str
         The format.
 
@@ -56,7 +57,7 @@ def build_calibration(
         for row, axis in enumerate(mine):
             values |= _coefficients(triad, row, axis, kind, output=stated.output)
     sensor = Sensor(
-        name if like is None else like.sensor.name,
+        name,
         tuple(axes),
         reference_temperature=stated.reference_temperature,
     )

@@ -25,10 +25,12 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
     if numbers.size < _COUNT or not np.isfinite(numbers).all():
         raise InputError("no .calib file of imu_tk: it begins with 21 numbers")
     matrix, scale = numbers[:9].reshape(3, 3), numbers[9:18].reshape(3, 3)
-    whole = matrix @ scale
-    if abs(np.linalg.det(whole)) == 0:
+    correction = matrix @ scale
+    if abs(np.linalg.det(correction)) == 0:
         raise InputError("T K has no inverse; restore the file")
-    triad = StatedTriad(matrix=np.asarray(np.linalg.inv(whole), dtype=float), bias=numbers[18:])
+    triad = StatedTriad(
+        matrix=np.asarray(np.linalg.inv(correction), dtype=float), bias=numbers[18:]
+    )
     accelerometer = options["part"] == "accelerometer"
     # With a lower triangle of zero, imu_tk's own frame of the accelerometers' axes.
     own = accelerometer and not np.tril(matrix, -1).any()

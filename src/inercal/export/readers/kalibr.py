@@ -58,7 +58,7 @@ def _section(content: Any, name: str) -> dict[str, Any] | None:
 def _matrix(content: Mapping[str, Any], name: str) -> Array:
     found = content.get(name)
     rows = cast("list[Any]", found) if isinstance(found, list) else []
-    # Looked at before numpy does: aliases make a small file stand for a huge array.
+    # Checked before numpy sees it: by aliases a small file can describe a huge array.
     numbers = [
         float(x)
         for row in rows[:4]

@@ -10,10 +10,10 @@ import numpy as np
 
 from inercal.errors import InputError
 from inercal.export.readers.reader_definition import (
-    REFERENCE,
     CalibrationReader,
     StatedCalibration,
     StatedTriad,
+    parameter_calibration,
 )
 from inercal.export.target_definition import TargetOption
 from inercal.units import ZERO_CELSIUS
@@ -54,23 +54,12 @@ def _read(text: str, options: Mapping[str, Any]) -> StatedCalibration:
             f"no parameters CAL_ACC{n}_XOFF or CAL_GYRO{n}_XOFF: give parameters of PX4, or "
             "another --set instance=…"
         )
-    return StatedCalibration(
-        triads.get("f"),
-        triads.get("w"),
-        reference_temperature=_common(references),
-        notes=("PX4 states no misalignment and no scale factor of gyros",),
-    )
-
-
-def _common(references: set[float]) -> float:
-    if len(references) > 1:
-        raise InputError("TREF of accelerometer and gyro differ; inercal has one for a sensor")
-    return references.pop() if references else REFERENCE
+    return parameter_calibration("PX4", triads, references, "TREF")
 
 
 def _thermal_set(known: Mapping[str, float], letter: str, device: float | None) -> str | None:
     """Return the stem of the thermal parameters of a device that are in force."""
-    if known.get(f"TC_{letter}_ENABLE") != 1:
+    if device is None or known.get(f"TC_{letter}_ENABLE") != 1:
         return None
     stems: Sequence[str] = [f"TC_{letter}{m}_" for m in range(_SETS)]
     return next((stem for stem in stems if known.get(f"{stem}ID") == device), None)

@@ -8,6 +8,7 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.calibration import Frame
+from inercal.errors import InputError
 from inercal.export.target_definition import TargetOption
 from inercal.sensors.sensor import Sensor
 
@@ -85,3 +86,36 @@ class CalibrationReader:
     meaning: str
     read: Callable[[str, Mapping[str, Any]], StatedCalibration]
     options: tuple[TargetOption, ...] = ()
+
+
+def parameter_calibration(
+    program: str, triads: Mapping[str, StatedTriad], references: set[float], parameter: str
+) -> StatedCalibration:
+    """Return what the parameters of a flight controller state.
+
+    Parameters
+    ----------
+    program : str
+        Its name, for the note.
+    triads : mapping of "f" or "w" to StatedTriad
+    references : set of float
+        Reference temperatures of the triads that have one, K.
+    parameter : str
+        Name of the parameter of the reference temperature.
+
+    Raises
+    ------
+    InputError
+        The reference temperatures differ.
+    """
+    if len(references) > 1:
+        raise InputError(
+            f"{parameter} of accelerometers and gyros differ; a sensor of inercal has one "
+            "reference temperature: import a file with one of the two"
+        )
+    return StatedCalibration(
+        triads.get("f"),
+        triads.get("w"),
+        reference_temperature=next(iter(references), REFERENCE),
+        notes=(f"{program} states no misalignment and no scale factor of gyros",),
+    )

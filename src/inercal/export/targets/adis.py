@@ -3,8 +3,8 @@
     scale, then bias   out = (1 + n_s u_s) raw + n_b u_b
     bias, then scale   out = (1 + n_s u_s) (raw + n_b u_b)
 
-u_s and u_b are the sizes of one step of the registers; which order a part has, and its sizes, stand
-in its data sheet. So 1 + s = 1/M_ii, and B = −b/M_ii or −b.
+u_s and u_b are the sizes of one step of the registers. The data sheet of the part states the order
+and the sizes. So 1 + s = 1/M_ii, and B = −b/M_ii or −b.
 """
 
 from collections.abc import Sequence

@@ -19,6 +19,7 @@ from inercal.errors import InputError
 from inercal.export.ranges import temperature_limits
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import (
+    PARAMETERS,
     Correction,
     by_triad,
     comments,
@@ -118,15 +119,13 @@ def _render(request: Request) -> Rendering:
         lines.append(("INS_GYR_CAL", 0))
 
     def write(header: Sequence[str]) -> str:
-        values = (f"{name},{number(single(value).item())}\n" for name, value in lines)
-        ids = {n: v for n, v in lines if n.endswith("_ID")}
+        # Device ids have more digits than single precision.
         values = (
-            f"{text.partition(',')[0]},{int(ids[text.partition(',')[0]])}\n"
-            if text.partition(",")[0] in ids
-            else text
-            for text in values
+            str(value) if isinstance(value, int) else number(single(value).item())
+            for _, value in lines
         )
-        return comments(header, "#") + "".join(values)
+        rows = (f"{name},{text}\n" for (name, _), text in zip(lines, values, strict=True))
+        return comments(header, "#") + "".join(rows)
 
     formula = ["accelerometer: f = SCAL * (raw - thermal - OFFS); gyro: w = raw - thermal - OFFS"]
     if thermal:
@@ -174,12 +173,8 @@ TARGET = Target(
     "ardupilot",
     "ArduPilot parameters",
     ".param",
-    {
-        "f": frozenset({"bias", "scale", "bias_temperature"}),
-        "w": frozenset({"bias", "bias_temperature"}),
-    },
+    PARAMETERS,
     _render,
     OPTIONS,
     temperature_order=ORDERS,
-    clips_temperature=True,
 )

@@ -3,9 +3,9 @@
     motion = round((Σ K x + B) / 2^s),   K = C 2^(s + p),   B = −Σ C o 2^(s + p)
 
 x are the counts, C and o of the sensor's own output. The result is in steps of 2^−p: p is 16 for
-m/s² and 20 for rad/s. s is as large as leaves six products within 63 bits; K has 28
-bits, and B 64, so that the offset is not rounded to a count. Errors: the rounding
-of the result, of half a step, and that of K, |x| 2^−(s + p + 1) for each product.
+m/s² and 20 for rad/s. s is the largest for which six products fit 63 bits; K has 28 bits and B has
+64, so that the offset is not rounded to a count. Errors: half a step by the rounding of the result,
+and |x| 2^−(s + p + 1) of each product by the rounding of K.
 """
 
 from collections.abc import Sequence
@@ -14,15 +14,14 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.errors import InputError
-from inercal.export.cost import sample
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
-from inercal.export.targets.c_text import block_comment
+from inercal.export.targets.c_text import check_lines, header_text
 from inercal.export.targets.shared import MATRIX, MATRIX_AND_G, output_text
 
 _FRACTION = {"f": 16, "w": 20}
 _BITS = 28  # of K, so that six products of 32 bit counts fit 63 bits
 _MAX_SHIFT = 40
-_LARGEST_CONSTANT = 1 << 61  # beside the products, of 2^61.6 at most
+_LARGEST_CONSTANT = 1 << 61  # the products add up to 2^61.6 at most
 OPTIONS = (TargetOption("lsb", "output units of one count of the reading", 1.0),)
 
 
@@ -33,19 +32,19 @@ def _render(request: Request) -> Rendering:
         raise InputError(f"--set lsb={lsb:g}: give a number above 0", key="--set", names=("lsb",))
     kinds = [kind for kind, _ in model.triads]
     n = 3 * len(kinds)
-    whole = model.correction / model.joined("scale") * lsb
+    matrix = model.correction / model.joined("scale") * lsb
     offset = model.outputs(model.joined("bias")) / lsb
     fraction = np.repeat([_FRACTION[kind] for kind in kinds], 3)
     shift = np.repeat(
         [
-            _shift(np.abs(whole[3 * k : 3 * k + 3]).max() * 2.0 ** _FRACTION[kind])
+            _shift(np.abs(matrix[3 * k : 3 * k + 3]).max() * 2.0 ** _FRACTION[kind])
             for k, kind in enumerate(kinds)
         ],
         3,
     )
     one = 2.0 ** (shift + fraction)
-    factors = np.rint(whole * one[:, None]).astype(np.int64)
-    constants = [round(float(x)) for x in -(whole @ offset) * one]
+    factors = np.rint(matrix * one[:, None]).astype(np.int64)
+    constants = [round(float(x)) for x in -(matrix @ offset) * one]
     if max(map(abs, constants)) >= _LARGEST_CONSTANT:
         raise InputError(
             "c_fixed: the offset is too large for these integers; choose target c", key="--to"
@@ -63,24 +62,23 @@ def _render(request: Request) -> Rendering:
         counts = np.rint(model.outputs(readings) / lsb)
         return (counts * lsb - model.joined("offset")) / model.joined("scale")
 
-    samples = sample(model, request.ranges)
-    seen = possible(samples.readings[-1:])
-    expected = np.rint(correct(seen, samples.dT[-1:])[0] * 2.0**fraction).astype(int).tolist()
+    seen = possible(request.check_reading)
+    expected = np.rint(correct(seen, request.check_dT)[0] * 2.0**fraction).astype(int).tolist()
     counted = np.rint(model.outputs(seen)[0] / lsb).astype(int).tolist()
+    constants_of_test = {
+        "reading": f"{{{', '.join(map(str, counted))}}}",
+        "expected": f"{{{', '.join(map(str, expected))}}}",
+    }
 
     def write(header: Sequence[str]) -> str:
         rows = ",\n".join(
             "        {" + ", ".join(f"INT64_C({x})" for x in row) + "}" for row in factors.tolist()
         )
         loops = [line for k in range(len(kinds)) for line in _loop(n, 3 * k, int(shift[3 * k]))]
-        guard = f"INERCAL_{name.upper()}_FIXED_H"
         steps = {"f": "2^-16 m/s^2", "w": "2^-20 rad/s"}
         what = {"f": "specific force", "w": "angular rate"}
         parts = ", then ".join(f"{what[k]} x y z in steps of {steps[k]}" for k in kinds)
         lines = [
-            f"#ifndef {guard}",
-            f"#define {guard}",
-            "",
             "#include <stdint.h>",
             "",
             f"/* motion: {parts}. */",
@@ -93,37 +91,28 @@ def _render(request: Request) -> Rendering:
             f"    static const int64_t constant[{n}] = {{"
             + ", ".join(f"INT64_C({x})" for x in constants)
             + "};",
-            "    int i, j;",
             *loops,
             "}",
             "",
             "/* Returns 0 where a reading gives the motion that it must. */",
             f"static inline int {name}_self_test_fixed(void)",
-            "{",
-            f"    static const int32_t reading[{n}] = {{{', '.join(map(str, counted))}}};",
-            f"    static const int32_t expected[{n}] = {{{', '.join(map(str, expected))}}};",
-            f"    int32_t motion[{n}];",
-            "    int i;",
-            f"    {name}_correct_fixed(reading, motion);",
-            f"    for (i = 0; i < {n}; ++i) {{",
-            "        if (motion[i] != expected[i]) {",
-            "            return i + 1;",
-            "        }",
-            "    }",
-            "    return 0;",
-            "}",
-            "",
-            "#endif",
+            *check_lines(
+                "int32_t",
+                constants_of_test,
+                f"{name}_correct_fixed(reading, motion)",
+                "motion[i] != expected[i]",
+                n,
+            ),
         ]
-        return block_comment(header) + "\n".join(lines) + "\n"
+        return header_text(header, f"INERCAL_{name.upper()}_FIXED_H", lines)
 
     return Rendering(
         correct,
         write,
         ("motion 2^p = round((sum of K x + B) / 2^s) in 64 bit integers; p = 16 and 20",),
-        f"{output_text(*(t for _, t in model.triads))}, as whole counts of {lsb:.9g} of it",
+        f"{output_text(*(t for _, t in model.triads))}, in whole counts of {lsb:.9g} output units",
         (
-            "rounding: half a step of the result (7.6e-06 m/s^2, 4.8e-07 rad/s), and that of a "
+            "rounding: half a step of the result (7.6e-06 m/s^2, 4.8e-07 rad/s), and of each "
             f"factor K, {_rounding_text(shift, fraction)}",
         ),
         takes_output=True,
@@ -138,9 +127,9 @@ def _loop(n: int, first: int, shift: int) -> list[str]:
     """
     one, half = f"INT64_C({1 << shift})", f"INT64_C({1 << (shift - 1)})"
     return [
-        f"    for (i = {first}; i < {first + 3}; ++i) {{",
+        f"    for (int i = {first}; i < {first + 3}; ++i) {{",
         "        int64_t sum = constant[i];",
-        f"        for (j = 0; j < {n}; ++j) {{",
+        f"        for (int j = 0; j < {n}; ++j) {{",
         "            sum += factor[i][j] * reading[j];",
         "        }",
         "        /* Halves are rounded away from zero. */",
@@ -155,7 +144,7 @@ def _shift(largest: float) -> int:
     shift = int(np.floor(_BITS - np.log2(largest)))
     if shift < 1:
         raise InputError(
-            "c_fixed: the motion of a count is too large for these integers; state --set lsb, or "
+            "c_fixed: the motion per count is too large for these integers; state --set lsb, or "
             "choose target c",
             key="--set",
         )
@@ -164,7 +153,7 @@ def _shift(largest: float) -> int:
 
 def _rounding_text(shift: Array, fraction: Array) -> str:
     sizes = dict.fromkeys(float(x) for x in 2.0 ** -(shift + fraction + 1.0))
-    return " and ".join(f"{x:.2g}" for x in sizes) + " a count"
+    return " and ".join(f"{x:.2g}" for x in sizes) + " per count"
 
 
 TARGET = Target("c_fixed", "C99 header in integers", ".h", {"f": MATRIX, "w": MATRIX_AND_G},

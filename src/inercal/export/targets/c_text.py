@@ -1,18 +1,114 @@
-"""Pieces of code that C and C++ share, and what the targets of code say of themselves."""
+"""Pieces of code that the headers of C and C++ share."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.export.polynomial import CodeModel, Dialect, statements
-from inercal.export.term_kinds import TermKind
+from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
+from inercal.export.target_definition import Request
 
 Number = Callable[[float], str]
-CODE: frozenset[TermKind] = frozenset(
-    {"bias", "scale", "misalignment", "g", "bias_temperature", "polynomial"}
+_TOLERANCE = 1e-5  # of the self-test, of results above 1
+
+
+@dataclass(frozen=True, eq=False)
+class HeaderCode:
+    """The parts of a header that are the same in C and C++.
+
+    Parameters
+    ----------
+    code : CodeModel
+    n : int
+        Channels.
+    parameter : str
+        Declaration of the temperature in the list of parameters; empty where none is taken.
+    body : list of str
+        Statements of the correction, from `reading` to `motion`.
+    argument : str
+        Temperature of the self-test in the list of arguments.
+    constants : mapping of str to str
+        Initialisers of the self-test: reading, expected result and tolerance.
+    """
+
+    code: CodeModel
+    n: int
+    parameter: str
+    body: list[str]
+    argument: str
+    constants: Mapping[str, str]
+
+
+def header_code(request: Request, real: str, number: Number) -> HeaderCode:
+    """Return the parts of a header whose numbers have the type `real`.
+
+    Raises
+    ------
+    InputError
+        The passes do not converge over the calibrated range.
+    """
+    code = code_model(request)
+    expected = code.correct(request.check_reading, request.check_dT)[0]
+    arrays = {
+        "reading": code.model.outputs(request.check_reading)[0],
+        "expected": expected,
+        "tolerance": _TOLERANCE * np.maximum(1.0, np.abs(expected)),
+    }
+    celsius = number(code.reference + float(request.check_dT[0]))
+    return HeaderCode(
+        code,
+        len(code.offset),
+        f", {real} temperature" * code.takes_temperature,
+        _body_lines(code, real, number),
+        f", {celsius}" * code.takes_temperature,
+        {name: array_text(values, "    ", number) for name, values in arrays.items()},
+    )
+
+
+def header_text(comment: Sequence[str], guard: str, lines: Sequence[str]) -> str:
+    """Return a header with its explanation and its include guard."""
+    parts = [f"#ifndef {guard}", f"#define {guard}", "", *lines, "", "#endif"]
+    return block_comment(comment) + "\n".join(parts) + "\n"
+
+
+def check_lines(
+    kind: str, constants: Mapping[str, str], call: str, failure: str, n: int
+) -> list[str]:
+    """Return the body of a self-test: 0, or the number of the channel whose result is wrong.
+
+    Parameters
+    ----------
+    kind : str
+        Type of the numbers.
+    constants : mapping of str to str
+        Initialisers of constant arrays, (n,), by name.
+    call : str
+        The call of the correction, from `reading` to `motion`.
+    failure : str
+        The condition of a wrong result of channel i.
+    n : int
+        Channels.
+    """
+    return [
+        "{",
+        *(f"    static const {kind} {name}[{n}] = {text};" for name, text in constants.items()),
+        f"    {kind} motion[{n}];",
+        f"    {call};",
+        f"    for (int i = 0; i < {n}; ++i) {{",
+        f"        if ({failure}) {{",
+        "            return i + 1;",
+        "        }",
+        "    }",
+        "    return 0;",
+        "}",
+    ]
+
+
+# Written so that a NaN fails.
+BEYOND_TOLERANCE = (
+    "!(motion[i] - expected[i] <= tolerance[i] && expected[i] - motion[i] <= tolerance[i])"
 )
-MAX_ORDER = 99  # of temperature: code has no limit
 
 
 def literal(value: float) -> str:
@@ -38,20 +134,37 @@ def array_text(values: Array, indent: str, number: Number = literal) -> str:
     return "{\n" + f"{indent}    {rows}\n{indent}" + "}"
 
 
-def motion_comment(code: CodeModel) -> str:
-    """Return what the elements of the result are."""
-    words = {"f": "specific force x y z (m/s^2)", "w": "angular rate x y z (rad/s)"}
-    return ", then ".join(words[kind] for kind, _ in code.model.triads)
+def _body_lines(code: CodeModel, real: str, number: Number) -> list[str]:
+    n, indent = len(code.offset), "    "
+    lines = [
+        f"static const {real} matrix[{n}][{n}] = {array_text(code.matrix, indent, number)};",
+        f"static const {real} offset[{n}] = {array_text(code.offset, indent, number)};",
+        f"{real} in[{n}];",
+    ]
+    if code.takes_temperature:
+        lines += _temperature_lines(code, real, number)
+    start = [f"for (int j = 0; j < {n}; ++j) {{", "    in[j] = reading[j] - offset[j];", "}"]
+    multiply = [
+        f"for (int i = 0; i < {n}; ++i) {{",
+        f"    motion[i] = {number(0.0)};",
+        f"    for (int j = 0; j < {n}; ++j) {{",
+        "        motion[i] += matrix[i][j] * in[j];",
+        "    }",
+        "}",
+    ]
+    lines += [*start, *multiply]
+    if code.passes:
+        variables, channels = statements(code.model, _dialect(code, number))
+        inner = [f"const {real} {one.name} = {one.expression};" for one in variables]
+        inner += start
+        inner += [f"in[{k}] -= {text};" for k, text in enumerate(channels) if text]
+        inner += multiply
+        lines += [f"for (int pass = 0; pass < {code.passes}; ++pass) {{"]
+        lines += [*(f"    {line}" for line in inner), "}"]
+    return [f"    {line}" for line in lines]
 
 
-def term_lines(code: CodeModel, dialect: Dialect, declare: str) -> tuple[list[str], list[str]]:
-    """Return the variables of the terms s n, and the statements that take them from `in`."""
-    variables, channels = statements(code.model, dialect)
-    declared = [f"{declare}{one.name} = {one.expression};" for one in variables]
-    return declared, [f"in[{k}] -= {text};" for k, text in enumerate(channels) if text]
-
-
-def dialect_of(code: CodeModel, number: Number = literal) -> Dialect:
+def _dialect(code: CodeModel, number: Number) -> Dialect:
     """Return how C and C++ write the terms."""
     start = {kind: 3 * k for k, (kind, _) in enumerate(code.model.triads)}
     zero, one = number(0.0), number(1.0)
@@ -63,32 +176,12 @@ def dialect_of(code: CodeModel, number: Number = literal) -> Dialect:
     )
 
 
-def temperature_lines(code: CodeModel, declare: str, number: Number) -> list[str]:
-    """Return the temperature from the reference, clipped where a range is stated."""
+def _temperature_lines(code: CodeModel, real: str, number: Number) -> list[str]:
+    """Return the temperature from the reference, limited where a range is stated."""
     at = "temperature"
     lines: list[str] = []
     if code.limits is not None:
         low, high = (number(x) for x in code.limits)
-        lines.append(f"    {declare}t = {at} < {low} ? {low} : ({at} > {high} ? {high} : {at});")
+        lines.append(f"const {real} t = {at} < {low} ? {low} : ({at} > {high} ? {high} : {at});")
         at = "t"
-    return [*lines, f"    {declare}dT = {at} - {number(code.reference)};"]
-
-
-def formula_lines(code: CodeModel) -> tuple[str, ...]:
-    """Return the formula of code."""
-    if not code.passes:
-        return ("motion = C (reading - offset)",)
-    return (
-        f"motion = C (reading - offset - n(motion)), put in {code.passes} times from n = 0; n are "
-        "the terms that no matrix holds",
-    )
-
-
-def code_remarks(code: CodeModel) -> tuple[str, ...]:
-    """Return what the user of code must know of the temperature."""
-    if not code.takes_temperature:
-        return ()
-    if code.limits is None:
-        return ("temperature in degC; no range is stated, and none is enforced",)
-    low, high = code.limits
-    return (f"temperature in degC, taken as within {low:.6g} to {high:.6g}",)
+    return [*lines, f"const {real} dT = {at} - {number(code.reference)};"]

@@ -3,8 +3,8 @@
     x = T K (raw − B)
 
 T has a unit diagonal and K is diagonal: K = diag(C_ii), T = C K⁻¹, B = o, of the sensor's own
-output x = C (output − o). The program reads 21 numbers and nothing behind them, so that the
-explanation stands there. Source: calibration.h of imu_tk (2-clause BSD), described in words.
+output x = C (output − o). The program reads 21 numbers and ignores the rest of the file, where
+the explanation follows. Source: calibration.h of imu_tk (2-clause BSD), described in words.
 """
 
 from collections.abc import Sequence
@@ -26,9 +26,9 @@ def _render(request: Request) -> Rendering:
     model = request.model
     kind = "f" if request.options["part"] == "accelerometer" else "w"
     triad = model.require(kind, "imu_tk")
-    whole = triad.correction / triad.scale
-    scale = np.diag(np.diag(whole))
-    parts = [written(m, 12) for m in (whole @ np.linalg.inv(scale), scale)]
+    correction = triad.correction / triad.scale
+    scale = np.diag(np.diag(correction))
+    parts = [written(m, 12) for m in (correction @ np.linalg.inv(scale), scale)]
     bias = written(triad.offset + triad.scale * triad.bias, 12)
 
     def write(header: Sequence[str]) -> str:
@@ -40,13 +40,13 @@ def _render(request: Request) -> Rendering:
         return (triad.offset + triad.scale * y - bias) @ (parts[0] @ parts[1]).T
 
     other = "w" if kind == "f" else "f"
-    beside = ("the other triad has a file of its own: --set part=accelerometer or part=gyro",)
+    remark = ("the other triad needs a second file: --set part=accelerometer or part=gyro",)
     return Rendering(
         by_triad(model, {kind: correct}),
         write,
         ("x = T K (raw - B): T, then K, then B above",),
         output_text(triad),
-        beside * any(k == other for k, _ in model.triads),
+        remark * any(k == other for k, _ in model.triads),
         takes_output=True,
         holds={kind: MATRIX},
     )

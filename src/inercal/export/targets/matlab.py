@@ -6,15 +6,9 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.export.polynomial import Dialect, code_model, statements
-from inercal.export.target_definition import Rendering, Request, Target
-from inercal.export.targets.c_text import (
-    CODE,
-    MAX_ORDER,
-    code_remarks,
-    formula_lines,
-    motion_comment,
-)
-from inercal.export.targets.shared import comments, number, output_text
+from inercal.export.target_definition import Rendering, Request
+from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
+from inercal.export.targets.shared import comments, number
 
 
 def _number(value: float) -> str:
@@ -66,7 +60,7 @@ def _render(request: Request) -> Rendering:
         return "\n".join([*lines, "end"]) + "\n"
 
     plain = code.matrix[:3, :3]
-    remarks = list(code_remarks(code))
+    remarks = [f"the name of this file must be {request.name}_correct.m"]
     if not code.passes and code.model.accelerometer is not None:
         bias = -(code.offset[:3] @ plain.T)
         remarks.append(
@@ -74,15 +68,7 @@ def _render(request: Request) -> Rendering:
             + ", ".join(map(number, bias))
             + "]"
         )
-    return Rendering(
-        lambda y, t: code.correct(y, t, np.float64),
-        write,
-        formula_lines(code),
-        output_text(*(triad for _, triad in code.model.triads)),
-        tuple(remarks),
-        takes_output=True,
-    )
+    return code_rendering(code, write, remarks=remarks)
 
 
-TARGET = Target("matlab", "MATLAB or Octave function", ".m", {"f": CODE, "w": CODE}, _render,
-                temperature_order=MAX_ORDER, clips_temperature=True)  # fmt: skip
+TARGET = code_target("matlab", "MATLAB or Octave function", ".m", _render, named_by_function=True)

@@ -1,4 +1,4 @@
-"""The noise that Kalibr and OpenVINS want beside a calibration: stated, never invented."""
+"""The noise densities that files of Kalibr and OpenVINS need: the user states them."""
 
 import re
 from collections.abc import Mapping
@@ -31,15 +31,16 @@ def noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
     Raises
     ------
     InputError
-        A number is not stated, or is not above 0.
+        A number is not stated, or is not above 0, or the file cannot be read.
     """
     known: dict[str, float] = {}
     if options["noise"] is not None:
         path = Path(options["noise"])
         text = read_small_file(path, "file of noise", _LARGEST).decode("utf-8", "replace")
         for name in _KEYS:
+            # One number per line: PyYAML, an extra, is not needed.
             if found := re.search(rf"^\s*{name}\s*:\s*([-+.\deE]+)", text, re.MULTILINE):
-                known[name] = float(found[1])
+                known[name] = _number(found[1], name, path)
     known |= {name: options[name] for name in _KEYS if options[name] is not None}
     missing = [name for name in _KEYS if name not in known]
     if missing:
@@ -61,3 +62,10 @@ def noise_lines(options: Mapping[str, Any], target: str) -> list[str]:
         f"rostopic: {options['rostopic']}",
         "time_offset: 0.0",
     ]
+
+
+def _number(text: str, name: str, path: Path) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{path}: {name}: {text} is no number", file=path, key=name) from None

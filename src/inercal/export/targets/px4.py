@@ -18,6 +18,7 @@ from inercal.export.model import Triad
 from inercal.export.ranges import temperature_limits
 from inercal.export.target_definition import Rendering, Request, Target, TargetOption
 from inercal.export.targets.shared import (
+    PARAMETERS,
     Correction,
     by_triad,
     comments,
@@ -131,12 +132,8 @@ TARGET = Target(
     "px4",
     "PX4 parameters (QGroundControl)",
     ".params",
-    {
-        "f": frozenset({"bias", "scale", "bias_temperature"}),
-        "w": frozenset({"bias", "bias_temperature"}),
-    },
+    PARAMETERS,
     _render,
     OPTIONS,
     temperature_order=_ORDERS,
-    clips_temperature=True,
 )

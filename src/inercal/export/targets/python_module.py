@@ -2,18 +2,10 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from inercal.export.polynomial import CodeModel, Dialect, code_model, statements
-from inercal.export.target_definition import Rendering, Request, Target
-from inercal.export.targets.c_text import (
-    CODE,
-    MAX_ORDER,
-    code_remarks,
-    formula_lines,
-    motion_comment,
-)
-from inercal.export.targets.shared import comments, output_text
+from inercal.export.target_definition import Rendering, Request
+from inercal.export.targets.code_text import code_rendering, code_target, motion_comment
+from inercal.export.targets.shared import comments
 
 
 def _number(value: float) -> str:
@@ -78,15 +70,9 @@ def _render(request: Request) -> Rendering:
             lines += [f"        {text or '0.0'}," for text in channels] + ["    )"]
         return "\n".join(lines) + "\n"
 
-    return Rendering(
-        lambda y, t: code.correct(y, t, np.float64),
-        write,
-        formula_lines(code),
-        output_text(*(triad for _, triad in code.model.triads)),
-        code_remarks(code),
-        takes_output=True,
-    )
+    return code_rendering(code, write)
 
 
-TARGET = Target("python", "Python module without imports", ".py", {"f": CODE, "w": CODE}, _render,
-                temperature_order=MAX_ORDER, clips_temperature=True)  # fmt: skip
+TARGET = code_target(
+    "python", "Python module without imports", ".py", _render, named_by_function=True
+)

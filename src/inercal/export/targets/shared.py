@@ -13,12 +13,17 @@ from inercal.export.term_kinds import TermKind
 
 MATRIX: frozenset[TermKind] = frozenset({"bias", "scale", "misalignment"})
 MATRIX_AND_G: frozenset[TermKind] = frozenset({*MATRIX, "g"})
+# Of flight controllers: no number across the axes, and no scale factor of gyros.
+PARAMETERS: dict[str, frozenset[TermKind]] = {
+    "f": frozenset({"bias", "scale", "bias_temperature"}),
+    "w": frozenset({"bias", "bias_temperature"}),
+}
 Correction = Callable[[Array, Array], Array]
 _LARGEST_OFF_DIAGONAL = 0.5
 
 
 def number(value: float, digits: int = 9) -> str:
-    """Return a number with so many significant digits; 9 tell single precision numbers apart."""
+    """Return a number with significant digits; 9 distinguish all numbers of single precision."""
     return f"{float(value) + 0.0:.{digits}g}"
 
 
@@ -43,7 +48,7 @@ def row_text(values: Sequence[float] | Array, digits: int = 9) -> str:
 
 
 def written(values: Array, digits: int = 9) -> Array:
-    """Return numbers as a program reads them from such a text."""
+    """Return numbers as a program reads them from text with these digits."""
     flat = [float(number(x, digits)) for x in np.asarray(values).ravel()]
     return np.array(flat).reshape(np.shape(values))
 
@@ -77,7 +82,7 @@ def needed(
 
 
 def require_aligned(model: ExportModel, target: str) -> None:
-    """Refuse axes that do not lie along the target's, where it has a number for each axis alone.
+    """Refuse axes that do not lie along the target's, where it has one number per axis.
 
     Raises
     ------

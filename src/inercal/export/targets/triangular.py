@@ -42,7 +42,9 @@ def triangular_model(model: ExportModel, target: str) -> TriangularModel:
 def turn_remark(one: TriangularModel) -> str:
     """Return how the frame of the file lies in that of the calibration."""
     rows = "; ".join(row_text(row, 12) for row in one.turn)
-    return f"frame of this file: f_file = Q f_calibration, likewise w, with Q = [{rows}]"
+    return (
+        f"frame of this file: f_file = Q f_calibration, w_file = Q w_calibration, with Q = [{rows}]"
+    )
 
 
 def yaml_matrix(name: str, matrix: Array, indent: str, digits: int = 12) -> list[str]:

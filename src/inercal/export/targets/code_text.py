@@ -1,0 +1,78 @@
+"""What the targets of code share: the terms that code holds, its formula and its remarks."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from inercal.export.polynomial import CodeModel
+from inercal.export.target_definition import Rendering, Request, Target
+from inercal.export.targets.shared import output_text
+from inercal.export.term_kinds import TermKind
+
+_HELD: frozenset[TermKind] = frozenset(
+    {"bias", "scale", "misalignment", "g", "bias_temperature", "polynomial"}
+)
+_MAX_ORDER = 99  # of temperature: code has no limit
+
+
+def code_target(
+    name: str,
+    meaning: str,
+    suffix: str,
+    render: Callable[[Request], Rendering],
+    *,
+    named_by_function: bool = False,
+) -> Target:
+    """Return a target of code: it holds all terms but those of derivatives (`DERIVATIVES`)."""
+    return Target(
+        name,
+        meaning,
+        suffix,
+        {"f": _HELD, "w": _HELD},
+        render,
+        temperature_order=_MAX_ORDER,
+        named_by_function=named_by_function,
+    )
+
+
+def code_rendering(
+    code: CodeModel,
+    write: Callable[[Sequence[str]], str],
+    *,
+    digits: type[Any] = np.float64,
+    remarks: Sequence[str] = (),
+) -> Rendering:
+    """Return the rendering of code that computes in numbers of type `digits`."""
+    return Rendering(
+        lambda y, dT: code.correct(y, dT, digits),
+        write,
+        _formula_lines(code),
+        output_text(*(triad for _, triad in code.model.triads)),
+        (*_temperature_remarks(code), *remarks),
+        takes_output=True,
+    )
+
+
+def motion_comment(code: CodeModel) -> str:
+    """Return what the elements of the result are."""
+    words = {"f": "specific force x y z (m/s^2)", "w": "angular rate x y z (rad/s)"}
+    return ", then ".join(words[kind] for kind, _ in code.model.triads)
+
+
+def _formula_lines(code: CodeModel) -> tuple[str, ...]:
+    if not code.passes:
+        return ("motion = C (reading - offset)",)
+    return (
+        f"motion = C (reading - offset - n(motion)), computed {code.passes} times beginning with "
+        "n = 0; n are the nonlinear and temperature terms",
+    )
+
+
+def _temperature_remarks(code: CodeModel) -> tuple[str, ...]:
+    if not code.takes_temperature:
+        return ()
+    if code.limits is None:
+        return ("temperature in degC; no range is stated, and the code does not limit it",)
+    low, high = code.limits
+    return (f"temperature in degC; the code limits it to {low:.6g} to {high:.6g}",)
