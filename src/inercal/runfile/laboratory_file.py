@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import Field, ValidationError
 
-from inercal.errors import InputError
+from inercal.runfile.validation_errors import schema_error
 from inercal.section_settings import Section
 from inercal.small_files import read_toml
 
@@ -88,28 +88,4 @@ def read_laboratory(path: Path) -> LaboratoryFile:
     try:
         return LaboratoryFile.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        raise InputError(
-            f"{path}: {key}: {_reason(first['type'], first['msg'], first['loc'])}",
-            file=path,
-            key=key,
-        ) from None
-
-
-def _reason(kind: str, message: str, place: tuple[int | str, ...]) -> str:
-    """Return what is wrong with a key, and what is possible."""
-    if kind == "string_pattern_mismatch":
-        return 'give two capital letters, such as "DE"'
-    if kind != "extra_forbidden":
-        return message[0].lower() + message[1:]
-    section = _SECTIONS.get(str(place[0]), LaboratoryFile) if len(place) > 1 else LaboratoryFile
-    return f"unknown key; possible here: {', '.join(section.model_fields)}"
-
-
-_SECTIONS: dict[str, type[Section]] = {
-    "instrument": InstrumentSection,
-    "person": PersonSection,
-    "capability": CapabilitySection,
-    "policy": PolicySection,
-}
+        raise schema_error(error, content, LaboratoryFile).located(path) from None
