@@ -1,6 +1,7 @@
 """Rounding, coverage factors, the capability of the laboratory, and the statement of conformity."""
 
 from dataclasses import replace
+from datetime import date
 from math import erf, inf, sqrt
 from pathlib import Path
 
@@ -11,12 +12,15 @@ from tests.refusals import refused
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
 from inercal.calibration.specification import Conformity, LimitResult
+from inercal.certificate.content import CertificateChange, CertificateInput, make_certificate
+from inercal.certificate.job import read_job
 from inercal.certificate.results import (
     acceptance_risk,
     judge_results,
     make_results,
     stated_capability,
 )
+from inercal.runfile.laboratory_file import read_laboratory
 from inercal.sensors.coefficient_tables import G0
 from inercal.uncertainty.conformity import DecisionRule
 
@@ -74,6 +78,19 @@ def test_a_coefficient_without_uncertainty_has_that_of_the_capability(calibratio
     exact = replace(calibration, covariance=covariance, conformity=None)
     found = make_results(exact, {"ax.k0": 20 * UG}, inf)
     assert found.rows[0].expanded == "20"
+
+
+@pytest.mark.parametrize("as_found", [False, True])
+def test_a_calibration_without_any_uncertainty_is_refused(
+    as_found: bool, calibration: Calibration, example: Path
+):
+    imported = replace(calibration, covariance=0 * calibration.covariance, conformity=None)
+    pair = (calibration, imported) if as_found else (imported, None)
+    laboratory = read_laboratory(example / "lab.toml")
+    job = read_job(calibration.job)
+    given = CertificateInput(*pair, laboratory, job, "en", date(2026, 11, 26), draft=True)
+    with refused(names=(calibration.sensor.name,)):
+        make_certificate(given, "", CertificateChange())
 
 
 def test_capability_is_stated_by_groups_and_full_names(calibration: Calibration):

@@ -122,7 +122,8 @@ def make_certificate(
     ------
     InputError
         An item of the standard is missing, the laboratory's policy refuses the calibration, dates
-        contradict one another, or the calibration as found is of another sensor.
+        contradict one another, a calibration states no uncertainty, or the calibration as found is
+        of another sensor.
     """
     job, laboratory, calibration = given.job, given.laboratory, given.calibration
     require_complete(job, laboratory)
@@ -145,6 +146,8 @@ def make_certificate(
         else stated_capability(capability.uncertainty, calibration.sensor)
     )
     dof = job.degrees_of_freedom or inf
+    for one in filter(None, (calibration, given.as_found)):
+        _require_uncertainty(one)
     results = [
         make_results(calibration, smallest, dof, "afterAdjustment" if given.as_found else "")
     ]
@@ -163,6 +166,17 @@ def make_certificate(
         marks,
         change,
     )
+
+
+def _require_uncertainty(calibration: Calibration) -> None:
+    """Refuse a calibration that was imported: a certificate states U (7.8.4.1 a)."""
+    if not calibration.std.any():
+        name = calibration.sensor.name
+        raise InputError(
+            f"the calibration of {name} states no uncertainty, as one of inercal import; certify a "
+            "calibration that inercal estimated",
+            names=(name,),
+        )
 
 
 def _require_same_sensor(first: Calibration, second: Calibration) -> None:
