@@ -97,7 +97,7 @@ class Certificate:
     @property
     def last_day(self) -> date:
         """Last day of the measurement."""
-        return self.job.measured_until or self.first_day
+        return self.job.last_day or self.first_day
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +127,9 @@ def make_certificate(
     """
     job, laboratory, calibration = given.job, given.laboratory, given.calibration
     require_complete(job, laboratory)
+    last = job.last_day
     assert job.measured is not None  # `require_complete`
-    last = job.measured_until or job.measured
+    assert last is not None
     for name, first, second in (
         ("received", job.received, job.measured),
         ("the date of issue", last, given.issued),

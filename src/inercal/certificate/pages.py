@@ -14,7 +14,6 @@ from inercal.certificate.facts import (
     uncertainty_lines,
     verdict_lines,
 )
-from inercal.certificate.marks import is_overdue
 from inercal.certificate.results import ResultSet
 from inercal.keys import CoefficientName
 from inercal.units import format_value_and_uncertainty
@@ -211,7 +210,7 @@ def _instruments(certificate: Certificate) -> dict[str, Any] | None:
     rows: list[list[str]] = []
     for one in certificate.laboratory.instrument:
         due = one.due.isoformat() if one.due else "–"
-        if is_overdue(one, certificate.last_day):
+        if one.is_overdue(certificate.last_day):
             due = t.text("overdue", date=due)
         known = (one.name, one.serial_number, one.certificate, one.calibrated_by, due)
         rows.append([text or "–" for text in known])

@@ -25,6 +25,10 @@ class InstrumentSection(Section):
     calibrated_by: str | None = Field(None, examples=["PTB"])
     due: date | None = Field(None, examples=[date(2027, 3, 1)])
 
+    def is_overdue(self, day: date | None) -> bool:
+        """Return whether the instrument was due before the last day of a measurement, if known."""
+        return self.due is not None and day is not None and self.due < day
+
 
 class PersonSection(Section):
     """[[person]] of the laboratory's file: one who took part, beside the one who approves."""
