@@ -104,6 +104,9 @@ def test_capability_is_stated_by_groups_and_full_names(calibration: Calibration)
         stated_capability({"bias": "20 m"}, sensor)
     with refused(key="[capability.uncertainty] bias"):
         stated_capability({"bias": "0 µg"}, sensor)
+    for word in ("bais", "ax.k00"):
+        with refused(key=f"[capability.uncertainty] {word}"):
+            stated_capability({word: "20 µg"}, sensor)
 
 
 def test_few_degrees_of_freedom_widen_u(calibration: Calibration):

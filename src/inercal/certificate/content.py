@@ -102,7 +102,7 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False)
 class CertificateInput:
-    """From what a certificate is made, before it has a number."""
+    """All that a certificate is written from, except its number and the change it makes."""
 
     calibration: Calibration
     as_found: Calibration | None

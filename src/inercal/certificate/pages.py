@@ -10,6 +10,7 @@ from inercal.certificate.facts import (
     condition_facts,
     general_lines,
     method_facts,
+    results_title,
     rule_lines,
     uncertainty_lines,
     verdict_lines,
@@ -71,13 +72,11 @@ def _sections(certificate: Certificate) -> list[dict[str, Any]]:
     ]
     if len(certificate.results) == 1:
         parts.append(_conditions(certificate, certificate.results[0]))
-    headings = {"beforeAdjustment": "results_before", "afterAdjustment": "results_after"}
     for one in certificate.results:
-        heading = t.text(headings.get(one.status, "results"))
         blocks = [_result_table(certificate, one)]
         if one.status:
             blocks += _conditions(certificate, one)["blocks"]
-        parts.append({"title": heading, "blocks": blocks})
+        parts.append({"title": results_title(t, one), "blocks": blocks})
     parts += [
         _section(t.text("uncertainty"), _lines(uncertainty_lines(certificate))),
         _section(t.text("conformity"), _limit_table(certificate), _lines(rule_lines(certificate))),

@@ -21,7 +21,8 @@ from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.calibration.specification import Conformity, LimitResult
 from inercal.errors import InputError
-from inercal.sensors import SI_UNITS, Sensor
+from inercal.keys import CoefficientName
+from inercal.sensors import SI_UNITS, Sensor, imu
 from inercal.sensors.basis_functions import Basis
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.uncertainty.conformity import (
@@ -159,11 +160,16 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
     Raises
     ------
     InputError
-        A quantity that is none, or not positive. Words for coefficients that this sensor has not
-        are passed over: the file serves all sensors.
+        A quantity that is none, or not positive, or a word that names no coefficient of any sensor.
+        Words for coefficients that this sensor lacks are passed over: the file serves all sensors.
     """
     found: dict[str, float] = {}
     for word, text in sorted(uncertainty.items(), key=lambda one: "." in one[0]):
+        key = f"[capability.uncertainty] {word}"
+        try:
+            select_coefficients(imu().axes, [CoefficientName(word).term])
+        except InputError as error:
+            raise error.located(key, key=key) from None
         try:
             named = select_coefficients(sensor.axes, [word])
         except InputError:
@@ -176,7 +182,6 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
                     values[name] = parse_quantity(text, sensor.coefficient(name).unit).value
                 except InputError as error:  # "bias" of gyros, where it states accelerometers
                     errors.append(error)
-        key = f"[capability.uncertainty] {word}"
         if errors and not values:
             raise errors[0].located(key, key=key)
         if any(value <= 0 for value in values.values()):

@@ -1,4 +1,4 @@
-"""A certificate checked: what it holds agrees, who signed it, and whether the register has it."""
+"""Checks of a certificate: its numbers agree, who signed it, and whether the register has it."""
 
 import base64
 import hashlib
@@ -114,12 +114,12 @@ def verify(
 
 @contextmanager
 def _readable(path: Path) -> Generator[None]:
-    """Raise what the reader of a damaged PDF raises as one line."""
+    """Turn any error of the reader of PDF into one line: the file is damaged."""
     try:
         yield
     except InercalError:
         raise
-    except Exception as error:  # of any kind, for the reader takes any bytes
+    except Exception as error:  # damaged bytes raise errors of many kinds
         raise InputError(
             f"{path}: a PDF without an attached DCC, or a damaged one: {error}; get the file again",
             file=path,
@@ -160,9 +160,9 @@ def _pdf_signature(content: bytes, trusted: bytes | None) -> Check:
         status = validation.validate_pdf_signature(embedded, context(trust_roots=roots))
     except validation.SignatureValidationError as error:
         return Check(name, False, str(error))
-    whole = str(status.coverage).endswith("ENTIRE_FILE")
+    covers_all = str(status.coverage).endswith("ENTIRE_FILE")
     subject = str(embedded.signer_cert.subject.human_friendly)
-    if not (status.intact and status.valid and whole):
+    if not (status.intact and status.valid and covers_all):
         return Check(name, False, f"{subject}: the file was changed after it was signed")
     return _trust_check(name, subject, trusted, bool(status.trusted))
 

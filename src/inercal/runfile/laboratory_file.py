@@ -1,6 +1,6 @@
 """The laboratory's file, lab.toml: what all its jobs share.
 
-[job] of a run file takes the names from it, a certificate all of it.
+[job] of a run file uses its names and instruments, a certificate uses all keys.
 """
 
 from datetime import date
@@ -31,7 +31,7 @@ class InstrumentSection(Section):
 
 
 class PersonSection(Section):
-    """[[person]] of the laboratory's file: one who took part, beside the one who approves."""
+    """[[person]] of the laboratory's file: who took part, other than who approves."""
 
     name: str = Field(examples=["A. Lovelace"])
     role: str | None = Field(None, examples=["performed the calibration"])
