@@ -1,6 +1,7 @@
 """What is refused, what is marked on every page, and that no option removes a mark."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import pytest
 from tests.certificate.conftest import Laboratory
 from tests.certificate.dcc_xml import etree
 from tests.certificate.pdf_text import page_texts, squeezed
+from tests.program import run_program
 
 import inercal
 from inercal.calibration.files import load
@@ -160,3 +162,21 @@ def test_a_calibration_of_simulated_data_says_so(tmp_path: Path):
         inercal.calibrate(tmp_path / "run.toml").calibration, tmp_path / "run.calibration.json"
     )
     assert "sensor.truth" in load(made).provenance[SIMULATED]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet"])
+def test_a_simulated_file_marks_a_calibration_whose_run_file_states_no_truth(
+    suffix: str, tmp_path: Path
+):
+    text = (Path(__file__).parents[2] / "examples" / "ferraris_simulated" / "run.toml").read_text(
+        encoding="utf-8"
+    )
+    before, _, after = text.partition("[sensor.truth]\n")
+    without = before + after[after.index("\n[") :]
+    (name,) = re.findall(r'^file = "(.+)"', text, re.MULTILINE)
+    for file, content in (("run.toml", text), ("measured.toml", without)):
+        content = content.replace(name, f"session{suffix}")
+        (tmp_path / file).write_text(content, encoding="utf-8")
+    assert run_program("simulate", tmp_path / "run.toml", "--seed", "4").status == 0
+    found = inercal.calibrate(tmp_path / "measured.toml").calibration
+    assert found.provenance[SIMULATED] == "simulation of run.toml, seed 4"

@@ -28,6 +28,11 @@ FOLDER = Path(__file__).parent
 ITEMS: list[dict[str, Any]] = tomllib.loads(
     (FOLDER / "iso_17025.toml").read_text(encoding="utf-8")
 )["item"]
+ORDER = """[job]
+deviations = "position 3 was omitted"
+external = "temperature tests by Laboratory B"
+opinions = "the bias agrees with that of a new sensor"
+"""
 NAMES = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 CHINESE = Path("/usr/share/fonts/opentype/noto/NotoSerifCJK-Regular.ttc")
 JARS = ("pdfbox2", "fontbox2", "xmpbox", "preflight", "commons-logging", "commons-io",
@@ -37,7 +42,10 @@ JARS = ("pdfbox2", "fontbox2", "xmpbox", "preflight", "commons-logging", "common
 @pytest.fixture(scope="module")
 def issued(example: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("issued") / "lab"
-    return Laboratory(Path(shutil.copytree(example, folder))).issue()
+    laboratory = Laboratory(Path(shutil.copytree(example, folder)))
+    job = folder / "job.toml"
+    job.write_text(ORDER, encoding="utf-8")
+    return laboratory.issue("--job", job, "--as-found", laboratory.calibration)
 
 
 def need_chinese() -> None:

@@ -1,6 +1,7 @@
 """Rounding, coverage factors, the capability of the laboratory, and the statement of conformity."""
 
 from dataclasses import replace
+from datetime import date
 from math import erf, inf, sqrt
 from pathlib import Path
 
@@ -11,12 +12,15 @@ from tests.refusals import refused
 from inercal.calibration import Calibration
 from inercal.calibration.files import load
 from inercal.calibration.specification import Conformity, LimitResult
+from inercal.certificate.content import CertificateChange, CertificateInput, make_certificate
+from inercal.certificate.job import read_job
 from inercal.certificate.results import (
     acceptance_risk,
     judge_results,
     make_results,
     stated_capability,
 )
+from inercal.runfile.laboratory_file import read_laboratory
 from inercal.sensors.coefficient_tables import G0
 from inercal.uncertainty.conformity import DecisionRule
 
@@ -76,6 +80,19 @@ def test_a_coefficient_without_uncertainty_has_that_of_the_capability(calibratio
     assert found.rows[0].expanded == "20"
 
 
+@pytest.mark.parametrize("as_found", [False, True])
+def test_a_calibration_without_any_uncertainty_is_refused(
+    as_found: bool, calibration: Calibration, example: Path
+):
+    imported = replace(calibration, covariance=0 * calibration.covariance, conformity=None)
+    pair = (calibration, imported) if as_found else (imported, None)
+    laboratory = read_laboratory(example / "lab.toml")
+    job = read_job(calibration.job)
+    given = CertificateInput(*pair, laboratory, job, "en", date(2026, 11, 26), draft=True)
+    with refused(names=(calibration.sensor.name,)):
+        make_certificate(given, "", CertificateChange())
+
+
 def test_capability_is_stated_by_groups_and_full_names(calibration: Calibration):
     sensor = calibration.sensor
     words = {"bias": "20 µg", "ax.k0": "50 µg", "g": "1 °/h/g", "misalignment": "10 ″"}
@@ -87,6 +104,9 @@ def test_capability_is_stated_by_groups_and_full_names(calibration: Calibration)
         stated_capability({"bias": "20 m"}, sensor)
     with refused(key="[capability.uncertainty] bias"):
         stated_capability({"bias": "0 µg"}, sensor)
+    for word in ("bais", "ax.k00"):
+        with refused(key=f"[capability.uncertainty] {word}"):
+            stated_capability({word: "20 µg"}, sensor)
 
 
 def test_few_degrees_of_freedom_widen_u(calibration: Calibration):

@@ -9,7 +9,7 @@ import pikepdf
 import pytest
 from tests.certificate.conftest import Laboratory
 from tests.certificate.dcc_xml import etree
-from tests.certificate.signing_keys import PASSPHRASE
+from tests.certificate.signing_keys import PASSPHRASE, write_chain
 from tests.program import run_program
 
 from inercal.certificate.schema import schema_defects
@@ -54,6 +54,19 @@ def test_a_signature_of_another_key_is_not_trusted(signed: Path, keys: Path):
         status, checks = verified(file, "--trust", keys / "other.pem")
         assert status == 3
         assert checks["signature of the DCC"] is False
+
+
+def test_a_certificate_of_the_key_may_lead_to_the_trusted_one_by_another(
+    laboratory: Laboratory, keys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write_chain(tmp_path, "leaf")
+    monkeypatch.setenv(VARIABLE, PASSPHRASE)
+    pdf = laboratory.issue("--sign", tmp_path / "leaf.p12")
+    for file in (pdf, pdf.with_suffix(".xml")):
+        assert verified(file, "--trust", tmp_path / "root.pem")[0] == 0
+        assert verified(file, "--trust", tmp_path / "leaf.pem")[0] == 0
+        status, checks = verified(file, "--trust", keys / "own.pem")
+        assert (status, checks["signature of the DCC"]) == (3, False)
 
 
 def test_a_signature_alone_vouches_for_nobody(signed: Path):

@@ -48,6 +48,10 @@ CASES: dict[str, Callable[[Path], object]] = {
         ),
     ),
     "file of the order with another section": lambda folder: order(folder, "[jobs]\n"),
+    "date that is none": lambda folder: order(folder, '[job]\nmeasured = "soon"\n'),
+    "degrees of freedom that are none": lambda folder: order(
+        folder, "[job]\ndegrees_of_freedom = -1\n"
+    ),
     "country that is none": lambda folder: laboratory(
         folder, 'laboratory = "A"\ncountry = "Germany"\n'
     ),

@@ -1,18 +1,16 @@
 """Limits judged by the uncertainty of the next use."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import norm, t
+from tests.repeatability.example import repeat_example
 
 import inercal
 from inercal.calibration.files import load, save
-from inercal.cli.app import app
 from inercal.errors import InputError
 
-EXAMPLES = Path(__file__).parents[2] / "examples" / "repeat"
 LIMITS = '[specification]\nuncertainty = "next_use"\nrepeatability = "{}"\n'
 LIMIT = '[specification.limits]\nbias = "± 12 mg"\n'
 
@@ -20,16 +18,7 @@ LIMIT = '[specification.limits]\nbias = "± 12 mg"\n'
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return the example's folder with four calibrations and their repeatability."""
-    from typer.testing import CliRunner
-
-    for file in EXAMPLES.iterdir():
-        shutil.copy(file, tmp_path)
-    files: list[str] = []
-    for n in range(1, 5):
-        found = inercal.calibrate(tmp_path / f"session_{n}.toml").calibration
-        files.append(str(save(found, tmp_path / f"session_{n}.calibration.json")))
-    result = CliRunner().invoke(app, ["repeat", *files, "--out", str(tmp_path)])
-    assert result.exit_code == 0, result.output
+    repeat_example(tmp_path)
     return tmp_path
 
 

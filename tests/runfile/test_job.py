@@ -48,11 +48,18 @@ def test_an_overdue_instrument_is_a_warning(job: Path):
     assert outcome.verdict.grade == "reservations"
 
 
+def test_the_last_day_of_the_measurement_decides_whether_an_instrument_is_overdue(job: Path):
+    change(job.with_name("lab.toml"), "2027-03-01", "2026-11-25")
+    assert not [one for one in inercal.calibrate(job).findings if one.what == "instrument"]
+    change(job, "measured = 2026-11-25", "measured = 2026-11-25\nmeasured_until = 2026-11-26")
+    assert [one for one in inercal.calibrate(job).findings if one.what == "instrument"]
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "key"),
     [
         ("lab.toml", "approved_by", "approved", "approved"),
-        ("lab.toml", "due = 2027-03-01", 'due = "soon"', "instrument.0.due"),
+        ("lab.toml", "due = 2027-03-01", 'due = "soon"', "[instrument] due"),
         ("job.toml", "operator", "operater", "[job] operater"),
         ("job.toml", "measured = 2026-11-25", 'measured = "today"', "[job] measured"),
     ],

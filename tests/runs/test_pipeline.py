@@ -81,11 +81,10 @@ def test_columns_are_named_by_header_or_by_number(tmp_path: Path):
         FERRARIS,
         ('file = "log.csv"', 'file = "log.csv"\naccelerometer = ["a", "b", "c"]'),
     )
-    header = (tmp_path / "log.csv").read_text(encoding="utf-8").split("\n")[0]
+    _, header, *lines = (tmp_path / "log.csv").read_text(encoding="utf-8").splitlines()
     assert header == "time,a,b,c,gyr_x,gyr_y,gyr_z,label"
     expected = calibrate(named).calibration.values
     # The same file without its header: columns are counted from 1.
-    lines = (tmp_path / "log.csv").read_text(encoding="utf-8").splitlines()[1:]
     bare = [line.rpartition(",")[0] for line in lines]
     (tmp_path / "log.csv").write_text("\n".join(bare) + "\n", encoding="utf-8")
     numbered = run_file(

@@ -134,7 +134,7 @@ def test_ranges_are_those_of_the_means_that_were_used(tmp_path: Path):
 
 def test_the_range_of_temperature_is_that_of_the_sections_that_were_used(tmp_path: Path):
     run = recorded(tmp_path, FERRARIS)
-    first, *lines = run.file(run.data.file).read_text(encoding="utf-8").splitlines()
+    _, first, *lines = run.file(run.data.file).read_text(encoding="utf-8").splitlines()
     rows = [f"{line},{20 + k / len(lines)!r}" for k, line in enumerate(lines)]
     run.file(run.data.file).write_text("\n".join([f"{first},oven", *rows]), encoding="utf-8")
     path = run_file(tmp_path, FERRARIS, ('time = "time"', 'time = "time"\ntemperature = "oven"'))

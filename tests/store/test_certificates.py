@@ -19,6 +19,7 @@ from inercal.store import (
     restore_register,
 )
 from inercal.store.address import resolve_address
+from inercal.store.register_tables import certificate
 
 
 def make(number: str, previous: CertificateEntry | None) -> CertificateFiles:
@@ -63,6 +64,22 @@ def test_no_statement_changes_or_deletes_a_certificate(statement: str, filled: s
     engine.dispose()
     with Register(filled) as register:
         assert register.certificate("2026-0001").files == make("2026-0001", None)
+
+
+@pytest.mark.parametrize("key", ["id", "number", "series, year, sequence"])
+def test_no_row_takes_the_place_of_a_certificate(key: str, tmp_path: Path):
+    """SQLite replaces rows without deleting them by name."""
+    address = str(tmp_path / "register.db")
+    with Register(address) as register:
+        register.issue_certificate(ten(tmp_path)[0], request(), "2026-02-01")
+    engine = create_engine(resolve_address(address).url)
+    names = [column.name for column in certificate.columns]
+    other = {"id": "9", "number": "'9'", "sequence": "9"}  # but for the key, which stays
+    values = [name if name in key else other.get(name, name) for name in names]
+    statement = f"INSERT OR REPLACE INTO certificate SELECT {', '.join(values)} FROM certificate"
+    with pytest.raises(DBAPIError, match="immutable"), engine.begin() as db:
+        db.execute(text(statement))
+    engine.dispose()
 
 
 def test_files_that_cannot_be_made_use_no_number(filled: str, tmp_path: Path):

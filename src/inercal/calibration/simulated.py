@@ -2,5 +2,3 @@
 
 SIMULATED = "simulated"
 """The key of `Calibration.provenance`."""
-SIMULATION_SOURCE = "simulation of "
-"""Begins the source of a simulated recording."""

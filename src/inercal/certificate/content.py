@@ -97,12 +97,12 @@ class Certificate:
     @property
     def last_day(self) -> date:
         """Last day of the measurement."""
-        return self.job.measured_until or self.first_day
+        return self.job.last_day or self.first_day
 
 
 @dataclass(frozen=True, eq=False)
 class CertificateInput:
-    """From what a certificate is made, before it has a number."""
+    """All that a certificate is written from, except its number and the change it makes."""
 
     calibration: Calibration
     as_found: Calibration | None
@@ -122,12 +122,14 @@ def make_certificate(
     ------
     InputError
         An item of the standard is missing, the laboratory's policy refuses the calibration, dates
-        contradict one another, or the calibration as found is of another sensor.
+        contradict one another, a calibration states no uncertainty, or the calibration as found is
+        of another sensor.
     """
     job, laboratory, calibration = given.job, given.laboratory, given.calibration
     require_complete(job, laboratory)
+    last = job.last_day
     assert job.measured is not None  # `require_complete`
-    last = job.measured_until or job.measured
+    assert last is not None
     for name, first, second in (
         ("received", job.received, job.measured),
         ("the date of issue", last, given.issued),
@@ -145,6 +147,8 @@ def make_certificate(
         else stated_capability(capability.uncertainty, calibration.sensor)
     )
     dof = job.degrees_of_freedom or inf
+    for one in filter(None, (calibration, given.as_found)):
+        _require_uncertainty(one)
     results = [
         make_results(calibration, smallest, dof, "afterAdjustment" if given.as_found else "")
     ]
@@ -163,6 +167,17 @@ def make_certificate(
         marks,
         change,
     )
+
+
+def _require_uncertainty(calibration: Calibration) -> None:
+    """Refuse a calibration that was imported: a certificate states U (7.8.4.1 a)."""
+    if not calibration.std.any():
+        name = calibration.sensor.name
+        raise InputError(
+            f"the calibration of {name} states no uncertainty, as one of inercal import; certify a "
+            "calibration that inercal estimated",
+            names=(name,),
+        )
 
 
 def _require_same_sensor(first: Calibration, second: Calibration) -> None:

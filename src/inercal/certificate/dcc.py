@@ -22,16 +22,14 @@ from inercal.certificate import dcc_administration
 from inercal.certificate.content import Certificate
 from inercal.certificate.dcc_elements import (
     DCC_NAMESPACE,
-    SI_NAMESPACE,
     content,
     dcc,
     list_label,
-    rich,
     si,
     to_bytes,
 )
 from inercal.certificate.dcc_units import dsi_unit
-from inercal.certificate.facts import condition_facts, method_facts, rule_lines
+from inercal.certificate.facts import condition_facts, method_facts, results_title, rule_lines
 from inercal.certificate.results import COVERAGE_PROBABILITY, ResultSet
 from inercal.certificate.texts import Texts
 
@@ -67,11 +65,10 @@ def calibration_bytes(results: ResultSet) -> bytes:
 
 def _measurement_result(certificate: Certificate, results: ResultSet) -> Any:
     texts, calibration = certificate.texts, results.calibration
-    heading = {"beforeAdjustment": "results_before", "afterAdjustment": "results_after"}
     last = results is certificate.results[-1]
     return dcc(
         "measurementResult",
-        content("name", texts, texts.text(heading.get(results.status, "results"))),
+        content("name", texts, results_title(texts, results)),
         dcc("usedMethods", _used_method(certificate)),
         dcc(
             "usedSoftware",
@@ -94,7 +91,7 @@ def _used_method(certificate: Certificate) -> Any:
     return dcc(
         "usedMethod",
         content("name", texts, certificate.calibration.method or "–"),
-        rich("description", texts, *(f"{name}: {text}" for name, text in facts)),
+        content("description", texts, *(f"{name}: {text}" for name, text in facts)),
         dcc("reference", certificate.job.procedure or certificate.laboratory.procedure),
     )
 
@@ -123,7 +120,7 @@ def _equipment(certificate: Certificate) -> Any:
             dcc(
                 "measuringEquipment",
                 content("name", texts, one.name),
-                rich("description", texts, *words) if words else None,
+                content("description", texts, *words) if words else None,
                 dcc("identifications", *identifications) if identifications else None,
                 refType="basic_normalUsed",
             )
@@ -138,7 +135,7 @@ def _influence_conditions(certificate: Certificate, results: ResultSet) -> Any:
             "influenceCondition",
             content("name", texts, name),
             dcc("status", results.status) if results.status else None,
-            dcc("data", rich("text", texts, text)),
+            dcc("data", content("text", texts, text)),
         )
         for name, text in condition_facts(certificate, results.calibration)
     ]
@@ -162,7 +159,7 @@ def _rounded_result(texts: Texts, results: ResultSet) -> Any:
     return dcc(
         "result",
         content("name", texts, texts.text("results")),
-        rich("description", texts, described),
+        content("description", texts, described),
         dcc(
             "data",
             dcc(
@@ -204,7 +201,7 @@ def _full_result(texts: Texts, results: ResultSet) -> Any:
     return dcc(
         "result",
         content("name", texts, texts.text("coefficients_full")),
-        rich("description", texts, texts.text("attached"), more=(attached,)),
+        content("description", texts, texts.text("attached"), more=(attached,)),
         dcc(
             "data",
             dcc(
@@ -248,7 +245,7 @@ def _conformity(certificate: Certificate) -> Any:
         content("name", certificate.texts, sensor.name),
         dcc("norm", "JCGM 106:2012"),
         dcc("norm", "ILAC-G8:09/2019"),
-        rich("declaration", certificate.texts, *rule_lines(certificate)),
+        content("declaration", certificate.texts, *rule_lines(certificate)),
         dcc("conformity", _CONFORMITY[conformity.result]),
         refType="basic_conformity",
     )
@@ -275,6 +272,3 @@ def _limit_entry(texts: Texts, one: LimitResult, unit: str) -> Any:
 
 def _numbers(values: Any) -> str:
     return " ".join(repr(float(value)) for value in values)
-
-
-__all__ = ["DCC_NAMESPACE", "SCHEMA_VERSION", "SI_NAMESPACE", "calibration_bytes", "write_dcc"]

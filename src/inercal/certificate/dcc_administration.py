@@ -4,7 +4,7 @@ from importlib.metadata import version
 from typing import Any
 
 from inercal.certificate.content import Certificate
-from inercal.certificate.dcc_elements import content, dcc, rich
+from inercal.certificate.dcc_elements import content, dcc
 from inercal.certificate.facts import statement_facts
 
 _DRAFT = "DRAFT"
@@ -19,7 +19,7 @@ def administrative_data(certificate: Certificate) -> Any:
     definition = dcc(
         "refTypeDefinition",
         content("name", texts, "inercal"),
-        rich("description", texts, texts.text("equation_text")),
+        content("description", texts, texts.text("equation_text")),
         dcc("namespace", "inercal"),
         dcc("link", "urn:inercal:certificate"),
         dcc("release", version("inercal")),
@@ -87,7 +87,7 @@ def _items(certificate: Certificate) -> Any:
     item = dcc(
         "item",
         content("name", texts, job.item or texts.text("default_item")),
-        rich("description", texts, certificate.calibration.sensor.name, condition),
+        content("description", texts, certificate.calibration.sensor.name, condition),
         dcc("manufacturer", content("name", texts, job.maker)) if job.maker else None,
         dcc("model", job.model) if job.model else None,
         dcc(
@@ -128,7 +128,7 @@ def _contact(
         element,
         content("name", texts, name or ""),
         dcc("eMail", email) if email else None,
-        dcc("location", rich("further", texts, address or "")),
+        dcc("location", content("further", texts, address or "")),
     )
 
 
@@ -159,7 +159,7 @@ def _statements(certificate: Certificate) -> Any:
     texts = certificate.texts
     marks = [(texts.word("mark", mark), (texts.word("mark", mark),)) for mark in certificate.marks]
     statements = [
-        dcc("statement", content("name", texts, name), rich("declaration", texts, *lines))
+        dcc("statement", content("name", texts, name), content("declaration", texts, *lines))
         for name, lines in (*marks, *statement_facts(certificate))
     ]
     return dcc("statements", *statements)

@@ -27,18 +27,13 @@ def si(name: str, *children: Any) -> Any:
     return _element(SI_NAMESPACE, name, children, {})
 
 
-def content(name: str, texts: Texts, *lines: str) -> Any:
-    """Return a text of the DCC in the language of the certificate."""
-    return dcc(name, *(dcc("content", line, lang=texts.language) for line in lines))
-
-
-def rich(name: str, texts: Texts, *lines: str, more: Sequence[Any] = ()) -> Any:
-    """Return a rich content: lines of text, and other elements after them."""
+def content(name: str, texts: Texts, *lines: str, more: Sequence[Any] = ()) -> Any:
+    """Return lines of text in the language of the certificate, and other elements after them."""
     return dcc(name, *(dcc("content", line, lang=texts.language) for line in lines), *more)
 
 
 def list_label(name: str) -> str:
-    """Return a name as an entry of a list, which blanks part."""
+    """Return a name without blanks, which separate the entries of a list."""
     return "_".join(name.split())
 
 

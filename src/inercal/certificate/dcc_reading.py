@@ -1,7 +1,6 @@
 """What a DCC of inercal states, read back from its XML."""
 
 import base64
-import json
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +29,7 @@ class StatedResults:
     covariance : (p, p) array
     covariance_units : tuple of tuple of str
     calibration : Calibration
-        Of the attached file, its hash proved.
+        Of the attached file, whose hash is right.
     """
 
     names: tuple[str, ...]
@@ -79,7 +78,6 @@ def _results(measurement: Any) -> StatedResults:
     cells = [column.findall("si:covariance", _NAMES) for column in columns]
     attached = _text(measurement, ".//dcc:file/dcc:dataBase64")
     content = base64.b64decode(attached).decode()
-    json.loads(content)
     found = StatedResults(
         tuple(_text(rounded, "si:labelXMLList").split()),
         tuple(_text(rounded, "si:unitXMLList").split()),

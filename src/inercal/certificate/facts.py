@@ -6,6 +6,7 @@ from inercal.calibration.verdict import LARGEST_UNCERTAINTIES
 from inercal.certificate.content import Certificate
 from inercal.certificate.results import (
     COVERAGE_PROBABILITY,
+    ResultSet,
     acceptance_risk,
     names_of,
 )
@@ -38,6 +39,12 @@ def method_facts(certificate: Certificate) -> list[Fact]:
 def _file_and_hash(calibration: Calibration, what: str) -> str:
     names = (what, f"{what} sha256")
     return " ".join(filter(None, (calibration.provenance.get(name) for name in names)))
+
+
+def results_title(texts: Texts, results: ResultSet) -> str:
+    """Return the title of results: before or after adjustment, where they are one of two."""
+    keys = {"beforeAdjustment": "results_before", "afterAdjustment": "results_after"}
+    return texts.text(keys.get(results.status, "results"))
 
 
 def condition_facts(certificate: Certificate, calibration: Calibration) -> list[Fact]:

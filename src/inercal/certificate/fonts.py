@@ -54,7 +54,7 @@ def font_families(font: Path | None) -> Generator[tuple[list[str], list[str]]]:
         yield [OWN_FONT], []
         return
     with tempfile.TemporaryDirectory() as folder:
-        # typst takes folders: one with this file alone, whatever else is installed beside it.
+        # typst takes folders: this one has the file alone, not the other fonts of its own folder.
         for file in {font, font.with_name(font.name.replace("Regular", "Bold"))}:
             if file.is_file():
                 shutil.copy(file, folder)

@@ -8,10 +8,18 @@ from pydantic import ValidationError
 from inercal.errors import InputError
 from inercal.runfile.job import JobSection
 from inercal.runfile.laboratory_file import LaboratoryFile
+from inercal.runfile.validation_errors import schema_error
+from inercal.section_settings import Section
 from inercal.small_files import read_toml
 
 _OF_JOB = ("customer", "customer_address", "serial_number", "condition", "measured")
 _OF_LABORATORY = ("address", "country", "approved_by", "procedure", "traceability")
+
+
+class _OrderFile(Section):
+    """A file of the order: one section."""
+
+    job: JobSection
 
 
 def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
@@ -29,29 +37,23 @@ def read_job(texts: Mapping[str, str], path: Path | None = None) -> JobSection:
     InputError
         The file cannot be read, has another section or key, or a date that is none.
     """
-    named = {name.replace(" ", "_"): text for name, text in texts.items()}
+    # Other texts of a calibration are those of its laboratory's file.
     stated: dict[str, object] = {
-        name: text for name, text in named.items() if name in JobSection.model_fields
+        key: text
+        for name, text in texts.items()
+        if (key := name.replace(" ", "_")) in JobSection.model_fields
     }
-    where = "[job] of the calibration"
     if path is not None:
-        content = read_toml(path, "file of the order")
-        if set(content) != {"job"} or not isinstance(content["job"], dict):
-            raise InputError(
-                f"{path}: a file of the order has one section, [job]; remove the rest", file=path
-            )
-        stated |= content["job"]
-        where = f"{path}: [job]"
+        added = _validate(read_toml(path, "file of the order"), path)
+        stated |= added.model_dump(exclude_unset=True)
+    return _validate({"job": stated}, "the calibration")
+
+
+def _validate(content: Mapping[str, object], where: Path | str) -> JobSection:
     try:
-        return JobSection.model_validate(stated)
+        return _OrderFile.model_validate(content).job
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        raise InputError(
-            f"{where} {key}: {first['msg'].lower()}; keys are {', '.join(JobSection.model_fields)}",
-            file=path,
-            key=f"[job] {key}",
-        ) from None
+        raise schema_error(error, content, _OrderFile).located(where) from None
 
 
 def require_complete(job: JobSection, laboratory: LaboratoryFile) -> None:

@@ -9,7 +9,7 @@ from inercal.calibration import Calibration
 from inercal.calibration.simulated import SIMULATED
 from inercal.certificate.results import ResultSet, names_of
 from inercal.errors import InputError
-from inercal.runfile.laboratory_file import Action, InstrumentSection, LaboratoryFile
+from inercal.runfile.laboratory_file import Action, LaboratoryFile
 from inercal.units import ZERO_CELSIUS, parse_quantity
 
 _RANGES = {"force": "m/s²", "rate": "rad/s", "temperature": "K"}
@@ -61,15 +61,10 @@ def certificate_marks(
             reason = f"{name} is outside the stated capability: {outside}"
             add("outside_capability", policy.outside_capability, reason, "outside_capability")
     for instrument in laboratory.instrument:
-        if is_overdue(instrument, measured):
+        if instrument.is_overdue(measured):
             reason = f"instrument {instrument.name} was due on {instrument.due}"
             add("overdue", policy.overdue, reason, "overdue")
     return tuple(marks)
-
-
-def is_overdue(instrument: InstrumentSection, measured: date) -> bool:
-    """Return whether an instrument was due before the last day of the measurement."""
-    return instrument.due is not None and instrument.due < measured
 
 
 def _outside(laboratory: LaboratoryFile, results: ResultSet) -> str:

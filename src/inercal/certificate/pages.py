@@ -10,11 +10,11 @@ from inercal.certificate.facts import (
     condition_facts,
     general_lines,
     method_facts,
+    results_title,
     rule_lines,
     uncertainty_lines,
     verdict_lines,
 )
-from inercal.certificate.marks import is_overdue
 from inercal.certificate.results import ResultSet
 from inercal.keys import CoefficientName
 from inercal.units import format_value_and_uncertainty
@@ -72,13 +72,11 @@ def _sections(certificate: Certificate) -> list[dict[str, Any]]:
     ]
     if len(certificate.results) == 1:
         parts.append(_conditions(certificate, certificate.results[0]))
-    headings = {"beforeAdjustment": "results_before", "afterAdjustment": "results_after"}
     for one in certificate.results:
-        heading = t.text(headings.get(one.status, "results"))
         blocks = [_result_table(certificate, one)]
         if one.status:
             blocks += _conditions(certificate, one)["blocks"]
-        parts.append({"title": heading, "blocks": blocks})
+        parts.append({"title": results_title(t, one), "blocks": blocks})
     parts += [
         _section(t.text("uncertainty"), _lines(uncertainty_lines(certificate))),
         _section(t.text("conformity"), _limit_table(certificate), _lines(rule_lines(certificate))),
@@ -211,7 +209,7 @@ def _instruments(certificate: Certificate) -> dict[str, Any] | None:
     rows: list[list[str]] = []
     for one in certificate.laboratory.instrument:
         due = one.due.isoformat() if one.due else "–"
-        if is_overdue(one, certificate.last_day):
+        if one.is_overdue(certificate.last_day):
             due = t.text("overdue", date=due)
         known = (one.name, one.serial_number, one.certificate, one.calibrated_by, due)
         rows.append([text or "–" for text in known])

@@ -21,7 +21,8 @@ from inercal.arrays import Array
 from inercal.calibration import Calibration
 from inercal.calibration.specification import Conformity, LimitResult
 from inercal.errors import InputError
-from inercal.sensors import SI_UNITS, Sensor
+from inercal.keys import CoefficientName
+from inercal.sensors import SI_UNITS, Sensor, imu
 from inercal.sensors.basis_functions import Basis
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.uncertainty.conformity import (
@@ -159,11 +160,16 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
     Raises
     ------
     InputError
-        A quantity that is none, or not positive. Words for coefficients that this sensor has not
-        are passed over: the file serves all sensors.
+        A quantity that is none, or not positive, or a word that names no coefficient of any sensor.
+        Words for coefficients that this sensor lacks are passed over: the file serves all sensors.
     """
     found: dict[str, float] = {}
     for word, text in sorted(uncertainty.items(), key=lambda one: "." in one[0]):
+        key = f"[capability.uncertainty] {word}"
+        try:
+            select_coefficients(imu().axes, [CoefficientName(word).term])
+        except InputError as error:
+            raise error.located(key, key=key) from None
         try:
             named = select_coefficients(sensor.axes, [word])
         except InputError:
@@ -176,7 +182,6 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
                     values[name] = parse_quantity(text, sensor.coefficient(name).unit).value
                 except InputError as error:  # "bias" of gyros, where it states accelerometers
                     errors.append(error)
-        key = f"[capability.uncertainty] {word}"
         if errors and not values:
             raise errors[0].located(key, key=key)
         if any(value <= 0 for value in values.values()):
@@ -188,22 +193,31 @@ def stated_capability(uncertainty: Mapping[str, str], sensor: Sensor) -> dict[st
 def judge_results(results: ResultSet) -> Conformity | None:
     """Return the conformity by the limits of the calibration and the U of the certificate.
 
-    Limits that were judged by the U of the next use, which no certificate of one session has, keep
-    that judgement.
+    Limits that were judged by the U of the next use keep that judgement, with k = 2. Where the
+    capability of the laboratory raises the U of the session, that of the next use grows by the same
+    variance; the calibration file states the scatter between uses without its correlations, so that
+    the joint probability then takes it as uncorrelated.
     """
     stated = results.calibration.conformity
-    if stated is None or stated.uncertainty == "next_use":
-        return stated
+    if stated is None:
+        return None
     names = list(results.calibration.sensor.coefficients)
     chosen = [names.index(one.name) for one in stated.limits]
     value = results.calibration.values[chosen]
     covariance = results.covariance[np.ix_(chosen, chosen)]
+    dof = _conformity_dof(stated, results.dof)
+    if stated.uncertainty == "next_use":
+        session = results.calibration.covariance[np.ix_(chosen, chosen)]
+        if np.array_equal(covariance, session):
+            return stated
+        next_use = np.array([one.std**2 for one in stated.limits])
+        covariance = covariance + np.diag(next_use - np.diag(session))
     std = np.sqrt(np.diag(covariance))
     lower = np.array([one.lower for one in stated.limits])
     upper = np.array([one.upper for one in stated.limits])
-    guard = stated.rule.guard(std, results.dof)
+    guard = stated.rule.guard(std, dof)
     found = judge(value, lower, upper, guard)
-    chance = conformance_probability(value, std, lower, upper, results.dof)
+    chance = conformance_probability(value, std, lower, upper, dof)
     limits = tuple(
         LimitResult(
             one.name, one.lower, one.upper, float(value[k]), float(std[k]), float(guard[k]),
@@ -212,7 +226,12 @@ def judge_results(results: ResultSet) -> Conformity | None:
         for k, one in enumerate(stated.limits)
     )  # fmt: skip
     joint = joint_conformance_probability(value, covariance, lower, upper)
-    return Conformity(stated.rule, limits, joint)
+    return Conformity(stated.rule, limits, joint, stated.uncertainty)
+
+
+def _conformity_dof(conformity: Conformity, dof: float) -> float:
+    """Return ν of the U that limits are judged by; that of the next use holds t(ν) already."""
+    return inf if conformity.uncertainty == "next_use" else dof
 
 
 def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
@@ -221,6 +240,7 @@ def acceptance_risk(conformity: Conformity, dof: float = inf) -> float:
     The guard band is w = factor · U: with the limit on one side alone the risk is that of the
     tail beyond w, 2.28 % for w = 2u, 4.9 % for w = 0.83 U (JCGM 106:2012, 8.3.2; ILAC-G8:09/2019).
     """
+    dof = _conformity_dof(conformity, dof)
     guard = float(conformity.rule.guard(np.ones(()), dof))
     beyond = conformance_probability(np.zeros(()), np.ones(()), np.array(guard), np.array(inf), dof)
     return float(beyond)

@@ -47,18 +47,18 @@ def _parser() -> Any:
 
 def _read_schema(path: Path) -> Any:
     root = _read_xml(path)
-    beside: dict[str, str] = {}
+    imported: dict[str, str] = {}
     for file in sorted(path.parent.glob("*.xsd")):
         if file != path:
-            beside.setdefault(_read_xml(file).get("targetNamespace"), file.resolve().as_uri())
+            imported.setdefault(_read_xml(file).get("targetNamespace"), file.resolve().as_uri())
     parser = _parser()
     parser.resolvers.add(_Resolver())
     for one in root.iter(_IMPORT):
         namespace = one.get("namespace")
         if namespace == SIGNATURE_NAMESPACE:
             one.set("schemaLocation", _Resolver.signature)
-        elif namespace in beside:
-            one.set("schemaLocation", beside[namespace])
+        elif namespace in imported:
+            one.set("schemaLocation", imported[namespace])
         else:
             raise InputError(
                 f"--schema {path}: it imports {namespace}, whose schema is not in {path.parent}; "
@@ -86,7 +86,7 @@ def _read_xml(path: Path) -> Any:
 
 
 class _Resolver(etree.Resolver):
-    """What gives the stub of the schema of signatures; all else is a file."""
+    """Gives the stub of the schema of signatures for its address; libxml2 reads all else."""
 
     signature = "inercal:signature"
 

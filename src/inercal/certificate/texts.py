@@ -28,6 +28,6 @@ class Texts:
 
 @lru_cache(maxsize=1)
 def text_table() -> dict[str, dict[str, Any]]:
-    """Return the whole table: by section, key and language."""
+    """Return all texts, by section, key and language."""
     source = files("inercal.certificate").joinpath("texts.toml")
     return tomllib.loads(source.read_text(encoding="utf-8"))

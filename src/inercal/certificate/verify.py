@@ -1,5 +1,6 @@
-"""A certificate checked: what it holds agrees, who signed it, and whether the register has it."""
+"""Checks of a certificate: its numbers agree, who signed it, and whether the register has it."""
 
+import asyncio
 import base64
 import hashlib
 from collections.abc import Generator, Sequence
@@ -114,12 +115,12 @@ def verify(
 
 @contextmanager
 def _readable(path: Path) -> Generator[None]:
-    """Raise what the reader of a damaged PDF raises as one line."""
+    """Turn any error of the reader of PDF into one line: the file is damaged."""
     try:
         yield
     except InercalError:
         raise
-    except Exception as error:  # of any kind, for the reader takes any bytes
+    except Exception as error:  # damaged bytes raise errors of many kinds
         raise InputError(
             f"{path}: a PDF without an attached DCC, or a damaged one: {error}; get the file again",
             file=path,
@@ -160,9 +161,9 @@ def _pdf_signature(content: bytes, trusted: bytes | None) -> Check:
         status = validation.validate_pdf_signature(embedded, context(trust_roots=roots))
     except validation.SignatureValidationError as error:
         return Check(name, False, str(error))
-    whole = str(status.coverage).endswith("ENTIRE_FILE")
+    covers_all = str(status.coverage).endswith("ENTIRE_FILE")
     subject = str(embedded.signer_cert.subject.human_friendly)
-    if not (status.intact and status.valid and whole):
+    if not (status.intact and status.valid and covers_all):
         return Check(name, False, f"{subject}: the file was changed after it was signed")
     return _trust_check(name, subject, trusted, bool(status.trusted))
 
@@ -197,10 +198,13 @@ def _dcc_signature(document: bytes, trusted: bytes | None) -> Check:
     found = root.find(f"{{{SIGNATURE_NAMESPACE}}}Signature")
     if found is None:
         return Check(name, None, "not signed")
-    text = str(found.findtext(f".//{{{SIGNATURE_NAMESPACE}}}X509Certificate") or "")
+    texts = [
+        str(one.text) for one in found.iterfind(f".//{{{SIGNATURE_NAMESPACE}}}X509Certificate")
+    ]
     try:
         x509 = signature_library("cryptography.x509")
-        own = x509.load_der_x509_certificate(base64.b64decode(text))
+        der, *chain = map(base64.b64decode, texts or [""])
+        own = x509.load_der_x509_certificate(der)
         signed = verifier.verify(document, x509_cert=own)[0].signed_xml
     except (
         refusals.InvalidSignature,
@@ -212,22 +216,24 @@ def _dcc_signature(document: bytes, trusted: bytes | None) -> Check:
     if signed is None or signed.tag != root.tag:
         return Check(name, False, "the signature is of a part of the DCC")
     subject = str(own.subject.rfc4514_string())
-    leads = trusted is not None and _leads_to(own, _load_pem(trusted))
+    leads = trusted is not None and _leads_to(der, chain, trusted)
     return _trust_check(name, subject, trusted, leads)
 
 
-def _leads_to(own: Any, roots: Sequence[Any]) -> bool:
-    """Return whether a certificate is a trusted one, or directly issued by one."""
-    invalid = signature_library("cryptography.exceptions").InvalidSignature
-    for root in roots:
-        if own == root:
-            return True
-        try:
-            own.verify_directly_issued_by(root)
-        except (ValueError, TypeError, invalid):
-            continue
-        return True
-    return False
+def _leads_to(own: bytes, chain: Sequence[bytes], trusted: bytes) -> bool:
+    """Return whether a certificate leads to a trusted one, as for the PDF; DER, DER and PEM."""
+    load = signature_library("asn1crypto.x509").Certificate.load
+    library = signature_library("pyhanko_certvalidator")
+    refusals = signature_library("pyhanko_certvalidator.errors")
+    context = library.ValidationContext(trust_roots=_certificates(trusted))
+    path = library.CertificateValidator(
+        load(own), [load(one) for one in chain], validation_context=context
+    )
+    try:
+        asyncio.run(path.async_validate_path())
+    except (refusals.PathError, refusals.ValidationError):
+        return False
+    return True
 
 
 def _agreement(stated: StatedResults, number: int) -> Check:

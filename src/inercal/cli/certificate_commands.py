@@ -158,7 +158,7 @@ def verify(
     """Check signatures, agreement of the numbers, schema, and the register.
 
     The exit status is 0 where nothing fails and a signature that --trust names, or the register,
-    vouches for the file, else 3. The register is asked where --register names one.
+    vouches for the file, else 3. The register counts only where --register names it.
     """
     from inercal.certificate.libraries import CERTIFICATE, SIGNATURE
     from inercal.errors import require_installed

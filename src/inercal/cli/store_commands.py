@@ -212,7 +212,7 @@ def backup(
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Write the whole register, certificates included, to one file."""
+    """Write the register with its certificates to one file."""
     from inercal.cli.outputs import BACKUP, check_outputs
     from inercal.store import backup_register
     from inercal.store.address import resolve_address

@@ -30,6 +30,7 @@ from inercal.host.packets import PacketLayout
 from inercal.host.run_log import TABLE, file_sha256, read_frames
 from inercal.host.table_state_codec import unpack_states
 from inercal.io.atomic_files import atomic_write
+from inercal.io.simulation_mark import SIMULATION_KEY
 from inercal.recording import AngleQuality
 from inercal.runfile import Run
 from inercal.section_settings import key_error
@@ -109,6 +110,7 @@ def write_recording(
     about: Mapping[str, str] | None = None,
     poll: float = POLL_INTERVAL,
     log_sha256: str | None = None,
+    simulation: str = "",
 ) -> Path:
     """Write the recording of a run, whole or not at all; return its path.
 
@@ -126,6 +128,8 @@ def write_recording(
         s between polls of the table.
     log_sha256 : str, optional
         Digest of the log, where it is known; else the log is read for it.
+    simulation : str
+        The mark of a simulated bench (`inercal.io.simulation_mark`); empty for another.
 
     Raises
     ------
@@ -186,6 +190,8 @@ def write_recording(
                 file.create_dataset(name, data=coded.astype(kind), dtype=kind)
             else:
                 file.create_dataset(name, data=column)
+        if simulation:
+            file.attrs[SIMULATION_KEY] = simulation
         group = file.create_group(BENCH_GROUP)
         group.attrs.update(told)
         group["heard"] = np.array(heard)

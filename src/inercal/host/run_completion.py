@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from inercal.calibration.files import save
-from inercal.calibration.simulated import SIMULATED
 from inercal.host.addresses import layout_of_address
 from inercal.host.journal import NOTE_LEVEL, Journal
 from inercal.host.live_estimator import LiveEstimator
 from inercal.host.recording_writer import write_recording
 from inercal.host.run_folder import RunFolder
 from inercal.host.run_log import file_sha256
+from inercal.io.simulation_mark import SIMULATION_OF
 from inercal.pipeline import Outcome, calibrate
 from inercal.report import write_report
 
@@ -61,12 +61,16 @@ def finish_run(
     # The log may be gigabytes: it is read for its digest once.
     came = file_sha256(folder.log)
     layout = layout_of_address(was.imu)
-    recording = write_recording(run, layout, folder.log, folder.path, about, was.poll, came)
+    # A simulated bench has a clock of its own.
+    simulation = f"{SIMULATION_OF}a bench with the clock {was.clock}" if was.clock else ""
+    recording = write_recording(
+        run, layout, folder.log, folder.path, about, was.poll, came, simulation
+    )
     files = {"run_file": run.path, "log": folder.log, "recording": recording}
     _record_file(journal, folder.log, came)
     _record_file(journal, run.path)
     _record_file(journal, recording)
-    outcome = _with_notes(_with_bench(calibrate(run), was.clock), journal)
+    outcome = _with_notes(calibrate(run), journal)
     if live is not None and live.has_estimate:
         _compare_live_estimate(journal, live, outcome)
     files["calibration_file"] = save(outcome.calibration, folder.output_path("calibration.json"))
@@ -78,14 +82,6 @@ def finish_run(
     journal.set_state("done")
     named = {kind: str(path) for kind, path in files.items()}
     return FinishedRun(outcome, named | {"journal": str(folder.journal)})
-
-
-def _with_bench(outcome: Outcome, clock: str) -> Outcome:
-    """Return the outcome, which says where the bench was simulated: that has a clock of its own."""
-    if not clock:
-        return outcome
-    provenance = {**outcome.calibration.provenance, SIMULATED: f"bench with the clock {clock}"}
-    return replace(outcome, calibration=replace(outcome.calibration, provenance=provenance))
 
 
 def _with_notes(outcome: Outcome, journal: Journal) -> Outcome:

@@ -1,5 +1,6 @@
 """Parquet files, through pyarrow."""
 
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -110,8 +111,8 @@ def _decoded_size(metadata: Any, chosen: list[str]) -> int:
     return max(pages, 8 * metadata.num_rows * len(chosen))
 
 
-def write_parquet(path: Path, columns: dict[str, Column]) -> None:
-    """Write columns (n,) of numbers and text to a Parquet file.
+def write_parquet(path: Path, columns: dict[str, Column], metadata: Mapping[str, str]) -> None:
+    """Write columns (n,) of numbers and text, and metadata of the schema, to a Parquet file.
 
     Raises
     ------
@@ -121,7 +122,8 @@ def write_parquet(path: Path, columns: dict[str, Column]) -> None:
     pyarrow = _pyarrow()
     # Text as a list: pyarrow does not accept NumPy's fixed-width strings.
     arrays = {k: c.tolist() if c.dtype.kind == "U" else c for k, c in columns.items()}
-    pyarrow.parquet.write_table(pyarrow.table(arrays), path, write_page_checksum=True)
+    table = pyarrow.table(arrays, metadata=dict(metadata) or None)
+    pyarrow.parquet.write_table(table, path, write_page_checksum=True)
 
 
 def _pyarrow() -> Any:

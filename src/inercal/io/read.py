@@ -13,6 +13,7 @@ from inercal.io.audit import audit, audit_rows, require_accepted
 from inercal.io.column_table import ReadRequest, Table, open_error
 from inercal.io.nearest_times import nearest_samples
 from inercal.io.readers import HEAD_BYTES, Reader, refuse_unknown_options, select_reader
+from inercal.io.simulation_mark import read_simulation_mark
 from inercal.io.table_recording import (
     Columns,
     number_block,
@@ -168,7 +169,7 @@ def read_readback(path: str | os.PathLike[str], columns: Columns) -> Recording:
 
 
 def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> Recording:
-    """Return the recording of the files, not audited.
+    """Return the recording of the files, not audited, marked where one of them is simulated.
 
     Raises
     ------
@@ -179,7 +180,15 @@ def read_unaudited(path: Path, columns: Columns, second: Path | None = None) -> 
         raise InputError(
             f"{path}: state a second file and its columns, or neither of the two", file=path
         )
-    _refuse_unknown_options(columns.options, path, *([] if second is None else [second]))
+    files = [path] if second is None else [path, second]
+    _refuse_unknown_options(columns.options, *files)
+    recording = _read_together(path, columns, second)
+    marks = filter(None, map(read_simulation_mark, files))
+    return replace(recording, simulation=next(marks, ""))
+
+
+def _read_together(path: Path, columns: Columns, second: Path | None) -> Recording:
+    """Return the recording of a file, or of two by their rows or times."""
     if second is not None and columns.second_time is not None:
         return _join_by_time(path, second, columns)
     table = _read(path, read_request(columns), columns.options)

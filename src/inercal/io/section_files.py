@@ -101,6 +101,7 @@ def _join(source: str, parts: Mapping[str, Recording]) -> Recording:
         line_breaks=(),
         original=None,
         kept_corrections="; ".join(texts),
+        simulation=next((part.simulation for part in some if part.simulation), ""),
     )
 
 

@@ -1,7 +1,11 @@
-"""A recording into a file that `inercal.io.read` reads back bit for bit."""
+"""A recording into a file that `inercal.io.read` reads back bit for bit.
+
+A simulated recording is marked in the file (`inercal.io.simulation_mark`); no option omits that.
+"""
 
 import csv
 import os
+import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,7 +17,9 @@ from inercal.io.atomic_files import atomic_write
 from inercal.io.column_table import Column
 from inercal.io.parquet import write_parquet
 from inercal.io.read import Columns
+from inercal.io.simulation_mark import SIMULATION_KEY
 from inercal.recording import Recording
+from inercal.visible_text import visible_text
 
 _CHUNK = 10_000  # rows of CSV formatted at a time
 
@@ -64,7 +70,8 @@ def write_recordings(recordings: Mapping[Path, Recording]) -> None:
         for path, recording in recordings.items():
             arrays = _arrays(recording)
             temporary = renamed.enter_context(atomic_write(path))
-            _WRITERS[path.suffix.lower()](temporary, arrays)
+            mark = visible_text(recording.simulation)
+            _WRITERS[path.suffix.lower()](temporary, arrays, mark)
 
 
 def _arrays(recording: Recording) -> dict[str, Column]:
@@ -91,8 +98,10 @@ def _arrays(recording: Recording) -> dict[str, Column]:
     return dict(pairs)
 
 
-def _write_csv(path: Path, columns: dict[str, Column]) -> None:
+def _write_csv(path: Path, columns: dict[str, Column], mark: str) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
+        if mark:
+            file.write(f"# {mark}\n")
         csv.writer(file, lineterminator="\n").writerow(columns)
         # Labels are quoted so that a comma or # in one stays in it.
         rows = csv.writer(file, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
@@ -102,13 +111,20 @@ def _write_csv(path: Path, columns: dict[str, Column]) -> None:
             rows.writerows(zip(*chunk, strict=True))
 
 
-def _write_npz(path: Path, columns: dict[str, Column]) -> None:
+def _write_npz(path: Path, columns: dict[str, Column], mark: str) -> None:
     with path.open("wb") as file:  # given a path, NumPy adds a suffix of its own
         np.savez(file, allow_pickle=False, **columns)
+    if mark:
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.comment = mark.encode()
 
 
-_WRITERS: dict[str, Callable[[Path, dict[str, Column]], None]] = {
+def _write_parquet(path: Path, columns: dict[str, Column], mark: str) -> None:
+    write_parquet(path, columns, {SIMULATION_KEY: mark} if mark else {})
+
+
+_WRITERS: dict[str, Callable[[Path, dict[str, Column], str], None]] = {
     ".csv": _write_csv,
     ".npz": _write_npz,
-    ".parquet": write_parquet,
+    ".parquet": _write_parquet,
 }

@@ -20,12 +20,13 @@ import numpy as np
 from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.calibration import SharedError, Validity
-from inercal.calibration.simulated import SIMULATED, SIMULATION_SOURCE
+from inercal.calibration.simulated import SIMULATED
 from inercal.calibration.validity import Range
 from inercal.data import EstimatorInput
 from inercal.data.recording_loader import gyro_file
 from inercal.estimate import Estimate
 from inercal.io.column_table import file_sha256
+from inercal.io.simulation_mark import read_simulation_mark
 from inercal.parameters import Parameter
 from inercal.runfile import Run
 from inercal.sensors import Sensor
@@ -85,10 +86,11 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
 
 def _simulation(run: Run, inputs: EstimatorInput) -> str:
     """Return by what the data are known to be simulated; empty where nothing says so."""
-    source = "" if inputs.recording is None else inputs.recording.source
-    if source.startswith(SIMULATION_SOURCE):
-        return source
-    return "[sensor.truth] of the run file" if run.truth else ""
+    if inputs.recording is None:
+        mark = read_simulation_mark(run.file(run.data.file))
+    else:
+        mark = inputs.recording.simulation
+    return mark or ("[sensor.truth] of the run file" if run.truth else "")
 
 
 def validity(sensor: Sensor, inputs: EstimatorInput) -> Validity:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from inercal.benches.contract import SimulatedMotion
 from inercal.benches.hand.bench import face_label
-from inercal.calibration.simulated import SIMULATION_SOURCE
 from inercal.data.recording_loader import (
     apply_axis_signs,
     range_limits,
@@ -18,6 +17,7 @@ from inercal.data.recording_loader import (
 )
 from inercal.errors import InputError
 from inercal.io.file_patterns import is_pattern
+from inercal.io.simulation_mark import SIMULATION_OF
 from inercal.motion import Motion
 from inercal.pipeline.chamber_simulation import (
     in_chamber,
@@ -85,7 +85,7 @@ def simulate_files(run: Run | str | Path, seed: int = 0) -> dict[str, Recording]
     recording, done = _simulate_run(run, rng, seed)
     files = {run.data.file: apply_data_columns(run, recording)}
     for name, further in run.kind.files(run, done, rng).items():
-        files[name] = replace(further, source=recording.source)
+        files[name] = replace(further, source=recording.source, simulation=recording.simulation)
     return files
 
 
@@ -134,6 +134,7 @@ def _simulate_run(
     if sensor.uses("ai", "ap", "ao"):
         motion = replace(motion, dw=np.gradient(motion.w, 1 / run.rate_hz, axis=-2))
     data = read_out(result.sensor, motion, c, run.rate_hz, rng, drift)
+    mark = f"{SIMULATION_OF}{run.path.name}, seed {seed}"
     recording = Recording(
         time=done.time,
         data=data if trials else data[0],
@@ -142,7 +143,8 @@ def _simulate_run(
         labels=_stated_labels(run, done.labels),
         temperature=temperature if temperature is None or trials else temperature[0],
         readback=readback,
-        source=f"{SIMULATION_SOURCE}{run.path.name}, seed {seed}",
+        source=mark,
+        simulation=mark,
     )
     return recording, done
 

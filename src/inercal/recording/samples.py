@@ -84,6 +84,9 @@ class Recording:
     devices : str
         Which sensors the readings are of, with the numbers that their controller gave them; empty
         where it is not known.
+    simulation : str
+        By what the samples are known to be simulated, such as "simulation of run.toml, seed 0";
+        empty where nothing says so.
 
     Raises
     ------
@@ -109,6 +112,7 @@ class Recording:
     origin: int | None = None
     kept_corrections: str = ""
     devices: str = ""
+    simulation: str = ""
 
     def __post_init__(self) -> None:
         n, m = self.time.size, len(self.channels)

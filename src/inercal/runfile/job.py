@@ -61,6 +61,11 @@ class JobSection(Section):
     opinions: str | None = _text("the bias agrees with that of a new sensor")
     notes: str | None = _text("after repair of the cable")
 
+    @property
+    def last_day(self) -> date | None:
+        """Last day of the measurement."""
+        return self.measured_until or self.measured
+
 
 def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tuple[Finding, ...]]:
     """Return the texts of a job and its laboratory, by name, and warnings of overdue instruments.
@@ -89,10 +94,10 @@ def job_texts(job: JobSection | None, folder: Path) -> tuple[dict[str, str], tup
     for one in found.instrument:
         parts = {"serial number": one.serial_number, "certificate": one.certificate, "due": one.due}
         texts[f"instrument {one.name}"] = ", ".join(f"{k} {v}" for k, v in parts.items() if v)
-        if one.due is not None and job.measured is not None and one.due < job.measured:
+        if one.is_overdue(job.last_day):
             message = (
                 f"instrument {one.name} was due on {one.due}, before the measurement on "
-                f"{job.measured}: state a valid certificate in {job.lab}"
+                f"{job.last_day}: state a valid certificate in {job.lab}"
             )
             warnings.append(Finding("warning", "instrument", message))
     return texts, tuple(warnings)

@@ -1,6 +1,6 @@
 """The laboratory's file, lab.toml: what all its jobs share.
 
-[job] of a run file takes the names from it, a certificate all of it.
+[job] of a run file uses its names and instruments, a certificate uses all keys.
 """
 
 from datetime import date
@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import Field, ValidationError
 
-from inercal.errors import InputError
+from inercal.runfile.validation_errors import schema_error
 from inercal.section_settings import Section
 from inercal.small_files import read_toml
 
@@ -25,9 +25,13 @@ class InstrumentSection(Section):
     calibrated_by: str | None = Field(None, examples=["PTB"])
     due: date | None = Field(None, examples=[date(2027, 3, 1)])
 
+    def is_overdue(self, day: date | None) -> bool:
+        """Return whether the instrument was due before the last day of a measurement, if known."""
+        return self.due is not None and day is not None and self.due < day
+
 
 class PersonSection(Section):
-    """[[person]] of the laboratory's file: one who took part, beside the one who approves."""
+    """[[person]] of the laboratory's file: who took part, other than who approves."""
 
     name: str = Field(examples=["A. Lovelace"])
     role: str | None = Field(None, examples=["performed the calibration"])
@@ -88,28 +92,4 @@ def read_laboratory(path: Path) -> LaboratoryFile:
     try:
         return LaboratoryFile.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        raise InputError(
-            f"{path}: {key}: {_reason(first['type'], first['msg'], first['loc'])}",
-            file=path,
-            key=key,
-        ) from None
-
-
-def _reason(kind: str, message: str, place: tuple[int | str, ...]) -> str:
-    """Return what is wrong with a key, and what is possible."""
-    if kind == "string_pattern_mismatch":
-        return 'give two capital letters, such as "DE"'
-    if kind != "extra_forbidden":
-        return message[0].lower() + message[1:]
-    section = _SECTIONS.get(str(place[0]), LaboratoryFile) if len(place) > 1 else LaboratoryFile
-    return f"unknown key; possible here: {', '.join(section.model_fields)}"
-
-
-_SECTIONS: dict[str, type[Section]] = {
-    "instrument": InstrumentSection,
-    "person": PersonSection,
-    "capability": CapabilitySection,
-    "policy": PolicySection,
-}
+        raise schema_error(error, content, LaboratoryFile).located(path) from None

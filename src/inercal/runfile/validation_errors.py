@@ -1,10 +1,11 @@
-"""Errors of the run file's schema, one line each: the key, its value and what is possible.
+"""Errors of a schema of TOML, one line each: the key, its value and what is possible.
 
 Names, types and choices are checked here; quantities are checked where they are converted to SI.
 """
 
 import re
 from collections.abc import Iterable, Mapping
+from datetime import date
 from difflib import get_close_matches
 from json import dumps
 from types import NoneType, UnionType
@@ -18,14 +19,9 @@ from inercal.benches.kinds import KINDS
 from inercal.data.data_section import DataSection
 from inercal.errors import InputError
 from inercal.io.readers import known_options
-from inercal.runfile.schema import RunSchema
 
 _QUANTITY = re.compile(r"[-+]?[0-9.]+ \S.*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML takes without quotes
-_RESERVED: Mapping[str, str] = {  # sections of later versions, and what they are for
-    "environment": "temperatures of the bench, their uncertainty and the sensor's lag, which this "
-    "version does not take",
-}
 _LONGEST = 60  # characters of a value that are printed
 _MISSPELT = 0.85  # likeness, of `difflib`, to a possible key from which one is taken for it
 _NO_SCALAR: Mapping[type, str] = {dict: "a section", list: "a list"}
@@ -53,18 +49,18 @@ def unknown_kind_error(kind: object) -> InputError:
 
 
 def schema_error(
-    error: ValidationError, content: Mapping[str, Any], schema: type[RunSchema]
+    error: ValidationError, content: Mapping[str, Any], schema: type[BaseModel]
 ) -> InputError:
     """Return the first error of a validation as one line, with a similar name that is misspelt.
 
     Parameters
     ----------
     error : ValidationError
-        Of `RunSchema`.
+        Of `schema`.
     content : mapping
-        The run file as it was written.
+        The file as it was written.
     schema : type
-        The schema of the validation.
+        The schema of the validation, such as `RunSchema`.
     """
     # A column that the kind of bench needs comes last: it may be there for another kind.
     first, *others = sorted(error.errors(include_url=False), key=_is_missing_column)
@@ -106,7 +102,7 @@ def _unknown_key_error(
     loc: tuple[int | str, ...],
     value: object,
     content: Mapping[str, Any],
-    schema: type[RunSchema],
+    schema: type[BaseModel],
 ) -> InputError:
     place = _locate(loc[:-1], schema)
     (model,) = _annotation_types(place.annotation)
@@ -114,10 +110,6 @@ def _unknown_key_error(
     names = (*place.names, name)
     dotted, is_section = _dotted_key(names), isinstance(value, dict)
     key = f"[{dotted}]" if is_section else _format_key(names)
-    if len(names) == 1 and name in _RESERVED:
-        return InputError(
-            f"section [{name}] is reserved for {_RESERVED[name]}: remove it", key=f"[{name}]"
-        )
     possible = tuple(model.model_fields)
     if place.names == ("data",):
         possible += tuple(known_options())
@@ -166,6 +158,10 @@ def _describe_wrong_value(
         return f"the list has {len(value)} items; give {len(get_args(types[0]))}"
     if kind == "greater_than_equal":
         return f"{_format_value(value)} is too small; give {context['ge']} or more"
+    if kind == "greater_than":
+        return f"{_format_value(value)} is too small; give more than {context['gt']:g}"
+    if kind == "string_pattern_mismatch":
+        return f"{_format_value(value)} is not possible{_example_clause(place, '; give text')}"
     if get_origin(types[0]) is Literal:
         return _not_possible(value, get_args(types[0]))
     if types == (bool,):
@@ -188,15 +184,19 @@ def _describe_expected_type(types: tuple[Any, ...], place: _SchemaLocation) -> s
     such_as = _example_clause(place)
     if get_origin(types[0]) is tuple:
         return f"a list{such_as}"
+    if types == (date,):
+        return f"a date{such_as}"
     quantity = isinstance(place.example, str) and _QUANTITY.fullmatch(place.example)
     return f"text with its unit{such_as}" if quantity else f"text in quotes{such_as}"
 
 
-def _example_clause(place: _SchemaLocation) -> str:
-    return "" if place.example is None else f", such as {_format_toml(place.example)}"
+def _example_clause(place: _SchemaLocation, before: str = "") -> str:
+    if place.example is None:
+        return ""
+    return f"{before or ','} such as {_format_toml(place.example)}"
 
 
-def _locate(loc: tuple[int | str, ...], schema: type[RunSchema]) -> _SchemaLocation:
+def _locate(loc: tuple[int | str, ...], schema: type[BaseModel]) -> _SchemaLocation:
     """Return the place in the schema of the location that pydantic states."""
     names: list[str] = []
     annotation: Any = schema
@@ -261,7 +261,7 @@ def _join_alternatives(options: Iterable[str]) -> str:
 def _format_toml(value: Any) -> str:
     if type(value) in (list, tuple):
         return f"[{', '.join(map(_format_toml, value))}]"
-    return f'"{value}"'
+    return str(value) if isinstance(value, date) else f'"{value}"'
 
 
 def _format_value(value: object) -> str:

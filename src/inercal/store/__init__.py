@@ -2,8 +2,8 @@
 
 It stores sensors, benches, runs with the hashes of their raw data, and complete calibration files,
 each with who entered it and when. Of these it is never the only copy: folders of runs and
-calibration files can be entered again at any time. Of certificates it is the record; `backup` has
-the copy of a whole register.
+calibration files can be entered again at any time. Of certificates it is the record; `backup` makes
+a copy of the register.
 """
 
 from inercal.errors import require_extra

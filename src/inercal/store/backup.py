@@ -58,7 +58,7 @@ def restore_register(path: Path, address: str | None) -> dict[str, int]:
     InputError
         Not a backup, damaged content, or a register that holds something.
     """
-    if not path.is_file() or not path.read_bytes()[: len(_SQLITE_HEAD)] == _SQLITE_HEAD:
+    if not _is_sqlite(path):
         raise InputError(
             f"{path}: no backup of a register; give a file of `inercal store backup`", file=path
         )
@@ -70,6 +70,13 @@ def restore_register(path: Path, address: str | None) -> dict[str, int]:
             return _copy(resolve_address(str(copy)), target)
         with atomic_write(target.file) as temporary:
             return _copy(resolve_address(str(copy)), resolve_address(str(temporary)))
+
+
+def _is_sqlite(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_SQLITE_HEAD)) == _SQLITE_HEAD
 
 
 def _require_register(address: RegisterAddress) -> None:

@@ -52,3 +52,10 @@ def upgrade() -> None:
             f"CREATE TRIGGER keep_certificate_{event.lower()} BEFORE {event} ON certificate "
             f"BEGIN SELECT RAISE(ABORT, '{_REASON}'); END"
         )
+    # INSERT OR REPLACE deletes rows in its way without the trigger of DELETE.
+    op.execute(
+        "CREATE TRIGGER keep_certificate_replace BEFORE INSERT ON certificate WHEN EXISTS "
+        "(SELECT 1 FROM certificate WHERE id = NEW.id OR number = NEW.number OR (series, year, "
+        "sequence) = (NEW.series, NEW.year, NEW.sequence)) "
+        f"BEGIN SELECT RAISE(ABORT, '{_REASON}'); END"
+    )
