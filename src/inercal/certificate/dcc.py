@@ -30,8 +30,9 @@ from inercal.certificate.dcc_elements import (
 )
 from inercal.certificate.dcc_units import dsi_unit
 from inercal.certificate.facts import condition_facts, method_facts, results_title, rule_lines
-from inercal.certificate.results import COVERAGE_PROBABILITY, ResultSet
+from inercal.certificate.results import ResultSet
 from inercal.certificate.texts import Texts
+from inercal.uncertainty.coverage import COVERAGE_PROBABILITY
 
 SCHEMA_VERSION = "3.2.1"
 _SCHEMA_LOCATION = f"{DCC_NAMESPACE} https://ptb.de/dcc/v{SCHEMA_VERSION}/dcc.xsd"

@@ -5,13 +5,13 @@ from inercal.calibration.specification import probability_text
 from inercal.calibration.verdict import LARGEST_UNCERTAINTIES
 from inercal.certificate.content import Certificate
 from inercal.certificate.results import (
-    COVERAGE_PROBABILITY,
     ResultSet,
     acceptance_risk,
     names_of,
 )
 from inercal.certificate.texts import Texts
 from inercal.sensors.coefficient_tables import G0
+from inercal.uncertainty.coverage import COVERAGE_PROBABILITY
 from inercal.units import ZERO_CELSIUS, si_factor
 
 Fact = tuple[str, str]

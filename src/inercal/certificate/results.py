@@ -35,7 +35,6 @@ from inercal.uncertainty.conformity import (
 from inercal.units import format_value_and_uncertainty, parse_quantity
 
 Status = Literal["", "beforeAdjustment", "afterAdjustment"]
-COVERAGE_PROBABILITY = 0.9545
 _COMPONENTS = {
     **{f"{letter}{axis}": f"{symbol}_{axis.upper()}"
        for letter, symbol in (("f", "f"), ("w", "ω"), ("a", "α")) for axis in "ipo"},
