@@ -24,7 +24,7 @@ NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
   tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py \
   tests/observe/test_norm*.py tests/design/test_path*.py tests/test_kernel_cache.py
 
-.PHONY: help demo quick test slow check bench evidence architecture glossary lock format clean
+.PHONY: help demo quick test slow check bench evidence architecture glossary verbs docs lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
@@ -65,6 +65,8 @@ evidence: $(INSTALLED)  ## what verdicts say of violations of known visibility, 
 	$(BIN)/python -m tests.evidence.turntable_errors
 	$(BIN)/python -m tests.evidence.noise_coverage
 	$(BIN)/python -m tests.evidence.repeatability
+	$(BIN)/python -m tests.evidence.sensor_noise
+	$(BIN)/python -m tests.evidence.temperature_table
 	$(BIN)/python -m pytest -m evidence $(SIDE_BY_SIDE) tests
 
 architecture: $(INSTALLED)  ## draw the picture of the packages from their imports
@@ -72,6 +74,13 @@ architecture: $(INSTALLED)  ## draw the picture of the packages from their impor
 
 glossary: $(INSTALLED)  ## write the page of the terms
 	$(BIN)/python -m inercal.glossary > docs/reference/glossary.md
+
+verbs: $(INSTALLED)  ## write the page of the verbs
+	$(BIN)/python -m tools.verbs_page
+
+docs: $(INSTALLED) glossary verbs architecture  ## build the documentation site in site/, which needs no network
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --builder html docs site
+	@echo "open site/index.html"
 
 format: $(INSTALLED)  ## mend format and lint
 	$(BIN)/ruff format .
@@ -83,4 +92,4 @@ lock: $(INSTALLED)  ## resolve the dependencies anew: hashes, no addresses
 	  pyproject.toml --output-file requirements.lock
 
 clean:  ## remove the environment and what runs left
-	rm -rf $(VENV) demo-output .pytest_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) demo-output site .pytest_cache .ruff_cache .import_linter_cache

@@ -1,0 +1,73 @@
+"""How `make docs` builds the site from these pages: Sphinx, MyST, Furo; nothing from other hosts.
+
+The pages are read in an editor and on a code host too. So the tree beside each page is made from
+the lists of `index.md`, and links to files outside this folder become downloads.
+"""
+
+import re
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+DOCS = Path(__file__).parent
+
+project = "inercal"
+author = "the inercal developers"
+copyright = author
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+myst_heading_anchors = 4
+myst_enable_extensions = ["colon_fence"]
+html_theme = "furo"
+html_title = "inercal"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sphinx = False
+html_copy_source = False
+html_show_sourcelink = False
+napoleon_use_rtype = False
+autodoc_typehints = "none"  # docstrings state types with shapes and units
+autodoc_member_order = "bysource"
+add_module_names = False
+pygments_style = "sphinx"
+pygments_dark_style = "monokai"
+
+_HEADING = re.compile(r"^\*\*(.+)\*\*$", re.M)
+_PAGE_LINK = re.compile(r"\]\(([^)#:]+)\.md\)")
+_LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((\.\.[^)#]*)(#[^)]*)?\)")
+
+
+def add_tree(lists: str) -> str:
+    """Return a hidden tree of pages for each list that has a heading in bold."""
+    parts = _HEADING.split(lists)
+    trees: list[str] = []
+    for heading, text in zip(parts[1::2], parts[2::2], strict=True):
+        pages = dict.fromkeys(_PAGE_LINK.findall(text))
+        trees.append(
+            "\n".join(["```{toctree}", ":hidden:", f":caption: {heading}", "", *pages, "```", ""])
+        )
+    return "\n".join([lists, *trees])
+
+
+def keep_links_inside(text: str, folder: Path) -> str:
+    """Return the text of a page without links to folders and pages outside the site.
+
+    The site has neither; links to other files stay, as downloads.
+    """
+
+    def kept(found: re.Match[str]) -> str:
+        words, target = found[1], (folder / found[2]).resolve()
+        inside = target.is_relative_to(DOCS)
+        return found[0] if inside or (target.is_file() and target.suffix != ".md") else words
+
+    return _LINK.sub(kept, text)
+
+
+def _prepare(_: Sphinx, name: str, content: list[str]) -> None:
+    content[0] = keep_links_inside(content[0], (DOCS / name).parent)
+    if name == "index":
+        content[0] = add_tree(content[0])
+
+
+def setup(app: Sphinx) -> None:
+    """Prepare each page before it is parsed."""
+    app.connect("source-read", _prepare)
