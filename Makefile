@@ -24,7 +24,7 @@ NOT_QUICK := tests/benches/test_e*.py tests/benches/test_turntable*.py \
   tests/runfile/test_every_key_counts.py tests/segments/test_turntable*.py \
   tests/observe/test_norm*.py tests/design/test_path*.py tests/test_kernel_cache.py
 
-.PHONY: help demo quick test slow check bench evidence architecture glossary verbs docs lock format clean
+.PHONY: help demo quick test slow check bench evidence architecture glossary verbs pictures docs lock format clean
 help:
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
@@ -77,6 +77,9 @@ glossary: $(INSTALLED)  ## write the page of the terms
 
 verbs: $(INSTALLED)  ## write the page of the verbs
 	$(BIN)/python -m tools.verbs_page
+
+pictures: $(INSTALLED)  ## take the pictures of README and site, by the system's chromium
+	$(BIN)/python -m tools.pictures
 
 docs: $(INSTALLED) glossary verbs architecture  ## build the documentation site in site/, which needs no network
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --builder html docs site

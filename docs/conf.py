@@ -28,11 +28,10 @@ napoleon_use_rtype = False
 autodoc_typehints = "none"  # docstrings state types with shapes and units
 autodoc_member_order = "bysource"
 add_module_names = False
-pygments_style = "sphinx"
-pygments_dark_style = "monokai"
 
 _HEADING = re.compile(r"^\*\*(.+)\*\*$", re.M)
 _PAGE_LINK = re.compile(r"\]\(([^)#:]+)\.md\)")
+_PICTURE = re.compile(r"^!\[([^\]]*)\]\(([^)]+)\.png\)$", re.M)
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((\.\.[^)#]*)(#[^)]*)?\)")
 
 
@@ -62,8 +61,24 @@ def keep_links_inside(text: str, folder: Path) -> str:
     return _LINK.sub(kept, text)
 
 
+def show_both(text: str, folder: Path) -> str:
+    """Return the text of a page with the dark picture beside the light one, where there is one."""
+
+    def both(found: re.Match[str]) -> str:
+        words, name = found.groups()
+        if not (folder / f"{name}-dark.png").is_file():
+            return found[0]
+        return "\n\n".join(
+            f"```{{image}} {name}{end}.png\n:alt: {words}\n:class: only-{scheme}\n```"
+            for scheme, end in (("light", ""), ("dark", "-dark"))
+        )
+
+    return _PICTURE.sub(both, text)
+
+
 def _prepare(_: Sphinx, name: str, content: list[str]) -> None:
     content[0] = keep_links_inside(content[0], (DOCS / name).parent)
+    content[0] = show_both(content[0], (DOCS / name).parent)
     if name == "index":
         content[0] = add_tree(content[0])
 
