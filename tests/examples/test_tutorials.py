@@ -60,7 +60,9 @@ def carry_out(step: Step) -> None:
         ended = run_program(*step.command[1:])
         lines = {_RUN.sub("", line.strip()) for line in ended.output.splitlines()}
         for line in step.shown:
-            assert _RUN.sub("", line) in lines, f"{step.command}: {line!r} is not in\n{ended.output}{ended.error}"
+            assert _RUN.sub("", line) in lines, (
+                f"{step.command}: {line!r} is not in\n{ended.output}{ended.error}"
+            )
 
 
 @pytest.fixture

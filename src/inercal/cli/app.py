@@ -30,6 +30,7 @@ from inercal.cli import (
     repeat_command,
     report_command,
     reproduce_command,
+    self_check_command,
     show_command,
     simulate_command,
     store_commands,
@@ -79,6 +80,7 @@ for verb in (
     report_command,
     reproduce_command,
     compile_command,
+    self_check_command,
 ):
     app.command(verb.NAME)(verb.run)
 app.add_typer(bench_commands.app, name=bench_commands.NAME)

@@ -35,6 +35,7 @@ BUDGET = OutputKind("budget file", b'"schema": "inercal budget ')
 RECORDING, WORKSHEET = OutputKind("recording"), OutputKind("worksheet")
 RUN_FILE, BACKUP = OutputKind("run file"), OutputKind("backup")
 CERTIFICATE = OutputKind("certificate")
+SELF_CHECK = OutputKind("report of a self-check", b"Self-check of inercal")
 
 
 def table_kind(name: str, columns: Iterable[str]) -> OutputKind:

@@ -1,0 +1,41 @@
+"""`inercal self-check`: each method on data whose answer is known, for a laboratory's records."""
+
+from pathlib import Path
+
+import typer
+
+from inercal.cli.console import print_json, progress_status
+
+NAME = "self-check"
+_FAILED = 3  # the exit status
+
+
+def run(
+    method: list[str] = typer.Option([], "--method", help="Check this method alone."),
+    out: Path = typer.Option(Path(), "--out", "-o", help="Folder of the dated report."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object, and write no report."),
+) -> None:
+    """Check that each method still gives its known answers, and write a dated report.
+
+    Run it before the first use, and after each change of version, libraries or machine. It takes
+    about a minute. The exit status is 3 where a method fails.
+    """
+    from inercal.cli.outputs import SELF_CHECK, check_outputs
+    from inercal.io.atomic_files import write_text
+    from inercal.self_check import self_check
+    from inercal.self_check.report import report_text
+
+    check_outputs({} if json else {out / "self-check.txt": SELF_CHECK})
+    with progress_status("checking") as update:
+        check = self_check(tuple(method), lambda name: update(f"checking {name}"))
+    if json:
+        print_json(check.as_object())
+    else:
+        text = report_text(check)
+        print(text, end="")
+        day_and_time = check.begun[:19].replace("-", "").replace(":", "").replace("T", "-")
+        path = out / f"self-check-{day_and_time}.txt"
+        check_outputs({path: SELF_CHECK})
+        print(f"wrote {write_text(path, text)}")
+    if not check.passed:
+        raise typer.Exit(_FAILED)
