@@ -12,8 +12,8 @@ PAGE = Path(__file__).parents[1] / "docs" / "reference" / "verbs.md"
 _HEAD = """\
 # Verbs
 
-What `inercal VERB --help` prints, of all verbs: written from the program by `make verbs`. A quantity
-has its unit, such as `"2 g"`. What a verb returns to the shell is on the page of
+What `inercal VERB --help` prints, of all verbs: written from the program by `make verbs`. A
+quantity has its unit, such as `"2 g"`. What a verb returns to the shell is on the page of
 [exit statuses](exit-status.md).
 """
 
