@@ -34,7 +34,7 @@ REPEATABILITY = OutputKind("result of repeat", b'"schema": "inercal/repeatabilit
 BUDGET = OutputKind("budget file", b'"schema": "inercal budget ')
 RECORDING, WORKSHEET = OutputKind("recording"), OutputKind("worksheet")
 RUN_FILE, BACKUP = OutputKind("run file"), OutputKind("backup")
-CERTIFICATE = OutputKind("certificate")
+CERTIFICATE, BUNDLE = OutputKind("certificate"), OutputKind("bundle")
 SELF_CHECK = OutputKind("report of a self-check", b"Self-check of inercal")
 
 

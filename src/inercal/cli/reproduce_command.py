@@ -1,4 +1,4 @@
-"""`inercal reproduce`: recompute a source paper, and judge each of its claims by the numbers."""
+"""`inercal reproduce`: recompute a source paper or a bundle, and judge it by the numbers."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ _COLOURS = {"reproduced": "green", "not reproducible": "yellow", "false": "red"}
 
 def run(
     name: str = typer.Argument(
-        help="The study: centrifuge, dual-orthogonal, ship-model or turntable."
+        help="The study: centrifuge, dual-orthogonal, ship-model or turntable; or a bundle (.zip)."
     ),
     out: Path | None = typer.Option(
         None,
@@ -24,19 +24,28 @@ def run(
         "-o",
         help="Folder for the page; by default the current one, with --json no page.",
     ),
-    trials: int = typer.Option(
-        4000, help="Largest number of Monte Carlo trials; slow studies take fewer."
+    trials: int | None = typer.Option(
+        None,
+        help="Largest number of Monte Carlo trials of a study (default: 4000).",
     ),
-    seed: int = typer.Option(0, help="Seed of the noise."),
+    seed: int | None = typer.Option(None, help="Seed of the noise of a study (default: 0)."),
     workers: int | None = WORKERS,
     scheduler: str | None = SCHEDULER,
     json: bool = typer.Option(False, "--json", help="Print one JSON list of the claims."),
 ) -> None:
-    """Recompute a source paper, and judge whether each of its claims holds."""
+    """Recompute a source paper, and judge whether each of its claims holds; or a bundle.
+
+    Of a bundle the calibration is computed again from the data in it. The exit status is 3 where it
+    differs.
+    """
+    if Path(name).suffix.lower() == ".zip":
+        _refuse_options(out=out, trials=trials, seed=seed, workers=workers, scheduler=scheduler)
+        _reproduce_bundle(Path(name), json)
+        return
     from inercal.cli.outputs import PAGE, check_outputs
     from inercal.cli.terminal import terminal
     from inercal.parallel import open_executor
-    from inercal.studies import reproduce, results_as_list, write_study
+    from inercal.studies import TRIALS, reproduce, results_as_list, write_study
 
     executor = open_executor(workers, scheduler)
     written: Path | None = None
@@ -44,7 +53,8 @@ def run(
     if folder is not None:
         check_outputs({folder / f"{name}.study.html": PAGE})
     with terminal(stderr=True).status(f"reproducing {name}") as status, executor:
-        study = reproduce(name, trials, seed, status.update, executor)
+        counts = (TRIALS if trials is None else trials, seed or 0)
+        study = reproduce(name, *counts, status.update, executor)
         if folder is not None:
             status.update("writing the page")
             written = write_study(study, folder)
@@ -55,6 +65,49 @@ def run(
         return
     _print(study)
     print(f"wrote {written}")
+
+
+def _refuse_options(**options: object) -> None:
+    from inercal.errors import InputError
+
+    given = [f"--{name}" for name, value in options.items() if value is not None]
+    if given:
+        raise InputError(f"{', '.join(given)}: a bundle takes no such option; leave it out")
+
+
+def _reproduce_bundle(path: Path, json: bool) -> None:
+    from inercal.bundles import TOLERANCE, is_bundle, reproduce_bundle
+    from inercal.cli.console import print_json, progress_status
+    from inercal.errors import InputError
+
+    if not is_bundle(path):
+        raise InputError(f"{path}: no such bundle; check the path", file=path)
+    with progress_status(f"computing {path.name} again"):
+        found = reproduce_bundle(path)
+    changed = {
+        name: [text, found.here.get(name, "")]
+        for name, text in found.made_with.items()
+        if found.here.get(name) != text
+    }
+    grades = [
+        "" if one is None else one.grade for one in (found.stored.verdict, found.outcome.verdict)
+    ]
+    if json:
+        result = {"reproduced": found.reproduced, "difference": found.difference}
+        print_json(result | {"tolerance": TOLERANCE, "grades": grades, "changed": changed})
+    else:
+        print(f"{found.stored.sensor.name}: {found.stored.values.size} coefficients")
+        print(f"largest difference of a value or of its u: {found.difference:.1e} u")
+        print(f"verdict: {' and '.join(dict.fromkeys(grades))}")
+        for name, (before, now) in changed.items():
+            print(f"{name}: {before} then, {now} here")
+        print(
+            "reproduced"
+            if found.reproduced
+            else f"not reproduced: more than {TOLERANCE} u, or another verdict"
+        )
+    if not found.reproduced:
+        raise typer.Exit(3)
 
 
 def _print(study: "Study") -> None:

@@ -24,6 +24,7 @@ from scipy.special import chdtrc  # pyright: ignore[reportMissingTypeStubs]
 
 from inercal.arrays import Array
 from inercal.calibration import Calibration
+from inercal.comparison.recomputation import largest_change
 from inercal.errors import InercalError, InputError
 from inercal.io.write import write_recordings
 from inercal.pipeline import calibrate, simulate_files
@@ -195,22 +196,14 @@ def _check(method: str, folder: Path, answer: Mapping[str, Any]) -> CaseResult:
         seconds = time.perf_counter() - begin
         return CaseResult(method, 0, np.nan, None, "", seconds, f"no result: {error}")
     names = calibration.sensor.coefficients
-    deviation = _deviation(calibration, answer)
+    stored = (np.array(answer[key]) for key in ("values", "u"))
+    deviation = largest_change(calibration, answer["names"], *stored)
     probability = None if truth is None else _probability(calibration, truth)
     reasons = list(_reasons(grade, deviation, probability, answer))
     seconds = time.perf_counter() - begin
     return CaseResult(
         method, len(names), deviation, probability, grade, seconds, "; ".join(reasons)
     )
-
-
-def _deviation(calibration: Calibration, answer: Mapping[str, Any]) -> float:
-    """Return the largest difference of value or u in stored u; inf for other coefficients."""
-    if list(calibration.sensor.coefficients) != answer["names"]:
-        return float("inf")
-    u = np.array(answer["u"])
-    changes = (calibration.values - np.array(answer["values"]), calibration.std - u)
-    return float(max(np.max(np.abs(change) / u) for change in changes))
 
 
 def _probability(calibration: Calibration, truth: Array) -> float:

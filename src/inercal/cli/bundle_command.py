@@ -1,0 +1,40 @@
+"""`inercal bundle`: a calibration with all that it came from, in one file."""
+
+from pathlib import Path
+
+import typer
+
+from inercal.cli.console import print_json
+
+NAME = "bundle"
+
+
+def run(
+    run_file: Path = typer.Argument(help="The run file (TOML) of the calibration."),
+    calibration: Path | None = typer.Option(
+        None, "--calibration", help="Its calibration file (default: that of its name here)."
+    ),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="The bundle to write, .zip (default: the run file's name here)."
+    ),
+    force: bool = typer.Option(False, "--force", help="Write over an existing file."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+) -> None:
+    """Pack run file, data and calibration into one file, which `inercal reproduce` checks.
+
+    The file holds versions, machine and the SHA-256 of each file.
+    """
+    from inercal.bundles import write_bundle
+    from inercal.cli.outputs import BUNDLE, check_outputs
+    from inercal.errors import InputError
+
+    file = calibration or Path(f"{run_file.stem}.calibration.json")
+    target = out or Path(f"{run_file.stem}.zip")
+    if target.suffix.lower() != ".zip":
+        raise InputError(f"--out {target}: a bundle is a ZIP file; give a name with .zip")
+    check_outputs({target: BUNDLE}, [run_file, file], force=force)
+    names = write_bundle(run_file, file, target)
+    if json:
+        print_json({"bundle": str(target), "files": names})
+        return
+    print(f"wrote {target}: {', '.join(names)}")
