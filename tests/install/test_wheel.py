@@ -4,11 +4,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "six_position" / "run.toml"
+LARGEST = 2 * 1024**2  # bytes
 UV = Path(sys.executable).with_name("uv")
 
 
@@ -56,9 +58,23 @@ def test_the_wheel_without_extras_calibrates_and_names_the_missing_report(
     assert "ax.k0" in done.stdout
     assert "inercal[report]" in done.stderr
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["run.calibration.json"]
+    checked = run(
+        scripts / "inercal", "self-check", "--method", "tumble", "--method", "ferraris", "--json",
+        folder=tmp_path,
+    )  # fmt: skip
+    assert checked.returncode == 0, checked.stdout + checked.stderr
     for verb in ("show", "compare"):
         files = [tmp_path / "out" / "run.calibration.json"] * (1 + (verb == "compare"))
         assert run(scripts / "inercal", verb, *files, folder=tmp_path).returncode == 0
+
+
+@pytest.mark.slow
+def test_the_wheel_is_small_typed_and_has_no_tests(wheel: Path):
+    assert wheel.stat().st_size < LARGEST
+    with ZipFile(wheel) as archive:
+        names = archive.namelist()
+    assert "inercal/py.typed" in names
+    assert {name.split("/")[0].split("-")[0] for name in names} == {"inercal"}
 
 
 @pytest.mark.slow
