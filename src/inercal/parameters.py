@@ -4,7 +4,8 @@ One declaration has three uses: a simulation draws from it, an estimator has it 
 parameter with its standard deviation as the prior, and the Type B budget lists it.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from inercal.units import Measured
@@ -63,6 +64,69 @@ class Parameter:
         """
         assumed = constant.key_if_assumed(key or name)
         return cls(name, unit, constant.sd, "run", constant.value, meaning, assumed)
+
+
+@dataclass(frozen=True)
+class QualifiedParameters:
+    """What qualifications of a bench found: values of its parameters with their covariance.
+
+    Parameters
+    ----------
+    names : tuple of k str
+        As of `Parameter.name`.
+    value : tuple of k float
+        SI.
+    covariance : k tuples of k float
+        SI; of a parameter that differs from dwell to dwell, the variance of each of its values.
+    determination, date : tuples of k str
+        Identity and ISO date of the determination of each.
+    """
+
+    names: tuple[str, ...] = ()
+    value: tuple[float, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
+    determination: tuple[str, ...] = ()
+    date: tuple[str, ...] = ()
+
+    def std(self, name: str) -> float:
+        """Return the standard deviation of one of its parameters."""
+        k = self.names.index(name)
+        return float(self.covariance[k][k] ** 0.5)
+
+    def correction(self, name: str) -> float:
+        """Return the value of a parameter; 0 of one that is not qualified."""
+        return self.value[self.names.index(name)] if name in self.names else 0.0
+
+    def apply(
+        self, parameters: Sequence[Parameter], *, corrected: bool = False
+    ) -> tuple[Parameter, ...]:
+        """Return the parameters of a bench with the qualified values and deviations.
+
+        Gravity is unchanged: it is a stated constant of each bench.
+
+        Parameters
+        ----------
+        parameters : sequence of Parameter
+        corrected : bool
+            Whether the bench corrects for the values: errors then remain whose expected value is
+            that without a qualification.
+        """
+        if not self.names:
+            return tuple(parameters)
+        return tuple(
+            replace(
+                one,
+                sd=self.std(one.name),
+                value=one.value if corrected else self.correction(one.name),
+                assumed="",
+            )
+            if one.name in self.names and one.name != "g"
+            else one
+            for one in parameters
+        )
+
+
+NOT_QUALIFIED = QualifiedParameters()
 
 
 def local_gravity(gravity: Measured) -> Parameter:

@@ -1,0 +1,75 @@
+"""The joint prior covariance of quantities that an estimator took as independent.
+
+An estimator has the quantities b with the prior N(b₀, D), D diagonal. Where their covariance is Σ,
+with the diagonal of D, the difference of information ΔΛ = Σ⁻¹ − D⁻¹ is added to its result::
+
+    M = ΔΛ (1 + P_bb ΔΛ)⁻¹,   x′ = x + P_xb M (b₀ − b),   P′ = P − P_xb M P_bx
+    χ²′ = χ² + (b₀ − b)ᵀ M (b₀ − b),   ∂x′/∂b₀ = P′_xb Σ⁻¹
+
+This is exact for a linear problem. A quantity that is no parameter of the estimate, but has a
+sensitivity J = ∂x/∂b₀, counts as not determined by the data: P_xb = J D and P_bb = D, which gives
+P′ = P + J (Σ − D) Jᵀ.
+
+Source: the update of a Gaussian by information (Bar-Shalom, Li & Kirubarajan 2001, 3.4.2).
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.estimate.result import Estimate
+
+
+def with_prior_covariance(
+    estimate: Estimate, names: Sequence[str], mean: Array, covariance: Array
+) -> Estimate:
+    """Return the estimate with the joint prior of quantities that it took as independent.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Without a trial axis; its priors had the means and the variances of the joint prior.
+    names : sequence of k str
+        Those that do not act on the estimate are left out.
+    mean : (k,) array
+    covariance : (k, k) array
+        Positive definite.
+    """
+    sd = np.sqrt(np.diagonal(covariance))
+    columns = [estimate.sensitivity(name, s) for name, s in zip(names, sd, strict=True)]
+    at = [k for k, column in enumerate(columns) if column is not None]
+    if not at:
+        return estimate
+    mean, prior = mean[at], covariance[np.ix_(at, at)]
+    kept = [names[k] for k in at]
+    variance = np.diagonal(prior)
+    cross = np.stack([c for c in columns if c is not None], axis=-1) * variance
+    b, within = mean.copy(), np.diag(variance).astype(float)
+    inside = [
+        (k, estimate.names.index(name))
+        for k, name in enumerate(kept)
+        if name in estimate.names and name not in estimate.sensitivities
+    ]
+    for k, own in inside:
+        b[k] = estimate.value[own]
+        within[k] = within[:, k] = cross[own]
+    added = np.linalg.inv(prior) - np.diag(1 / variance)
+    gain = added @ np.linalg.inv(np.eye(len(at)) + within @ added)
+    gain = (gain + gain.T) / 2
+    off = mean - b
+    moved = estimate.covariance - cross @ gain @ cross.T
+    after = cross - cross @ gain @ within
+    slopes = after @ np.linalg.inv(prior)
+    tested = bool(estimate.dof) and not estimate.groups
+    return replace(
+        estimate,
+        value=estimate.value + cross @ gain @ off,
+        covariance=(moved + moved.T) / 2,
+        chi2=estimate.chi2 + off @ gain @ off if tested else estimate.chi2,
+        sensitivities={
+            **estimate.sensitivities,
+            **{name: slopes[:, k] for k, name in enumerate(kept)},
+        },
+    )

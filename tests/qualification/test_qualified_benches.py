@@ -1,0 +1,134 @@
+"""A qualification moves the estimates, and changes their uncertainty, as its covariance says.
+
+In every method with each of its estimators that counts the bench: the corrections are right, so
+that data of a bench with errors and the qualified bench give what a perfect bench gives; a larger
+variance and a correlation enlarge the covariance as the posterior of a Gaussian with that prior.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.methods.bench_sensitivity_cases import Case, case, observed
+from tests.methods.test_bench_sensitivities import ERRORS, HEADS, NEAR
+
+from inercal.benches import Bench, DividingHead
+from inercal.estimate import Estimate
+from inercal.parameters import QualifiedParameters
+from inercal.pipeline.qualified_errors import with_joint_prior
+from inercal.units import Measured
+
+Array = NDArray[np.float64]
+SHIFT = 0.3  # standard deviations
+SLOW = {"full", "drift", "paper", "trajectory"}
+MEASURED = {"g": "gravity", "radius": "radius", "stretch": "stretch", "azimuth": "azimuth"}
+NOT_QUALIFIED = {"latitude", "earth_up"}  # stated as a place
+
+
+def qualified(bench: Bench, names: tuple[str, ...], value: Array, covariance: Array) -> Bench:
+    """Return the bench as a run file with a qualification builds it."""
+    known = QualifiedParameters(
+        names,
+        tuple(value.tolist()),
+        tuple(map(tuple, covariance.tolist())),
+        ("a" * 64,) * len(names),
+        ("2026-01-01",) * len(names),
+    )
+    own = {
+        MEASURED[name]: Measured(float(v), float(np.sqrt(s)))
+        for name, v, s in zip(names, value, np.diagonal(covariance), strict=True)
+        if name in MEASURED
+    }
+    return replace(bench, qualified=known, **own)
+
+
+def names_of(method: str, estimator: str) -> tuple[str, ...]:
+    return tuple(n for n in ERRORS[method, estimator] if n not in NOT_QUALIFIED)
+
+
+def given_case(method: str, estimator: str) -> Case:
+    given = case(method, estimator)
+    if isinstance(given.bench, DividingHead) and method == "tumble":
+        return given._replace(bench=HEADS["none"])
+    return given
+
+
+def stated(given: Case, names: tuple[str, ...]) -> tuple[Array, Array]:
+    acting = given.bench.nuisances(given.steps, given.sensor)
+    return (
+        np.array([acting[name].value for name in names]),
+        np.array([acting[name].sd for name in names]),
+    )
+
+
+def found(given: Case, bench: Bench) -> Estimate:
+    estimate = given.found(bench=bench)
+    return with_joint_prior(bench, bench.nuisances(given.steps, given.sensor), estimate)
+
+
+def posterior(estimate: Estimate, names: tuple[str, ...], d: Array, prior: Array, p: int) -> Array:
+    """Return the covariance of p coefficients with another prior: by information, all inverted."""
+    columns = [estimate.sensitivity(name, s) for name, s in zip(names, d, strict=True)]
+    at = [k for k, one in enumerate(columns) if one is not None]
+    d, prior = d[at], prior[np.ix_(at, at)]
+    cross = np.stack([columns[k][:p] for k in at], axis=-1) * d**2  # type: ignore[index]
+    within = np.diag(d**2)
+    own = [names[k] for k in at]
+    inner = [n for n in own if n in estimate.names and n not in estimate.sensitivities]
+    for a, one in enumerate(own):
+        for b, other in enumerate(own):
+            if one in inner and other in inner:
+                i, j = estimate.names.index(one), estimate.names.index(other)
+                within[a, b] = estimate.covariance[i, j]
+    whole = np.block([[estimate.covariance[:p, :p], cross], [cross.T, within]])
+    size = np.sqrt(np.diagonal(whole))
+    size = np.where(size > 0, size, 1.0)
+    kept = np.sqrt(np.diagonal(whole)) > 0
+    information = np.linalg.inv((whole / np.outer(size, size))[np.ix_(kept, kept)])
+    added = (np.linalg.inv(prior) - np.diag(1 / d**2)) * np.outer(size[p:], size[p:])
+    information[-len(at) :, -len(at) :] += added
+    result = np.zeros_like(whole)
+    result[np.ix_(kept, kept)] = np.linalg.inv(information)
+    return (result * np.outer(size, size))[:p, :p]
+
+
+CASES = [pytest.param(*key, marks=pytest.mark.slow) if key[1] in SLOW else key for key in ERRORS]
+
+
+@pytest.mark.parametrize(("method", "estimator"), CASES)
+def test_qualified_values_correct_the_bench(method: str, estimator: str):
+    given = given_case(method, estimator)
+    names = names_of(method, estimator)
+    value, sd = stated(given, names)
+    moved = value + SHIFT * sd
+    perfect = given.found().value[: len(given.truth)]
+    read = observed(given, dict(zip(names, moved.tolist(), strict=True)))
+    bench = qualified(given.bench, names, moved, np.diag(sd**2))
+    again = given.by(read, bench)
+    u = np.sqrt(np.diagonal(again.covariance))[: len(given.truth)]
+    near = 2 * NEAR.get(estimator, 1e-3) * len(names)
+    assert (np.abs(again.value[: len(given.truth)] - perfect) <= near * u + 1e-15).all()
+
+
+@pytest.mark.parametrize(("method", "estimator"), CASES)
+def test_uncertainty_changes_as_the_covariance_says(method: str, estimator: str):
+    given = given_case(method, estimator)
+    names, p = names_of(method, estimator), len(given.truth)
+    value, sd = stated(given, names)
+    before = found(given, qualified(given.bench, names, value, np.diag(sd**2)))
+    rng = np.random.default_rng(3)
+    root = np.eye(len(names)) + 0.6 * np.tril(rng.normal(size=(len(names),) * 2), -1)
+    prior = root @ root.T
+    prior = prior / np.sqrt(np.outer(np.diagonal(prior), np.diagonal(prior)))
+    prior = 1.5**2 * prior * np.outer(sd, sd)
+    after = found(given, qualified(given.bench, names, value, prior))
+    expected = posterior(before, names, sd, prior, p)
+    size = np.sqrt(np.diagonal(expected))
+    size = np.where(size > 0, size, 1.0)
+    off = np.abs(after.covariance[:p, :p] - expected) / np.outer(size, size)
+    # Closed formulas weigh by the gravity of the nominal sensor.
+    assert off.max() < max(0.01, 1.5 * NEAR.get(estimator, 0.0))
+    # The change is there to be seen.
+    change = np.abs(after.covariance[:p, :p] - before.covariance[:p, :p]) / np.outer(size, size)
+    assert change.max() > 0.05
