@@ -82,6 +82,12 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
             each.append(load(folder / text))
         except InputError as error:
             raise error.located(KEY, key=KEY) from None
+        if each[-1].withdrawn:
+            raise InputError(
+                f"{KEY}: {text} was withdrawn, {each[-1].withdrawn}: qualify the bench anew",
+                key=KEY,
+                names=(text,),
+            )
     return UsedQualifications(tuple(files), tuple(each), _join(each, files))
 
 

@@ -3,7 +3,7 @@
 Schema "inercal/qualification/1": `kind`, `bench` (kind and name), `determination`, `date`,
 `valid_until`, `method`, `instrument`, `certificate`, `parameters` (a list of name, unit, value,
 std, determination, date, valid_until; SI), `covariance` in that order, `test` (chi2, dof, p_value,
-suspects), `unseen`, `remarks`, `provenance`, and `sha256`, the hash of the other keys.
+suspects), `unseen`, `remarks`, `provenance`, `withdrawn`, and `sha256`, the hash of the other keys.
 """
 
 import datetime as dt
@@ -70,6 +70,7 @@ class _File(_Strict):
     unseen: list[str]
     remarks: list[str]
     provenance: dict[str, str]
+    withdrawn: str
     sha256: str
 
 
@@ -107,6 +108,7 @@ def as_object(found: Qualification) -> dict[str, Any]:
         "unseen": list(found.unseen),
         "remarks": list(found.remarks),
         "provenance": dict(found.provenance),
+        "withdrawn": found.withdrawn,
     }
     return content | {"sha256": _digest(content)}
 
@@ -179,6 +181,7 @@ def load(path: str | Path) -> Qualification:
         tuple(read.unseen),
         tuple(read.remarks),
         read.provenance,
+        read.withdrawn,
     )
 
 

@@ -68,6 +68,8 @@ class Qualification:
         What the measurement cannot see.
     remarks : tuple of str
     provenance : mapping of str to str
+    withdrawn : str
+        When and why it was withdrawn; empty of one that is in use.
     """
 
     kind: str
@@ -88,6 +90,7 @@ class Qualification:
     unseen: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    withdrawn: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
