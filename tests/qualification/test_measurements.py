@@ -26,7 +26,7 @@ from inercal.qualification.measurements.radius import (
     radius_by_sensor,
 )
 from inercal.qualification.measurements.rates import rate_error, rate_stability
-from inercal.qualification.measurements.tilts import right_angle, right_angle_sign, table_lean
+from inercal.qualification.measurements.tilts import right_angle, right_angle_sign, table_tilt
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def lean(rng: Rng) -> tuple[MeasuredParameters, Array]:
         rng, theta, (true[0], true[1]), 0.7, 20 * ARC, ARC * rng.normal(size=(2, 2)), 0.2 * ARC,
         scale,
     )  # fmt: skip
-    return table_lean(theta, reading, 0.2 * ARC, 0.7, 0.02, 3), true
+    return table_tilt(theta, reading, 0.2 * ARC, 0.7, 0.02, 3), true
 
 
 def square(rng: Rng) -> tuple[MeasuredParameters, Array]:
@@ -216,7 +216,7 @@ def with_wobble(rng: Rng) -> MeasuredParameters:
     reading = lab.level_on_table(
         rng, theta, (1e-5, 0), 0.7, 0, 0.7 * ARC * np.ones((1, 2)), 0.2 * ARC
     )
-    return table_lean(theta, reading, 0.2 * ARC, 0.7)
+    return table_tilt(theta, reading, 0.2 * ARC, 0.7)
 
 
 def with_stretch(rng: Rng) -> MeasuredParameters:
@@ -301,7 +301,7 @@ def test_what_no_measurement_can_see_is_refused_or_named():
     with refused(key="[measurement] file"):
         right_angle(np.zeros(12), np.tile([1.0, -1.0], 6), zero, ARC, "square_1", 1.0, 0.0)
     with refused(key="[measurement] file"):
-        table_lean(np.tile([0, pi], 6), zero, ARC, 0.0)
+        table_tilt(np.tile([0, pi], 6), zero, ARC, 0.0)
     with refused(key="[measurement] k2"):
         radius_by_sensor(RATES, RATES**2, RadiusSensor(1e-3, 1e-5, None, 1e-6), stretch=True)
     with refused(key="[measurement] file"):

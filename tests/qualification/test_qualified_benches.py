@@ -14,7 +14,7 @@ from tests.methods.bench_sensitivity_cases import Case, case, observed
 from tests.methods.test_bench_sensitivities import ERRORS, HEADS, NEAR
 
 from inercal.benches import Bench, DividingHead
-from inercal.estimate import Estimate
+from inercal.estimate import Estimate, Gaussian
 from inercal.parameters import QualifiedParameters
 from inercal.pipeline.qualified_errors import with_joint_prior
 from inercal.units import Measured
@@ -132,3 +132,35 @@ def test_uncertainty_changes_as_the_covariance_says(method: str, estimator: str)
     # The change is there to be seen.
     change = np.abs(after.covariance[:p, :p] - before.covariance[:p, :p]) / np.outer(size, size)
     assert change.max() > 0.05
+
+
+DIRECT = [
+    ("ferraris", "ml"),
+    ("centrifuge_norm", "ml"),
+    ("ship_multi_angle", "joint"),
+    pytest.param("rates_and_poses", "ml", marks=pytest.mark.slow),
+    ("turntable_discrete", "least_squares"),
+]
+
+
+@pytest.mark.parametrize(("method", "estimator"), DIRECT)
+def test_the_update_is_that_of_a_fit_with_the_joint_prior(method: str, estimator: str):
+    given = given_case(method, estimator)
+    names, p = names_of(method, estimator), len(given.truth)
+    value, sd = stated(given, names)
+    prior = 0.7 * np.outer(sd, sd)
+    np.fill_diagonal(prior, sd**2)
+    read = observed(given, dict(zip(names, (value + sd).tolist(), strict=True)))
+    bench = qualified(given.bench, names, value, prior)
+    expected = bench.nuisances(given.steps, given.sensor)
+    updated = with_joint_prior(bench, expected, given.by(read, bench))
+    # The fit itself, with next to nothing known of the bench but the joint prior.
+    unknown = qualified(given.bench, names, value, np.diag((1e3 * sd) ** 2))
+    joint = Gaussian(names, value, prior)
+    direct = given._replace(priors=(*given.priors, joint)).by(read, unknown)
+    u = np.sqrt(np.diagonal(direct.covariance))
+    at = [direct.names.index(name) for name in updated.names]
+    off = np.abs(updated.covariance - direct.covariance[np.ix_(at, at)])
+    assert (off <= 2e-3 * np.outer(u[at], u[at]) + 1e-30)[:p, :p].all()
+    assert (np.abs(updated.value[:p] - direct.value[at][:p]) <= 5e-3 * u[at][:p]).all()
+    assert updated.chi2 == pytest.approx(direct.chi2, rel=1e-2, abs=1e-3)

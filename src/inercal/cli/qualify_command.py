@@ -57,8 +57,8 @@ def run(
 
 def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
     from inercal.cli.outputs import QUALIFICATION, check_outputs
-    from inercal.qualification.files import as_object, save
     from inercal.qualification.input_file import input_files, qualify
+    from inercal.qualification.qualification_file import as_object, save
 
     if out is not None:
         check_outputs({out: QUALIFICATION}, input_files(file), force=force)
@@ -76,7 +76,7 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
 
 
 def _drift(files: list[Path], json: bool) -> None:
-    from inercal.qualification.files import load
+    from inercal.qualification.qualification_file import load
     from inercal.qualification.succession import drift_between
 
     earlier, later = map(load, files)
@@ -94,7 +94,7 @@ def _withdraw(file: Path, reason: str, address: str | None, json: bool) -> None:
     from datetime import UTC, datetime
 
     from inercal.errors import InputError
-    from inercal.qualification.files import load, save
+    from inercal.qualification.qualification_file import load, save
     from inercal.store import Register
     from inercal.store.qualification_uses import qualification_uses
 

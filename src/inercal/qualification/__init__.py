@@ -1,6 +1,6 @@
 """Bench qualification: values of a bench's parameters from measurements of their own.
 
-`qualify` estimates them with their covariance; the result is a file (`files`), and
+`qualify` estimates them with their covariance; the result is a file (`qualification_file`), and
 [bench] qualification of a run file takes it in place of typed numbers (`bench_keys`).
 """
 

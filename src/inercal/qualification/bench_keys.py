@@ -17,7 +17,7 @@ from inercal.benches.key_declarations import KeyDeclaration, declarations
 from inercal.benches.kind_definition import Kind
 from inercal.errors import InputError
 from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
-from inercal.qualification.files import load
+from inercal.qualification.qualification_file import load
 from inercal.qualification.result import Qualification, QualifiedParameter
 
 KEY = "[bench] qualification"

@@ -12,10 +12,10 @@ from pydantic import ValidationError
 from inercal.benches.kinds import KINDS
 from inercal.errors import InputError
 from inercal.io.column_table import file_sha256
-from inercal.qualification.files import determination_id, load
 from inercal.qualification.input_sections import SECTIONS, QualificationSection
 from inercal.qualification.measure import MEASUREMENTS, MeasurementInput
 from inercal.qualification.measurements.measured_parameters import MeasuredParameters
+from inercal.qualification.qualification_file import determination_sha256, load
 from inercal.qualification.result import (
     ANY_BENCH,
     Qualification,
@@ -136,7 +136,7 @@ def _assembled(
     value = [float(found.value[k]) for k in order]
     place = ("", "") if bench == ANY_BENCH else (bench, head.name)
     numbers = [value, covariance.tolist()]
-    own = determination_id(place, names, numbers, head.date, head.method)
+    own = determination_sha256(place, names, numbers, head.date, head.method)
     parameters = tuple(
         QualifiedParameter(
             name,

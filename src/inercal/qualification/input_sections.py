@@ -15,7 +15,7 @@ class QualificationSection(Section):
 
     kind: Literal[
         "head_map",
-        "table_lean",
+        "table_tilt",
         "right_angle",
         "radius",
         "rate",
@@ -54,7 +54,7 @@ class HeadMapSection(Section):
     axis: str | None = Field(None, description="of a turntable", examples=["outer"])
 
 
-class TableLeanSection(Section):
+class TableTiltSection(Section):
     """[measurement] of a table's lean: a level."""
 
     file: str = Field(examples=["level.csv"])
@@ -152,7 +152,7 @@ class AzimuthSection(Section):
 
 SECTIONS: dict[str, type[Section]] = {
     "head_map": HeadMapSection,
-    "table_lean": TableLeanSection,
+    "table_tilt": TableTiltSection,
     "right_angle": RightAngleSection,
     "radius": RadiusSection,
     "rate": RateSection,

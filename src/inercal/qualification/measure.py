@@ -184,14 +184,14 @@ def _certified_deviations(given: MeasurementInput) -> Array | None:
     return deviation * si_value(f"1 {unit}", "°", "[measurement] polygon_unit")
 
 
-def measure_table_lean(given: MeasurementInput) -> MeasuredParameters:
+def measure_table_tilt(given: MeasurementInput) -> MeasuredParameters:
     """Return the lean of a turntable, or the deviation of that of a rate table at rests."""
     given.require_bench("turntable", "rate_table")
     if given.section.level_at == "base":
         tilts.refuse_base_level()
     absolute = given.bench == "turntable"
     level = si_value(given.text("azimuth"), "°", "[measurement] azimuth") if absolute else 0.0
-    result = tilts.table_lean(
+    result = tilts.table_tilt(
         given.column("angle", "°"),
         given.column("reading", "°"),
         given.noise("level", "°"),
@@ -325,7 +325,7 @@ def measure_azimuth(given: MeasurementInput) -> MeasuredParameters:
 
 MEASUREMENTS: Mapping[str, Callable[[MeasurementInput], MeasuredParameters]] = {
     "head_map": measure_head_map,
-    "table_lean": measure_table_lean,
+    "table_tilt": measure_table_tilt,
     "right_angle": measure_right_angle,
     "radius": measure_radius,
     "rate": measure_rate,

@@ -28,7 +28,7 @@ from inercal.qualification.measurements.measured_parameters import MeasuredParam
 _MOST = 6  # highest wobble that is looked for
 
 
-def table_lean(
+def table_tilt(
     angle: Array, reading: Array, sd: float, azimuth: float, scale_sd: float = 0.0, wobble: int = 1
 ) -> MeasuredParameters:
     """Return "lean_x" and "lean_y", rad, by a level that turns with the table.

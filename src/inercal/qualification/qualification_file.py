@@ -185,7 +185,7 @@ def load(path: str | Path) -> Qualification:
     )
 
 
-def determination_id(
+def determination_sha256(
     place: tuple[str, str], names: tuple[str, ...], numbers: Any, date: dt.date, method: str
 ) -> str:
     """Return the SHA-256 that identifies a determination.
