@@ -8,6 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
+from inercal.arrays import Array
 from inercal.units import Measured
 
 Scope = Literal["run", "position", "turn", "dwell", "pass", "mounting", "speed"]
@@ -96,6 +99,16 @@ class QualifiedParameters:
     def correction(self, name: str) -> float:
         """Return the value of a parameter; 0 of one that is not qualified."""
         return self.value[self.names.index(name)] if name in self.names else 0.0
+
+    def joint_covariance(self, parameters: Sequence[Parameter]) -> Array:
+        """Return the prior covariance of parameters of a bench, (k, k): by `sd` the others."""
+        result = np.diag([one.sd**2 for one in parameters])
+        for a, one in enumerate(parameters):
+            for b, other in enumerate(parameters):
+                if a != b and one.name in self.names and other.name in self.names:
+                    i, j = self.names.index(one.name), self.names.index(other.name)
+                    result[a, b] = self.covariance[i][j]
+        return result
 
     def apply(
         self, parameters: Sequence[Parameter], *, corrected: bool = False

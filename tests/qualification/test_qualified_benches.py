@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from tests.methods.bench_sensitivity_cases import Case, case, observed
 from tests.methods.test_bench_sensitivities import ERRORS, HEADS, NEAR
 
-from inercal.benches import Bench, DividingHead
+from inercal.benches import Bench, DividingHead, Turntable
 from inercal.estimate import Estimate, Gaussian
+from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, run_filter
+from inercal.methods.turntable_kalman.innovations import FilterResult
 from inercal.parameters import QualifiedParameters
 from inercal.pipeline.qualified_errors import with_joint_prior
 from inercal.units import Measured
@@ -111,7 +113,14 @@ def test_qualified_values_correct_the_bench(method: str, estimator: str):
     assert (np.abs(again.value[: len(given.truth)] - perfect) <= near * u + 1e-15).all()
 
 
-@pytest.mark.parametrize(("method", "estimator"), CASES)
+BY_FILTERS = {("turntable_kalman", "full"), ("turntable_kalman", "drift")}
+BY_PRIORS = [key for key in ERRORS if key not in BY_FILTERS]
+
+
+@pytest.mark.parametrize(
+    ("method", "estimator"),
+    [pytest.param(*key, marks=pytest.mark.slow) if key[1] in SLOW else key for key in BY_PRIORS],
+)
 def test_uncertainty_changes_as_the_covariance_says(method: str, estimator: str):
     given = given_case(method, estimator)
     names, p = names_of(method, estimator), len(given.truth)
@@ -132,6 +141,44 @@ def test_uncertainty_changes_as_the_covariance_says(method: str, estimator: str)
     # The change is there to be seen.
     change = np.abs(after.covariance[:p, :p] - before.covariance[:p, :p]) / np.outer(size, size)
     assert change.max() > 0.05
+
+
+@pytest.mark.parametrize("estimator", ["full", "drift"])
+@pytest.mark.parametrize("kind", ["w", "f"])
+def test_filters_have_the_joint_prior(estimator: str, kind: str):
+    given = given_case("turntable_kalman", estimator)
+    names = names_of("turntable_kalman", estimator)
+    value, sd = stated(given, names)
+    prior = 0.6 * np.outer(sd, sd)
+    np.fill_diagonal(prior, sd**2)
+    track = observed(given, {}).track
+    assert track is not None
+
+    def filtered(covariance: Array) -> tuple[FilterResult, Array]:
+        bench = qualified(given.bench, names, value, covariance)
+        assert isinstance(bench, Turntable)
+        config = FILTER_CONFIGS[estimator]
+        result = run_filter(kind, given.sensor, bench, track, config)
+        p = len(result.shared_covariance)
+        whole = result.covariance.copy()
+        whole[:p, :p] -= result.shared_covariance  # gravity's: no state
+        states = [*range(p), *(result.names.index(n) for n in names if n in result.names)]
+        return result, whole[np.ix_(states, states)]
+
+    (before, first), (_, second) = filtered(np.diag(sd**2)), filtered(prior)
+    own = [name for name in names if name in before.names]
+    places = [*range(len(first) - len(own), len(first))]
+    size = np.sqrt(np.diagonal(first))
+    information = np.linalg.inv(first / np.outer(size, size))
+    at = [names.index(name) for name in own]
+    added = np.linalg.inv(prior[np.ix_(at, at)]) - np.diag(1 / sd[at] ** 2)
+    information[np.ix_(places, places)] += added * np.outer(size[places], size[places])
+    expected = np.linalg.inv(information)
+    found = second / np.outer(size, size)
+    p = len(given.sensor.select_axes(kind).coefficients)
+    change = np.abs(found - first / np.outer(size, size))[:p, :p].max()
+    assert change > 0.005 or len(own) < 2
+    assert np.abs(found - expected)[:p, :p].max() < 0.05 * change + 1e-6
 
 
 DIRECT = [

@@ -1,7 +1,8 @@
 """The joint prior covariance of quantities that an estimator took as independent.
 
-An estimator has the quantities b with the prior N(b₀, D), D diagonal. Where their covariance is Σ,
-with the diagonal of D, the difference of information ΔΛ = Σ⁻¹ − D⁻¹ is added to its result::
+An estimator has the quantities b with the prior N(b₀, D), D diagonal but for those whose
+correlations it counts (`Estimate.joint_priors`). Where their covariance is Σ, the difference of
+information ΔΛ = Σ⁻¹ − D⁻¹ is added to its result::
 
     M = ΔΛ (1 + P_bb ΔΛ)⁻¹,   x′ = x + P_xb M (b₀ − b),   P′ = P − P_xb M P_bx
     χ²′ = χ² + (b₀ − b)ᵀ M (b₀ − b),   ∂x′/∂b₀ = P′_xb Σ⁻¹
@@ -30,7 +31,8 @@ def with_prior_covariance(
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis; its priors had the means and the variances of the joint prior.
+        Without a trial axis; its priors had the means and the variances of the joint prior, and the
+        covariances of its `joint_priors`.
     names : sequence of k str
         Those that do not act on the estimate are left out.
     mean : (k,) array
@@ -44,9 +46,10 @@ def with_prior_covariance(
         return estimate
     mean, prior = mean[at], covariance[np.ix_(at, at)]
     kept = [names[k] for k in at]
-    variance = np.diagonal(prior)
-    cross = np.stack([c for c in columns if c is not None], axis=-1) * variance
-    b, within = mean.copy(), np.diag(variance).astype(float)
+    counted = np.array([name in estimate.joint_priors for name in kept])
+    taken = np.where(np.outer(counted, counted) | np.eye(len(at), dtype=bool), prior, 0.0)
+    cross = np.stack([c for c in columns if c is not None], axis=-1) @ taken
+    b, within = mean.copy(), taken.copy()
     inside = [
         (k, estimate.names.index(name))
         for k, name in enumerate(kept)
@@ -55,7 +58,7 @@ def with_prior_covariance(
     for k, own in inside:
         b[k] = estimate.value[own]
         within[k] = within[:, k] = cross[own]
-    added = np.linalg.inv(prior) - np.diag(1 / variance)
+    added = np.linalg.inv(prior) - np.linalg.inv(taken)
     gain = added @ np.linalg.inv(np.eye(len(at)) + within @ added)
     gain = (gain + gain.T) / 2
     off = mean - b
