@@ -18,7 +18,7 @@ from inercal.estimate import Estimate, Gaussian
 from inercal.methods.turntable_kalman.combined_estimate import FILTER_CONFIGS, run_filter
 from inercal.methods.turntable_kalman.innovations import FilterResult
 from inercal.parameters import QualifiedParameters
-from inercal.pipeline.qualified_errors import with_joint_prior
+from inercal.qualification.joint_prior import with_joint_prior
 from inercal.units import Measured
 
 Array = NDArray[np.float64]
@@ -65,8 +65,7 @@ def stated(given: Case, names: tuple[str, ...]) -> tuple[Array, Array]:
 
 
 def found(given: Case, bench: Bench) -> Estimate:
-    estimate = given.found(bench=bench)
-    return with_joint_prior(bench, bench.nuisances(given.steps, given.sensor), estimate)
+    return with_joint_prior(bench, given.found(bench=bench))
 
 
 def posterior(estimate: Estimate, names: tuple[str, ...], d: Array, prior: Array, p: int) -> Array:
@@ -199,8 +198,7 @@ def test_the_update_is_that_of_a_fit_with_the_joint_prior(method: str, estimator
     np.fill_diagonal(prior, sd**2)
     read = observed(given, dict(zip(names, (value + sd).tolist(), strict=True)))
     bench = qualified(given.bench, names, value, prior)
-    expected = bench.nuisances(given.steps, given.sensor)
-    updated = with_joint_prior(bench, expected, given.by(read, bench))
+    updated = with_joint_prior(bench, given.by(read, bench))
     # The fit itself, with next to nothing known of the bench but the joint prior.
     unknown = qualified(given.bench, names, value, np.diag((1e3 * sd) ** 2))
     joint = Gaussian(names, value, prior)

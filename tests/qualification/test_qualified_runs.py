@@ -13,10 +13,13 @@ import pytest
 from tests.program import run_program
 from tests.refusals import refused
 
+from inercal.budget.experiment_from_runfile import experiment_from_run
 from inercal.calibration import SharedError, shared_errors
 from inercal.calibration.files import load as load_calibration
 from inercal.calibration.files import save as save_calibration
+from inercal.io.read import read_table
 from inercal.pipeline import Outcome, calibrate
+from inercal.pipeline.batch import calibrate_batch
 from inercal.qualification import Qualification
 from inercal.qualification.input_file import qualify
 from inercal.qualification.qualification_file import as_object, load, save
@@ -373,3 +376,45 @@ def test_a_level_on_the_base_is_refused_and_one_on_the_table_gives_the_lean(fold
         made("table_tilt", "turntable", "")
     with refused(key="[measurement] sense"):
         made("right_angle", "turntable", 'axes = "zxy"')
+
+
+def test_a_budget_draws_correlated_parameters_as_the_fit_counts_them(folder: Path):
+    plan = 'rates = ["60 rpm", "120 rpm", "180 rpm"]\n'
+    (folder / "arm.toml").write_text(ARM + plan, encoding="utf-8")
+    experiment = experiment_from_run(read(folder / "arm.toml"))
+    p = len(experiment.sensor.coefficients)
+    expected = np.diagonal(experiment.estimate().covariance)[:p]
+    z = np.random.default_rng(1).normal(size=(2000, experiment.size))
+    ratio = np.var(experiment(z), axis=0) / expected
+    # Standard deviation of a variance of 2 000 draws: 3.2 %.
+    assert np.abs(ratio - 1).max() < 0.13
+    radius = load(folder / "radius.qualification.json")
+    drawn = {name: k for k, name in enumerate(radius.names)}
+    assert set(drawn) <= set(experiment.bench_parameters)
+
+
+def test_a_batch_has_the_joint_prior(folder: Path):
+    one = arm(folder).calibration
+    table = read_table(folder / "lab.csv", text=("position",))
+    columns = {name: np.asarray(table.columns[name]) for name in ("position", "rpm")}
+    readings = {name: np.stack([table.numbers(name)] * 2) for name in ("ax", "ay", "az")}
+    batch = calibrate_batch(
+        columns | readings,
+        method="centrifuge_norm",
+        sensor={"accelerometer": {"unit": "V", "scale": "0.1 V/g"}},
+        bench={
+            "kind": "centrifuge",
+            "name": "arm 1",
+            "qualification": str(folder / "radius.qualification.json"),
+            "latitude": "52.1 ° ± 0.1 °",
+            "tilt": "2 ″",
+            "sense": "clockwise",
+        },
+        label="position",
+        accelerometer=["ax", "ay", "az"],
+        arm_rate="rpm",
+        sd={"accelerometer": "1 µV"},
+    )
+    size = np.sqrt(np.outer(*[np.diagonal(one.covariance)] * 2))
+    assert (np.abs(batch.covariance[1] - one.covariance) < 1e-4 * size + 1e-30).all()
+    assert (np.abs(batch.values[1] - one.values) < 1e-3 * one.std).all()

@@ -31,7 +31,7 @@ def with_prior_covariance(
     Parameters
     ----------
     estimate : Estimate
-        Without a trial axis; its priors had the means and the variances of the joint prior, and the
+        Its priors had the means and the variances of the joint prior, and the
         covariances of its `joint_priors`.
     names : sequence of k str
         Those that do not act on the estimate are left out.
@@ -44,35 +44,39 @@ def with_prior_covariance(
     at = [k for k, column in enumerate(columns) if column is not None]
     if not at:
         return estimate
-    mean, prior = mean[at], covariance[np.ix_(at, at)]
-    kept = [names[k] for k in at]
+    prior, kept = covariance[np.ix_(at, at)], [names[k] for k in at]
     counted = np.array([name in estimate.joint_priors for name in kept])
     taken = np.where(np.outer(counted, counted) | np.eye(len(at), dtype=bool), prior, 0.0)
-    cross = np.stack([c for c in columns if c is not None], axis=-1) @ taken
-    b, within = mean.copy(), taken.copy()
-    inside = [
-        (k, estimate.names.index(name))
-        for k, name in enumerate(kept)
-        if name in estimate.names and name not in estimate.sensitivities
-    ]
-    for k, own in inside:
-        b[k] = estimate.value[own]
-        within[k] = within[:, k] = cross[own]
+    slopes = np.broadcast_arrays(estimate.value, *(c for c in columns if c is not None))[1:]
+    cross = np.stack(slopes, axis=-1) @ taken
+    lead = estimate.value.shape[:-1]
+    b = np.broadcast_to(mean[at], (*lead, len(at))).copy()
+    within = np.broadcast_to(taken, (*lead, len(at), len(at))).copy()
+    for k, name in enumerate(kept):
+        if name in estimate.names and name not in estimate.sensitivities:
+            own = estimate.names.index(name)
+            b[..., k] = estimate.value[..., own]
+            within[..., k, :] = within[..., :, k] = cross[..., own, :]
     added = np.linalg.inv(prior) - np.linalg.inv(taken)
-    gain = added @ np.linalg.inv(np.eye(len(at)) + within @ added)
-    gain = (gain + gain.T) / 2
-    off = mean - b
-    moved = estimate.covariance - cross @ gain @ cross.T
-    after = cross - cross @ gain @ within
-    slopes = after @ np.linalg.inv(prior)
+    gain: Array = added @ np.linalg.inv(np.eye(len(at)) + within @ added)
+    gain = (gain + _transposed(gain)) / 2
+    off = mean[at] - b
+    step = (gain @ off[..., None])[..., 0]
+    moved: Array = estimate.covariance - cross @ gain @ _transposed(cross)
+    after = (cross - cross @ gain @ within) @ np.linalg.inv(prior)
     tested = bool(estimate.dof) and not estimate.groups
     return replace(
         estimate,
-        value=estimate.value + cross @ gain @ off,
-        covariance=(moved + moved.T) / 2,
-        chi2=estimate.chi2 + off @ gain @ off if tested else estimate.chi2,
+        value=estimate.value + (cross @ step[..., None])[..., 0],
+        covariance=(moved + _transposed(moved)) / 2,
+        chi2=estimate.chi2 + np.sum(off * step, axis=-1) if tested else estimate.chi2,
         sensitivities={
             **estimate.sensitivities,
-            **{name: slopes[:, k] for k, name in enumerate(kept)},
+            **{name: after[..., k] for k, name in enumerate(kept)},
         },
+        joint_priors=estimate.joint_priors | set(kept),
     )
+
+
+def _transposed(matrix: Array) -> Array:
+    return np.swapaxes(matrix, -1, -2)

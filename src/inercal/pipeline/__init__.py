@@ -32,7 +32,7 @@ from inercal.pipeline.calibration_record import (
     validity,
 )
 from inercal.pipeline.correction import apply, load_recording
-from inercal.pipeline.qualified_errors import qualification_conditions, with_joint_prior
+from inercal.pipeline.qualified_errors import qualification_conditions
 from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
 from inercal.pipeline.stated_values import (
@@ -222,7 +222,6 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
         located.args = (f"{located}{_possible_causes(inputs, sensor, error)}",)
         raise located from None
     estimate = with_common_errors(run, inputs, estimate)
-    estimate = with_joint_prior(bench, expected, estimate)
     fit = Fit(
         run.estimator,
         sensor,

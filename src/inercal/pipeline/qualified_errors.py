@@ -1,7 +1,6 @@
-"""Qualified parameters of the bench: their joint prior, and the errors that calibrations share.
+"""The errors of qualified parameters of a bench, which calibrations share.
 
-An estimator counts parameters of a bench as independent; `with_joint_prior` gives it their
-covariance Σ. Calibrations by the same qualification share J Σ Jᵀ with J = ∂c/∂b₀. It is stored by
+Calibrations by the same qualification share J Σ Jᵀ with J = ∂c/∂b₀. It is stored by
 the columns of J L, Σ = L Lᵀ: column j is the part of parameter j that those before it do not
 explain, so that the columns of different parameters are independent.
 """
@@ -10,38 +9,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from inercal.benches import Bench
 from inercal.calibration import SharedError
 from inercal.estimate import Estimate
-from inercal.estimate.prior_covariance import with_prior_covariance
-from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
-from inercal.qualification.bench_keys import joint_prior
+from inercal.parameters import Parameter, QualifiedParameters
+from inercal.qualification.joint_prior import joint_prior
 from inercal.runfile import Run
-
-
-def with_joint_prior(
-    bench: Bench, expected: Mapping[str, Parameter], estimate: Estimate
-) -> Estimate:
-    """Return the estimate with the covariance of the qualified parameters as their prior.
-
-    Parameters
-    ----------
-    bench : Bench
-    expected : mapping of str to Parameter
-        The bench's parameters that act, by full name.
-    estimate : Estimate
-        Without a trial axis, by the same parameters as independent.
-    """
-    known: QualifiedParameters = getattr(bench, "qualified", NOT_QUALIFIED)
-    places = _acting(known, expected)
-    covariance = joint_prior(known)[1][np.ix_(places, places)] if places else np.zeros((0, 0))
-    if not np.any(covariance - np.diag(np.diagonal(covariance))):
-        return estimate
-    names = [known.names[k] for k in places]
-    mean = np.array([expected[name].value for name in names])
-    # A bench may add to the variance of gravity; estimators have its sum as the prior.
-    covariance[np.diag_indices(len(names))] = [expected[name].sd ** 2 for name in names]
-    return with_prior_covariance(estimate, names, mean, covariance)
 
 
 def qualified_errors(

@@ -5,6 +5,7 @@
 """
 
 from inercal.qualification.bench_keys import KEY, UsedQualifications
+from inercal.qualification.joint_prior import JointPriorEstimator
 from inercal.qualification.result import Qualification, QualifiedParameter
 
 NO_QUALIFICATIONS = UsedQualifications()
@@ -12,6 +13,7 @@ NO_QUALIFICATIONS = UsedQualifications()
 __all__ = [
     "KEY",
     "NO_QUALIFICATIONS",
+    "JointPriorEstimator",
     "Qualification",
     "QualifiedParameter",
     "UsedQualifications",

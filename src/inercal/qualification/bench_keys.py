@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from inercal.arrays import Array
 from inercal.benches.key_declarations import KeyDeclaration, declarations
 from inercal.benches.kind_definition import Kind
 from inercal.errors import InputError
@@ -81,7 +80,8 @@ def read_qualifications(named: object, folder: Path) -> UsedQualifications:
         try:
             each.append(load(folder / text))
         except InputError as error:
-            raise error.located(KEY, key=KEY) from None
+            # Of the run file: `file` of the error would be the qualification.
+            raise InputError(f"{KEY}: {error}", key=KEY, names=(text,)) from None
         if each[-1].withdrawn:
             raise InputError(
                 f"{KEY}: {text} was withdrawn, {each[-1].withdrawn}: qualify the bench anew",
@@ -273,8 +273,3 @@ def _harmonics(names: Sequence[str], kind: Kind[Any, Any], known: QualifiedParam
 
 def _bench_text(kind: str, name: str) -> str:
     return f"a {kind} named {name!r}" if name else f"a {kind} without a name"
-
-
-def joint_prior(known: QualifiedParameters) -> tuple[Array, Array]:
-    """Return mean and covariance of the qualified parameters, (k,) and (k, k), SI."""
-    return np.array(known.value), np.array(known.covariance)

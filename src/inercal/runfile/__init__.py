@@ -25,7 +25,7 @@ from inercal.keys import CoefficientName
 from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.plan import Step, TableStep, Turn, table_steps
-from inercal.qualification import NO_QUALIFICATIONS, UsedQualifications
+from inercal.qualification import NO_QUALIFICATIONS, JointPriorEstimator, UsedQualifications
 from inercal.recording import Finding
 from inercal.runfile.environment_section import (
     TemperatureOrder,
@@ -176,13 +176,13 @@ class Run:
         """
         if self.method.follows_rest and self.environment is not None:
             follow: Any = self.method.estimator(self.estimator)
-            solve: Any = partial(follow, environment=self.environment)
-            return solve
-        if self.search is None:
-            return self.method.estimator(self.estimator)
-        from inercal.methods.ship_multi_angle import global_
+            return cast(Any, partial(follow, environment=self.environment))
+        solve: Any = self.method.estimator(self.estimator)
+        if self.search is not None:
+            from inercal.methods.ship_multi_angle import global_
 
-        return partial(global_, options=self.search, progress=progress)
+            solve = partial(global_, options=self.search, progress=progress)
+        return JointPriorEstimator(solve) if self.qualified.each else solve
 
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file.
