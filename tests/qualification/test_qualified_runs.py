@@ -418,3 +418,23 @@ def test_a_batch_has_the_joint_prior(folder: Path):
     size = np.sqrt(np.outer(*[np.diagonal(one.covariance)] * 2))
     assert (np.abs(batch.covariance[1] - one.covariance) < 1e-4 * size + 1e-30).all()
     assert (np.abs(batch.values[1] - one.values) < 1e-3 * one.std).all()
+
+
+def test_the_files_of_the_example_are_those_of_its_readings(folder: Path):
+    for name in INPUTS:
+        stored = load(EXAMPLES / f"{name}.qualification.json")
+        anew = load(folder / f"{name}.qualification.json")
+        assert stored.names == anew.names
+        assert stored.covariance == pytest.approx(anew.covariance, rel=1e-6)
+        values = [[p.value for p in one.parameters] for one in (stored, anew)]
+        assert np.abs(np.subtract(*values) / stored.std).max() < 1e-6
+
+
+def test_a_harmonic_that_the_model_lacks_is_said_to_who_qualifies_and_who_calibrates(folder: Path):
+    path = changed(folder, ("harmonics = 2", "harmonics = 1"), name="head")
+    out = folder / "head.qualification.json"
+    ended = run_program("qualify", path, "--out", out, "--force")
+    assert ended.status == 3
+    (suspect,) = load(out).suspects
+    findings = [f for f in read(folder / "tumble.toml").findings if f.what == "qualification"]
+    assert [suspect in one.message for one in findings] == [True]

@@ -7,6 +7,7 @@ import typer
 from inercal.cli.console import print_json
 
 NAME = "qualify"
+_NOT_TO_BE_RELIED_ON = 3  # the exit status
 
 
 def run(
@@ -67,12 +68,14 @@ def _qualify(file: Path, out: Path | None, force: bool, json: bool) -> None:
         save(found, out)
     if json:
         print_json(as_object(found))
-        return
-    from inercal.cli.qualify_view import print_qualification
+    else:
+        from inercal.cli.qualify_view import print_qualification
 
-    print_qualification(found)
-    if out is not None:
-        print(f"wrote {out}")
+        print_qualification(found)
+        if out is not None:
+            print(f"wrote {out}")
+    if not found.consistent:
+        raise typer.Exit(_NOT_TO_BE_RELIED_ON)
 
 
 def _drift(files: list[Path], json: bool) -> None:
