@@ -4,7 +4,7 @@ One declaration has three uses: a simulation draws from it, an estimator has it 
 parameter with its standard deviation as the prior, and the Type B budget lists it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -109,6 +109,32 @@ class QualifiedParameters:
                     i, j = self.names.index(one.name), self.names.index(other.name)
                     result[a, b] = self.covariance[i][j]
         return result
+
+    def draw(
+        self, declared: Mapping[str, Parameter], rng: np.random.Generator, trials: int
+    ) -> dict[str, Array]:
+        """Return errors of a bench as a simulation draws them, (trials,) each, by full name.
+
+        Parameters
+        ----------
+        declared : mapping of str to Parameter
+            The parameters that act, by full name.
+        rng : Generator
+        trials : int
+        """
+        draws = {name: rng.standard_normal(trials) for name in declared}
+        drawn = {name: one.value + one.sd * draws[name] for name, one in declared.items()}
+        joint = [
+            name
+            for name in self.names
+            if name in declared and declared[name].sd > 0 and declared[name].scope == "run"
+        ]
+        covariance = self.joint_covariance([declared[name] for name in joint])
+        if np.any(covariance - np.diag(np.diagonal(covariance))):
+            errors = np.linalg.cholesky(covariance) @ np.stack([draws[name] for name in joint])
+            for name, error in zip(joint, errors, strict=True):
+                drawn[name] = declared[name].value + error
+        return drawn
 
     def apply(
         self, parameters: Sequence[Parameter], *, corrected: bool = False

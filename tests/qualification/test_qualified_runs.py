@@ -438,3 +438,13 @@ def test_a_harmonic_that_the_model_lacks_is_said_to_who_qualifies_and_who_calibr
     (suspect,) = load(out).suspects
     findings = [f for f in read(folder / "tumble.toml").findings if f.what == "qualification"]
     assert [suspect in one.message for one in findings] == [True]
+
+
+def test_a_simulation_draws_the_bench_with_its_covariance(folder: Path):
+    (folder / "arm.toml").write_text(ARM, encoding="utf-8")
+    run, found = read(folder / "arm.toml"), load(folder / "radius.qualification.json")
+    declared = {one.name: one for one in run.bench.parameters}
+    drawn = run.qualified.parameters.draw(declared, np.random.default_rng(1), 20_000)
+    made = np.cov([drawn[name] for name in found.names])
+    size = np.outer(found.std, found.std)
+    assert (np.abs(made - found.covariance) / size).max() < 0.04
