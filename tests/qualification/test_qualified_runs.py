@@ -448,3 +448,15 @@ def test_a_simulation_draws_the_bench_with_its_covariance(folder: Path):
     made = np.cov([drawn[name] for name in found.names])
     size = np.outer(found.std, found.std)
     assert (np.abs(made - found.covariance) / size).max() < 0.04
+
+
+def test_gravity_is_shared_through_a_radius_that_builds_on_it(folder: Path):
+    """Two arms in one house with radii by sensors: their errors are correlated by gravity."""
+    first = by_name(arm(folder))
+    rate = changed(folder, ('name = "arm 1"', 'name = "arm 2"'), name="rate")
+    save(qualify(rate), folder / "rate.qualification.json")
+    other = changed(folder, ('name = "arm 1"', 'name = "arm 2"'), name="radius")
+    save(qualify(other), folder / "radius.qualification.json")
+    second = by_name(arm(folder, ('name = "arm 1"', 'name = "arm 2"')))
+    alike = {n for n in first if n in second and first[n].determination == second[n].determination}
+    assert alike == {"g"}

@@ -31,26 +31,29 @@ def qualified_errors(
     count : int
     """
     known = run.qualified.parameters
-    columns = {
-        k: slope[:count]
-        for k in _acting(known, expected)
-        if (slope := estimate.sensitivity(known.names[k], expected[known.names[k]].sd)) is not None
-    }
-    if not columns:
+    declared = {one.name: one for one in run.bench.parameters}
+    slopes = np.zeros((count, len(known.names)))
+    for k in _acting(known, expected):
+        name = known.names[k]
+        slope = estimate.sensitivity(name, expected[name].sd)
+        if slope is not None:
+            slopes[:, k] = slope[:count]
+    if not slopes.any():
         return ()
-    places = list(columns)
-    root = np.linalg.cholesky(joint_prior(known)[1][np.ix_(places, places)])
-    parts = np.stack(list(columns.values()), axis=-1) @ root
+    # Of all of them: one that does not act itself may act through one that builds on it.
+    root = np.linalg.cholesky(joint_prior(known)[1])
+    parts = slopes @ root
     return tuple(
         SharedError(
-            known.names[k],
-            expected[known.names[k]].unit,
-            float(root[j, j]),
-            parts[:, j] * root[j, j],
+            name,
+            declared[name].unit,
+            float(root[k, k]),
+            parts[:, k] * root[k, k],
             known.determination[k],
             known.date[k],
         )
-        for j, k in enumerate(places)
+        for k, name in enumerate(known.names)
+        if parts[:, k].any()
     )
 
 
