@@ -4,9 +4,13 @@ One declaration has three uses: a simulation draws from it, an estimator has it 
 parameter with its standard deviation as the prior, and the Type B budget lists it.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
+from inercal.arrays import Array
 from inercal.units import Measured
 
 Scope = Literal["run", "position", "turn", "dwell", "pass", "mounting", "speed"]
@@ -63,6 +67,105 @@ class Parameter:
         """
         assumed = constant.key_if_assumed(key or name)
         return cls(name, unit, constant.sd, "run", constant.value, meaning, assumed)
+
+
+@dataclass(frozen=True)
+class QualifiedParameters:
+    """What qualifications of a bench found: values of its parameters with their covariance.
+
+    Parameters
+    ----------
+    names : tuple of k str
+        As of `Parameter.name`.
+    value : tuple of k float
+        SI.
+    covariance : k tuples of k float
+        SI; of a parameter that differs from dwell to dwell, the variance of each of its values.
+    determination, date : tuples of k str
+        Identity and ISO date of the determination of each.
+    """
+
+    names: tuple[str, ...] = ()
+    value: tuple[float, ...] = ()
+    covariance: tuple[tuple[float, ...], ...] = ()
+    determination: tuple[str, ...] = ()
+    date: tuple[str, ...] = ()
+
+    def std(self, name: str) -> float:
+        """Return the standard deviation of one of its parameters."""
+        k = self.names.index(name)
+        return float(self.covariance[k][k] ** 0.5)
+
+    def correction(self, name: str) -> float:
+        """Return the value of a parameter; 0 of one that is not qualified."""
+        return self.value[self.names.index(name)] if name in self.names else 0.0
+
+    def joint_covariance(self, parameters: Sequence[Parameter]) -> Array:
+        """Return the prior covariance of parameters of a bench, (k, k): by `sd` the others."""
+        result = np.diag([one.sd**2 for one in parameters])
+        for a, one in enumerate(parameters):
+            for b, other in enumerate(parameters):
+                if a != b and one.name in self.names and other.name in self.names:
+                    i, j = self.names.index(one.name), self.names.index(other.name)
+                    result[a, b] = self.covariance[i][j]
+        return result
+
+    def draw(
+        self, declared: Mapping[str, Parameter], rng: np.random.Generator, trials: int
+    ) -> dict[str, Array]:
+        """Return errors of a bench as a simulation draws them, (trials,) each, by full name.
+
+        Parameters
+        ----------
+        declared : mapping of str to Parameter
+            The parameters that act, by full name.
+        rng : Generator
+        trials : int
+        """
+        draws = {name: rng.standard_normal(trials) for name in declared}
+        drawn = {name: one.value + one.sd * draws[name] for name, one in declared.items()}
+        joint = [
+            name
+            for name in self.names
+            if name in declared and declared[name].sd > 0 and declared[name].scope == "run"
+        ]
+        covariance = self.joint_covariance([declared[name] for name in joint])
+        if np.any(covariance - np.diag(np.diagonal(covariance))):
+            errors = np.linalg.cholesky(covariance) @ np.stack([draws[name] for name in joint])
+            for name, error in zip(joint, errors, strict=True):
+                drawn[name] = declared[name].value + error
+        return drawn
+
+    def apply(
+        self, parameters: Sequence[Parameter], *, corrected: bool = False
+    ) -> tuple[Parameter, ...]:
+        """Return the parameters of a bench with the qualified values and deviations.
+
+        Gravity is unchanged: it is a stated constant of each bench.
+
+        Parameters
+        ----------
+        parameters : sequence of Parameter
+        corrected : bool
+            Whether the bench corrects for the values: errors then remain whose expected value is
+            that without a qualification.
+        """
+        if not self.names:
+            return tuple(parameters)
+        return tuple(
+            replace(
+                one,
+                sd=self.std(one.name),
+                value=one.value if corrected else self.correction(one.name),
+                assumed="",
+            )
+            if one.name in self.names and one.name != "g"
+            else one
+            for one in parameters
+        )
+
+
+NOT_QUALIFIED = QualifiedParameters()
 
 
 def local_gravity(gravity: Measured) -> Parameter:

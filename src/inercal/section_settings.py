@@ -75,6 +75,11 @@ class BenchSection(Section):
     gravity: str | None = Field(None, examples=["9.8073 m/s² ± 0.2 mm/s²"])
     latitude: str | None = Field(None, examples=["48.1 °"])
     height: str | None = Field(None, examples=["520 m"])
+    qualification: str | tuple[str, ...] | None = Field(
+        None,
+        description="files of inercal qualify, in place of keys",
+        examples=["head.qualification.json"],
+    )
     name: str = Field(
         "",
         description="what the laboratory calls it",

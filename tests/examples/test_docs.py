@@ -201,7 +201,9 @@ def test_recordings_page_lists_every_finding_that_the_code_makes():
 def test_toml_on_a_page_is_a_part_of_a_run_file(path: Path):
     for text in re.findall(r"```toml\n(.*?)```", path.read_text(encoding="utf-8"), flags=re.S):
         content = tomllib.loads(text)
-        if "frame" not in content:  # of packets, which tests/host reads
+        if "qualification" in content:
+            assert set(content) <= {"qualification", "measurement"}
+        elif "frame" not in content:  # of packets, which tests/host reads
             assert set(content) <= set(schema.RunSchema.model_fields)
 
 

@@ -29,7 +29,7 @@ from inercal.budget.imperfections import (
 from inercal.budget.plan_requirements import require_budget_plan
 from inercal.errors import InputError
 from inercal.estimate import Estimate, Gaussian
-from inercal.parameters import Parameter
+from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
 from inercal.plan import Step
 from inercal.recording import Observations
 from inercal.sensors import Sensor
@@ -147,10 +147,17 @@ class Experiment:
         loose = [name for name, parameter in self.bench_parameters.items() if parameter.sd > 0]
         q = {name: np.array(parameter.value) for name, parameter in self.bench_parameters.items()}
         drawn = {name: one for one in self.imperfections for name in one.draws if name in q}
+        places = {
+            name: self.draw_columns[one.name].start + one.draws.index(name)
+            for name, one in drawn.items()
+        }
+        joint, root = self._joint_draws
         for name in loose:
-            one = drawn[name]
-            k = self.draw_columns[one.name].start + one.draws.index(name)
-            q[name] = q[name] + self.bench_parameters[name].sd * z[:, k]
+            if name not in joint:
+                q[name] = q[name] + self.bench_parameters[name].sd * z[:, places[name]]
+        if joint:
+            errors = z[:, [places[name] for name in joint]] @ root.T
+            q |= {name: q[name] + errors[:, k] for k, name in enumerate(joint)}
         priors: list[Gaussian] = []
         for prior, one in zip(self.priors, self._prior_imperfections, strict=True):
             error = z[:, self.draw_columns[one.name]] @ np.linalg.cholesky(prior.covariance).T
@@ -158,6 +165,19 @@ class Experiment:
         noise = z[:, self.draw_columns[NOISE]].reshape(-1, *self.noise.shape[:2])
         noise = (np.linalg.cholesky(self.noise) @ noise[..., None])[..., 0]
         return self.readings(q, self.sensor.coefficients) + noise, tuple(priors)
+
+    @cached_property
+    def _joint_draws(self) -> tuple[list[str], Array]:
+        """The qualified parameters that are drawn, and the root of their covariance."""
+        known: QualifiedParameters = getattr(self.bench, "qualified", NOT_QUALIFIED)
+        declared = self.bench_parameters
+        names = [
+            name
+            for name in known.names
+            if name in declared and declared[name].scope == "run" and declared[name].sd > 0
+        ]
+        covariance = known.joint_covariance([declared[name] for name in names])
+        return names, np.asarray(np.linalg.cholesky(covariance), dtype=float)
 
     def readings(self, q: Mapping[str, Array], coefficients: tuple[str, ...]) -> Array:
         """Return readings without noise, (..., r, m) SI.

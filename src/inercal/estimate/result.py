@@ -116,6 +116,8 @@ class Estimate:
         no parameters: known and eliminated ones, or those that parts of an estimator share.
     noise_dof : float
         Degrees of freedom behind the noise of one channel; not finite where it is stated.
+    joint_priors : frozenset of str
+        Quantities known beforehand whose correlations the estimator has counted.
     """
 
     names: tuple[str, ...]
@@ -140,6 +142,7 @@ class Estimate:
     scoring: LazyValue[ScoreTestSet] = NO_SCORE_TESTS
     sensitivities: Mapping[str, Array] = field(default_factory=dict[str, Array])
     noise_dof: float = np.inf
+    joint_priors: frozenset[str] = frozenset()
 
     @classmethod
     def from_closed_form(

@@ -32,6 +32,7 @@ from inercal.pipeline.calibration_record import (
     validity,
 )
 from inercal.pipeline.correction import apply, load_recording
+from inercal.pipeline.qualified_errors import qualification_conditions
 from inercal.pipeline.run_arguments import stated_run
 from inercal.pipeline.run_simulation import apply_data_columns, read_out, simulate, simulate_files
 from inercal.pipeline.stated_values import (
@@ -261,6 +262,7 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
     conditions = {**run_conditions(run, inputs), **remarks.conditions}
     if run.bench_name:
         conditions["bench"] = run.bench_name
+    conditions |= qualification_conditions(run)
     weighs_gravity = bool(sensor.select_axes("f").coefficients)
     estimate = replace(
         estimate,

@@ -28,6 +28,7 @@ from inercal.estimate import Estimate
 from inercal.io.column_table import file_sha256
 from inercal.io.simulation_mark import read_simulation_mark
 from inercal.parameters import Parameter
+from inercal.pipeline.qualified_errors import qualified_errors
 from inercal.runfile import Run
 from inercal.sensors import Sensor
 from inercal.units import ZERO_CELSIUS
@@ -66,6 +67,9 @@ def provenance(run: Run, inputs: EstimatorInput) -> dict[str, str]:
     if run.data.gyro_file is not None and (gyros := gyro_file(run)) is not None:
         further["gyro recording"] = str(run.data.gyro_file)
         further["gyro recording sha256"] = file_sha256(gyros)
+    for name, one in zip(run.qualified.files, run.qualified.each, strict=True):
+        further[f"qualification {name} sha256"] = file_sha256(run.file(name))
+        further[f"qualification {name} determination"] = one.determination
     for what, name in run.data.further_files().items():
         further[what] = name
         further[f"{what} sha256"] = file_sha256(run.file(name))
@@ -160,9 +164,11 @@ def shared_errors(
     count : int
     """
     declared = {q.name: q for q in run.bench.parameters}
-    shared: list[SharedError] = []
+    shared = list(qualified_errors(run, estimate, expected, count))
     for name, q in expected.items():
         if q.scope != "run" or q.sd <= 0 or declared[q.name] != q:
+            continue
+        if q.name in run.qualified.parameters.names:
             continue
         sensitivity = estimate.sensitivity(name, q.sd)
         std = _stated_deviation(run.bench, q)

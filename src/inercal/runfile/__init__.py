@@ -25,6 +25,7 @@ from inercal.keys import CoefficientName
 from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.plan import Step, TableStep, Turn, table_steps
+from inercal.qualification import NO_QUALIFICATIONS, JointPriorEstimator, UsedQualifications
 from inercal.recording import Finding
 from inercal.runfile.environment_section import (
     TemperatureOrder,
@@ -40,6 +41,11 @@ from inercal.runfile.method_section import (
     stated_plan_keys,
 )
 from inercal.runfile.priors import method_priors
+from inercal.runfile.qualified_bench import (
+    check_validity,
+    qualified_bench,
+    with_qualifications,
+)
 from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
 from inercal.runfile.section_checks import check_stated_gravity, require_used_keys
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
@@ -108,6 +114,8 @@ class Run:
         The temperatures around the bench.
     temperature_order : "auto", tuple of 3 int, or None
         Orders of bias, scale factor and misalignment in temperature.
+    qualified : UsedQualifications
+        The qualifications of the bench.
     """
 
     path: Path
@@ -133,6 +141,7 @@ class Run:
     specification: "Specification | None" = None
     environment: Environment | None = None
     temperature_order: TemperatureOrder = None
+    qualified: UsedQualifications = NO_QUALIFICATIONS
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -167,13 +176,13 @@ class Run:
         """
         if self.method.follows_rest and self.environment is not None:
             follow: Any = self.method.estimator(self.estimator)
-            solve: Any = partial(follow, environment=self.environment)
-            return solve
-        if self.search is None:
-            return self.method.estimator(self.estimator)
-        from inercal.methods.ship_multi_angle import global_
+            return cast(Any, partial(follow, environment=self.environment))
+        solve: Any = self.method.estimator(self.estimator)
+        if self.search is not None:
+            from inercal.methods.ship_multi_angle import global_
 
-        return partial(global_, options=self.search, progress=progress)
+            solve = partial(global_, options=self.search, progress=progress)
+        return JointPriorEstimator(solve) if self.qualified.each else solve
 
     def file(self, name: str) -> Path:
         """Return the path of a file named in the run file.
@@ -286,17 +295,25 @@ def from_sections(path: Path, content: Mapping[str, Any], digest: str) -> Run:
     options: dict[str, Any] = {}
     if isinstance(content.get("data"), dict):
         completed["data"], options = reader_options(content["data"], KINDS[kind].data)
+    completed, used = with_qualifications(completed, KINDS[kind], path.parent)
     model = schema_for_kind(kind)
     try:
         schema = model.model_validate(completed)
     except ValidationError as error:
         raise schema_error(error, content, model) from None
-    return replace(_build_run(path, digest, schema, KINDS[kind]), reader_options=options)
+    run = _build_run(path, digest, schema, KINDS[kind], used)
+    return replace(run, reader_options=options)
 
 
-def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any]) -> Run:
+def _build_run(
+    path: Path,
+    digest: str,
+    schema: RunSchema,
+    kind: Kind[Any, Any],
+    used: UsedQualifications,
+) -> Run:
     chosen = method(schema.method.name)
-    bench = kind.build(schema.bench, path.parent)
+    bench = qualified_bench(kind.build(schema.bench, path.parent), used)
     full_sensor = build_sensor(schema.sensor, schema.data.accelerometer, kind.sensor)
     ordered = terms_of_order(
         schema.method.temperature_order, full_sensor, chosen.possible(full_sensor)
@@ -315,7 +332,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     stated = stated_plan_keys(schema.method)
     plan = kind.plan(stated, bench, path.parent, nominal_plan(chosen, schema.method))
     turns = () if chosen.unknown_attitudes or Turn not in kind.steps else chosen.plan()
-    require_used_keys(schema, chosen, turns)
+    require_used_keys(schema, chosen, turns, used.keys)
     chosen.estimator(schema.method.estimator)
     estimator = schema.method.estimator or next(iter(chosen.estimators))
     require_frame(schema.sensor.frame, chosen, estimator)
@@ -361,11 +378,12 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         search=search_options(schema.method, chosen, estimator),
         filter=config,
         bench_name=schema.bench.name,
-        findings=check_stated_gravity(schema.bench) + overdue,
+        findings=check_stated_gravity(schema.bench) + overdue + check_validity(used, schema.job),
         job=job,
         specification=stated_specification(schema.specification, sensor, frame, path.parent),
         environment=stated_environment(schema, sensor, chosen),
         temperature_order=schema.method.temperature_order,
+        qualified=used,
     )
 
 

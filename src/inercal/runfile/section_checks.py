@@ -25,7 +25,12 @@ _BY_LATITUDE = 0.0517  # m/s² a radian at 45°, times the sine of twice the lat
 _COVERAGE = 3.0
 
 
-def require_used_keys(schema: RunSchema, chosen: Method[Any, Any], steps: Sequence[Step]) -> None:
+def require_used_keys(
+    schema: RunSchema,
+    chosen: Method[Any, Any],
+    steps: Sequence[Step],
+    qualified: Sequence[str] = (),
+) -> None:
     """Refuse keys of [bench] and [sensor] that change no result of the method.
 
     Parameters
@@ -34,6 +39,8 @@ def require_used_keys(schema: RunSchema, chosen: Method[Any, Any], steps: Sequen
     chosen : Method
     steps : sequence of Step
         Of the method's plan, as far as the plan is known before the data.
+    qualified : sequence of str
+        Keys of [bench] that a qualification replaces: it serves runs of several methods.
 
     Raises
     ------
@@ -60,7 +67,7 @@ def require_used_keys(schema: RunSchema, chosen: Method[Any, Any], steps: Sequen
         if section is None:
             continue
         for key, reason in section.unused_keys(use).items():
-            if key in section.model_fields_set:
+            if key in section.model_fields_set and not (name == "bench" and key in qualified):
                 place = f"[{name}] {key}"
                 raise InputError(f"{place}: {reason}; remove {key}", key=place)
 

@@ -15,7 +15,7 @@ from inercal.benches.centrifuge.arm_motion import attitude_names, sensed_motion
 from inercal.benches.contract import MeanMotion
 from inercal.benches.key_declarations import constant, declared_parameters, deviation, small_angle
 from inercal.earth import EARTH_RATE
-from inercal.parameters import Parameter, local_gravity
+from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.plan import Spin
 from inercal.sensors import Sensor
 from inercal.units import Measured
@@ -55,6 +55,8 @@ class Centrifuge:
         Standard deviation of each angle of each attitude, rad; None is attitudes unknown.
     sense : 1 or -1
         Sense of a positive rate seen from above: counter-clockwise or clockwise.
+    qualified : QualifiedParameters
+        What qualifications found, in place of stated values.
     """
 
     gravity: Measured
@@ -74,6 +76,7 @@ class Centrifuge:
     )
     indexing: float | None = None
     sense: Literal[1, -1] = 1
+    qualified: QualifiedParameters = NOT_QUALIFIED
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -89,7 +92,7 @@ class Centrifuge:
         # Over whole turns of an arm to which the sensor is locked its effect is zero.
         level *= self.platform != "locked"
         indexing = self.indexing or 0.0
-        return (
+        stated = (
             local_gravity(self.gravity),
             Parameter.from_measured("radius", "m", self.radius, "static radius"),
             *declared_parameters(self, "stretch", "rate", "tilt", "lean"),
@@ -111,6 +114,7 @@ class Centrifuge:
             ),
             *declared_parameters(self, "dwell_rate", "dwell_tilt"),
         )
+        return self.qualified.apply(stated)
 
     def nuisances(self, steps: Sequence[Spin], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "index_x[p07]"."""

@@ -56,7 +56,7 @@ def simulate_arm_motion(
         A step of unknown attitude.
     """
     declared = bench.acting_parameters(steps, vectors=True, dwells=True)
-    drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
+    drawn = bench.qualified.draw(declared, rng, trials)
     named = attitude_names(steps)
     parts: list[Motion] = []
     readbacks: list[Array] = []

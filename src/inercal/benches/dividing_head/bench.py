@@ -42,7 +42,7 @@ from inercal.benches.key_declarations import (
 )
 from inercal.errors import InputError
 from inercal.motion import Motion
-from inercal.parameters import Parameter, local_gravity
+from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.plan import Index
 from inercal.section_settings import Limit
 from inercal.sensors import Axis, Noise, Readout, Sensor
@@ -133,6 +133,8 @@ class DividingHead:
         Standard deviation of the spindle's lean out of the level, rad.
     drift : float
         Standard deviation of the drift of each accelerometer's bias over one pass, m/s².
+    qualified : QualifiedParameters
+        What qualifications found: angles are corrected by the values.
 
     Raises
     ------
@@ -154,6 +156,7 @@ class DividingHead:
     drift: float = deviation(
         "m/s²", "0.5 µg", "drift of a bias over a pass", scope="pass", limit=_LARGEST_DRIFT
     )
+    qualified: QualifiedParameters = NOT_QUALIFIED
 
     def __post_init__(self) -> None:
         deviations = {"gravity": self.gravity.sd}
@@ -183,7 +186,7 @@ class DividingHead:
             for h, sd in enumerate(self.harmonics, start=1)
             for wave, words in (("sin", "sine"), ("cos", "cosine"))
         ]
-        return (
+        stated = (
             replace(local_gravity(g), sd=hypot(g.sd, shortened)),
             *waves,
             *declared_parameters(self, "base", "lean", "division"),
@@ -193,6 +196,7 @@ class DividingHead:
             ),
             *declared_parameters(self, "certificate", "pier", "creep", "drift"),
         )
+        return self.qualified.apply(stated, corrected=True)
 
     def nuisances(self, steps: Sequence[Index], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "division[f01]".
@@ -293,6 +297,7 @@ def sensed_motion(
     )
     # The sign of the sensed motion must not depend on the rounding of sin π.
     sine, cosine = (np.where(np.abs(x) < _ROUNDED, 0.0, x) for x in (np.sin(psi), np.cos(psi)))
+    lean = lean + bench.qualified.correction("lean")
     zero = np.zeros_like(psi)
     level = np.stack([sine, cosine, zero], axis=-1)
     turned = (g * np.cos(lean))[..., None] * np.stack([cosine, -sine, zero], axis=-1)

@@ -44,6 +44,10 @@ def sensor_angles(bench: "DividingHead", steps: Sequence[Index]) -> SensorAngles
     rows = angle_weights(bench, steps)
     nominal = np.array([step.level for step in steps])
     nominal = nominal - nominal.mean() + _stated_angles(bench, steps)
+    nominal = nominal + [
+        sum(weight * bench.qualified.correction(name) for name, weight in row.items())
+        for row in rows
+    ]
     names = dict.fromkeys(name for row in rows for name in row)
     weights = {name: np.array([row.get(name, 0.0) for row in rows]) for name in names}
     return SensorAngles(nominal, weights)

@@ -42,7 +42,7 @@ def simulate_head_motion(
         Not used: the head moves the sensor from position to position.
     """
     declared = bench.simulated_parameters(steps, sensor.channels)
-    drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
+    drawn = bench.qualified.draw(declared, rng, trials)
     f = np.broadcast_to(sensed_motion(bench, steps, drawn).f, (trials, len(steps), 3))
     drift = bias_drift(steps, sensor.channels, drawn)
     # A sample is at a position (share 0) or has made its share of the move to the next.

@@ -29,7 +29,7 @@ from inercal.benches.contract import MeanMotion, stack_derivatives
 from inercal.benches.key_declarations import declared_parameters, deviation
 from inercal.earth import EARTH_RATE, earth_rate_up_north
 from inercal.motion import Motion
-from inercal.parameters import Parameter, local_gravity
+from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.plan import HandStep, Hold, Turn
 from inercal.section_settings import Limit
 from inercal.sensors import Sensor
@@ -66,6 +66,8 @@ class Hand:
         Relative error of the recording's clock.
     turn_on : float
         Of each component of β, rad/s; 0 where the gyros stay switched on.
+    qualified : QualifiedParameters
+        What qualifications found, in place of stated values.
     """
 
     gravity: Measured
@@ -105,6 +107,7 @@ class Hand:
         scope="position",
         example="60 °/h",
     )
+    qualified: QualifiedParameters = NOT_QUALIFIED
 
     @property
     def place(self) -> Measured | None:
@@ -123,7 +126,7 @@ class Hand:
             up, north = earth_rate_up_north(place.value)
             level = abs(north) / sqrt(2)  # the azimuth is unknown
             up_sd, assumed = abs(north) * place.sd, place.key_if_assumed("latitude")
-        return (
+        stated = (
             local_gravity(self.gravity),
             *declared_parameters(self, "tilt", "placement"),
             Parameter("earth_up", "rad/s", up_sd, "run", up, "earth rate, vertical", assumed),
@@ -131,6 +134,7 @@ class Hand:
             Parameter("earth2", "rad/s", level, "position", 0.0, "earth rate, level"),
             *declared_parameters(self, "turn_angle", "turn_tilt", "timebase", "turn_on"),
         )
+        return self.qualified.apply(stated)
 
     def nuisances(self, steps: Sequence[HandStep], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "tilt1[x_p]".

@@ -50,10 +50,7 @@ def simulate_hand_motion(
         Whether the sensor stays in the hand between holds: its azimuth, and with it the earth's
         level rate, then follows its motion; otherwise each position has an independent azimuth.
     """
-    drawn = {
-        name: parameter.value + parameter.sd * rng.standard_normal(trials)
-        for name, parameter in bench.acting_parameters(steps, rates=True).items()
-    }
+    drawn = bench.qualified.draw(bench.acting_parameters(steps, rates=True), rng, trials)
     if carried:
         drawn |= _earth_rates_at_holds([step for step in steps if isinstance(step, Hold)], drawn)
     parts: list[tuple[Array, Array, str]] = []

@@ -40,7 +40,13 @@ from inercal.benches.rate_platform.sections import KnownTurn, PlatformStep, Pose
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
 from inercal.keys import ErrorName
-from inercal.parameters import Parameter, Scope, local_gravity
+from inercal.parameters import (
+    NOT_QUALIFIED,
+    Parameter,
+    QualifiedParameters,
+    Scope,
+    local_gravity,
+)
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
@@ -105,6 +111,8 @@ class RatePlatform:
         Of each angle of the mounting, rad.
     turn_angle : float or None
         Of the angle of each turn, rad.
+    qualified : QualifiedParameters
+        What qualifications found, in place of stated values.
 
     Raises
     ------
@@ -125,6 +133,7 @@ class RatePlatform:
     attitude: float | None = None
     mounting: float | None = None
     turn_angle: float | None = None
+    qualified: QualifiedParameters = NOT_QUALIFIED
 
     def __post_init__(self) -> None:
         if self.latitude is not None:
@@ -149,7 +158,8 @@ class RatePlatform:
         if sd is None:
             return []
         names = [f"{name}_{k}" for k in one.components] or [name]
-        return [Parameter(full, one.unit, sd, one.scope, 0.0, one.meaning) for full in names]
+        stated = [Parameter(full, one.unit, sd, one.scope, 0.0, one.meaning) for full in names]
+        return list(self.qualified.apply(stated))
 
     def _earth(self) -> list[Parameter]:
         if self.latitude is None:

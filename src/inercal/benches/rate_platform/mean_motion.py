@@ -51,7 +51,7 @@ def sensed_motion(
     up_rate = 0.0 if bench.latitude is None else earth_rate_up_north(bench.latitude)[0]
 
     def value(name: str) -> Array:
-        return np.asarray(q[name], dtype=float) + zero if name in q else zero
+        return np.asarray(q.get(name, bench.qualified.correction(name)), dtype=float) + zero
 
     rows = [
         _dwell(step, value, g, up_rate, level_rate_factor(step))

@@ -1,7 +1,7 @@
 """[bench] and [data] of a rate platform: its keys, and the bench in SI."""
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -111,7 +111,7 @@ def build(section: RatePlatformSection, folder: Path) -> RatePlatform:
     latitude = None
     if section.latitude is not None:
         latitude = measured_constant(section.latitude, "°", "[bench] latitude").value
-    stated = {
+    stated: dict[str, Any] = {
         name: section_deviation(section, name, one.like, SMALL_ANGLE if one.like == "°" else None)
         for name, one in STATED.items()
         if getattr(section, name) is not None

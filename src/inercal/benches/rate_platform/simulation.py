@@ -56,7 +56,7 @@ def simulate_sections(
         An error of the bench that acts and is not stated.
     """
     declared = bench.nuisances(steps, sensor)
-    drawn = {n: p.value + p.sd * rng.standard_normal(trials) for n, p in declared.items()}
+    drawn = bench.qualified.draw(declared, rng, trials)
     still = {n: one for n, one in drawn.items() if not n.startswith("earth_")}
     base = sensed_motion(bench, steps, still).motion
     parts: list[Motion] = []

@@ -42,7 +42,7 @@ from inercal.benches.key_declarations import (
 from inercal.benches.motion_control import AxisMotionLimits
 from inercal.frames import exp_so3, left_jacobian, skew
 from inercal.motion import Motion
-from inercal.parameters import Parameter, local_gravity
+from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.plan import Spin
 from inercal.sensors import Sensor
 from inercal.units import Measured
@@ -75,6 +75,8 @@ class RateTable:
         Standard deviation of each of two components of the lean, in each rest, rad.
     limits : AxisMotionLimits
         Of the table's axis, for a host that drives it.
+    qualified : QualifiedParameters
+        What qualifications found, in place of stated values.
 
     Raises
     ------
@@ -98,6 +100,7 @@ class RateTable:
         scope="position",
     )
     limits: AxisMotionLimits = _DEFAULT_LIMITS
+    qualified: QualifiedParameters = NOT_QUALIFIED
 
     def __post_init__(self) -> None:
         measured = {"gravity": self.gravity, "radius": self.radius}
@@ -119,11 +122,12 @@ class RateTable:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The imperfections, as data."""
-        return (
+        stated = (
             local_gravity(self.gravity),
             Parameter.from_measured("radius", "m", self.radius, "radius"),
             *declared_parameters(self, "rate", "seat", "pose", "speed", "lean"),
         )
+        return self.qualified.apply(stated)
 
     def nuisances(self, steps: Sequence[Spin], sensor: Sensor) -> dict[str, Parameter]:
         """Return the parameters that act on these steps, by full name such as "pose_x[XY30]"."""

@@ -60,7 +60,7 @@ def simulate_table_motion(
         A step of unknown attitude.
     """
     declared = bench.acting_parameters(steps)
-    drawn = {n: q.value + q.sd * rng.standard_normal(trials) for n, q in declared.items()}
+    drawn = bench.qualified.draw(declared, rng, trials)
     tilts = bench.lean * rng.standard_normal((trials, 2))
     named = dict(zip((step.attitude for step in steps), mounting_names(steps), strict=True))
     set_to = dict(zip((step.rate for step in steps), speed_names(steps), strict=True))

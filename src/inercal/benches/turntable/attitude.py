@@ -71,7 +71,15 @@ def reference_attitude(bench: Turntable, angles: Array) -> Array:
     InputError
         Angles of another number of axes.
     """
-    return true_attitude(bench, angles, {})
+    return true_attitude(bench, _without_known_harmonics(bench, angles), {})
+
+
+def _without_known_harmonics(bench: Turntable, angles: Array) -> Array:
+    """Return the readback (..., n, k) less its qualified harmonics, to first order."""
+    if not any(name.startswith(("sin", "cos")) for name in bench.qualified.names):
+        return angles
+    known = ideal_readback(bench, angles, {})
+    return 2 * np.asarray(angles, dtype=float) - known
 
 
 def true_attitude(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> Array:
@@ -102,7 +110,8 @@ def ideal_readback(bench: Turntable, angles: Array, q: Mapping[str, Array]) -> A
         reading = theta = angles[..., i]
         for h in range(1, len(bench.harmonics) + 1):
             for wave, function in (("sin", np.sin), ("cos", np.cos)):
-                amplitude = np.asarray(q.get(f"{wave}{h}[{name}]", zero))
+                full = f"{wave}{h}[{name}]"
+                amplitude = np.asarray(q.get(full, zero)) + bench.correction(full)
                 reading = reading + amplitude[..., None] * function(h * theta)
         columns.append(reading)
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
@@ -239,7 +248,8 @@ def _orthogonal_axes(bench: Turntable) -> list[int]:
 
 
 def _parameter_value(bench: Turntable, q: Mapping[str, Array], name: str) -> Array:
-    return np.asarray(q[name] if name in q else bench.acting_parameters()[name].value, dtype=float)
+    value = q[name] if name in q else bench.acting_parameters()[name].value
+    return np.asarray(value, dtype=float) + bench.correction(name)
 
 
 def _axis_rotation(axis: int, angle: ArrayLike) -> Array:

@@ -26,13 +26,14 @@ from inercal.benches.key_declarations import constant, declared_parameters, devi
 from inercal.benches.turntable.axis_profiles import AxisMotionLimits
 from inercal.earth import earth_rate_up_north
 from inercal.errors import InputError
-from inercal.parameters import Parameter, local_gravity
+from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters, local_gravity
 from inercal.plan import TableStep
 from inercal.sensors import Sensor
 from inercal.units import Measured
 
 _NAMES = {1: ("outer",), 2: ("outer", "inner"), 3: ("outer", "middle", "inner")}
 _EXACT = Measured(0.0, 0.0)
+_CONSTANTS = {"g", "azimuth", "latency"}  # parameters whose value is a stated constant
 _DEFAULT_LIMITS = (AxisMotionLimits(radians(30), radians(30)),)
 
 
@@ -68,6 +69,8 @@ class Turntable:
         From where the axes cross to the IMU's centre, in the body, m.
     limits : tuple of AxisMotionLimits
         Of each axis in their order, or one for all.
+    qualified : QualifiedParameters
+        What qualifications found: attitudes and readback are corrected by the values.
 
     Raises
     ------
@@ -91,6 +94,7 @@ class Turntable:
     clock: float = deviation("1", "0 ppm", "rate of the readback's clock")
     lever: tuple[Measured, Measured, Measured] = (_EXACT, _EXACT, _EXACT)
     limits: tuple[AxisMotionLimits, ...] = _DEFAULT_LIMITS
+    qualified: QualifiedParameters = NOT_QUALIFIED
 
     def __post_init__(self) -> None:
         k = len(self.axes)
@@ -135,7 +139,7 @@ class Turntable:
 
     @cached_property
     def _parameters(self) -> tuple[Parameter, ...]:
-        return (
+        stated = (
             local_gravity(self.gravity),
             *declared_parameters(self, "lean"),
             Parameter.from_measured("azimuth", "rad", self.azimuth, "azimuth of the base"),
@@ -159,6 +163,11 @@ class Turntable:
                 for a, arm in zip("xyz", self.lever, strict=True)
             ),
         )
+        return self.qualified.apply(stated, corrected=True)
+
+    def correction(self, name: str) -> float:
+        """Return the qualified value of an error whose expected value is zero, rad."""
+        return 0.0 if name in _CONSTANTS else self.qualified.correction(name)
 
     @cached_property
     def _by_name(self) -> dict[str, Parameter]:

@@ -179,7 +179,7 @@ def simulate_turntable_motion(
     labels = way.sample_labels(rate_hz)
     time: Array = np.arange(labels.size) / rate_hz
     declared = bench.acting_parameters()
-    drawn = {n: p.value + p.sd * rng.standard_normal(trials) for n, p in declared.items()}
+    drawn = bench.qualified.draw(declared, rng, trials)
     stamps = time
     if readback_hz is not None:
         stamps = np.asarray(range(ceil(time[-1] * readback_hz) + 1)) / readback_hz

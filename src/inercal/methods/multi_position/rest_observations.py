@@ -151,7 +151,7 @@ class Rests:
             Measured(0.0, level),
             Measured(0.0, level),
             Measured(up.value, up.sd),
-            Measured(0.0, self.bench.timebase),
+            Measured(self.bench.qualified.correction("timebase"), self.bench.timebase),
         )
 
     def start(self) -> Array:

@@ -163,6 +163,7 @@ def estimate_by_filters(
         sensitivities={
             name: np.array([one[name] for one in moved]).reshape(*lead, q) for name in moved[0]
         },
+        joint_priors=frozenset(owners),
     )
 
 
@@ -178,10 +179,10 @@ def _table_sensitivities(
     for one in parts:
         own = one.triad.sensor.coefficients
         at, p = [names.index(name) for name in own], len(own)
-        columns = {
-            name: one.covariance[:p, one.names.index(name)] / declared[name].sd ** 2
-            for name in _table_states(one)
-        }
+        table = _table_states(one)
+        prior = bench.qualified.joint_covariance([declared[name] for name in table])
+        cross = one.covariance[:p, [one.names.index(name) for name in table]]
+        columns = dict(zip(table, np.linalg.solve(prior, cross.T), strict=True))
         if np.any(one.shared_covariance):
             columns["g"] = -model.gravity_sensitivity(one.triad) / bench.gravity.value
         for name, column in columns.items():

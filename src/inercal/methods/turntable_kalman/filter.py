@@ -228,7 +228,7 @@ class Filter(ABC, Generic[S]):
                 before * np.eye(len(self.leading_states)),
                 self.prior,
                 self.triad.drift.covariance(),
-                np.diag([one.sd**2 for one in self.table]),
+                self.bench.qualified.joint_covariance(self.table),
                 np.zeros((len(self.hold_states), len(self.hold_states))),
             )
         )

@@ -1,0 +1,78 @@
+"""The errors of qualified parameters of a bench, which calibrations share.
+
+Calibrations by the same qualification share J Σ Jᵀ with J = ∂c/∂b₀. It is stored by
+the columns of J L, Σ = L Lᵀ: column j is the part of parameter j that those before it do not
+explain, so that the columns of different parameters are independent.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from inercal.calibration import SharedError
+from inercal.estimate import Estimate
+from inercal.parameters import Parameter, QualifiedParameters
+from inercal.qualification.joint_prior import joint_prior
+from inercal.runfile import Run
+
+
+def qualified_errors(
+    run: Run, estimate: Estimate, expected: Mapping[str, Parameter], count: int
+) -> tuple[SharedError, ...]:
+    """Return the shared errors of the qualified parameters.
+
+    Parameters
+    ----------
+    run : Run
+    estimate : Estimate
+        Its first `count` parameters are the sensor's coefficients.
+    expected : mapping of str to Parameter
+        The bench's parameters that act, by full name.
+    count : int
+    """
+    known = run.qualified.parameters
+    declared = {one.name: one for one in run.bench.parameters}
+    slopes = np.zeros((count, len(known.names)))
+    for k in _acting(known, expected):
+        name = known.names[k]
+        slope = estimate.sensitivity(name, expected[name].sd)
+        if slope is not None:
+            slopes[:, k] = slope[:count]
+    if not slopes.any():
+        return ()
+    # Of all of them: one that does not act itself may act through one that builds on it.
+    root = np.linalg.cholesky(joint_prior(known)[1])
+    parts = slopes @ root
+    return tuple(
+        SharedError(
+            name,
+            declared[name].unit,
+            float(root[k, k]),
+            parts[:, k] * root[k, k],
+            known.determination[k],
+            known.date[k],
+        )
+        for k, name in enumerate(known.names)
+        if parts[:, k].any()
+    )
+
+
+def qualification_conditions(run: Run) -> dict[str, str]:
+    """Return the qualifications of a run, for people."""
+    return {
+        f"qualification {file}": (
+            f"{one.kind} of {one.date}"
+            + (f", valid until {one.valid_until}" if one.valid_until else "")
+            + (f", certificate {one.certificate}" if one.certificate else "")
+        )
+        for file, one in zip(run.qualified.files, run.qualified.each, strict=True)
+    }
+
+
+def _acting(known: QualifiedParameters, expected: Mapping[str, Parameter]) -> list[int]:
+    """Return the places of the qualified parameters of the run that act and are not exact."""
+    return [
+        k
+        for k, name in enumerate(known.names)
+        if name in expected and expected[name].scope == "run" and expected[name].sd > 0
+    ]

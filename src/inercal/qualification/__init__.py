@@ -1,0 +1,20 @@
+"""Bench qualification: values of a bench's parameters from measurements of their own.
+
+`qualify` estimates them with their covariance; the result is a file (`qualification_file`), and
+[bench] qualification of a run file takes it in place of typed numbers (`bench_keys`).
+"""
+
+from inercal.qualification.bench_keys import KEY, UsedQualifications
+from inercal.qualification.joint_prior import JointPriorEstimator
+from inercal.qualification.result import Qualification, QualifiedParameter
+
+NO_QUALIFICATIONS = UsedQualifications()
+
+__all__ = [
+    "KEY",
+    "NO_QUALIFICATIONS",
+    "JointPriorEstimator",
+    "Qualification",
+    "QualifiedParameter",
+    "UsedQualifications",
+]

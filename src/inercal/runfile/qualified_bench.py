@@ -1,0 +1,101 @@
+"""[bench] qualification of a run file: what its files say takes the place of typed keys."""
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Any, cast
+
+from inercal.benches import Bench
+from inercal.benches.kind_definition import Kind
+from inercal.errors import InputError
+from inercal.qualification import KEY, NO_QUALIFICATIONS, UsedQualifications
+from inercal.qualification.bench_keys import (
+    read_qualifications,
+    require_parameters,
+    with_qualified_keys,
+)
+from inercal.recording import Finding
+from inercal.runfile.job import JobSection
+
+
+def with_qualifications(
+    content: Mapping[str, Any], kind: Kind[Any, Any], folder: Path
+) -> tuple[dict[str, Any], UsedQualifications]:
+    """Return the sections with the keys of [bench] that qualifications state.
+
+    Parameters
+    ----------
+    content : mapping
+        The sections of a run file.
+    kind : Kind
+        Of the bench.
+    folder : Path
+        Of the run file.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be used for this bench, or a key that is typed besides.
+    """
+    section = content.get("bench")
+    if not isinstance(section, dict) or "qualification" not in section:
+        return dict(content), NO_QUALIFICATIONS
+    stated = cast(dict[str, Any], section)
+    used = read_qualifications(stated["qualification"], folder)
+    completed, keys = with_qualified_keys(stated, kind, used)
+    return {**content, "bench": completed}, replace(used, keys=keys)
+
+
+def qualified_bench(bench: Bench, used: UsedQualifications) -> Bench:
+    """Return the bench with what its qualifications found.
+
+    Raises
+    ------
+    InputError
+        It has no such parameter, or its kind takes no qualification.
+    """
+    if not used.each:
+        return bench
+    if "qualified" not in {one.name for one in fields(bench)}:
+        raise InputError(
+            f"{KEY}: this kind of bench takes none: its class has no field `qualified`", key=KEY
+        )
+    result: Any = replace(cast(Any, bench), qualified=used.parameters)
+    require_parameters(result, used)
+    return result
+
+
+def check_validity(used: UsedQualifications, job: JobSection | None) -> tuple[Finding, ...]:
+    """Return a warning for each qualification that expired before the measurement.
+
+    Without a day of measurement in [job] today counts. An inconsistent qualification is a warning
+    too.
+
+    Parameters
+    ----------
+    used : UsedQualifications
+    job : JobSection or None
+    """
+    stated = None if job is None else job.last_day
+    day = stated or datetime.now(UTC).date()
+    found: list[Finding] = []
+    for file, one in zip(used.files, used.each, strict=True):
+        days = {p.valid_until for p in one.expired_parameters(day)}
+        ends = [end for end in days if end is not None]
+        if ends:
+            found.append(
+                Finding("warning", "qualification", _expired(file, min(ends), day, stated))
+            )
+        if not one.consistent:
+            text = f"the qualification {file} does not agree with its model: {one.suspects[0]}"
+            found.append(Finding("warning", "qualification", text))
+    return tuple(found)
+
+
+def _expired(file: str, end: date, day: date, stated: date | None) -> str:
+    when = f"the measurement on {day}" if stated else f"today, {day}"
+    return (
+        f"the qualification {file} expired on {end}, before {when}: qualify the bench anew, or "
+        "state a valid qualification"
+    )
