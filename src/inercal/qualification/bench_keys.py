@@ -15,6 +15,7 @@ import numpy as np
 from inercal.benches.key_declarations import KeyDeclaration, declarations
 from inercal.benches.kind_definition import Kind
 from inercal.errors import InputError
+from inercal.keys import ErrorName
 from inercal.parameters import NOT_QUALIFIED, Parameter, QualifiedParameters
 from inercal.qualification.qualification_file import load
 from inercal.qualification.result import Qualification, QualifiedParameter
@@ -194,7 +195,7 @@ def _key_of(name: str, kind: Kind[Any, Any]) -> str:
             key = one.key or field
             break
     else:
-        base = name.partition("[")[0]
+        base = ErrorName(name).name
         fields = kind.section.model_fields
         stem = base.rstrip("0123456789xyz").rstrip("_")
         key = next((k for k in (_BY_HAND.get(stem), base, stem) if k in fields), "")
@@ -254,7 +255,7 @@ def _harmonics(names: Sequence[str], kind: Kind[Any, Any], known: QualifiedParam
     default = kind.section.model_fields["harmonics"].get_default()
     by_order: dict[int, float] = {}
     for name in names:
-        order = int(name.partition("[")[0].removeprefix("sin").removeprefix("cos"))
+        order = int(ErrorName(name).name.removeprefix("sin").removeprefix("cos"))
         by_order[order] = max(by_order.get(order, 0.0), known.std(name))
     texts: list[str] = []
     for order in range(1, max(by_order) + 1):
