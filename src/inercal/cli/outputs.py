@@ -31,6 +31,7 @@ class OutputKind(NamedTuple):
 PAGE = OutputKind("page", b'<meta name="generator" content="inercal">')
 CALIBRATION = OutputKind("calibration file", b'"schema": "inercal/calibration/')
 REPEATABILITY = OutputKind("result of repeat", b'"schema": "inercal/repeatability/')
+CONTROL = OutputKind("result of control", b'"schema": "inercal/control/')
 BUDGET = OutputKind("budget file", b'"schema": "inercal budget ')
 RECORDING, WORKSHEET = OutputKind("recording"), OutputKind("worksheet")
 RUN_FILE, BACKUP = OutputKind("run file"), OutputKind("backup")

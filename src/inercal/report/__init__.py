@@ -3,7 +3,7 @@
 Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,8 +21,9 @@ from inercal.sensors import Sensor
 if TYPE_CHECKING:  # reports do without a register, and most without a noise analysis
     from matplotlib.axes import Axes
 
+    from inercal.check_standard import ControlCharts
     from inercal.noise import NoiseAnalysis
-    from inercal.store import SensorHistory
+    from inercal.store import CalibrationEntry, SensorHistory
     from inercal.store.recalibration import Recalibration
 
 
@@ -143,6 +144,28 @@ def history_page(history: "SensorHistory", next_one: "Recalibration | None" = No
     with _extras():
         from inercal.report.sensor_history_page import page
     return page(history, next_one)
+
+
+def write_control(
+    charts: "ControlCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry] | None" = None
+) -> Path:
+    """Write the page of a check standard's charts, whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    charts : ControlCharts
+    path : path
+    doubtful : sequence of CalibrationEntry, optional
+        Calibrations of a register while the bench was doubtful.
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.control_page import page
+    return write_text(path, page(charts, doubtful))
 
 
 def write_draft(draft: Draft, path: str | Path) -> Path:

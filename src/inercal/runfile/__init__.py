@@ -26,6 +26,7 @@ from inercal.methods import Method, method
 from inercal.methods._base import Estimator
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.recording import Finding
+from inercal.runfile.check_standard_keys import stated_check_standard
 from inercal.runfile.environment_section import (
     TemperatureOrder,
     stated_environment,
@@ -108,6 +109,8 @@ class Run:
         The temperatures around the bench.
     temperature_order : "auto", tuple of 3 int, or None
         Orders of bias, scale factor and misalignment in temperature.
+    check_standard : str
+        State of the bench's check standard, in words; empty where none is stated.
     """
 
     path: Path
@@ -133,6 +136,7 @@ class Run:
     specification: "Specification | None" = None
     environment: Environment | None = None
     temperature_order: TemperatureOrder = None
+    check_standard: str = ""
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -341,6 +345,7 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
     if rate is not None and rate <= 0:
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive", key="[data] rate")
     job, overdue = job_texts(schema.job, path.parent)
+    check, doubts = stated_check_standard(schema.bench, schema.job, path.parent)
     chosen, config = with_filter_keys(schema, chosen, estimator, sensor, rate)
     frame = "symmetric" if sensor.frame == "symmetric" else chosen.frame(bench)
     return Run(
@@ -361,11 +366,12 @@ def _build_run(path: Path, digest: str, schema: RunSchema, kind: Kind[Any, Any])
         search=search_options(schema.method, chosen, estimator),
         filter=config,
         bench_name=schema.bench.name,
-        findings=check_stated_gravity(schema.bench) + overdue,
+        findings=check_stated_gravity(schema.bench) + overdue + doubts,
         job=job,
         specification=stated_specification(schema.specification, sensor, frame, path.parent),
         environment=stated_environment(schema, sensor, chosen),
         temperature_order=schema.method.temperature_order,
+        check_standard=check,
     )
 
 
