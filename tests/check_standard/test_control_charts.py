@@ -11,8 +11,8 @@ from tests.repeatability.laboratory import MICRO, NAMES, Laboratory
 
 from inercal.calibration.check_standard import load_check_standard
 from inercal.check_standard import control_charts
-from inercal.check_standard.files import to_text
-from inercal.check_standard.texts import control_lines
+from inercal.check_standard.chart_files import to_text
+from inercal.check_standard.chart_texts import control_lines
 from inercal.errors import InputError
 
 STEP = np.where(np.array(NAMES) == "ax.k0", 400 * MICRO, 0.0)

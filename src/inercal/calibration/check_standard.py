@@ -33,7 +33,7 @@ Time = Annotated[str, AfterValidator(_utc)]
 """ISO 8601, in UTC."""
 
 
-class Point(BaseModel):
+class CheckedDay(BaseModel):
     """A day of the check standard."""
 
     first: Time
@@ -70,7 +70,7 @@ class _File(BaseModel):
     schema_: Literal["inercal/control/1"] = Field(alias="schema")
     sensor: _Sensor
     reference: _Reference
-    points: tuple[Point, ...]
+    points: tuple[CheckedDay, ...]
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class CheckStandard:
     source: str
     sensor: str
     reference_end: str
-    points: tuple[Point, ...]
+    points: tuple[CheckedDay, ...]
 
     def state(self, measured: date | None, longest: float | None) -> CheckState:
         """Return what it says of a run.
@@ -141,7 +141,7 @@ class CheckStandard:
                 )
         return CheckState(text, tuple(warnings))
 
-    def _last_in_control(self, point: Point) -> str:
+    def _last_in_control(self, point: CheckedDay) -> str:
         earlier = self.points[: self.points.index(point)]
         found = [one.last for one in earlier if one.in_control]
         return (found[-1] if found else self.reference_end).partition("T")[0]

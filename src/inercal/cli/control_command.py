@@ -58,7 +58,7 @@ def run(
 ) -> None:
     """Chart a check standard: whether the bench is in control, and since when it is not."""
     from inercal.check_standard import CheckedSession, control_charts
-    from inercal.check_standard.files import as_object, to_text
+    from inercal.check_standard.chart_files import as_object, to_text
     from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
     from inercal.cli.outputs import CONTROL, PAGE, check_outputs
     from inercal.cli.session_inputs import read_sessions

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inercal.check_standard import ControlCharts
-from inercal.check_standard.texts import control_lines, day, signal_text
+from inercal.check_standard.chart_texts import control_lines, day, signal_text
 from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, make_table, number_columns
 from inercal.cli.terminal import terminal

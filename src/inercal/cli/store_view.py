@@ -13,7 +13,7 @@ from inercal.cli.calibration_view import print_calibration_table, print_line
 from inercal.cli.tables import add_row, begin_section, make_table, number_column
 from inercal.cli.terminal import terminal
 from inercal.comparison.comparison_text import format_en, grade_text
-from inercal.comparison.drift import CourseFit
+from inercal.comparison.courses import CourseFit
 from inercal.sensors import SI_UNITS
 from inercal.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
 from inercal.store.history import CoefficientTrend

@@ -16,7 +16,7 @@ those cancel in the difference.
 
 E_n and χ² take calibrations as independent where a calibration does not state its shared errors:
 both are then too small, and chance calls fewer changes than one in 22. How a history goes on over
-time is in `drift`.
+time is in `courses`.
 """
 
 # scipy has no type stubs.
@@ -135,7 +135,7 @@ def constancy_test(values: Array, std: Array, shared: Array | None = None) -> Co
 def trend_verdict(*, drifts: bool, constant: ConstancyTest) -> TrendVerdict:
     """Say what a history shows.
 
-    "drifts": the slope exceeds its U (`drift.CourseComparison.drifts`). "changed": no such slope,
+    "drifts": the slope exceeds its U (`courses.CourseComparison.drifts`). "changed": no such slope,
     but the values scatter about their mean more than in 95.45 % of histories where nothing changes;
     of two calibrations that is |E_n| > 1. "steady": neither. "too few": there is one calibration.
     """

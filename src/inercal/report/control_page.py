@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from inercal.arrays import Array
 from inercal.check_standard import ControlCharts
-from inercal.check_standard.texts import control_lines, day, signal_text
+from inercal.check_standard.chart_texts import control_lines, day, signal_text
 from inercal.keys import CoefficientName
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg

@@ -15,11 +15,11 @@ from inercal.comparison import (
     ROUNDING,
     build_comparison,
     changes,
-    drift,
     fixed_coefficients,
     match_frame_and_form,
     recording_sha256,
 )
+from inercal.comparison.courses import NEWEST, CourseComparison, CourseFit, compare_courses
 from inercal.errors import InputError
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.store.entries import CalibrationEntry, SensorEntry
@@ -49,7 +49,7 @@ class CoefficientTrend:
     step_std : (n - 1,) array
         Standard uncertainties of the differences between successive values.
     shared : (m, m) array
-        Covariance of the newest m values by errors that they share, m = `drift.NEWEST` at most.
+        Covariance of the newest m values by errors that they share, m = `courses.NEWEST` at most.
     """
 
     name: str
@@ -76,20 +76,18 @@ class CoefficientTrend:
         return np.maximum(variance - np.diag(self.shared), _LEAST_OWN**2 * variance)
 
     @cached_property
-    def courses(self) -> drift.CourseComparison | None:
+    def courses(self) -> CourseComparison | None:
         """Level, line and random walk of the newest values; None of fewer than three."""
         m = len(self.shared)
-        return drift.compare_courses(
-            self.time[-m:], self.values[-m:], self.own_variance, self.shared
-        )
+        return compare_courses(self.time[-m:], self.values[-m:], self.own_variance, self.shared)
 
     @property
-    def line(self) -> drift.CourseFit | None:
+    def line(self) -> CourseFit | None:
         """The straight line through at least three calibrations, else None."""
         return None if self.courses is None else self.courses.line
 
     @property
-    def course(self) -> drift.CourseFit | None:
+    def course(self) -> CourseFit | None:
         """The line of a coefficient that drifts, else the level; None of fewer than three."""
         if self.courses is None:
             return None
@@ -298,7 +296,7 @@ def _coefficient_trend(
         np.array([found[k].value(name) for k in points]),
         std,
         np.sqrt(np.maximum(own - 2 * np.array(shared), ROUNDING**2 * own)),
-        _shared_of_newest(name, [found[k] for k in points[-drift.NEWEST :]]),
+        _shared_of_newest(name, [found[k] for k in points[-NEWEST:]]),
     )
 
 

@@ -7,7 +7,7 @@ from inercal.comparison.comparison_text import (
     exceedance_text,
     joint_test_text,
 )
-from inercal.comparison.drift import LEAST_FOR_DRIFT, Course
+from inercal.comparison.courses import LEAST_FOR_DRIFT, Course
 from inercal.store.history import CoefficientTrend, SensorHistory
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from inercal.comparison.changes import constancy_test, normalised_errors, trend_verdict
-from inercal.comparison.drift import CourseComparison, compare_courses, fit_course
+from inercal.comparison.courses import CourseComparison, compare_courses, fit_course
 from inercal.uncertainty.conformity import expanded_uncertainty
 
 Array = NDArray[np.float64]
