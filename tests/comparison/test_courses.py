@@ -133,10 +133,10 @@ def test_a_walk_is_likelier_where_its_variance_grows_with_time(seed: int):
     rng = np.random.default_rng(seed)
     time = np.arange(40.0)
     walk = courses(time, np.cumsum(rng.standard_normal(40)), np.full(40, 0.01))
-    assert walk.likeliest == "walk"
+    assert walk.best == "walk"
     assert walk.walk.walk == pytest.approx(1, rel=4 * sqrt(2 / 40))
     noise = courses(time, rng.standard_normal(40), np.full(40, 0.01))
-    assert noise.likeliest == "level"
+    assert noise.best == "level"
     assert noise.level.tau == pytest.approx(1, rel=4 / sqrt(80))
 
 

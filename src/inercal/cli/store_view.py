@@ -234,7 +234,7 @@ def _bands_object(trend: CoefficientTrend) -> dict[str, Any] | None:
         "walk": courses.walk.walk,
         "dof": course.dof,
         "log_likelihood": courses.likelihood,
-        "likeliest": courses.likeliest,
+        "best": courses.best,
     }
 
 

@@ -134,7 +134,7 @@ class CourseComparison:
     likelihood: dict[Course, float]
 
     @property
-    def likeliest(self) -> Course:
+    def best(self) -> Course:
         """The level, unless line or walk gain more than a parameter is worth."""
         best: Course = "line" if self.likelihood["line"] >= self.likelihood["walk"] else "walk"
         return best if 2 * self.likelihood[best] > _AHEAD else "level"

@@ -70,7 +70,7 @@ class CoefficientTrend:
         return np.concatenate([[np.nan], steps])
 
     @property
-    def own_variance(self) -> Array:
+    def independent_variance(self) -> Array:
         """Variances of the newest m values without what they share, (m,)."""
         variance = self.std[-len(self.shared) :] ** 2
         return np.maximum(variance - np.diag(self.shared), _LEAST_OWN**2 * variance)
@@ -79,7 +79,9 @@ class CoefficientTrend:
     def courses(self) -> CourseComparison | None:
         """Level, line and random walk of the newest values; None of fewer than three."""
         m = len(self.shared)
-        return compare_courses(self.time[-m:], self.values[-m:], self.own_variance, self.shared)
+        return compare_courses(
+            self.time[-m:], self.values[-m:], self.independent_variance, self.shared
+        )
 
     @property
     def line(self) -> CourseFit | None:
@@ -97,7 +99,7 @@ class CoefficientTrend:
     def constancy(self) -> changes.ConstancyTest:
         """χ² of the newest values about their weighted mean."""
         newest = self.values[-len(self.shared) :]
-        return changes.constancy_test(newest, np.sqrt(self.own_variance), self.shared)
+        return changes.constancy_test(newest, np.sqrt(self.independent_variance), self.shared)
 
     @property
     def verdict(self) -> changes.TrendVerdict:

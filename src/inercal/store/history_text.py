@@ -57,8 +57,8 @@ def drift_text(trend: CoefficientTrend) -> str:
     if test.dof:
         text += f"; as a constant χ² = {test.chi2:.1f} with {test.dof} degrees of freedom, "
         text += f"p {p_value_text(test.p_value)}"
-    if trend.courses is not None and trend.courses.likeliest != "level":
-        text += f"; {_COURSES[trend.courses.likeliest]} is likelier than a level"
+    if trend.courses is not None and trend.courses.best != "level":
+        text += f"; {_COURSES[trend.courses.best]} is likelier than a level"
     return text
 
 

@@ -214,7 +214,7 @@ def expanded_after(trend: CoefficientTrend, years: float) -> float:
     line = courses.line
     by_scatter = (
         2 * max(line.tau, courses.wandering_line.tau) ** 2
-        + float(trend.own_variance[-1])
+        + float(trend.independent_variance[-1])
         + courses.walk.walk * years
         + line.slope.std**2 * years**2
     )
