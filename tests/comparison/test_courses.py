@@ -176,3 +176,21 @@ def test_a_step_is_a_change_and_a_slope_a_drift():
         (np.zeros(8), "steady"),
     ):
         assert said(courses(time, values, ones), values, ones) == expected
+
+
+def test_the_unit_of_time_does_not_count():
+    rng = np.random.default_rng(6)
+    time, values = np.array([0.0, 0.0, 1.0, 2.0, 4.0]), rng.standard_normal(5)
+    years, seconds = (courses(time * by, values, np.full(5, 0.1), 0.3) for by in (1.0, 3e-8))
+    for name in ("level", "line", "walk", "wandering_line"):
+        one, other = getattr(years, name), getattr(seconds, name)
+        assert other.slope.slope == pytest.approx(one.slope.slope / 3e-8, rel=1e-6)
+        assert other.slope.expanded == pytest.approx(one.slope.expanded / 3e-8, rel=1e-6)
+        assert other.walk == pytest.approx(one.walk / 3e-8, rel=1e-6)
+    assert years.likelihood == pytest.approx(seconds.likelihood, abs=1e-6)
+
+
+def test_between_two_times_a_slope_leaves_nothing_to_a_walk():
+    found = courses(np.array([0.0, 1.0, 1.0]), np.array([0.1, 0.9, 1.2]), np.ones(3))
+    assert found.wandering_line.walk == 0
+    assert found.wandering_line.slope == found.line.slope

@@ -193,37 +193,52 @@ def fit_course(
     Parameters are those of `compare_courses`, with n ≥ 2, and n ≥ 3 where `slope`.
     """
     n = values.size
+    # In units in which values and times are near 1.
     unit = float(np.sqrt(np.var(values, ddof=1) + np.mean(own + np.diag(shared))))
+    span = float(np.ptp(time)) or 1.0
     y, own, shared = (values - values.mean()) / unit, own / unit**2, shared / unit**2
-    x = np.stack([np.ones(n), time - time.mean()][: 1 + slope], axis=1)
-    factors = [np.eye(n)]
-    if walks:
-        steps = np.sqrt(np.diff(time, prepend=time[0]))
-        factors.append(np.tril(np.ones((n, n))) * steps)
-    start = 0.5 * float(np.var(y, ddof=1)) / np.array([1.0, np.ptp(time) / 2][: len(factors)])
-    variance = restricted_variances(y, x, np.diag(own) + shared, factors, start).variance
-    tau2, q = float(variance[0]), float(variance[1]) if walks else 0.0
-    scattered = _covariance(time, own, np.sqrt(tau2), q)
+    at = (time - time[0]) / span
+    tau2, q = _scatter(at, y, own, shared, slope=slope, walks=walks)
+    scattered = _covariance(at, own, np.sqrt(tau2), q)
     total = np.linalg.inv(scattered + shared)
-    inverse = np.linalg.inv(x.T @ total @ x)
-    middle = time.mean()
+    middle = float(at.mean())
     if slope:  # where value and slope are not correlated
-        middle -= inverse[0, 1] / inverse[1, 1]
-        x = np.stack([np.ones(n), time - middle], axis=1)
-        inverse = np.linalg.inv(x.T @ total @ x)
-    gain = inverse @ x.T @ total
+        information = _columns(at, middle, 2).T @ total @ _columns(at, middle, 2)
+        middle += information[0, 1] / information[0, 0]
+    x = _columns(at, middle, 1 + slope)
+    gain = np.linalg.inv(x.T @ total @ x) @ x.T @ total
     beta = gain @ y
     rest = y - x @ beta
     chi2, dof = float(rest @ total @ rest), n - 1 - slope
-    scale = max(1.0, chi2 / dof)
-    beta = beta * unit
+    by = unit * np.array([1.0, 1 / span][: 1 + slope])
+    square = np.outer(by, by)
+    beta = beta * by
     beta[0] += values.mean()
     return CourseFit(
-        float(middle), beta,
-        scale * unit**2 * gain @ scattered @ gain.T, unit**2 * gain @ shared @ gain.T,
-        unit * float(np.sqrt(tau2)), unit**2 * q, chi2, dof, n,
+        float(time[0]) + span * middle, beta,
+        max(1.0, chi2 / dof) * square * (gain @ scattered @ gain.T),
+        square * (gain @ shared @ gain.T),
+        unit * float(np.sqrt(tau2)), unit**2 * q / span, chi2, dof, n,
         float(expanded_uncertainty(np.ones(1), np.array([float(dof)]))[0]),
     )  # fmt: skip
+
+
+def _scatter(
+    time: Array, y: Array, own: Array, shared: Array, *, slope: bool, walks: bool
+) -> tuple[float, float]:
+    """Return τ² and q."""
+    n = y.size
+    factors = [np.eye(n)]
+    if walks:
+        factors.append(np.tril(np.ones((n, n))) * np.sqrt(np.diff(time, prepend=time[0])))
+    x = _columns(time, float(time.mean()), 1 + slope)
+    start = np.full(len(factors), 0.5 * float(np.var(y, ddof=1)))
+    variance = restricted_variances(y, x, np.diag(own) + shared, factors, start).variance
+    return float(variance[0]), float(variance[1]) if walks else 0.0
+
+
+def _columns(time: Array, middle: float, count: int) -> Array:
+    return np.stack([np.ones_like(time), time - middle][:count], axis=1)
 
 
 def _walk(time: Array) -> Array:

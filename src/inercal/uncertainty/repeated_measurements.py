@@ -24,6 +24,7 @@ from inercal.arrays import Array
 
 _STEPS = 100
 _HALVINGS = 30
+_LEAST_SEEN = 1e-10  # of an effect, relative to what it moves in all
 _PRECISION = 1e-6  # of the score in units of its standard deviation
 
 
@@ -137,6 +138,11 @@ def restricted_variances(
         H_c.
     start : (c,) array
         Variances to begin with.
+
+    Returns
+    -------
+    EffectVariances
+        0 for an effect that only θ sees, such as a random walk between two times beside a slope.
     """
     parts: list[Array] = [h @ h.T for h in factors]
 
@@ -144,13 +150,16 @@ def restricted_variances(
         v = covariance + sum(s * z for s, z in zip(variance, parts, strict=True))
         return restricted_likelihood(y, x, v)
 
-    variance = start
+    _, projected, _ = likelihood(start)
+    whole = covariance + sum(s * z for s, z in zip(start, parts, strict=True))
+    seen = np.array([_is_seen(projected, whole, h) for h in factors], dtype=bool)
+    variance = np.where(seen, start, 0.0)
     value, projected, py = likelihood(variance)
     converged = False
     information = np.eye(len(factors))
     for _ in range(_STEPS):
         score, information = _score(projected, py, factors)
-        free = (variance > 0) | (score > 0)
+        free = seen & ((variance > 0) | (score > 0))
         size = np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled = score / size
         if np.all(np.abs(scaled[free]) <= _PRECISION):
@@ -173,6 +182,12 @@ def restricted_variances(
     correlation = information / np.outer(size, size)
     inverse = np.linalg.pinv(correlation, hermitian=True) / np.outer(size, size)
     return EffectVariances(variance, inverse, converged)
+
+
+def _is_seen(projected: Array, v: Array, factor: Array) -> bool:
+    """Return whether an effect moves more than what is free: tr HᵀPH against tr HᵀV⁻¹H."""
+    whole = float(np.sum(factor * np.linalg.solve(v, factor)))
+    return float(np.sum(factor * (projected @ factor))) > _LEAST_SEEN * whole
 
 
 def _first_variance(values: Array, effect: RandomEffect) -> float:
