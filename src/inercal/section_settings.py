@@ -86,6 +86,16 @@ class BenchSection(Section):
         examples=["table 2"],
         json_schema_extra=DESCRIPTION,
     )
+    check_standard: str | None = Field(
+        None,
+        description="file of inercal control: the check standard of this bench",
+        examples=["REF-1.control.json"],
+    )
+    check_standard_age: str | None = Field(
+        None,
+        description="longest time from its last measurement to the run",
+        examples=["24 h"],
+    )
 
     @property
     def without_gravity(self) -> bool:

@@ -13,6 +13,7 @@ from tests.certificate.pdf_text import page_texts, squeezed
 from tests.program import run_program
 
 import inercal
+from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.files import load
 from inercal.calibration.simulated import SIMULATED
 from inercal.certificate.texts import LANGUAGES, Texts
@@ -52,6 +53,15 @@ def simulated(laboratory: Laboratory) -> None:
     )
 
 
+def out_of_control(laboratory: Laboratory) -> None:
+    reason = f"a check warns: {CHECK_STANDARD}"
+    change_calibration(
+        laboratory,
+        verdict=lambda old: old | {"grade": "reservations", "reasons": [reason]},
+        conditions=lambda old: old | {CHECK_STANDARD: "REF-1: out of control on 2026-11-20"},
+    )
+
+
 def outside_capability(laboratory: Laboratory) -> None:
     laboratory.change('misalignment = "10 ″"\n', "")
 
@@ -71,6 +81,7 @@ CASES: dict[str, tuple[Change, str, str]] = {  # what is wrong, key of [policy],
     "coefficient": (outside_capability, "outside_capability", "outside_capability"),
     "range": (outside_range, "outside_capability", "outside_capability"),
     "overdue": (overdue, "overdue", "overdue"),
+    "check standard": (out_of_control, "check_standard", "check_standard"),
 }
 
 
@@ -113,7 +124,10 @@ def test_the_laboratory_marks_every_page_and_the_dcc(
 
 def test_a_certificate_without_reason_has_no_mark(laboratory: Laboratory):
     text = "".join(page_texts(laboratory.issue()))
-    for mark in ("draft", "simulation", "unreliable", "untested", "outside_capability", "overdue"):
+    for mark in (
+        "draft", "simulation", "unreliable", "untested", "outside_capability", "overdue",
+        "check_standard",
+    ):  # fmt: skip
         assert squeezed(Texts("en").word("mark", mark)) not in text
 
 

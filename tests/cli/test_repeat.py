@@ -94,3 +94,16 @@ def test_results_are_written_over_by_force_alone(folder: Path):
     assert (folder / "TRIAD-1.repeatability.json").read_text() == kept
     assert run(*files[:2], "--out", folder, "--force")[0] == 0
     assert load(folder / "TRIAD-1.next_use.calibration.json").method == "repeat"
+
+
+def test_a_register_gives_the_result_of_the_files(folder: Path):
+    path = str(folder / "r.db")
+    files = [folder / f"{k}.calibration.json" for k in range(6)]
+    with Register(path) as opened:
+        for k, file in enumerate(files):
+            opened.enter_calibration(file, measured=f"2026-03-0{k + 1}")
+    from_files = json.loads(run(*files, "--json")[1])
+    from_register = json.loads(run("--register", path, "--sensor", "TRIAD-1", "--json")[1])
+    for one in (from_files, from_register):
+        one.pop("sessions"), one.pop("created")
+    assert from_register == from_files

@@ -146,8 +146,8 @@ def test_the_history_says_what_drifts_and_by_how_much(program: Program, tmp_path
     }
     assert set(rows) == set(DRIFTING.names)
     assert rows["ax.k0"][-1] == "drifts"
-    drift, expanded = float(rows["ax.k0"][5]), float(rows["ax.k0"][6])
-    assert abs(drift - 60) < expanded == 8.8
+    drift, expanded = float(rows["ax.k0"][7]), float(rows["ax.k0"][8])
+    assert abs(drift - 60) < expanded == 12.0
     assert rows["gz.scale"][-1] == "drifts"
     assert "chance gives about 9.8" in out
     assert "treated as independent" in out
@@ -175,6 +175,19 @@ def test_the_history_is_written_as_a_page(program: Program, tmp_path: Path):
     assert "<title>History of MIMU № 17</title>" in out.read_text(encoding="utf-8")
     assert program("store", "history", NAME, "-o", out, "--json").json["page"] == str(out)
     refused(program("store", "history", NAME, "--out", out / "x.html"))
+
+
+def test_verb_and_page_state_the_next_calibration(program: Program, tmp_path: Path):
+    program("store", "import", *ten(tmp_path, replace(DRIFTING, axes=("ax", "gx"))))
+    page = tmp_path / "history.html"
+    limits = ("--limit", "bias=0.4 mg", "--limit", "scale=1 %")
+    found = program("store", "history", NAME, "ax.k0", "ax.k1", *limits, "--json").json
+    stated = found["next_calibration"]
+    assert {one["name"] for one in stated["coefficients"]} == {"ax.k0", "ax.k1"}
+    assert found["coefficients"][0]["next_use"]["next_use_U"] > 0
+    text = program("store", "history", NAME, "ax.k0", "ax.k1", *limits, "-o", page).out
+    assert f"next calibration by {stated['date']}" in text
+    assert stated["date"] in page.read_text(encoding="utf-8")
 
 
 def test_two_calibrations_are_compared_by_number_and_by_file(program: Program, tmp_path: Path):

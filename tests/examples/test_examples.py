@@ -88,6 +88,7 @@ def test_every_run_file_of_the_examples_is_run_by_a_test():
     run |= {f"repeat/session_{n}.toml" for n in range(1, 5)}
     # by tests/qualification/test_qualified_runs.py
     run |= {f"qualify/{name}.toml" for name in ("gravity", "head", "radius", "rate", "tumble")}
+    run |= {"check_standard/job.toml"}  # by tests/check_standard/test_control_example.py
     run |= {"fleet/run.toml"}  # by tests/fleet/test_fleet_commands.py
     run |= {"measure/plate.toml"}  # by tests/host/test_guided_example.py
     run |= {"rate_table/ship.toml"}  # by tests/runs/test_rate_table_runs.py

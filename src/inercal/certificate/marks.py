@@ -6,6 +6,7 @@ The laboratory's [policy] says which. No option removes a mark: only another cal
 from datetime import date
 
 from inercal.calibration import Calibration
+from inercal.calibration.check_standard import CHECK_STANDARD, is_doubtful
 from inercal.calibration.simulated import SIMULATED
 from inercal.certificate.results import ResultSet, names_of
 from inercal.errors import InputError
@@ -57,6 +58,10 @@ def certificate_marks(
         elif verdict.grade == "unreliable":
             reason = f"{name} is not to be relied on: {'; '.join(verdict.reasons)}"
             add("unreliable", policy.unreliable, reason, "unreliable")
+        if is_doubtful(verdict):
+            state = calibration.conditions.get(CHECK_STANDARD, "")
+            reason = f"the check standard makes {name} doubtful ({state})"
+            add("check_standard", policy.check_standard, reason, "check_standard")
         if outside := _outside(laboratory, one):
             reason = f"{name} is outside the stated capability: {outside}"
             add("outside_capability", policy.outside_capability, reason, "outside_capability")

@@ -112,12 +112,24 @@ def history(
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="The HTML page to write, with figures.")
     ] = None,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Largest U until the next calibration, such as 'bias=1 mg'; else the limits that "
+            "the newest calibration states."
+        ),
+    ] = None,
+    in_use: Annotated[
+        float | None,
+        typer.Option(help="Percent of the time in use: the interval as hours of use, too."),
+    ] = None,
     register: _Register = None,
     json: _Json = False,
 ) -> None:
-    """Show how a sensor's coefficients change: E_n of each calibration, drift, and a verdict."""
-    from inercal.cli import store_view
+    """Show how a sensor's coefficients change, and when it should be calibrated next."""
+    from inercal.cli import recalibration_view, store_view
     from inercal.store import Register
+    from inercal.store.recalibration import recalibration
 
     with Register(register, create=False) as opened:
         if out is not None:
@@ -126,14 +138,21 @@ def history(
             check_outputs({out: PAGE}, opened.files)
         found = opened.history(sensor)
     chosen = found.select(coefficients or ())
+    share = None if in_use is None else in_use / 100
+    next_one = recalibration(chosen, recalibration_view.stated_limits(limit), share)
     if out is not None:
         from inercal.report import write_history
 
-        write_history(chosen, out)
+        write_history(chosen, out, next_one)
     if json:
-        print_json(store_view.history_object(chosen) | ({} if out is None else {"page": str(out)}))
+        print_json(
+            store_view.history_object(chosen)
+            | {"next_calibration": recalibration_view.recalibration_object(next_one)}
+            | ({} if out is None else {"page": str(out)})
+        )
         return
     store_view.print_history(chosen, detailed=bool(coefficients))
+    recalibration_view.print_recalibration(next_one)
     if out is not None:
         print(f"wrote {out}")
 

@@ -6,17 +6,20 @@ from dataclasses import asdict
 from math import isnan
 from typing import Any
 
+import numpy as np
 from rich.table import Table
 
 from inercal.cli.calibration_view import print_calibration_table, print_line
 from inercal.cli.tables import add_row, begin_section, make_table, number_column
 from inercal.cli.terminal import terminal
 from inercal.comparison.comparison_text import format_en, grade_text
+from inercal.comparison.courses import CourseFit
 from inercal.sensors import SI_UNITS
 from inercal.store import CalibrationEntry, RunEntry, SensorEntry, SensorHistory
 from inercal.store.history import CoefficientTrend
 from inercal.store.history_text import (
     drift_text,
+    format_bands,
     format_point,
     format_slope,
     history_lines,
@@ -124,15 +127,17 @@ def print_history(history: SensorHistory, *, detailed: bool) -> None:
 
 def _print_trends(history: SensorHistory) -> None:
     table = _table(
-        "coefficient", "newest", "± U (k = 2)", "unit", "E_n", "drift a year", "± U", "verdict"
-    )
+        "coefficient", "newest", "± U (k = 2)", "unit", "E_n", "± U of the mean",
+        "± U of the next use", "drift a year", "± U", "verdict",
+    )  # fmt: skip
     previous = ""
     for one in history.trends:
         previous = begin_section(table, one.name, previous)
         last = format_en(float(one.normalised_errors[-1]))
         add_row(
-            table, one.name, *format_point(one, -1), one.unit, last, *format_slope(one), one.verdict
-        )
+            table, one.name, *format_point(one, -1), one.unit, last, *format_bands(one),
+            *format_slope(one), one.verdict,
+        )  # fmt: skip
     terminal().print(table)
 
 
@@ -201,6 +206,38 @@ def history_object(history: SensorHistory) -> dict[str, Any]:
     }
 
 
+def _line_object(history: SensorHistory, line: CourseFit) -> dict[str, Any]:
+    return {
+        "time": history.date(line.time),
+        "value": float(line.beta[0]),
+        "value_U": float(line.expanded(np.array([line.time]))[0]),
+        "slope": line.slope.slope,
+        "slope_std": line.slope.std,
+        "slope_U": line.slope.expanded,
+        "scatter": line.tau,
+        "chi2": line.chi2,
+        "dof": line.dof,
+    }
+
+
+def _bands_object(trend: CoefficientTrend) -> dict[str, Any] | None:
+    """Return mean and both U at the newest calibration, and the courses compared."""
+    course, courses = trend.course, trend.courses
+    if course is None or courses is None:
+        return None
+    at = trend.time[-1:]
+    return {
+        "value": float(course.evaluate(at)[0]),
+        "mean_U": float(course.expanded(at)[0]),
+        "next_use_U": float(course.expanded(at, next_use=True)[0]),
+        "scatter": course.tau,
+        "walk": courses.walk.walk,
+        "dof": course.dof,
+        "log_likelihood": courses.likelihood,
+        "best": courses.best,
+    }
+
+
 def _trend_object(history: SensorHistory, trend: CoefficientTrend) -> dict[str, Any]:
     line = trend.line
     return {
@@ -218,7 +255,8 @@ def _trend_object(history: SensorHistory, trend: CoefficientTrend) -> dict[str, 
                 trend.points, trend.values, trend.std, trend.normalised_errors, strict=True
             )
         ],
-        "line": None if line is None else line._asdict() | {"time": history.date(line.time)},
+        "line": None if line is None else _line_object(history, line),
+        "next_use": _bands_object(trend),
         "constancy": trend.constancy._asdict(),
         "verdict": trend.verdict,
     }

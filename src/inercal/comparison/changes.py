@@ -14,17 +14,9 @@ with as many degrees of freedom as C has rank; a difference along directions tha
 left out of χ². S is the covariance of both by errors that they state to share (`shared_errors`):
 those cancel in the difference.
 
-Through a history, at times t, the straight line of least weighted squares about the weighted mean
-time t̄, w = 1/u² (GUM H.3, with weights)::
-
-    b = Σ w (t − t̄) x / Σ w (t − t̄)²,   u²(b) = 1 / Σ w (t − t̄)²
-
-Where the χ² of the line exceeds its 95 % bound, its uncertainties are scaled by the Birge ratio
-√(χ²/ν). The χ² of constancy is that about the weighted mean.
-
-The line takes the errors of different calibrations as independent. So do E_n and χ² where a
-calibration does not state its shared errors: both are then too small, and chance calls fewer
-changes than one in 22.
+E_n and χ² take calibrations as independent where a calibration does not state its shared errors:
+both are then too small, and chance calls fewer changes than one in 22. How a history goes on over
+time is in `courses`.
 """
 
 # scipy has no type stubs.
@@ -43,8 +35,6 @@ TrendVerdict = Literal["steady", "drifts", "changed", "too few"]
 CHANCE_FRACTION = erfc(COVERAGE / sqrt(2))
 """Part of all |E_n| that exceed 1 where nothing changed, 0.0455."""
 YEAR = 31_557_600.0  # s, of 365.25 days (Julian year)
-_BIRGE_PROBABILITY = 0.05  # probability beyond which χ² asks for the Birge ratio
-_MIN_POINTS = 3  # of a line
 _RANK_TOLERANCE = 1e-9  # of the largest eigenvalue of the scaled covariance
 
 
@@ -122,82 +112,35 @@ class ConstancyTest(NamedTuple):
     p_value: float
 
 
-def constancy_test(values: Array, std: Array) -> ConstancyTest:
-    """Return the test of (n,) values, with standard uncertainties (n,), against their mean."""
-    mean = np.average(values, weights=std**-2.0)
-    chi2, dof = float(np.sum(((values - mean) / std) ** 2)), values.size - 1
-    return ConstancyTest(chi2, dof, chi2_p_value(chi2, dof))
-
-
-class DriftLine(NamedTuple):
-    """The straight line through a history.
+def constancy_test(values: Array, std: Array, shared: Array | None = None) -> ConstancyTest:
+    """Return the test of (n,) values against their mean.
 
     Parameters
     ----------
-    time : float
-        The weighted mean time t̄, in years, as the times were given.
-    value, value_std : float
-        At that time, with its standard uncertainty.
-    slope, slope_std : float
-        A year.
-    chi2 : float
-    dof : int
-    birge : float
-        What the standard uncertainties were scaled by; 1 where χ² did not ask for it.
+    values, std : (n,) arrays
+        With their own standard uncertainties.
+    shared : (n, n) array, optional
+        Covariance by what they share; an error that all have moves their mean alone.
     """
-
-    time: float
-    value: float
-    value_std: float
-    slope: float
-    slope_std: float
-    chi2: float
-    dof: int
-    birge: float
-
-    def evaluate(self, time: Array) -> tuple[Array, Array]:
-        """Return the line and its standard uncertainty at times, in years."""
-        off = time - self.time
-        return self.value + self.slope * off, np.hypot(self.value_std, self.slope_std * off)
-
-    @property
-    def drifts(self) -> bool:
-        """Whether the slope exceeds its expanded uncertainty, k = 2."""
-        return abs(self.slope) > COVERAGE * self.slope_std
+    covariance = np.diag(std**2) if shared is None else np.diag(std**2) + shared
+    ones = np.ones(values.size)
+    inverse = np.linalg.inv(covariance)
+    weights = inverse @ ones
+    off = values - values.mean()
+    off = off - weights @ off / weights.sum()
+    chi2, dof = float(off @ inverse @ off), values.size - 1
+    return ConstancyTest(chi2, dof, chi2_p_value(chi2, dof))
 
 
-def fit_drift_line(time: Array, values: Array, std: Array) -> DriftLine | None:
-    """Return the line through (n,) values at (n,) times in years.
-
-    None of fewer than three, or where all are of one time.
-    """
-    if values.size < _MIN_POINTS:
-        return None
-    weights = std**-2.0
-    middle = float(np.average(time, weights=weights))
-    off = time - middle
-    squares = float(np.sum(weights * off**2))
-    if np.ptp(time) == 0:
-        return None
-    value = float(np.average(values, weights=weights))
-    slope = float(np.sum(weights * off * (values - value))) / squares
-    chi2 = float(np.sum(((values - value - slope * off) / std) ** 2))
-    dof = values.size - 2
-    bound = 2 * float(scipy.special.gammainccinv(dof / 2, _BIRGE_PROBABILITY))
-    birge = sqrt(chi2 / dof) if chi2 > bound else 1.0
-    value_std, slope_std = birge / sqrt(float(weights.sum())), birge / sqrt(squares)
-    return DriftLine(middle, value, value_std, slope, slope_std, chi2, dof, birge)
-
-
-def trend_verdict(found: DriftLine | None, constant: ConstancyTest) -> TrendVerdict:
+def trend_verdict(*, drifts: bool, constant: ConstancyTest) -> TrendVerdict:
     """Say what a history shows.
 
-    "drifts": the slope exceeds its U. "changed": no such slope, but the values scatter about their
-    mean more than in 95.45 % of histories where nothing changes; of two calibrations that is
-    |E_n| > 1. "steady": neither. "too few": there is one calibration only.
+    "drifts": the slope exceeds its U (`courses.CourseComparison.drifts`). "changed": no such slope,
+    but the values scatter about their mean more than in 95.45 % of histories where nothing changes;
+    of two calibrations that is |E_n| > 1. "steady": neither. "too few": there is one calibration.
     """
     if not constant.dof:
         return "too few"
-    if found is not None and found.drifts:
+    if drifts:
         return "drifts"
     return "changed" if constant.p_value < CHANCE_FRACTION else "steady"

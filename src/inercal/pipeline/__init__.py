@@ -15,6 +15,7 @@ from inercal.arrays import Array
 from inercal.benches import Bench
 from inercal.benches.kind_definition import Kind
 from inercal.calibration import Calibration
+from inercal.calibration.check_standard import CHECK_STANDARD
 from inercal.calibration.display import to_html
 from inercal.calibration.grade import Verdict
 from inercal.calibration.verdict import verdict
@@ -263,6 +264,8 @@ def _calibrate(run: Run, progress: "Callable[[Generation], None] | None") -> Out
     if run.bench_name:
         conditions["bench"] = run.bench_name
     conditions |= qualification_conditions(run)
+    if run.check_standard:
+        conditions[CHECK_STANDARD] = run.check_standard
     weighs_gravity = bool(sensor.select_axes("f").coefficients)
     estimate = replace(
         estimate,

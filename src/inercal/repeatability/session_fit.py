@@ -40,6 +40,8 @@ class SessionFit:
         A⁻¹, covariance of the mean without what is shared.
     shared : (p, p) array
         Covariance of the mean by what is shared.
+    gain : (p, k p) array
+        Derivatives of the mean by all values.
     """
 
     matched: MatchedSessions
@@ -53,6 +55,7 @@ class SessionFit:
     mean: Array
     inverse: Array
     shared: Array
+    gain: Array
 
     @property
     def has_other_days(self) -> bool:
@@ -102,8 +105,9 @@ def fit_sessions(matched: MatchedSessions, effects: tuple[NamedEffect, ...]) -> 
     blocks: Array = total.reshape(k, p, k, p)[every, :, every]
     mean = gain @ values.ravel()
     return SessionFit(
-        matched, effects, groups, unit, values, own, variances, blocks, mean, inverse, shared
-    )
+        matched, effects, groups, unit, values, own, variances, blocks, mean, inverse,
+        shared, gain,
+    )  # fmt: skip
 
 
 def _units(

@@ -112,7 +112,10 @@ class MatchedSessions:
 
     def without(self, index: int) -> "MatchedSessions":
         """Return the other sessions."""
-        kept = [k for k in range(len(self.sessions)) if k != index]
+        return self.subset([k for k in range(len(self.sessions)) if k != index])
+
+    def subset(self, kept: Sequence[int]) -> "MatchedSessions":
+        """Return some of the sessions."""
         shared = (
             replace(one, column=one.column[kept], members=one.members[kept]) for one in self.shared
         )

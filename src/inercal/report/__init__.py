@@ -3,7 +3,7 @@
 Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,8 +21,10 @@ from inercal.sensors import Sensor
 if TYPE_CHECKING:  # reports do without a register, and most without a noise analysis
     from matplotlib.axes import Axes
 
+    from inercal.check_standard import ControlCharts
     from inercal.noise import NoiseAnalysis
-    from inercal.store import SensorHistory
+    from inercal.store import CalibrationEntry, SensorHistory
+    from inercal.store.recalibration import Recalibration
 
 
 def write_report(
@@ -111,23 +113,27 @@ def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: 
     return write_text(path, page(seen, sensor, message))
 
 
-def write_history(history: "SensorHistory", path: str | Path) -> Path:
+def write_history(
+    history: "SensorHistory", path: str | Path, next_one: "Recalibration | None" = None
+) -> Path:
     """Write the page of a sensor's history; it appears whole or not at all. Return its path.
 
     Parameters
     ----------
     history : SensorHistory
     path : path
+    next_one : Recalibration, optional
+        By the limits that a user states; else by those of the newest calibration.
 
     Raises
     ------
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    return write_text(path, history_page(history))
+    return write_text(path, history_page(history, next_one))
 
 
-def history_page(history: "SensorHistory") -> str:
+def history_page(history: "SensorHistory", next_one: "Recalibration | None" = None) -> str:
     """Return the page of a sensor's history, HTML.
 
     Raises
@@ -137,7 +143,29 @@ def history_page(history: "SensorHistory") -> str:
     """
     with _extras():
         from inercal.report.sensor_history_page import page
-    return page(history)
+    return page(history, next_one)
+
+
+def write_control(
+    charts: "ControlCharts", path: str | Path, doubtful: "Sequence[CalibrationEntry] | None" = None
+) -> Path:
+    """Write the page of a check standard's charts, whole or not at all. Return its path.
+
+    Parameters
+    ----------
+    charts : ControlCharts
+    path : path
+    doubtful : sequence of CalibrationEntry, optional
+        Calibrations of a register while the bench was doubtful.
+
+    Raises
+    ------
+    InputError
+        matplotlib or jinja2 is missing, or the file cannot be written.
+    """
+    with _extras():
+        from inercal.report.control_page import page
+    return write_text(path, page(charts, doubtful))
 
 
 def write_draft(draft: Draft, path: str | Path) -> Path:

@@ -18,16 +18,19 @@ from inercal.comparison.comparison_text import format_en
 from inercal.keys import CoefficientName
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
+from inercal.report.recalibration_section import recalibration_section
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
 from inercal.store import SensorHistory
 from inercal.store.history import CoefficientTrend
 from inercal.store.history_text import (
     drift_text,
+    format_bands,
     format_point,
     format_slope,
     history_lines,
 )
+from inercal.store.recalibration import Recalibration, recalibration
 from inercal.uncertainty.coverage import COVERAGE
 
 _VERDICT_WORDS: dict[TrendVerdict, str] = {
@@ -48,7 +51,7 @@ _YEAR = YEAR / _DAY
 
 @dataclass(frozen=True)
 class CoefficientHistory:
-    """One coefficient: its newest value, E_n, drift a year, verdict and the same in words."""
+    """One coefficient: its newest value, E_n, both U, drift a year, verdict and it in words."""
 
     name: str
     meaning: str
@@ -56,6 +59,8 @@ class CoefficientHistory:
     expanded: str
     unit: str
     en: str
+    mean_expanded: str
+    next_use_expanded: str
     slope: str
     slope_expanded: str
     verdict: str
@@ -86,8 +91,8 @@ class PrintedCalibration:
     p_value: str
 
 
-def page(history: SensorHistory) -> str:
-    """Return the whole page, HTML."""
+def page(history: SensorHistory, next_one: Recalibration | None = None) -> str:
+    """Return the whole page, HTML; with the next calibration as given, else by its own limits."""
     groups = _axis_histories(history)
     return render(
         "over_time.html",
@@ -99,6 +104,7 @@ def page(history: SensorHistory) -> str:
         lines=summary_lines(history)[1:],
         section=_render_section(groups),
         groups=groups,
+        recalibration=recalibration_section(next_one or recalibration(history)),
         entries=_entry_rows(history),
     )
 
@@ -165,6 +171,7 @@ def _coefficient_row(trend: CoefficientTrend) -> CoefficientHistory:
         expanded,
         trend.unit,
         typeset_minus(format_en(float(trend.normalised_errors[-1]))),
+        *format_bands(trend),
         typeset_minus(rate),
         rate_expanded,
         trend.verdict,
@@ -234,12 +241,13 @@ def trend_figure(history: SensorHistory, found: Sequence[CoefficientTrend], name
 def _draw_trend(axes: Axes, trend: CoefficientTrend, first: float) -> None:
     time = first + trend.time * _YEAR
     value, reach = trend.values / trend.si, COVERAGE * trend.std / trend.si
-    if (line := trend.line) is not None:
+    if (course := trend.course) is not None:
         at: Array = np.linspace(float(trend.time[0]), float(trend.time[-1]), 50)
-        middle, std = (one / trend.si for one in line.evaluate(at))
-        days = first + at * _YEAR
-        axes.fill_between(days, middle - COVERAGE * std, middle + COVERAGE * std, color=BAND, lw=0)
-        axes.plot(days, middle, "-" if line.drifts else "--", color=Z, lw=1.1)
+        days, middle = first + at * _YEAR, course.evaluate(at) / trend.si
+        for next_use, shade in ((True, BAND), (False, FAINT)):
+            u = course.expanded(at, next_use=next_use) / trend.si
+            axes.fill_between(days, middle - u, middle + u, color=shade, lw=0)
+        axes.plot(days, middle, "-" if len(course.beta) > 1 else "--", color=Z, lw=1.1)
     axes.errorbar(time, value, reach, fmt="none", ecolor=MUTED, elinewidth=0.9, capsize=2.2)
     beyond = np.abs(trend.normalised_errors) > 1
     axes.plot(time[~beyond], value[~beyond], "o", ms=3.6, mfc=INK, mec=INK, mew=0)

@@ -27,6 +27,7 @@ from inercal.methods._base import Estimator
 from inercal.plan import Step, TableStep, Turn, table_steps
 from inercal.qualification import NO_QUALIFICATIONS, JointPriorEstimator, UsedQualifications
 from inercal.recording import Finding
+from inercal.runfile.check_standard_keys import stated_check_standard
 from inercal.runfile.environment_section import (
     TemperatureOrder,
     stated_environment,
@@ -116,6 +117,8 @@ class Run:
         Orders of bias, scale factor and misalignment in temperature.
     qualified : UsedQualifications
         The qualifications of the bench.
+    check_standard : str
+        State of the bench's check standard, in words; empty where none is stated.
     """
 
     path: Path
@@ -142,6 +145,7 @@ class Run:
     environment: Environment | None = None
     temperature_order: TemperatureOrder = None
     qualified: UsedQualifications = NO_QUALIFICATIONS
+    check_standard: str = ""
 
     @property
     def steps(self) -> tuple[Step, ...]:
@@ -358,6 +362,7 @@ def _build_run(
     if rate is not None and rate <= 0:
         raise InputError(f"[data] rate: {schema.data.rate!r} must be positive", key="[data] rate")
     job, overdue = job_texts(schema.job, path.parent)
+    check, doubts = stated_check_standard(schema.bench, schema.job, path.parent)
     chosen, config = with_filter_keys(schema, chosen, estimator, sensor, rate)
     frame = "symmetric" if sensor.frame == "symmetric" else chosen.frame(bench)
     return Run(
@@ -378,12 +383,16 @@ def _build_run(
         search=search_options(schema.method, chosen, estimator),
         filter=config,
         bench_name=schema.bench.name,
-        findings=check_stated_gravity(schema.bench) + overdue + check_validity(used, schema.job),
+        findings=check_stated_gravity(schema.bench)
+        + overdue
+        + check_validity(used, schema.job)
+        + doubts,
         job=job,
         specification=stated_specification(schema.specification, sensor, frame, path.parent),
         environment=stated_environment(schema, sensor, chosen),
         temperature_order=schema.method.temperature_order,
         qualified=used,
+        check_standard=check,
     )
 
 

@@ -58,6 +58,7 @@ class PolicySection(Section):
     simulated: Action = "mark"
     outside_capability: Action = "mark"
     overdue: Action = "refuse"
+    check_standard: Action = "refuse"
 
 
 class LaboratoryFile(Section):

@@ -19,9 +19,12 @@ from inercal.comparison import (
     match_frame_and_form,
     recording_sha256,
 )
+from inercal.comparison.courses import NEWEST, CourseComparison, CourseFit, compare_courses
 from inercal.errors import InputError
 from inercal.sensors.coefficient_selection import select_coefficients
 from inercal.store.entries import CalibrationEntry, SensorEntry
+
+_LEAST_OWN = 1e-4  # of u, where calibrations share all of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +48,8 @@ class CoefficientTrend:
         With standard uncertainties (k = 1).
     step_std : (n - 1,) array
         Standard uncertainties of the differences between successive values.
+    shared : (m, m) array
+        Covariance of the newest m values by errors that they share, m = `courses.NEWEST` at most.
     """
 
     name: str
@@ -56,6 +61,7 @@ class CoefficientTrend:
     values: Array
     std: Array
     step_std: Array
+    shared: Array
 
     @cached_property
     def normalised_errors(self) -> Array:
@@ -63,20 +69,43 @@ class CoefficientTrend:
         steps = changes.normalised_errors(np.diff(self.values), self.step_std)
         return np.concatenate([[np.nan], steps])
 
+    @property
+    def independent_variance(self) -> Array:
+        """Variances of the newest m values without what they share, (m,)."""
+        variance = self.std[-len(self.shared) :] ** 2
+        return np.maximum(variance - np.diag(self.shared), _LEAST_OWN**2 * variance)
+
     @cached_property
-    def line(self) -> changes.DriftLine | None:
+    def courses(self) -> CourseComparison | None:
+        """Level, line and random walk of the newest values; None of fewer than three."""
+        m = len(self.shared)
+        return compare_courses(
+            self.time[-m:], self.values[-m:], self.independent_variance, self.shared
+        )
+
+    @property
+    def line(self) -> CourseFit | None:
         """The straight line through at least three calibrations, else None."""
-        return changes.fit_drift_line(self.time, self.values, self.std)
+        return None if self.courses is None else self.courses.line
+
+    @property
+    def course(self) -> CourseFit | None:
+        """The line of a coefficient that drifts, else the level; None of fewer than three."""
+        if self.courses is None:
+            return None
+        return self.courses.line if self.courses.drifts else self.courses.level
 
     @cached_property
     def constancy(self) -> changes.ConstancyTest:
-        """χ² about the weighted mean."""
-        return changes.constancy_test(self.values, self.std)
+        """χ² of the newest values about their weighted mean."""
+        newest = self.values[-len(self.shared) :]
+        return changes.constancy_test(newest, np.sqrt(self.independent_variance), self.shared)
 
     @property
     def verdict(self) -> changes.TrendVerdict:
         """Whether the coefficient is steady, drifts or changed."""
-        return changes.trend_verdict(self.line, self.constancy)
+        drifts = self.courses is not None and self.courses.drifts
+        return changes.trend_verdict(drifts=drifts, constant=self.constancy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +298,23 @@ def _coefficient_trend(
         np.array([found[k].value(name) for k in points]),
         std,
         np.sqrt(np.maximum(own - 2 * np.array(shared), ROUNDING**2 * own)),
+        _shared_of_newest(name, [found[k] for k in points[-NEWEST:]]),
     )
+
+
+def _shared_of_newest(name: str, found: Sequence[Calibration]) -> Array:
+    """Return the covariance of one coefficient by errors that calibrations share, (m, m)."""
+    columns: dict[tuple[str, str], Array] = {}
+    for k, one in enumerate(found):
+        place = one.sensor.coefficients.index(name)
+        for error in one.shared or ():
+            key = error.name, error.determination
+            column = columns.setdefault(key, np.zeros(len(found)))
+            column[k] = error.covariance[place] / error.std
+    total = np.zeros((len(found), len(found)))
+    for column in columns.values():
+        total += np.outer(column, column)
+    return total
 
 
 def _exclusion_lines(*parts: tuple[Collection[str], str]) -> list[str]:

@@ -7,9 +7,12 @@ from inercal.comparison.comparison_text import (
     exceedance_text,
     joint_test_text,
 )
+from inercal.comparison.courses import LEAST_FOR_DRIFT, Course
 from inercal.store.history import CoefficientTrend, SensorHistory
 from inercal.uncertainty.coverage import COVERAGE
 from inercal.units import format_value_and_uncertainty
+
+_COURSES: dict[Course, str] = {"line": "a straight line", "walk": "a random walk"}
 
 
 def format_point(trend: CoefficientTrend, k: int) -> tuple[str, str]:
@@ -22,22 +25,40 @@ def format_slope(trend: CoefficientTrend) -> tuple[str, str]:
     """Return the drift a year and its U, in the trend's unit; nothing where there is no line."""
     if trend.line is None:
         return "", ""
-    return format_value_and_uncertainty(
-        trend.line.slope / trend.si, COVERAGE * trend.line.slope_std / trend.si
+    slope = trend.line.slope
+    return format_value_and_uncertainty(slope.slope / trend.si, slope.expanded / trend.si)
+
+
+def format_bands(trend: CoefficientTrend) -> tuple[str, str]:
+    """Return U of the mean and of the next use at the newest calibration; nothing of few."""
+    if trend.course is None:
+        return "", ""
+    at = trend.time[-1:]
+    mean, next_use = (
+        format_value_and_uncertainty(
+            0.0, float(trend.course.expanded(at, next_use=one)[0]) / trend.si
+        )[1]
+        for one in (False, True)
     )
+    return mean, next_use
 
 
 def drift_text(trend: CoefficientTrend) -> str:
     """Return the drift of a coefficient, and the test of its constancy."""
     text = "a drift needs three calibrations or more"
     if (line := trend.line) is not None:
-        text = f"drift {' ± '.join(format_slope(trend))} {trend.unit} a year (k = 2)"
-        if line.birge > 1:
-            text += f", scaled by {line.birge:.2f} because the points scatter about the line"
+        text = f"drift {' ± '.join(format_slope(trend))} {trend.unit} a year"
+        if line.tau > 0:
+            size = format_value_and_uncertainty(0.0, line.tau / trend.si)[1]
+            text += f", with a scatter of {size} {trend.unit} about the line"
+        if line.count < LEAST_FOR_DRIFT:
+            text += f"; no verdict on it from fewer than {LEAST_FOR_DRIFT} calibrations"
     test = trend.constancy
     if test.dof:
         text += f"; as a constant χ² = {test.chi2:.1f} with {test.dof} degrees of freedom, "
         text += f"p {p_value_text(test.p_value)}"
+    if trend.courses is not None and trend.courses.best != "level":
+        text += f"; {_COURSES[trend.courses.best]} is likelier than a level"
     return text
 
 
@@ -56,7 +77,7 @@ def history_lines(history: SensorHistory) -> list[str]:
             f"together: {joint_test_text(test)}"
         )
     if any(one.line is not None for one in history.trends):
-        lines.append("without any change, about one coefficient in 13 is not called steady")
+        lines.append("without any change, about one coefficient in 20 is not called steady")
     if history.comparison_count:
         stated = all(one.shared is not None for one in history.calibrations)
         lines.append(SHARED_NOTE if stated else INDEPENDENCE_NOTE)

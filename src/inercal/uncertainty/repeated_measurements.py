@@ -24,6 +24,7 @@ from inercal.arrays import Array
 
 _STEPS = 100
 _HALVINGS = 30
+_LEAST_SEEN = 1e-10  # of an effect, relative to what it moves in all
 _PRECISION = 1e-6  # of the score in units of its standard deviation
 
 
@@ -100,34 +101,71 @@ def effect_variances(
     k, p = values.shape
     x = np.tile(np.eye(p), (k, 1))
     y = (values - values.mean(axis=0)).ravel()
-    factors = [one.factor() for one in effects]
-    parts = [one.covariance() for one in effects]
+    # From half of the scatter: where all is noise the steps end at 0.
+    start = np.array([_first_variance(values, one) for one in effects])
+    return restricted_variances(y, x, covariance, [one.factor() for one in effects], start)
+
+
+def restricted_likelihood(y: Array, x: Array, v: Array) -> tuple[float, Array, Array]:
+    """Return the logarithm of the restricted likelihood, without its constant, P, and P y.
+
+    Parameters
+    ----------
+    y : (n,) array
+    x : (n, p) array
+        Derivatives of y by what is free.
+    v : (n, n) array
+        Covariance of y.
+    """
+    inverse = np.linalg.inv(v)
+    vx = inverse @ x
+    information = x.T @ vx
+    projected = inverse - vx @ np.linalg.solve(information, vx.T)
+    py = projected @ y
+    size = np.linalg.slogdet(v)[1] + np.linalg.slogdet(information)[1]
+    return -0.5 * float(size + y @ py), projected, py
+
+
+def restricted_variances(
+    y: Array, x: Array, covariance: Array, factors: Sequence[Array], start: Array
+) -> EffectVariances:
+    """Return the variances σ_c² ≥ 0 of y = x θ + e, cov(e) = covariance + Σ σ_c² H_c H_cᵀ.
+
+    Parameters
+    ----------
+    y, x, covariance : (n,), (n, p) and (n, n) arrays
+    factors : sequence of (n, r) arrays
+        H_c.
+    start : (c,) array
+        Variances to begin with.
+
+    Returns
+    -------
+    EffectVariances
+        0 for an effect that only θ sees, such as a random walk between two times beside a slope.
+    """
+    parts: list[Array] = [h @ h.T for h in factors]
 
     def likelihood(variance: Array) -> tuple[float, Array, Array]:
-        """Return the restricted likelihood, P, and P y."""
         v = covariance + sum(s * z for s, z in zip(variance, parts, strict=True))
-        inverse = np.linalg.inv(v)
-        vx = inverse @ x
-        information = x.T @ vx
-        projected = inverse - vx @ np.linalg.solve(information, vx.T)
-        py = projected @ y
-        size = np.linalg.slogdet(v)[1] + np.linalg.slogdet(information)[1]
-        return -0.5 * float(size + y @ py), projected, py
+        return restricted_likelihood(y, x, v)
 
-    # From half of the scatter: where all is noise the steps end at 0.
-    variance = np.array([_first_variance(values, one) for one in effects])
+    _, projected, _ = likelihood(start)
+    whole = covariance + sum(s * z for s, z in zip(start, parts, strict=True))
+    seen = np.array([_is_seen(projected, whole, h) for h in factors], dtype=bool)
+    variance = np.where(seen, start, 0.0)
     value, projected, py = likelihood(variance)
     converged = False
-    information = np.eye(len(effects))
+    information = np.eye(len(factors))
     for _ in range(_STEPS):
         score, information = _score(projected, py, factors)
-        free = (variance > 0) | (score > 0)
+        free = seen & ((variance > 0) | (score > 0))
         size = np.sqrt(np.maximum(np.diag(information), 1e-300))
         scaled = score / size
         if np.all(np.abs(scaled[free]) <= _PRECISION):
             converged = True
             break
-        step = np.zeros(len(effects))
+        step = np.zeros(len(factors))
         correlation = (information / np.outer(size, size))[np.ix_(free, free)]
         step[free] = np.linalg.lstsq(correlation, scaled[free], rcond=1e-12)[0] / size[free]
         for _ in range(_HALVINGS):
@@ -144,6 +182,12 @@ def effect_variances(
     correlation = information / np.outer(size, size)
     inverse = np.linalg.pinv(correlation, hermitian=True) / np.outer(size, size)
     return EffectVariances(variance, inverse, converged)
+
+
+def _is_seen(projected: Array, v: Array, factor: Array) -> bool:
+    """Return whether an effect moves more than what is free: tr HᵀPH against tr HᵀV⁻¹H."""
+    whole = float(np.sum(factor * np.linalg.solve(v, factor)))
+    return float(np.sum(factor * (projected @ factor))) > _LEAST_SEEN * whole
 
 
 def _first_variance(values: Array, effect: RandomEffect) -> float:

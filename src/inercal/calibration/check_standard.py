@@ -1,0 +1,172 @@
+"""The state of a check standard, as `inercal control` writes it and a run file names it.
+
+Schema "inercal/control/1": `sensor`, `reference` (`days`, `until`), `points` (`first`, `last`,
+`in_control`, `signals`), `episodes`, limits and statistics of the charts.
+
+A run is doubtful where the last point before it, or the first after it, is out of control: the
+bench may have changed at any time since the last point in control.
+"""
+
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, Field, ValidationError
+
+from inercal.calibration.grade import Verdict
+from inercal.errors import InputError
+from inercal.small_files import read_small_file
+
+SCHEMA = "inercal/control/1"
+CHECK_STANDARD = "check standard"
+"""Key of `Calibration.conditions`, and kind of the finding."""
+_MOST_NAMED = 3  # coefficients of a chart
+
+
+def _utc(text: str) -> str:
+    time = datetime.fromisoformat(text)
+    return time.astimezone(UTC).isoformat() if time.tzinfo else text
+
+
+Time = Annotated[str, AfterValidator(_utc)]
+"""ISO 8601, in UTC."""
+
+
+class CheckedDay(BaseModel):
+    """A day of the check standard."""
+
+    first: Time
+    last: Time
+    in_control: bool
+    signals: dict[str, tuple[str, ...]] = {}
+
+    @property
+    def day(self) -> date:
+        """Day of its last session."""
+        return datetime.fromisoformat(self.last).date()
+
+    @property
+    def words(self) -> str:
+        """The charts that signal, with their coefficients."""
+        parts: list[str] = []
+        for kind, names in self.signals.items():
+            named = ", ".join(names[:_MOST_NAMED])
+            more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+            parts.append(f"{kind} of {named}{more}" if names else kind)
+        return "; ".join(parts)
+
+
+class _Sensor(BaseModel):
+    name: str
+
+
+class _Reference(BaseModel):
+    days: int
+    until: Time
+
+
+class _File(BaseModel):
+    schema_: Literal["inercal/control/1"] = Field(alias="schema")
+    sensor: _Sensor
+    reference: _Reference
+    points: tuple[CheckedDay, ...]
+
+
+@dataclass(frozen=True)
+class CheckState:
+    """What a check standard says of a run.
+
+    Parameters
+    ----------
+    text : str
+        For the conditions of the calibration.
+    warnings : tuple of str
+        Why the run is doubtful; none where it is not.
+    """
+
+    text: str
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CheckStandard:
+    """A check standard: its sensor, the end of its reference, and its points in time order."""
+
+    source: str
+    sensor: str
+    reference_end: str
+    points: tuple[CheckedDay, ...]
+
+    def state(self, measured: date | None, longest: float | None) -> CheckState:
+        """Return what it says of a run.
+
+        Parameters
+        ----------
+        measured : date or None
+            Last day of the run; None takes the newest point.
+        longest : float or None
+            Seconds that may be between the last point and the run's day.
+
+        Raises
+        ------
+        InputError
+            `longest` without the day of the run.
+        """
+        if longest is not None and measured is None:
+            raise InputError("a largest age needs the date of the run: state [job] measured")
+        before = [one for one in self.points if measured is None or one.day <= measured]
+        after = [one for one in self.points if measured is not None and one.day > measured]
+        if not before:
+            text = f"{self.sensor}: no check after its reference and before the run"
+            return CheckState(text, (f"{text}; measure it, and run inercal control again",))
+        last = before[-1]
+        word = "in control" if last.in_control else "out of control"
+        text = f"{self.sensor}: {word} on {last.day}"
+        warnings: list[str] = []
+        for one in (last, *after[:1]):
+            if not one.in_control:
+                warnings.append(
+                    f"check standard {self.sensor} was out of control on {one.day} ({one.words}): "
+                    f"the bench is doubtful since {self._last_in_control(one)}; find the cause, "
+                    "and measure again"
+                )
+        if measured is not None and longest is not None:
+            age = (measured - last.day).days
+            if age * 86_400.0 > longest:
+                warnings.append(
+                    f"check standard {self.sensor} was measured last on {last.day}, {age} days "
+                    "before the run, which is longer than check_standard_age: measure it before "
+                    "each run"
+                )
+        return CheckState(text, tuple(warnings))
+
+    def _last_in_control(self, point: CheckedDay) -> str:
+        earlier = self.points[: self.points.index(point)]
+        found = [one.last for one in earlier if one.in_control]
+        return (found[-1] if found else self.reference_end).partition("T")[0]
+
+
+def load_check_standard(path: Path) -> CheckStandard:
+    """Return the check standard of a file of `inercal control`.
+
+    Raises
+    ------
+    InputError
+        No such file, or not such a file.
+    """
+    text = read_small_file(path, "file of inercal control")
+    try:
+        found = _File.model_validate_json(text)
+    except ValidationError as error:
+        where = ".".join(map(str, error.errors()[0]["loc"])) or "the whole file"
+        raise InputError(
+            f"{path}: {where}: {error.errors()[0]['msg']}; give a file that inercal control wrote",
+            file=path,
+        ) from None
+    return CheckStandard(path.name, found.sensor.name, found.reference.until, found.points)
+
+
+def is_doubtful(verdict: Verdict | None) -> bool:
+    """Whether the check standard of a calibration makes it doubtful."""
+    return verdict is not None and f"a check warns: {CHECK_STANDARD}" in verdict.reasons

@@ -1,0 +1,130 @@
+"""`inercal control`: the control charts of a check standard."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from inercal.cli.console import print_json
+from inercal.cli.session_inputs import Same
+
+if TYPE_CHECKING:
+    from inercal.check_standard import ControlCharts
+    from inercal.store import CalibrationEntry
+
+NAME = "control"
+
+
+def run(
+    files: list[Path] | None = typer.Argument(
+        None,
+        help="Calibration files of the check standard, in the order of time.",
+        metavar="FILE…",
+    ),
+    table: Path | None = typer.Option(
+        None,
+        "--table",
+        "-t",
+        help="CSV of sessions with columns file, day, mount, turn_on; instead of files.",
+    ),
+    sensor: str | None = typer.Option(
+        None, "--sensor", help="A sensor of the register; instead of files."
+    ),
+    register: str | None = typer.Option(
+        None,
+        "--register",
+        help="A path, sqlite:///PATH or postgresql://USER@HOST/DATABASE; else $INERCAL_REGISTER.",
+    ),
+    same: list[Same] | None = typer.Option(
+        None,
+        "--same",
+        help="What all files have in common; otherwise each is of another day, mounting and "
+        "turn-on.",
+    ),
+    reference: int = typer.Option(20, "--reference", help="How many days are the reference."),
+    run_length: float = typer.Option(
+        370.0, "--run-length", help="Days between false signals of all charts together."
+    ),
+    restart: list[str] | None = typer.Option(
+        None,
+        "--restart",
+        help="Day of a repair, such as 2026-03-01: EWMA and MEWMA begin anew after it.",
+    ),
+    out: Path | None = typer.Option(
+        None, "--out", "-o", help="Folder for the result and the page of the charts."
+    ),
+    force: bool = typer.Option(False, "--force", help="Write over existing files."),
+    json: bool = typer.Option(False, "--json", help="Print one JSON object instead of tables."),
+) -> None:
+    """Chart a check standard: whether the bench is in control, and since when it is not."""
+    from inercal.check_standard import CheckedSession, control_charts
+    from inercal.check_standard.chart_files import as_object, to_text
+    from inercal.cli.control_view import doubtful_object, print_charts, print_doubtful
+    from inercal.cli.outputs import CONTROL, PAGE, check_outputs
+    from inercal.cli.session_inputs import read_sessions
+    from inercal.errors import InputError
+    from inercal.io.atomic_files import write_text
+
+    given, inputs = read_sessions(files, table, sensor, register, same)
+    undated = [one.session.label for one in given if not one.measured]
+    if undated:
+        raise InputError(
+            f"{undated[0]}: states no time of measurement; give the days by --table, or enter it "
+            "into the register"
+        )
+    found = control_charts(
+        [CheckedSession(*one) for one in given],
+        reference=reference,
+        run_length=run_length,
+        restarts=list(map(_day, restart or [])),
+    )
+    doubtful = None if sensor is None else _doubtful_calibrations(register, sensor, found)
+    targets: list[Path] = []
+    if out is not None:
+        stem = found.matched.sensor.name.replace("/", "_")
+        targets = [out / f"{stem}.control.json", out / f"{stem}.control.html"]
+        kinds = dict(zip(targets, (CONTROL, PAGE), strict=True))
+        check_outputs(kinds, inputs, force=force)
+        from inercal.report import write_control
+
+        write_text(targets[0], to_text(found))
+        write_control(found, targets[1], doubtful)
+    if json:
+        print_json(as_object(found) | doubtful_object(doubtful))
+        return
+    print_charts(found)
+    print_doubtful(doubtful)
+    for path in targets:
+        print(f"wrote {path}")
+
+
+def _day(text: str) -> str:
+    from datetime import date
+
+    from inercal.errors import InputError
+
+    try:
+        return date.fromisoformat(text).isoformat()
+    except ValueError:
+        raise InputError(
+            f"--restart {text!r}: write a day in ISO 8601, such as 2026-03-01", key="--restart"
+        ) from None
+
+
+def _doubtful_calibrations(
+    register: str | None, sensor: str, found: "ControlCharts"
+) -> "list[CalibrationEntry]":
+    """Return the calibrations on benches of the check standard while these were doubtful."""
+    from inercal.store import Register
+
+    with Register(register, create=False) as opened:
+        entries = opened.calibrations()
+        name = opened.sensor(sensor).name
+    benches = {(one.kind, one.bench) for one in entries if one.sensor == name}
+    return [
+        one
+        for one in entries
+        if one.sensor != name
+        and (one.kind, one.bench) in benches
+        and any(episode.holds(one.measured) for episode in found.episodes)
+    ]

@@ -1,0 +1,71 @@
+"""The next calibration of a sensor for the terminal, and as a JSON object."""
+
+from math import isfinite
+from typing import Any
+
+from inercal.cli.calibration_view import print_line
+from inercal.cli.tables import add_row, make_table, number_columns
+from inercal.cli.terminal import terminal
+from inercal.errors import InputError
+from inercal.store.recalibration import Recalibration
+from inercal.store.recalibration_text import interval_text, limit_text, recalibration_lines
+
+
+def print_recalibration(found: Recalibration) -> None:
+    """Print the intervals of each coefficient in days, and the next date."""
+    if found.rows:
+        heads = number_columns(("prediction, days", "chart", "staircase"))
+        table = make_table("coefficient", "limit", *heads)
+        for one in found.rows:
+            days = map(interval_text, (one.prediction, one.chart, one.staircase))
+            add_row(table, one.name, limit_text(found, one), *days)
+        terminal().print(table)
+    for line in recalibration_lines(found):
+        print_line(line)
+
+
+def recalibration_object(found: Recalibration) -> dict[str, Any]:
+    """Return the next calibration; intervals are years of 365.25 days."""
+    return {
+        "date": found.date,
+        "years": found.years,
+        "decided_by": found.decided_by,
+        "longest": found.longest,
+        "hours_in_use": found.hours_in_use,
+        "coefficients": [
+            {
+                "name": one.name,
+                "lower": _finite(one.limit.lower),
+                "upper": _finite(one.limit.upper),
+                "U": _finite(one.limit.expanded),
+                "prediction": one.prediction,
+                "chart": one.chart,
+                "staircase": one.staircase,
+            }
+            for one in found.rows
+        ],
+    }
+
+
+def stated_limits(texts: list[str] | None) -> dict[str, str]:
+    """Return limits of U by word, of texts such as "bias=1 mg".
+
+    Raises
+    ------
+    InputError
+        A text of another form.
+    """
+    found: dict[str, str] = {}
+    for text in texts or []:
+        word, sign, size = text.partition("=")
+        if not (sign and word.strip() and size.strip()):
+            raise InputError(
+                f'--limit {text!r}: write coefficient or group = largest U, "bias=1 mg"',
+                key="--limit",
+            )
+        found[word.strip()] = size.strip()
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None

@@ -1,0 +1,135 @@
+"""Sessions of a sensor for a verb: calibration files, a table of them, or those of a register."""
+
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from inercal.calibration import Calibration
+    from inercal.repeatability import RepeatedSession
+
+_FILE, _LEVELS = "file", ("day", "mount", "turn_on")  # columns of a table of sessions
+
+
+class Same(StrEnum):
+    """What all sessions have in common."""
+
+    DAY = "day"
+    MOUNT = "mount"
+    TURN_ON = "turn-on"
+
+
+class DatedSession(NamedTuple):
+    """A session, and when it was measured, ISO 8601; empty where nothing says so."""
+
+    session: "RepeatedSession"
+    measured: str
+
+
+def read_sessions(
+    files: list[Path] | None,
+    table: Path | None,
+    sensor: str | None,
+    register: str | None,
+    same: list[Same] | None,
+) -> tuple[list[DatedSession], list[Path]]:
+    """Return the sessions, and the files that were read.
+
+    Raises
+    ------
+    InputError
+        Not one way of giving sessions, or sessions that cannot be read.
+    """
+    from inercal.errors import InputError
+
+    if sum(map(bool, (files, table, sensor))) != 1:
+        raise InputError("give the sessions in one way: files, --table or --sensor")
+    if register is not None and sensor is None:
+        raise InputError("--register: name the sensor by --sensor", key="--register")
+    if table is not None:
+        return _of_table(table, same)
+    if sensor is not None:
+        return _of_register(register, sensor, same), []
+    return _of_files(files or [], same), files or []
+
+
+def measured_time(calibration: "Calibration") -> str:
+    """Return when a calibration was measured by its [job], else when it was made; UTC."""
+    text = calibration.job.get("measured") or calibration.provenance.get("created", "")
+    try:
+        time = datetime.fromisoformat(text)
+    except ValueError:
+        return ""
+    return time.astimezone(UTC).isoformat() if time.tzinfo else text
+
+
+def _labels(same: list[Same] | None, number: int, label: str) -> tuple[str, str, str]:
+    """Return day, mount and turn-on of a session of which nothing else is stated."""
+    day, mount, turn_on = ("same" if one in (same or []) else f"{number} {label}" for one in Same)
+    return day, mount, turn_on
+
+
+def _of_files(files: list[Path], same: list[Same] | None) -> list[DatedSession]:
+    from inercal.calibration.files import load
+    from inercal.repeatability import RepeatedSession
+
+    sessions: list[DatedSession] = []
+    for k, file in enumerate(files):
+        found = load(file)
+        one = RepeatedSession(str(file), found, *_labels(same, k, str(file)))
+        sessions.append(DatedSession(one, measured_time(found)))
+    return sessions
+
+
+def _of_register(address: str | None, sensor: str, same: list[Same] | None) -> list[DatedSession]:
+    from inercal.repeatability import RepeatedSession
+    from inercal.store import Register
+
+    with Register(address, create=False) as opened:
+        entries = opened.history(sensor).entries
+    sessions: list[DatedSession] = []
+    for k, entry in enumerate(entries):
+        day, mount, turn_on = _labels(same, k, f"#{entry.id}")
+        if Same.DAY not in (same or []):
+            day = entry.measured[:10]  # of ISO 8601
+        one = RepeatedSession(f"#{entry.id}", entry.calibration, day, mount, turn_on)
+        sessions.append(DatedSession(one, entry.measured))
+    return sessions
+
+
+def _of_table(table: Path, same: list[Same] | None) -> tuple[list[DatedSession], list[Path]]:
+    """Return the sessions of a table, and its files."""
+    from inercal.calibration.files import load
+    from inercal.errors import InputError
+    from inercal.repeatability import RepeatedSession
+    from inercal.small_files import csv_lines
+
+    sessions: list[DatedSession] = []
+    files: list[Path] = []
+    for k, (where, cells) in enumerate(csv_lines(table, (_FILE,), "table of sessions")):
+        if unknown := sorted(cells.keys() - {_FILE, *_LEVELS}):
+            raise InputError(
+                f"{table}: column {unknown[0]!r} is not known; there are {_FILE}, "
+                f"{', '.join(_LEVELS)}",
+                file=table,
+                names=(unknown[0],),
+            )
+        if empty := [name for name, cell in cells.items() if not cell.strip()]:
+            raise InputError(f"{table}: {where}: column {empty[0]} is empty", file=table)
+        file = table.parent / cells[_FILE]
+        default = _labels(same, k, cells[_FILE])
+        own = (cells.get(name, word) for name, word in zip(_LEVELS, default, strict=True))
+        found = load(file)
+        session = RepeatedSession(cells[_FILE], found, *own)
+        sessions.append(DatedSession(session, _day_of(session.day) or measured_time(found)))
+        files.append(file)
+    return sessions, [table, *files]
+
+
+def _day_of(word: str) -> str:
+    """Return the day that a table states, ISO 8601; empty where it is another word."""
+    try:
+        return datetime.fromisoformat(word).date().isoformat()
+    except ValueError:
+        return ""

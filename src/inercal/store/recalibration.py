@@ -1,0 +1,266 @@
+"""When a sensor should be calibrated next, by the methods of ILAC-G24:2022 (OIML D 10).
+
+A limit is either the tolerance of a coefficient, [specification.limits] of its newest calibration,
+or the largest U that a user accepts. Δt after the newest calibration, which reads y with its own
+variance s², a coefficient is uncertain by::
+
+    U²(Δt) = t_ν² (2τ² + s² + q Δt + u_b² Δt²) + 4 u_B²,   e(Δt) = y + b Δt
+
+τ is the scatter of calibrations, which this use and that calibration both have, q the variance a
+year of a random walk, b ± u_b the drift a year, 0 ± u_b where no drift is found, u_B what
+calibrations share.
+
+prediction
+    The longest Δt with U(Δt) + |b| Δt within the limit of U; of a tolerance, with a probability of
+    at least 95 % that the coefficient is within it.
+chart
+    The time in which the largest change a year that was seen between two calibrations leads from
+    the newest value to the limit.
+staircase
+    The last interval times 1.1 where the newest calibration found the coefficient within its
+    limit, else times 0.45. In the long run that holds 89 % within.
+time in use
+    The prediction as hours of use, where the part of the time in use is stated.
+
+The prediction decides, and the house rule caps it: never more than twice the longest interval that
+was seen.
+"""
+
+# scipy has no type stubs.
+# pyright: reportMissingTypeStubs=false
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import cast
+
+import numpy as np
+import scipy
+
+from inercal.comparison.changes import YEAR
+from inercal.errors import InputError
+from inercal.sensors.coefficient_selection import select_coefficients
+from inercal.store.history import CoefficientTrend, SensorHistory
+from inercal.uncertainty.conformity import conformance_probability
+from inercal.uncertainty.coverage import COVERAGE
+from inercal.units import parse_quantity
+
+PROBABILITY = 0.95
+"""Of a coefficient being within its tolerance at the end of an interval."""
+LONGER, SHORTER = 1.1, 0.45
+_LONGEST_RATIO = 2.0
+_HORIZON = 100.0  # years
+_HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class CoefficientLimit:
+    """A limit of a coefficient, SI.
+
+    Parameters
+    ----------
+    lower, upper : float
+        Tolerance; infinite where there is none.
+    expanded : float
+        Largest U; infinite where none is stated.
+    """
+
+    lower: float = -inf
+    upper: float = inf
+    expanded: float = inf
+
+
+@dataclass(frozen=True)
+class CoefficientInterval:
+    """The intervals of one coefficient, in years; None where a method has too few data.
+
+    Parameters
+    ----------
+    name : str
+    limit : CoefficientLimit
+    prediction, chart, staircase : float or None
+    """
+
+    name: str
+    limit: CoefficientLimit
+    prediction: float | None
+    chart: float | None
+    staircase: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Recalibration:
+    """When to calibrate next.
+
+    Parameters
+    ----------
+    history : SensorHistory
+    rows : tuple of CoefficientInterval
+        Of the coefficients with limits.
+    longest : float
+        Twice the longest interval that was seen, years.
+    in_use : float or None
+        Part of the time in use.
+    """
+
+    history: SensorHistory
+    rows: tuple[CoefficientInterval, ...]
+    longest: float
+    in_use: float | None = None
+
+    @property
+    def years(self) -> float | None:
+        """The interval; None where no prediction can be made."""
+        found = [one.prediction for one in self.rows if one.prediction is not None]
+        return min(*found, self.longest, inf) if found else None
+
+    @property
+    def decided_by(self) -> str:
+        """The coefficient whose prediction is the shortest, or "house rule"; empty for none."""
+        known = [one for one in self.rows if one.prediction is not None]
+        if not known:
+            return ""
+        first = min(known, key=lambda one: one.prediction or 0.0)
+        return first.name if (first.prediction or 0.0) <= self.longest else "house rule"
+
+    @property
+    def date(self) -> str | None:
+        """Day of the next calibration, ISO 8601."""
+        if self.years is None:
+            return None
+        return self.history.date(self._newest + self.years).partition("T")[0]
+
+    @property
+    def hours_in_use(self) -> float | None:
+        """The interval as hours of use; None where the part of the time in use is not stated."""
+        if self.years is None or self.in_use is None:
+            return None
+        return self.years * YEAR / _HOUR * self.in_use
+
+    @property
+    def _newest(self) -> float:
+        return max(float(one.time[-1]) for one in self.history.trends)
+
+
+def recalibration(
+    history: SensorHistory, stated: Mapping[str, str] | None = None, in_use: float | None = None
+) -> Recalibration:
+    """Return when to calibrate next.
+
+    Parameters
+    ----------
+    history : SensorHistory
+    stated : mapping of str to str, optional
+        Largest U by coefficient, group or axis: {"bias": "1 mg"}.
+    in_use : float, optional
+        Part of the time in use, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        A word that selects no coefficient, or a quantity that does not fit.
+    """
+    if in_use is not None and not 0 < in_use <= 1:
+        raise InputError("--in-use must be above 0 and at most 100 %", key="--in-use")
+    limits = coefficient_limits(history, stated or {})
+    rows = tuple(
+        _interval(trend, limits[trend.name]) for trend in history.trends if trend.name in limits
+    )
+    gaps = [float(np.diff(one.time).max()) for one in history.trends if one.time.size > 1]
+    return Recalibration(history, rows, _LONGEST_RATIO * max(gaps, default=0.0), in_use)
+
+
+def coefficient_limits(
+    history: SensorHistory, stated: Mapping[str, str]
+) -> dict[str, CoefficientLimit]:
+    """Return the limits by full name: those stated, else the tolerances of the newest."""
+    newest = history.entries[-1].calibration
+    found = {
+        one.name: CoefficientLimit(one.lower, one.upper)
+        for one in (() if newest.conformity is None else newest.conformity.limits)
+    }
+    names = {one.name for one in history.trends}
+    for word, text in stated.items():
+        chosen = [one for one in select_coefficients(newest.sensor.axes, [word]) if one in names]
+        errors: list[InputError] = []
+        fitting = 0
+        for name in chosen:
+            try:
+                size = parse_quantity(text, newest.sensor.coefficient(name).unit)
+            except InputError as error:
+                errors.append(error)  # a group has limits where the unit fits
+                continue
+            if size.sd or size.value <= 0:
+                raise InputError(
+                    f"--limit {word}: {text!r} must be one positive quantity", key="--limit"
+                )
+            found[name] = CoefficientLimit(expanded=size.value)
+            fitting += 1
+        if not fitting:
+            if errors:
+                raise errors[0].located(f"--limit {word}", key="--limit")
+            raise InputError(
+                f"--limit {word}: not in this history; it has {', '.join(sorted(names))}",
+                key="--limit",
+                names=(word,),
+            )
+    return found
+
+
+def expanded_after(trend: CoefficientTrend, years: float) -> float:
+    """Return U some years after the newest calibration, without the drift, SI."""
+    courses = trend.courses
+    assert courses is not None  # `_interval`
+    line = courses.line
+    by_scatter = (
+        2 * max(line.tau, courses.wandering_line.tau) ** 2
+        + float(trend.independent_variance[-1])
+        + courses.walk.walk * years
+        + line.slope.std**2 * years**2
+    )
+    shared = COVERAGE**2 * float(trend.shared[-1, -1])
+    return float(np.sqrt(line.factor**2 * by_scatter + shared))
+
+
+def _interval(trend: CoefficientTrend, limit: CoefficientLimit) -> CoefficientInterval:
+    gaps = np.diff(trend.time)
+    apart = gaps > 0
+    steps = np.abs(np.diff(trend.values))
+    prediction = chart = staircase = None
+    newest = float(trend.values[-1])
+    if trend.courses is not None:
+        prediction = _longest(trend, limit)
+    room = min(limit.expanded, limit.upper - newest, newest - limit.lower)
+    if apart.any() and isfinite(room):
+        rate = float((steps[apart] / gaps[apart]).max())
+        chart = max(room, 0.0) / rate if rate > 0 else _HORIZON
+    if apart.any():
+        within = (
+            float(steps[-1]) <= limit.expanded
+            if isfinite(limit.expanded)
+            else limit.lower <= newest <= limit.upper
+        )
+        staircase = float(gaps[apart][-1]) * (LONGER if within else SHORTER)
+    return CoefficientInterval(trend.name, limit, prediction, chart, staircase)
+
+
+def _longest(trend: CoefficientTrend, limit: CoefficientLimit) -> float:
+    """Return the longest interval of the prediction, years; 0 where the limit is exceeded now."""
+    assert trend.courses is not None
+    slope = trend.courses.line.slope.slope if trend.courses.drifts else 0.0
+
+    def room(years: float) -> float:
+        expanded = expanded_after(trend, years)
+        if isfinite(limit.expanded):
+            return limit.expanded - expanded - abs(slope) * years
+        value = np.array([trend.values[-1] + slope * years])
+        inside = conformance_probability(
+            value, np.array([expanded / COVERAGE]), np.array([limit.lower]), np.array([limit.upper])
+        )
+        return float(inside[0]) - PROBABILITY
+
+    if room(0.0) <= 0:
+        return 0.0
+    if room(_HORIZON) > 0:
+        return _HORIZON
+    return cast("float", scipy.optimize.brentq(room, 0.0, _HORIZON, xtol=1e-4))

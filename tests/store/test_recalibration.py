@@ -1,0 +1,75 @@
+"""When a sensor should be calibrated next: by each method, from histories whose answer is known."""
+
+import numpy as np
+import pytest
+from tests.refusals import refused
+from tests.store.calibration_generator import DRIFTING, G0, ten
+
+from inercal.errors import InputError
+from inercal.store import Register, SensorHistory
+from inercal.store.recalibration import LONGER, SHORTER, expanded_after, recalibration
+
+
+@pytest.fixture(scope="module")
+def history(tmp_path_factory: pytest.TempPathFactory) -> SensorHistory:
+    folder = tmp_path_factory.mktemp("ten")
+    with Register(str(folder / "register.db")) as register:
+        register.enter_calibrations(ten(folder))
+        return register.history(DRIFTING.sensor)
+
+
+def test_the_prediction_ends_where_u_and_the_drift_reach_the_limit(history: SensorHistory):
+    found = recalibration(history, {"ax.k0": "0.4 mg"})
+    (row,) = found.rows
+    trend = history.trend("ax.k0")
+    assert trend.verdict == "drifts"
+    assert row.prediction is not None
+    reach = expanded_after(trend, row.prediction)
+    reach += abs(trend.courses.line.slope.slope) * row.prediction  # type: ignore[union-attr]
+    assert reach == pytest.approx(0.4e-3 * G0, rel=1e-3)
+    # 60 µg a year are known to be the drift: less than 0.4 mg / 60 µg.
+    assert 1 < row.prediction < 400 / 60
+    assert row.chart is not None
+    assert row.staircase == pytest.approx(LONGER * float(np.diff(trend.time)[-1]))
+
+
+def test_no_interval_is_longer_than_twice_the_longest_that_was_seen(history: SensorHistory):
+    found = recalibration(history, {"ax.k0": "0.4 mg"}, in_use=0.25)
+    longest = float(np.diff(history.trend("ax.k0").time).max())
+    assert found.years == found.longest == pytest.approx(2 * longest)
+    assert found.decided_by == "house rule"
+    assert found.hours_in_use == pytest.approx(found.longest * 8766 / 4)
+    assert found.date is not None
+    assert found.date > history.entries[-1].measured
+
+
+def test_a_limit_below_u_is_exceeded_now(history: SensorHistory):
+    found = recalibration(history, {"bias": "1 ng", "gx.scale": "10 %"})
+    assert found.years == 0
+    assert found.decided_by.endswith(".k0")
+    assert found.date == history.entries[-1].measured[:10]
+    staircase = next(one.staircase for one in found.rows if one.name == "ax.k0")
+    assert staircase == pytest.approx(SHORTER * float(np.diff(history.trends[0].time)[-1]))
+
+
+def test_without_limits_there_is_no_date(history: SensorHistory):
+    found = recalibration(history)
+    assert (found.rows, found.years, found.date, found.decided_by) == ((), None, None, "")
+
+
+@pytest.mark.parametrize(
+    ("stated", "in_use", "words"),
+    [
+        ({"k9": "1 mg"}, None, "k9"),
+        ({"ax.k0": "1 °"}, None, "--limit ax.k0"),
+        ({"ax.k0": "-1 mg"}, None, "positive"),
+        ({"k2": "1 µg/g²"}, None, "not in this history"),
+        ({}, 2.0, "--in-use"),
+    ],
+)
+def test_limits_that_cannot_be_are_refused(
+    history: SensorHistory, stated: dict[str, str], in_use: float | None, words: str
+):
+    with refused(InputError) as refusal:
+        recalibration(history, stated, in_use)
+    assert words in str(refusal.value)
