@@ -70,6 +70,7 @@ def empty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("INERCAL_REGISTER", str(tmp_path / "register.db"))
+    monkeypatch.setenv("COLUMNS", "500")  # the pages show lines in one piece
     return tmp_path
 
 
