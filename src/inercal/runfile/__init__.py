@@ -48,11 +48,15 @@ from inercal.runfile.qualified_bench import (
     with_qualifications,
 )
 from inercal.runfile.schema import RunSchema, reader_options, schema_for_kind
-from inercal.runfile.section_checks import check_stated_gravity, require_used_keys
+from inercal.runfile.section_checks import (
+    check_stated_gravity,
+    require_time_offset,
+    require_used_keys,
+    sampling_rate,
+)
 from inercal.runfile.sensor_builder import build_sensor, coefficient_value
 from inercal.runfile.specification_section import stated_specification
 from inercal.runfile.validation_errors import schema_error, unknown_kind_error
-from inercal.section_settings import si_value
 from inercal.sensors import Sensor
 from inercal.small_files import is_file, parse_toml, read_small_file, read_toml
 
@@ -346,21 +350,8 @@ def _build_run(
     }
     # An IMU's truth may serve a method that leaves its gyros out.
     truth = {name: c for name, c in truth.items() if CoefficientName(name).axis in sensor.channels}
-    if schema.data.time_unit != "sample":
-        si_value(f"1 {schema.data.time_unit}", "s", "[data] time_unit")
-    if schema.data.temperature is not None:
-        si_value(f"1 {schema.data.temperature_unit}", "K", "[data] temperature_unit")
-    has_gyros = bool(sensor.select_axes("w").axes)
-    estimates_delay = chosen.unknown_attitudes and not chosen.follows_rest and has_gyros
-    if schema.method.time_offset and not estimates_delay:
-        raise InputError(
-            "[method] time_offset: only method multi_position with gyros estimates it; remove "
-            "time_offset",
-            key="[method] time_offset",
-        )
-    rate = None if schema.data.rate is None else si_value(schema.data.rate, "Hz", "[data] rate")
-    if rate is not None and rate <= 0:
-        raise InputError(f"[data] rate: {schema.data.rate!r} must be positive", key="[data] rate")
+    require_time_offset(schema.method, chosen, sensor)
+    rate = sampling_rate(schema.data)
     job, overdue = job_texts(schema.job, path.parent)
     check, doubts = stated_check_standard(schema.bench, schema.job, path.parent)
     chosen, config = with_filter_keys(schema, chosen, estimator, sensor, rate)

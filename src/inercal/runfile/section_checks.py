@@ -9,7 +9,7 @@ from inercal.errors import InputError
 from inercal.methods import Method
 from inercal.plan import Step, Turn
 from inercal.recording import Finding
-from inercal.runfile.schema import ReadoutSection, RunSchema
+from inercal.runfile.schema import DataSection, MethodSection, ReadoutSection, RunSchema
 from inercal.section_settings import (
     MISSING_GRAVITY,
     BenchSection,
@@ -18,6 +18,7 @@ from inercal.section_settings import (
     section_gravity,
     si_value,
 )
+from inercal.sensors import Sensor
 
 _ANOMALY = 1e-3  # m/s², 100 mGal: 2.5 standard deviations of free-air anomalies
 _HIGHEST = 3000.0  # m: a laboratory whose height is not stated
@@ -121,3 +122,35 @@ def _without_height(section: BenchSection) -> Finding:
         f"height, and u is {1e3 * COMPUTED_GRAVITY_SD:.1f} mm/s²"
     )
     return Finding("note", "height", text)
+
+
+def sampling_rate(data: DataSection) -> float | None:
+    """Return the rate that [data] states, Hz, after its units of time and temperature are checked.
+
+    Raises
+    ------
+    InputError
+        A unit of another quantity, or a rate that is not positive.
+    """
+    if data.time_unit != "sample":
+        si_value(f"1 {data.time_unit}", "s", "[data] time_unit")
+    if data.temperature is not None:
+        si_value(f"1 {data.temperature_unit}", "K", "[data] temperature_unit")
+    if data.rate is None:
+        return None
+    rate = si_value(data.rate, "Hz", "[data] rate")
+    if rate <= 0:
+        raise InputError(f"[data] rate: {data.rate!r} must be positive", key="[data] rate")
+    return rate
+
+
+def require_time_offset(section: MethodSection, chosen: Method[Any, Any], sensor: Sensor) -> None:
+    """Refuse [method] time_offset where the method estimates no delay of gyros."""
+    has_gyros = bool(sensor.select_axes("w").axes)
+    estimates_delay = chosen.unknown_attitudes and not chosen.follows_rest and has_gyros
+    if section.time_offset and not estimates_delay:
+        raise InputError(
+            "[method] time_offset: only method multi_position with gyros estimates it; remove "
+            "time_offset",
+            key="[method] time_offset",
+        )
