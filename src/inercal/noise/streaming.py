@@ -9,6 +9,7 @@ and changes of the mean come from the kept cumulative sums. 10⁸ samples keep a
 import numpy as np
 
 from inercal.arrays import Array
+from inercal.noise._kernels import squared_second_differences
 from inercal.noise.channel_noise import Quantity
 from inercal.noise.conclusion import ChannelSummary
 from inercal.noise.confidence import identify_noise
@@ -34,7 +35,7 @@ from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, wh
 
 KEPT_EVERY = 64
 _FIRST = 4096  # squared differences whose median sets the largest that counts
-_SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1)
+_SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1, dtype=np.int64)
 
 
 class StreamedChannel:
@@ -84,11 +85,9 @@ class StreamedChannel:
     def _add_sums(self, y: Array) -> None:
         x = np.concatenate([self._tail, self._tail[-1] + np.cumsum(y)])
         old = self._tail.size
-        for j, m in enumerate(_SHORT):
-            first = max(old - 2 * int(m), 0)
-            total, terms = sum_of_squared_differences(x[first:], int(m), ALLAN, 1)
-            self._squares[j] += total
-            self._terms[j] += terms
+        firsts = np.maximum(old - 2 * _SHORT, 0)
+        self._squares += squared_second_differences(x, _SHORT, np.ones_like(_SHORT), firsts)
+        self._terms += np.maximum(x.size - 2 * _SHORT - firsts, 0)
         # x[old] is the cumulative sum number count + 1.
         skip = (-(self.count + 1)) % KEPT_EVERY
         self._kept.append(x[old + skip :: KEPT_EVERY].copy())
