@@ -36,6 +36,12 @@ def run(
     skip_disturbed: bool = typer.Option(
         False, "--skip-disturbed", help="Leave the disturbed times out of the fit."
     ),
+    skip_band: list[str] = typer.Option(
+        [],
+        "--skip-band",
+        metavar="LOW-HIGH",
+        help="Leave a band of frequencies in Hz out of the fit, such as a vibration: 3.5-5.5.",
+    ),
     report: bool = typer.Option(False, "--report", help="Write a page with the plots."),
     section: Path | None = typer.Option(
         None,
@@ -63,6 +69,7 @@ def run(
     from inercal.noise.noise_files import WRITERS
 
     _check_choices(method, spacing, to, horizon)
+    bands = [_band(one) for one in skip_band]
     pages = {"page": out / f"{recording.stem}.noise.html"} if report else {}
     texts = {one: out / f"{recording.stem}.{one}.yaml" for one in to}
     kinds = dict.fromkeys(pages.values(), PAGE)
@@ -86,6 +93,7 @@ def run(
             method=method,  # type: ignore[arg-type]
             spacing=spacing,  # type: ignore[arg-type]
             keep_disturbed=not skip_disturbed,
+            skipped_bands=bands,
         )
     # All texts before the first is written: what refuses one leaves no other.
     contents = {one: WRITERS[one](analysis, horizon) for one in texts}
@@ -123,6 +131,23 @@ def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float)
             raise InputError(f"{option} {value!r}: it can be {', '.join(possible)}", key=option)
     if not 0 < horizon < float("inf"):
         raise InputError(f"--horizon {horizon:g}: give a positive time in s", key="--horizon")
+
+
+def _band(text: str) -> tuple[float, float]:
+    """Return lowest and highest frequency of "LOW-HIGH", Hz."""
+    from inercal.errors import InputError
+
+    try:
+        low, high = (float(one) for one in text.replace("–", "-").split("-"))
+    except ValueError:
+        low = high = float("nan")
+    if not 0 <= low < high < float("inf"):
+        raise InputError(
+            f"--skip-band {text!r}: write the lowest and the highest frequency in Hz, such as "
+            "3.5-5.5",
+            key="--skip-band",
+        )
+    return low, high
 
 
 def _read(path: Path, stated: Sequence[str]) -> "Recording":

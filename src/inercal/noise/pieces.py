@@ -47,6 +47,38 @@ class Pieces:
     temperature: tuple[Array, ...] | None
     remarks: tuple[str, ...]
 
+    @property
+    def temperatures(self) -> tuple[Array | None, ...]:
+        """The temperature of each piece, or None."""
+        return self.temperature or (None,) * len(self.values)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Samples of one channel without gaps.
+
+    Parameters
+    ----------
+    values : (n,) array
+        SI.
+    start : float
+        Time of the first sample, s from the recording's first.
+    temperature : (n,) array or None
+        K.
+    """
+
+    values: Array
+    start: float
+    temperature: Array | None = None
+
+    def __len__(self) -> int:
+        return self.values.size
+
+    def cut(self, first: int, stop: int, dt: float) -> "Part":
+        """Return the samples first … stop − 1."""
+        warmth = None if self.temperature is None else self.temperature[first:stop]
+        return Part(self.values[first:stop], self.start + first * dt, warmth)
+
 
 def split_at_gaps(recording: Recording) -> Pieces:
     """Return the pieces of a recording.
@@ -97,7 +129,8 @@ def _cut(
         lost = float(sum(time[b] - time[b - 1] - dt for _, b in spans[:-1]))
         remarks.append(
             f"{len(spans) - 1} gaps, {lost:.4g} s in all, part the recording into {len(kept)} "
-            f"pieces, each with its own likelihood; averaging times end with the longest piece"
+            f"pieces, each with its own likelihood; the Allan deviation has means "
+            "that are at least half full"
         )
     if len(kept) < len(spans):
         left = sum(b - a for a, b in spans) - sum(b - a for a, b in kept)
