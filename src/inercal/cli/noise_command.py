@@ -9,6 +9,7 @@ import typer
 from inercal.cli.console import print_json, print_written_files, progress_status
 
 if TYPE_CHECKING:
+    from inercal.drafts.long_rest_recording import LongRestRecording
     from inercal.noise import NoiseAnalysis
     from inercal.recording import Recording
 
@@ -82,19 +83,29 @@ def run(
         from inercal.report import require_report_packages
 
         require_report_packages()
-    with progress_status(f"reading {recording}"):
-        readings = _read(recording, stated)
-    with progress_status(f"analysing {recording}"):
-        from inercal.noise import analyse_noise
+    if recording.suffix.lower() != ".toml" and (long := _open_long(recording, stated)) is not None:
+        _require_possible_in_blocks(recording, method, spacing, skip_disturbed=skip_disturbed)
+        with progress_status(f"reading {recording} in blocks"):
+            stream = long.stream()
+        with progress_status(f"analysing {recording}"):
+            from inercal.noise.analysis import candidate_models
 
-        analysis = analyse_noise(
-            readings,
-            terms=terms,
-            method=method,  # type: ignore[arg-type]
-            spacing=spacing,  # type: ignore[arg-type]
-            keep_disturbed=not skip_disturbed,
-            skipped_bands=bands,
-        )
+            analysis = stream.analysis(candidate_models(terms), bands, long.table.sha256())
+            readings = stream.thinned()
+    else:
+        with progress_status(f"reading {recording}"):
+            readings = _read(recording, stated)
+        with progress_status(f"analysing {recording}"):
+            from inercal.noise import analyse_noise
+
+            analysis = analyse_noise(
+                readings,
+                terms=terms,
+                method=method,  # type: ignore[arg-type]
+                spacing=spacing,  # type: ignore[arg-type]
+                keep_disturbed=not skip_disturbed,
+                skipped_bands=bands,
+            )
     # All texts before the first is written: what refuses one leaves no other.
     contents = {one: WRITERS[one](analysis, horizon) for one in texts}
     merged = "" if section is None else _merged_run_file(analysis, section)
@@ -148,6 +159,34 @@ def _band(text: str) -> tuple[float, float]:
             key="--skip-band",
         )
     return low, high
+
+
+def _open_long(path: Path, stated: Sequence[str]) -> "LongRestRecording | None":
+    """Return a log that is too long for the memory; None of a short one."""
+    from inercal.cli.init_command import stated_keys
+    from inercal.drafts.long_rest_recording import open_long_rest_recording
+
+    return open_long_rest_recording(path, stated_keys(stated))
+
+
+def _require_possible_in_blocks(
+    path: Path, method: str, spacing: str, *, skip_disturbed: bool
+) -> None:
+    """Refuse what needs all samples in the memory."""
+    from inercal.errors import InputError
+
+    for option, asked in (
+        ("--skip-disturbed", skip_disturbed),
+        (f"--taus {spacing}", spacing != "octave"),
+        (f"--method {method}", method != "likelihood"),
+    ):
+        if asked:
+            raise InputError(
+                f"{option}: {path} is too long for the memory and is analysed in blocks, at "
+                "octaves, by likelihood and with its disturbed times; leave the option out, or "
+                "give a part of the recording",
+                key=option.split()[0],
+            )
 
 
 def _read(path: Path, stated: Sequence[str]) -> "Recording":

@@ -21,7 +21,7 @@ from inercal.noise.disturbances import Disturbance, find_disturbances
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.lines import SpectralLine, take_out_lines
 from inercal.noise.masked_deviation import can_be_masked, join_deviations, masked_oadev
-from inercal.noise.pieces import FEWEST, Part, Pieces, split_at_gaps
+from inercal.noise.pieces import Part, Pieces, split_at_gaps
 from inercal.noise.rounding import check_rounding
 from inercal.noise.selection import CANDIDATES, select_terms
 from inercal.noise.spectrum import (
@@ -94,7 +94,7 @@ def analyse_noise(
         more than 2.5 times its noise, or unknown terms.
     """
     wanted = AnalysisOptions(
-        _candidates(terms), method, spacing, tuple(kinds), keep_disturbed, tuple(skipped_bands)
+        candidate_models(terms), method, spacing, tuple(kinds), keep_disturbed, tuple(skipped_bands)
     )
     pieces = split_at_gaps(recording)
     channels = [_channel(recording, pieces, k, wanted) for k in range(len(recording.channels))]
@@ -103,57 +103,19 @@ def analyse_noise(
     )
 
 
-def analyse_noise_stream(
-    pieces: Iterable[Array],
-    dt: float,
-    channels: Sequence[str],
-    units: Sequence[str],
-    *,
-    terms: str | None = None,
-    source: str = "",
-) -> NoiseAnalysis:
-    """Return the noise of a recording that comes in pieces, in bounded memory.
-
-    Each channel keeps some 30 MB of 10⁸ samples (`inercal.noise.streaming`). There is no
-    temperature, and no gap: the samples are taken as evenly spaced.
+def candidate_models(terms: str | None) -> tuple[str, ...]:
+    """Return the models to choose from, as symbols of their terms.
 
     Parameters
     ----------
-    pieces : iterable of (k, m) array
-        One after the other; k may differ.
-    dt : float
-        Δ, s.
-    channels, units : sequence of m str
     terms : str, optional
-        As in `analyse_noise`.
-    source : str
-        For messages.
+        Symbols of the only model.
 
     Raises
     ------
     InputError
-        As `analyse_noise` raises it.
+        Unknown terms.
     """
-    from inercal.noise.streaming import StreamedChannel
-
-    candidates = _candidates(terms)
-    quantities: list[Quantity] = [quantity_of(*one) for one in zip(units, channels, strict=True)]
-    sizes = [si_factor(unit) for unit in units]
-    streamed = [StreamedChannel(dt) for _ in channels]
-    for piece in pieces:
-        for k, one in enumerate(streamed):
-            if len(piece):
-                one.add(np.ascontiguousarray(piece[:, k], dtype=np.float64) * sizes[k])
-    if not streamed or streamed[0].count < FEWEST:
-        raise InputError(f"{source or 'recording'}: fewer than {FEWEST} samples")
-    found = [
-        conclude(one.summary(name, quantity, source), candidates, "likelihood")
-        for one, name, quantity in zip(streamed, channels, quantities, strict=True)
-    ]
-    return NoiseAnalysis(source, (streamed[0].count - 1) * dt, tuple(found), ())
-
-
-def _candidates(terms: str | None) -> tuple[str, ...]:
     if terms is None:
         return CANDIDATES
     chosen = terms.replace(",", "").replace(" ", "").upper()
@@ -294,9 +256,7 @@ def _regressors(
 
 def _disturbances(parts: Sequence[Part], dt: float) -> tuple[Disturbance, ...]:
     return tuple(
-        replace(one, time=one.time + part.start)
-        for part in parts
-        for one in find_disturbances(part.values, dt)
+        one.later(part.start) for part in parts for one in find_disturbances(part.values, dt)
     )
 
 

@@ -10,8 +10,6 @@ import numpy as np
 
 from inercal.arrays import Array
 from inercal.noise._kernels import squared_second_differences
-from inercal.noise.channel_noise import Quantity
-from inercal.noise.conclusion import ChannelSummary
 from inercal.noise.confidence import identify_noise
 from inercal.noise.deviations import (
     ALLAN,
@@ -29,7 +27,6 @@ from inercal.noise.disturbances import (
     find_changes,
 )
 from inercal.noise.expected_periodogram import squared_coefficients
-from inercal.noise.lines import take_out_lines
 from inercal.noise.rounding import check_rounding
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
 
@@ -77,6 +74,17 @@ class StreamedChannel:
         self.count += y.size
         self.total += float(y.sum())
 
+    def remarks(self, channel: str, source: str) -> tuple[str, ...]:
+        """Return remarks on the rounding of the readings.
+
+        Raises
+        ------
+        InputError
+            They are rounded too coarsely.
+        """
+        kept = LONGEST if self._segments else self._filled
+        return check_rounding([self._segment[:kept] + self.origin], channel, source)
+
     @property
     def mean(self) -> float:
         """Mean of all samples."""
@@ -123,7 +131,8 @@ class StreamedChannel:
 
     def cumulative_sums(self) -> Array:
         """Return every 64th cumulative sum, from the first."""
-        return np.concatenate(self._kept)
+        self._kept = [np.concatenate(self._kept)]
+        return self._kept[0]
 
     def oadev(self) -> Deviations:
         """Return the overlapping Allan deviation at octaves."""
@@ -173,33 +182,3 @@ class StreamedChannel:
             if all(abs(one.time - burst.time) > 2 * WINDOW for burst in bursts)
         ]
         return tuple(sorted((*bursts, *apart), key=lambda one: one.time))
-
-    def summary(self, channel: str, quantity: Quantity, source: str) -> ChannelSummary:
-        """Return what the fit needs.
-
-        Raises
-        ------
-        InputError
-            The readings are rounded too coarsely.
-        """
-        kept = LONGEST if self._segments else self._filled
-        remarks = check_rounding([self._segment[:kept] + self.origin], channel, source)
-        clean = [take_out_lines(one) for one in self.spectra()]
-        values, dt = self.low_values()
-        octaves = self.oadev()
-        return ChannelSummary(
-            channel=channel,
-            quantity=quantity,
-            n=self.count,
-            longest=self.count,
-            dt=self.dt,
-            mean=self.mean,
-            spectra=tuple(spectrum for spectrum, _ in clean),
-            lines=tuple(line for _, lines in clean for line in lines),
-            octaves=octaves,
-            deviations={"oadev": octaves},
-            disturbances=self.disturbances(),
-            remarks=remarks,
-            low_values=values,
-            regressors={"ramp": np.arange(values.size, dtype=np.float64) * dt},
-        )
