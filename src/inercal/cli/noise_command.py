@@ -59,18 +59,34 @@ def run(
         help="Time in s at which a random walk equals a bias instability, for a program that "
         "knows only random walks.",
     ),
+    register: str | None = typer.Option(
+        None,
+        "--register",
+        help="Enter the analysis in this register: a path, sqlite:///PATH or "
+        "postgresql://USER@HOST/DATABASE; default is what $INERCAL_REGISTER says.",
+    ),
+    sensor: str | None = typer.Option(
+        None, "--sensor", help="Name of the sensor in the register; of a run file, its own."
+    ),
+    measured: str | None = typer.Option(
+        None, "--measured", help="Date of the recording, such as 2026-03-01; else now."
+    ),
+    by: str | None = typer.Option(
+        None, "--by", help="Name of the person who enters it; by default the user's name."
+    ),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder of the files to write."),
     force: bool = typer.Option(False, "--force", help="Write over existing files."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Find noise, bias instability and random walk of a sensor at rest, and its disturbances."""
-    from inercal.cli.noise_view import as_object, print_analysis
+    from inercal.cli.noise_view import print_analysis
     from inercal.cli.outputs import PAGE, RUN_FILE, OutputKind, check_outputs
     from inercal.io.atomic_files import keep_previous, write_text
     from inercal.noise.noise_files import WRITERS
 
     _check_choices(method, spacing, to, horizon)
     bands = [_band(one) for one in skip_band]
+    name = _sensor_name(recording, sensor, measured, by, register)
     pages = {"page": out / f"{recording.stem}.noise.html"} if report else {}
     texts = {one: out / f"{recording.stem}.{one}.yaml" for one in to}
     kinds = dict.fromkeys(pages.values(), PAGE)
@@ -119,11 +135,17 @@ def run(
         from inercal.report import write_noise
 
         files[name] = write_noise(analysis, readings, path)
+    entered = None if register is None else _enter(analysis, register, name, measured, by)
     if json:
-        print_json(as_object(analysis) | {name: str(path) for name, path in files.items()})
+        from inercal.noise.analysis_object import analysis_object
+
+        content = analysis_object(analysis) | {key: str(path) for key, path in files.items()}
+        print_json(content if entered is None else content | {"entered": entered})
         return
     print_analysis(analysis)
     print_written_files(files)
+    if entered is not None:
+        print(f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}")
 
 
 def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float) -> None:
@@ -142,6 +164,50 @@ def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float)
             raise InputError(f"{option} {value!r}: it can be {', '.join(possible)}", key=option)
     if not 0 < horizon < float("inf"):
         raise InputError(f"--horizon {horizon:g}: give a positive time in s", key="--horizon")
+
+
+def _sensor_name(
+    recording: Path, sensor: str | None, measured: str | None, by: str | None, register: str | None
+) -> str:
+    """Return the sensor's name in the register, before the work; empty without a register."""
+    from inercal.errors import InputError
+
+    if register is None:
+        for option, value in (("--sensor", sensor), ("--measured", measured), ("--by", by)):
+            if value is not None:
+                raise InputError(f"{option} is of --register, which is not given", key=option)
+        return ""
+    if sensor is None and recording.suffix.lower() == ".toml":
+        from inercal.runfile import read
+
+        sensor = read(recording).sensor.name
+    if not (sensor or "").strip():
+        raise InputError(
+            "--register needs the sensor's name: --sensor NAME, as the register has it",
+            key="--sensor",
+        )
+    if measured is not None:
+        from inercal.store.document import to_utc
+
+        try:
+            to_utc(measured)
+        except ValueError:
+            raise InputError(
+                f"--measured {measured!r} is not a time; write it in ISO 8601, such as 2026-03-01",
+                key="--measured",
+            ) from None
+    return str(sensor)
+
+
+def _enter(
+    analysis: "NoiseAnalysis", register: str, sensor: str, measured: str | None, by: str | None
+) -> dict[str, str | int]:
+    """Enter the analysis; return the register, the sensor and the analysis's number."""
+    from inercal.store import Register
+
+    with Register(register, by) as opened:
+        number = opened.enter_noise(analysis, sensor, measured)
+        return {"register": opened.address, "sensor": sensor, "number": number}
 
 
 def _band(text: str) -> tuple[float, float]:

@@ -9,8 +9,10 @@ import typer
 from inercal.cli.console import print_json
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from inercal.calibration import Calibration
-    from inercal.store import Register
+    from inercal.store import NoiseEntry, Register, SensorEntry
 
 NAME = "store"
 PAGE = 50  # calibrations or runs that a table lists, unless all are wanted
@@ -117,6 +119,7 @@ def history(
 ) -> None:
     """Show how a sensor's coefficients change: E_n of each calibration, drift, and a verdict."""
     from inercal.cli import store_view
+    from inercal.cli.noise_history_view import noise_objects, print_noise_history
     from inercal.store import Register
 
     with Register(register, create=False) as opened:
@@ -124,18 +127,38 @@ def history(
             from inercal.cli.outputs import PAGE, check_outputs
 
             check_outputs({out: PAGE}, opened.files)
+        entry, noise = opened.sensor(sensor), opened.noise_analyses(sensor)
+        if noise and not entry.calibrations and out is None and not coefficients:
+            _print_noise_alone(entry, noise, json=json)
+            return
         found = opened.history(sensor)
     chosen = found.select(coefficients or ())
     if out is not None:
         from inercal.report import write_history
 
-        write_history(chosen, out)
+        write_history(chosen, out, noise)
     if json:
-        print_json(store_view.history_object(chosen) | ({} if out is None else {"page": str(out)}))
+        content = store_view.history_object(chosen) | {"noise": noise_objects(noise)}
+        print_json(content | ({} if out is None else {"page": str(out)}))
         return
     store_view.print_history(chosen, detailed=bool(coefficients))
+    if not coefficients:
+        print_noise_history(noise)
     if out is not None:
         print(f"wrote {out}")
+
+
+def _print_noise_alone(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", *, json: bool) -> None:
+    """Print the noise over time of a sensor that was never calibrated."""
+    from inercal.cli import store_view
+    from inercal.cli.noise_history_view import noise_objects, print_noise_history
+
+    if json:
+        content = {"sensor": store_view.entry_object(sensor), "noise": noise_objects(noise)}
+        print_json(content)
+        return
+    print(f"{sensor.name}: no calibration yet")
+    print_noise_history(noise)
 
 
 @app.command()

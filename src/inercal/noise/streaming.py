@@ -9,7 +9,6 @@ and changes of the mean come from the kept cumulative sums. 10⁸ samples keep a
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.noise._kernels import squared_second_differences
 from inercal.noise.confidence import identify_noise
 from inercal.noise.deviations import (
     ALLAN,
@@ -91,6 +90,9 @@ class StreamedChannel:
         return self.origin + self.total / max(self.count, 1)
 
     def _add_sums(self, y: Array) -> None:
+        # Numba takes a second to load, which only long work repays.
+        from inercal.noise._kernels import squared_second_differences
+
         x = np.concatenate([self._tail, self._tail[-1] + np.cumsum(y)])
         old = self._tail.size
         firsts = np.maximum(old - 2 * _SHORT, 0)

@@ -3,7 +3,7 @@
 Figures are SVG inside the page, whose colours follow the reader's light or dark scheme.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ if TYPE_CHECKING:  # reports do without a register, and most without a noise ana
     from matplotlib.axes import Axes
 
     from inercal.noise import NoiseAnalysis
-    from inercal.store import SensorHistory
+    from inercal.store import NoiseEntry, SensorHistory
 
 
 def write_report(
@@ -111,23 +111,27 @@ def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: 
     return write_text(path, page(seen, sensor, message))
 
 
-def write_history(history: "SensorHistory", path: str | Path) -> Path:
+def write_history(
+    history: "SensorHistory", path: str | Path, noise: Sequence["NoiseEntry"] = ()
+) -> Path:
     """Write the page of a sensor's history; it appears whole or not at all. Return its path.
 
     Parameters
     ----------
     history : SensorHistory
     path : path
+    noise : sequence of NoiseEntry
+        Of the sensor; its page shows them too.
 
     Raises
     ------
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    return write_text(path, history_page(history))
+    return write_text(path, history_page(history, noise))
 
 
-def history_page(history: "SensorHistory") -> str:
+def history_page(history: "SensorHistory", noise: Sequence["NoiseEntry"] = ()) -> str:
     """Return the page of a sensor's history, HTML.
 
     Raises
@@ -137,7 +141,7 @@ def history_page(history: "SensorHistory") -> str:
     """
     with _extras():
         from inercal.report.sensor_history_page import page
-    return page(history)
+    return page(history, noise)
 
 
 def write_draft(draft: Draft, path: str | Path) -> Path:

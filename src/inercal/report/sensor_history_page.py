@@ -18,9 +18,10 @@ from inercal.comparison.comparison_text import format_en
 from inercal.keys import CoefficientName
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
+from inercal.report.noise_history_section import noise_history_section
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
-from inercal.store import SensorHistory
+from inercal.store import NoiseEntry, SensorHistory
 from inercal.store.history import CoefficientTrend
 from inercal.store.history_text import (
     drift_text,
@@ -86,8 +87,8 @@ class PrintedCalibration:
     p_value: str
 
 
-def page(history: SensorHistory) -> str:
-    """Return the whole page, HTML."""
+def page(history: SensorHistory, noise: Sequence[NoiseEntry] = ()) -> str:
+    """Return the whole page, HTML, with the noise analyses of the sensor."""
     groups = _axis_histories(history)
     return render(
         "over_time.html",
@@ -100,6 +101,7 @@ def page(history: SensorHistory) -> str:
         section=_render_section(groups),
         groups=groups,
         entries=_entry_rows(history),
+        noise=noise_history_section(noise),
     )
 
 
