@@ -10,7 +10,7 @@ from tests.noise.generator import DEG_H, MEMS, draw
 
 import inercal
 from inercal.errors import InputError
-from inercal.noise.masked_deviation import masked_oadev
+from inercal.noise.gap_oadev import gap_oadev
 from inercal.noise.pieces import Part
 from inercal.recording import Recording
 
@@ -83,7 +83,7 @@ def test_the_allan_deviation_across_gaps_is_that_of_the_terms_within_2_percent(
 ):
     found = []
     for seed in range(60):
-        table = masked_oadev(parted(draw(MEMS, 5000 + seed)[0], MEMS.dt, count, lost), MEMS.dt,
+        table = gap_oadev(parted(draw(MEMS, 5000 + seed)[0], MEMS.dt, count, lost), MEMS.dt,
                              "octave")  # fmt: skip
         found.append(table.value**2 / DEG_H**2)
     long = table.edf > 100
@@ -98,6 +98,6 @@ def test_the_allan_deviation_across_gaps_is_that_of_the_terms_within_2_percent(
 def test_without_gaps_the_allan_deviation_of_pieces_is_that_of_the_whole():
     y = draw(replace(MEMS, n=8192), 1)[0]
     whole = inercal.noise.deviations(y, MEMS.dt)
-    found = masked_oadev([Part(y[:3000], 0.0), Part(y[3000:], 3000 * MEMS.dt)], MEMS.dt, "octave")
+    found = gap_oadev([Part(y[:3000], 0.0), Part(y[3000:], 3000 * MEMS.dt)], MEMS.dt, "octave")
     assert np.allclose(found.value, whole.value, rtol=1e-9)
     assert np.allclose(found.edf, whole.edf, rtol=1e-9)

@@ -51,7 +51,10 @@ def run(
         help="Write the noise to \\[sensor.*] of this run file, new or with --force an existing.",
     ),
     to: list[str] = typer.Option(
-        [], "--to", metavar="kalibr|ros", help="Write the noise for another program."
+        [],
+        "--to",
+        metavar="kalibr|ros|filter",
+        help="Write the noise for another program, or as a filter's Q.",
     ),
     horizon: float = typer.Option(
         100.0,
@@ -82,7 +85,7 @@ def run(
     from inercal.cli.noise_view import print_analysis
     from inercal.cli.outputs import PAGE, RUN_FILE, OutputKind, check_outputs
     from inercal.io.atomic_files import keep_previous, write_text
-    from inercal.noise.noise_files import WRITERS
+    from inercal.noise.writers import WRITERS
 
     _check_choices(method, spacing, to, horizon)
     bands = [_band(one) for one in skip_band]
@@ -107,7 +110,7 @@ def run(
             from inercal.noise.analysis import candidate_models
 
             analysis = stream.analysis(candidate_models(terms), bands, long.table.sha256())
-            readings = stream.thinned()
+            readings = stream.block_mean_recording()
     else:
         with progress_status(f"reading {recording}"):
             readings = _read(recording, stated)
@@ -153,7 +156,7 @@ def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float)
     from inercal.errors import InputError
     from inercal.noise.coefficients import METHODS
     from inercal.noise.deviations import SPACINGS
-    from inercal.noise.noise_files import WRITERS
+    from inercal.noise.writers import WRITERS
 
     for option, value, possible in (
         ("--method", method, METHODS),

@@ -6,10 +6,10 @@ from typing import Any
 from inercal.cli.calibration_view import print_line
 from inercal.cli.tables import add_row, make_table, number_column
 from inercal.cli.terminal import terminal
-from inercal.store.noise_analyses import NoiseEntry, noise_entry_object, noise_trends
+from inercal.store.noise_history import NoiseEntry, noise_entry_object, noise_trends
 from inercal.store.noise_history_text import HEADS, change_lines, trend_rows
 
-_NUMBERS = ("analyses", "first", "newest", "U (k = 2)", "E_n")
+_NUMBERS = ("number", "first", "newest", "U (k = 2)", "E_n")
 
 
 def print_noise_history(entries: Sequence[NoiseEntry]) -> None:
@@ -28,7 +28,7 @@ def print_noise_history(entries: Sequence[NoiseEntry]) -> None:
         print_line(line)
 
 
-def noise_objects(entries: Sequence[NoiseEntry]) -> list[dict[str, Any]]:
+def noise_object_list(entries: Sequence[NoiseEntry]) -> list[dict[str, Any]]:
     """Return the entries for JSON, the oldest first, each with E_n against the one before."""
     errors = {
         (entry.id, trend.channel, trend.symbol): en

@@ -119,7 +119,7 @@ def history(
 ) -> None:
     """Show how a sensor's coefficients change: E_n of each calibration, drift, and a verdict."""
     from inercal.cli import store_view
-    from inercal.cli.noise_history_view import noise_objects, print_noise_history
+    from inercal.cli.noise_history_view import noise_object_list, print_noise_history
     from inercal.store import Register
 
     with Register(register, create=False) as opened:
@@ -127,7 +127,7 @@ def history(
             from inercal.cli.outputs import PAGE, check_outputs
 
             check_outputs({out: PAGE}, opened.files)
-        entry, noise = opened.sensor(sensor), opened.noise_analyses(sensor)
+        entry, noise = opened.sensor(sensor), opened.noise_history(sensor)
         if noise and not entry.calibrations and out is None and not coefficients:
             _print_noise_alone(entry, noise, json=json)
             return
@@ -138,7 +138,7 @@ def history(
 
         write_history(chosen, out, noise)
     if json:
-        content = store_view.history_object(chosen) | {"noise": noise_objects(noise)}
+        content = store_view.history_object(chosen) | {"noise": noise_object_list(noise)}
         print_json(content | ({} if out is None else {"page": str(out)}))
         return
     store_view.print_history(chosen, detailed=bool(coefficients))
@@ -151,10 +151,10 @@ def history(
 def _print_noise_alone(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", *, json: bool) -> None:
     """Print the noise over time of a sensor that was never calibrated."""
     from inercal.cli import store_view
-    from inercal.cli.noise_history_view import noise_objects, print_noise_history
+    from inercal.cli.noise_history_view import noise_object_list, print_noise_history
 
     if json:
-        content = {"sensor": store_view.entry_object(sensor), "noise": noise_objects(noise)}
+        content = {"sensor": store_view.entry_object(sensor), "noise": noise_object_list(noise)}
         print_json(content)
         return
     print(f"{sensor.name}: no calibration yet")

@@ -18,10 +18,11 @@ from inercal.noise.coefficients import Method
 from inercal.noise.conclusion import ChannelSummary, conclude
 from inercal.noise.deviations import Deviations, Spacing, deviations
 from inercal.noise.disturbances import Disturbance, find_disturbances
+from inercal.noise.gap_oadev import fits_grid, gap_oadev, join_deviations
 from inercal.noise.likelihood import NoiseFit
 from inercal.noise.lines import SpectralLine, take_out_lines
-from inercal.noise.masked_deviation import can_be_masked, join_deviations, masked_oadev
 from inercal.noise.pieces import Part, Pieces, split_at_gaps
+from inercal.noise.quiet_parts import quiet_parts, walk_remark
 from inercal.noise.rounding import check_rounding
 from inercal.noise.selection import CANDIDATES, select_terms
 from inercal.noise.spectrum import (
@@ -30,10 +31,9 @@ from inercal.noise.spectrum import (
     block_means,
     make_bins,
     piece_spectra,
-    without_bands,
+    remove_band,
 )
 from inercal.noise.terms import TERMS
-from inercal.noise.undisturbed import undisturbed_parts, walk_remark
 from inercal.recording import Recording
 from inercal.units import si_factor
 
@@ -162,7 +162,7 @@ def _channel(recording: Recording, pieces: Pieces, k: int, wanted: AnalysisOptio
     remarks = list(check_rounding([one.values for one in parts], name, recording.source))
     found, every = _disturbances(parts, pieces.dt), parts
     if found and not wanted.keep_disturbed:
-        parts = undisturbed_parts(every, found, pieces.dt)
+        parts = quiet_parts(every, found, pieces.dt)
         left = (sum(map(len, every)) - sum(map(len, parts))) * pieces.dt
         remarks.append(f"{left:.4g} s were left out (disturbances: {len(found)})")
     spectra, lines = _spectra(parts, pieces.dt, wanted.skipped_bands)
@@ -209,7 +209,7 @@ def _other_fit(
     parts = every
     if wanted.keep_disturbed:
         try:
-            parts = undisturbed_parts(every, found, dt)
+            parts = quiet_parts(every, found, dt)
         except InputError:
             return None
     spectra, _ = _spectra(parts, dt, wanted.skipped_bands)
@@ -229,7 +229,7 @@ def _spectra(
     lines: list[SpectralLine] = []
     for part in parts:
         for one in piece_spectra(part.values, dt):
-            clean, found = take_out_lines(without_bands(one, skipped_bands))
+            clean, found = take_out_lines(remove_band(one, skipped_bands))
             spectra.append(clean)
             lines += found
     if skipped_bands and not any(one.kept.any() for one in spectra):
@@ -256,14 +256,14 @@ def _regressors(
 
 def _disturbances(parts: Sequence[Part], dt: float) -> tuple[Disturbance, ...]:
     return tuple(
-        one.later(part.start) for part in parts for one in find_disturbances(part.values, dt)
+        one.shifted(part.start) for part in parts for one in find_disturbances(part.values, dt)
     )
 
 
 def _deviations(parts: Sequence[Part], dt: float, kind: str, spacing: Spacing) -> Deviations:
     """Return a deviation of the pieces: OADEV across gaps, others weighted by their differences."""
-    if len(parts) > 1 and kind == "oadev" and can_be_masked(parts, dt):
-        return masked_oadev(parts, dt, spacing)
+    if len(parts) > 1 and kind == "oadev" and fits_grid(parts, dt):
+        return gap_oadev(parts, dt, spacing)
     return join_deviations(
         [deviations(one.values, dt, kind, spacing) for one in parts if len(one) >= 16]
     )

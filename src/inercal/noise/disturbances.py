@@ -53,7 +53,7 @@ class Disturbance:
     size: float
     score: float
 
-    def later(self, seconds: float) -> "Disturbance":
+    def shifted(self, seconds: float) -> "Disturbance":
         """Return the disturbance with its time counted from earlier by so many seconds."""
         return replace(self, time=self.time + seconds)
 

@@ -74,7 +74,7 @@ class Part:
     def __len__(self) -> int:
         return self.values.size
 
-    def cut(self, first: int, stop: int, dt: float) -> "Part":
+    def slice_samples(self, first: int, stop: int, dt: float) -> "Part":
         """Return the samples first … stop − 1."""
         warmth = None if self.temperature is None else self.temperature[first:stop]
         return Part(self.values[first:stop], self.start + first * dt, warmth)

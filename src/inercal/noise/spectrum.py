@@ -163,7 +163,7 @@ def make_bins(spectra: Sequence[Spectrum], dt: float) -> Bins:
     )
 
 
-def without_bands(spectrum: Spectrum, bands: Sequence[Band]) -> Spectrum:
+def remove_band(spectrum: Spectrum, bands: Sequence[Band]) -> Spectrum:
     """Return a spectrum without the coefficients within bands of frequency."""
     frequency = np.arange(1, spectrum.n) / (2 * spectrum.n * spectrum.dt)
     kept = spectrum.kept.copy()

@@ -13,10 +13,10 @@ from inercal.errors import InputError
 from inercal.noise.analysis import candidate_models, quantity_of
 from inercal.noise.channel_noise import NoiseAnalysis, Quantity
 from inercal.noise.conclusion import ChannelSummary, conclude
+from inercal.noise.gap_oadev import join_deviations
 from inercal.noise.lines import take_out_lines
-from inercal.noise.masked_deviation import join_deviations
 from inercal.noise.pieces import FEWEST
-from inercal.noise.spectrum import Band, without_bands
+from inercal.noise.spectrum import Band, remove_band
 from inercal.noise.streaming import StreamedChannel
 from inercal.recording import Recording
 from inercal.units import si_factor
@@ -180,7 +180,7 @@ class NoiseStream:
     def _summary(self, k: int, skipped_bands: Sequence[Band]) -> ChannelSummary:
         parts = [channels[k] for channels in self._pieces]
         clean = [
-            take_out_lines(without_bands(one, skipped_bands))
+            take_out_lines(remove_band(one, skipped_bands))
             for part in parts
             for one in part.spectra()
         ]
@@ -202,7 +202,7 @@ class NoiseStream:
             octaves=octaves,
             deviations={"oadev": octaves},
             disturbances=tuple(
-                one.later(start)
+                one.shifted(start)
                 for part, start in zip(parts, self._starts, strict=False)
                 for one in part.disturbances()
             ),
@@ -211,7 +211,7 @@ class NoiseStream:
             regressors={"ramp": np.arange(values.size, dtype=np.float64) * dt} if single else {},
         )
 
-    def thinned(self) -> Recording:
+    def block_mean_recording(self) -> Recording:
         """Return block means of the longest piece, SI, for plots over time."""
         k = max(range(len(self._pieces)), key=lambda one: self._pieces[one][0].count)
         found = [one.low_values() for one in self._pieces[k]]

@@ -15,7 +15,7 @@ from inercal.report import drawing
 from inercal.report.drawing import FAINT, INK, MUTED, WARN, X, Y, Z, svg
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
-from inercal.store.noise_analyses import NoiseEntry, NoiseTrend, noise_trends
+from inercal.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
 from inercal.store.noise_history_text import change_lines, trend_rows
 from inercal.uncertainty.coverage import COVERAGE
 

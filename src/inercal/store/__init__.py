@@ -18,7 +18,7 @@ with require_extra("store", "the register needs SQLAlchemy and Alembic", _PACKAG
     )
     from inercal.store.entries import CalibrationEntry, FileEntry, RunEntry, RunFacts, SensorEntry
     from inercal.store.history import SensorHistory
-    from inercal.store.noise_analyses import NoiseEntry, NoiseTrend, noise_trends
+    from inercal.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
     from inercal.store.register import Register
 
 __all__ = [

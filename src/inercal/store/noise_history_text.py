@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 from inercal.comparison.comparison_text import format_en
 from inercal.noise.texts import coefficient_cells
-from inercal.store.noise_analyses import NoiseTrend
+from inercal.store.noise_history import NoiseTrend
 
-HEADS = ("channel", "term", "analyses", "first", "newest", "U (k = 2)", "unit", "E_n")
+HEADS = ("channel", "term", "number", "first", "newest", "U (k = 2)", "unit", "E_n")
 
 
 def trend_rows(trends: Sequence[NoiseTrend]) -> list[tuple[str, ...]]:

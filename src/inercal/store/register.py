@@ -28,7 +28,7 @@ from inercal.store.connection import (
 from inercal.store.document import make_document, to_utc, utc_now
 from inercal.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
 from inercal.store.history import SensorHistory, build_history
-from inercal.store.noise_analyses import NoiseEntry, enter_noise, noise_entries
+from inercal.store.noise_history import NoiseEntry, enter_noise, read_noise
 from inercal.store.register_tables import calibration, run
 
 Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connection]]
@@ -171,10 +171,10 @@ class Register:
         one = self.sensor(sensor)
         return build_history(one, self.calibrations(one.id))
 
-    def noise_analyses(self, sensor: int | str) -> tuple[NoiseEntry, ...]:
+    def noise_history(self, sensor: int | str) -> tuple[NoiseEntry, ...]:
         """Return the noise analyses of a sensor as they were measured."""
         with self._transaction(read_transaction) as db:
-            return noise_entries(db, queries.find_sensor(db, sensor).id)
+            return read_noise(db, queries.find_sensor(db, sensor).id)
 
     def enter_noise(self, analysis: NoiseAnalysis, sensor: str, measured: str | None = None) -> int:
         """Enter a noise analysis of a sensor by its name; return the analysis's number.

@@ -42,11 +42,11 @@ def entered(address: str, three: list[NoiseAnalysis]) -> None:
 def test_analyses_are_read_back_as_they_were_entered(address: str, three: list[NoiseAnalysis]):
     entered(address, three)
     with Register(address) as register:
-        found = register.noise_analyses("gyro 7")
+        found = register.noise_history("gyro 7")
         assert register.sensor("gyro 7").axes == ("gx", "gy", "gz")
         again = register.enter_noise(three[1], "gyro 7", "2027-01-01")
         assert again == found[1].id
-        assert register.noise_analyses("gyro 7") == found
+        assert register.noise_history("gyro 7") == found
     assert [one.measured[:10] for one in found] == ["2026-01-01", "2026-02-01", "2026-03-01"]
     assert [one.by for one in found] == ["A. Tester"] * 3
     for entry, one in zip(found, three, strict=True):
@@ -66,7 +66,7 @@ def test_white_noise_that_grew_by_half_is_a_change_and_that_of_a_repeat_is_none(
 ):
     entered(address, three)
     with Register(address) as register:
-        trends = noise_trends(register.noise_analyses("gyro 7"))
+        trends = noise_trends(register.noise_history("gyro 7"))
     white = [one for one in trends if one.symbol == "N"]
     assert [one.channel for one in white] == ["gx", "gy", "gz"]
     for one in white:
@@ -84,7 +84,7 @@ def test_two_analyses_of_one_recording_are_no_repeats(address: str, three: list[
     other = replace(three[0], remarks=("analysed again",))
     with Register(address) as register:
         number = register.enter_noise(other, "gyro 7", "2026-01-01")
-        found = register.noise_analyses("gyro 7")
+        found = register.noise_history("gyro 7")
         assert len(found) == 2
         (white, *_) = noise_trends(found)
     assert [one.id for one in white.entries] == [number]
@@ -110,7 +110,7 @@ def test_a_changed_content_and_a_wrong_date_are_refused(address: str, three: lis
         db.exec_driver_sql("UPDATE noise_analysis SET content = '{}'")
     engine.dispose()
     with Register(address) as register, refused(InputError, key="--register"):
-        register.noise_analyses("gyro 7")
+        register.noise_history("gyro 7")
 
 
 def test_a_backup_has_the_noise_analyses(address: str, tmp_path: Path, three: list[NoiseAnalysis]):
@@ -118,7 +118,7 @@ def test_a_backup_has_the_noise_analyses(address: str, tmp_path: Path, three: li
     backup_register(address, tmp_path / "copy.db")
     restore_register(tmp_path / "copy.db", str(tmp_path / "new.db"))
     with Register(address) as old, Register(str(tmp_path / "new.db")) as new:
-        assert old.noise_analyses("gyro 7") == new.noise_analyses("gyro 7")
+        assert old.noise_history("gyro 7") == new.noise_history("gyro 7")
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from inercal.units import si_factor
 _MARGIN = 1.0  # s, on both sides of a disturbance
 
 
-def undisturbed_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) -> list[Part]:
+def quiet_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: float) -> list[Part]:
     """Return the pieces that no disturbance, nor 1 s about it, covers.
 
     Raises
@@ -33,7 +33,7 @@ def undisturbed_parts(parts: Sequence[Part], found: Sequence[Disturbance], dt: f
             good[max(first, 0) : max(last, 0)] = False
         edges = np.flatnonzero(np.diff(np.concatenate([[False], good])))
         spans = [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-        kept += [part.cut(a, b, dt) for a, b in spans if b - a >= FEWEST]
+        kept += [part.slice_samples(a, b, dt) for a, b in spans if b - a >= FEWEST]
     if not kept:
         raise InputError("nothing of the recording is undisturbed: record again")
     return kept

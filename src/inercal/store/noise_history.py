@@ -163,7 +163,7 @@ def enter_noise(
     return int(key[0])
 
 
-def noise_entries(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
+def read_noise(db: Connection, sensor_id: int) -> tuple[NoiseEntry, ...]:
     """Return the noise analyses of a sensor as they were measured.
 
     Raises

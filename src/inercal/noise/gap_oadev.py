@@ -34,7 +34,7 @@ _BLOCK = 1 << 18  # differences at a time
 _PHASES = 2
 
 
-def can_be_masked(parts: Sequence[Part], dt: float) -> bool:
+def fits_grid(parts: Sequence[Part], dt: float) -> bool:
     """Return whether the grid has at most four times as many places as there are samples."""
     return _offsets(parts, dt)[-1] + len(parts[-1]) <= _LARGEST_GRID * sum(map(len, parts))
 
@@ -49,7 +49,7 @@ def _offsets(parts: Sequence[Part], dt: float) -> list[int]:
     return found
 
 
-def masked_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
+def gap_oadev(parts: Sequence[Part], dt: float, spacing: Spacing) -> Deviations:
     """Return the overlapping Allan deviation across the gaps between pieces.
 
     Parameters
