@@ -50,7 +50,7 @@ BENCHES = (
 )
 LONG = pytest.mark.evidence  # a minute and more
 METHODS_OF_SOAKS = [
-    ("ship_multi_angle", "joint"),
+    pytest.param("ship_multi_angle", "joint", marks=LONG),
     ("tumble", "least_squares"),
     ("centrifuge_norm", "ml"),
     pytest.param("rates_and_poses", "ml", marks=LONG),

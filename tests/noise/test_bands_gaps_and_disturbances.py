@@ -82,7 +82,7 @@ def test_the_allan_deviation_across_gaps_is_that_of_the_terms_within_2_percent(
     count: int, lost: int
 ):
     found = []
-    for seed in range(60):
+    for seed in range(40):
         table = gap_oadev(parted(draw(MEMS, 5000 + seed)[0], MEMS.dt, count, lost), MEMS.dt,
                              "octave")  # fmt: skip
         found.append(table.value**2 / DEG_H**2)

@@ -84,7 +84,7 @@ def test_a_plan_expects_more_uncertainty_of_more_noise(log: Path, tmp_path: Path
     assert done.status == 0, done.error
     found = []
     for path in (quiet, target):
-        planned = run_program("plan", path, "--json")
+        planned = run_program("plan", path, "--json", "--positions", "12", "--seconds", "1")
         assert planned.status == 0, planned.error
         found.append(json.loads(planned.output))
     stds = [{one["name"]: one["std"] for one in content["expected"]} for content in found]
