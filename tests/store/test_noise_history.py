@@ -125,8 +125,10 @@ def test_a_backup_has_the_noise_analyses(address: str, tmp_path: Path, three: li
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("noise")
     y = np.degrees(draw(replace(MEMS, n=4096), 2, 3).T)
-    table = np.column_stack([MEMS.dt * np.arange(len(y)), y])
-    np.savetxt(folder / "log.csv", table, "%.9g", ",", header="time,gx,gy,gz", comments="")
+    force = 1e-3 * np.random.default_rng(3).standard_normal(y.shape) + np.array([0, 0, 9.81])
+    table = np.column_stack([MEMS.dt * np.arange(len(y)), force, y])
+    head = "time,ax,ay,az,gx,gy,gz"
+    np.savetxt(folder / "log.csv", table, "%.9g", ",", header=head, comments="")
     return folder / "log.csv"
 
 
@@ -144,8 +146,7 @@ def test_the_verb_enters_an_analysis_and_the_history_shows_it(log: Path, tmp_pat
     )
     (one,) = found["noise"]
     white = [c for c in one["coefficients"] if c["symbol"] == "N"]
-    assert len(white) == 3
-    assert white[0]["unit"] == "°/√h"
+    assert [c["unit"] for c in white] == ["µg/√Hz"] * 3 + ["°/√h"] * 3
 
 
 def test_the_page_of_a_calibrated_sensor_shows_its_noise(
@@ -184,3 +185,19 @@ def test_what_the_register_cannot_take_is_refused_before_the_work(
     assert done.status == 2
     assert key in done.error
     assert not list(tmp_path.iterdir())
+
+
+def test_a_run_file_names_the_sensor(log: Path, tmp_path: Path):
+    run_file, register = log.with_name("run.toml"), tmp_path / "register.db"
+    run_file.write_text(
+        '[sensor]\nname = "imu 9"\n[sensor.accelerometer]\nunit = "m/s²"\n'
+        '[sensor.gyro]\nunit = "°/s"\n[bench]\ngravity = "9.80 m/s² ± 0.02 m/s²"\n'
+        '[data]\nfile = "log.csv"\naccelerometer = ["ax", "ay", "az"]\n'
+        'gyro = ["gx", "gy", "gz"]\ntime = "time"\ntime_unit = "s"\n[method]\nname = "multi_position"\n'
+    )
+    done = run_program("noise", run_file, "--register", register)
+    assert done.status == 0, done.error
+    with Register(str(register)) as opened:
+        (found,) = opened.noise_history("imu 9")
+    assert list(found.coefficients) == ["ax", "ay", "az", "gx", "gy", "gz"]
+    assert found.measured_from == "entered"
