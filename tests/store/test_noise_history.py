@@ -193,7 +193,8 @@ def test_a_run_file_names_the_sensor(log: Path, tmp_path: Path):
         '[sensor]\nname = "imu 9"\n[sensor.accelerometer]\nunit = "m/s²"\n'
         '[sensor.gyro]\nunit = "°/s"\n[bench]\ngravity = "9.80 m/s² ± 0.02 m/s²"\n'
         '[data]\nfile = "log.csv"\naccelerometer = ["ax", "ay", "az"]\n'
-        'gyro = ["gx", "gy", "gz"]\ntime = "time"\ntime_unit = "s"\n[method]\nname = "multi_position"\n'
+        'gyro = ["gx", "gy", "gz"]\ntime = "time"\ntime_unit = "s"\n'
+        '[method]\nname = "multi_position"\n'
     )
     done = run_program("noise", run_file, "--register", register)
     assert done.status == 0, done.error
