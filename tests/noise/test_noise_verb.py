@@ -135,6 +135,9 @@ def test_a_run_file_names_the_recording(folder: Path, tmp_path: Path):
         (("--set", UNIT, "--set", "sensor.gyro.white=3"), "sensor.gyro.white"),
         (("--set", UNIT, "--terms", "B", "--to", "kalibr"), "--terms"),
         (("--set", UNIT, "--terms", "B", "--to", "ros"), "--terms"),
+        (("--set", UNIT, "--skip-band", "5-3"), "--skip-band"),
+        (("--set", UNIT, "--skip-band", "slow"), "--skip-band"),
+        (("--set", UNIT, "--skip-band", "0-99"), "--skip-band"),
     ],
 )
 def test_what_is_not_known_or_not_possible_is_refused_in_one_line(

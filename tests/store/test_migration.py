@@ -38,7 +38,7 @@ def test_migrations_lead_to_the_tables_of_this_version(address: str):
     with engine.connect() as db:
         context = MigrationContext.configure(db, opts={"version_table": VERSION_TABLE})
         assert compare_metadata(context, metadata) == []
-        assert context.get_current_revision() == "0003"
+        assert context.get_current_revision() == "0004"
     engine.dispose()
 
 
@@ -58,6 +58,8 @@ def test_a_register_without_certificates_gets_their_table_and_keeps_the_rest(
         before = register.calibrations()
     engine = create_engine(resolve_address(address).url)
     with engine.begin() as db:  # as revision 0002 left it
+        db.exec_driver_sql("DROP TABLE noise_coefficient")
+        db.exec_driver_sql("DROP TABLE noise_analysis")
         db.exec_driver_sql("DROP TABLE certificate")
         if db.dialect.name == "postgresql":
             db.exec_driver_sql("DROP FUNCTION inercal_keep_certificate()")
@@ -75,7 +77,7 @@ def test_a_newer_register_is_refused_and_left_as_it_is(address: str):
         Register(address)
     assert "9999" in str(refusal.value)
     assert "\n" not in str(refusal.value)
-    revised(address, "0003")
+    revised(address, "0004")
     Register(address).close()
 
 

@@ -9,6 +9,7 @@ import typer
 from inercal.cli.console import print_json, print_written_files, progress_status
 
 if TYPE_CHECKING:
+    from inercal.drafts.long_rest_recording import LongRestRecording
     from inercal.noise import NoiseAnalysis
     from inercal.recording import Recording
 
@@ -36,6 +37,12 @@ def run(
     skip_disturbed: bool = typer.Option(
         False, "--skip-disturbed", help="Leave the disturbed times out of the fit."
     ),
+    skip_band: list[str] = typer.Option(
+        [],
+        "--skip-band",
+        metavar="LOW-HIGH",
+        help="Leave a band of frequencies in Hz out of the fit, such as a vibration: 3.5-5.5.",
+    ),
     report: bool = typer.Option(False, "--report", help="Write a page with the plots."),
     section: Path | None = typer.Option(
         None,
@@ -44,7 +51,10 @@ def run(
         help="Write the noise to \\[sensor.*] of this run file, new or with --force an existing.",
     ),
     to: list[str] = typer.Option(
-        [], "--to", metavar="kalibr|ros", help="Write the noise for another program."
+        [],
+        "--to",
+        metavar="kalibr|ros|filter",
+        help="Write the noise for another program, or as a filter's Q.",
     ),
     horizon: float = typer.Option(
         100.0,
@@ -52,17 +62,34 @@ def run(
         help="Time in s at which a random walk equals a bias instability, for a program that "
         "knows only random walks.",
     ),
+    register: str | None = typer.Option(
+        None,
+        "--register",
+        help="Enter the analysis in this register: a path, sqlite:///PATH or "
+        "postgresql://USER@HOST/DATABASE; default is what $INERCAL_REGISTER says.",
+    ),
+    sensor: str | None = typer.Option(
+        None, "--sensor", help="Name of the sensor in the register; of a run file, its own."
+    ),
+    measured: str | None = typer.Option(
+        None, "--measured", help="Date of the recording, such as 2026-03-01; else now."
+    ),
+    by: str | None = typer.Option(
+        None, "--by", help="Name of the person who enters it; by default the user's name."
+    ),
     out: Path = typer.Option(Path(), "--out", "-o", help="Folder of the files to write."),
     force: bool = typer.Option(False, "--force", help="Write over existing files."),
     json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Find noise, bias instability and random walk of a sensor at rest, and its disturbances."""
-    from inercal.cli.noise_view import as_object, print_analysis
+    from inercal.cli.noise_view import print_analysis
     from inercal.cli.outputs import PAGE, RUN_FILE, OutputKind, check_outputs
     from inercal.io.atomic_files import keep_previous, write_text
-    from inercal.noise.noise_files import WRITERS
+    from inercal.noise.writers import WRITERS
 
     _check_choices(method, spacing, to, horizon)
+    bands = [_band(one) for one in skip_band]
+    name = _sensor_name(recording, sensor, measured, by, register)
     pages = {"page": out / f"{recording.stem}.noise.html"} if report else {}
     texts = {one: out / f"{recording.stem}.{one}.yaml" for one in to}
     kinds = dict.fromkeys(pages.values(), PAGE)
@@ -75,18 +102,29 @@ def run(
         from inercal.report import require_report_packages
 
         require_report_packages()
-    with progress_status(f"reading {recording}"):
-        readings = _read(recording, stated)
-    with progress_status(f"analysing {recording}"):
-        from inercal.noise import analyse_noise
+    if recording.suffix.lower() != ".toml" and (long := _open_long(recording, stated)) is not None:
+        _require_possible_in_blocks(recording, method, spacing, skip_disturbed=skip_disturbed)
+        with progress_status(f"reading {recording} in blocks"):
+            stream = long.stream()
+        with progress_status(f"analysing {recording}"):
+            from inercal.noise.analysis import candidate_models
 
-        analysis = analyse_noise(
-            readings,
-            terms=terms,
-            method=method,  # type: ignore[arg-type]
-            spacing=spacing,  # type: ignore[arg-type]
-            keep_disturbed=not skip_disturbed,
-        )
+            analysis = stream.analysis(candidate_models(terms), bands, long.table.sha256())
+            readings = stream.block_mean_recording()
+    else:
+        with progress_status(f"reading {recording}"):
+            readings = _read(recording, stated)
+        with progress_status(f"analysing {recording}"):
+            from inercal.noise import analyse_noise
+
+            analysis = analyse_noise(
+                readings,
+                terms=terms,
+                method=method,  # type: ignore[arg-type]
+                spacing=spacing,  # type: ignore[arg-type]
+                keep_disturbed=not skip_disturbed,
+                skipped_bands=bands,
+            )
     # All texts before the first is written: what refuses one leaves no other.
     contents = {one: WRITERS[one](analysis, horizon) for one in texts}
     merged = "" if section is None else _merged_run_file(analysis, section)
@@ -100,11 +138,17 @@ def run(
         from inercal.report import write_noise
 
         files[name] = write_noise(analysis, readings, path)
+    entered = None if register is None else _enter(analysis, register, name, measured, by)
     if json:
-        print_json(as_object(analysis) | {name: str(path) for name, path in files.items()})
+        from inercal.noise.analysis_object import analysis_object
+
+        content = analysis_object(analysis) | {key: str(path) for key, path in files.items()}
+        print_json(content if entered is None else content | {"entered": entered})
         return
     print_analysis(analysis)
     print_written_files(files)
+    if entered is not None:
+        print(f"{entered['register']}: noise analysis {entered['number']} of {entered['sensor']}")
 
 
 def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float) -> None:
@@ -112,7 +156,7 @@ def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float)
     from inercal.errors import InputError
     from inercal.noise.coefficients import METHODS
     from inercal.noise.deviations import SPACINGS
-    from inercal.noise.noise_files import WRITERS
+    from inercal.noise.writers import WRITERS
 
     for option, value, possible in (
         ("--method", method, METHODS),
@@ -123,6 +167,95 @@ def _check_choices(method: str, spacing: str, to: Sequence[str], horizon: float)
             raise InputError(f"{option} {value!r}: it can be {', '.join(possible)}", key=option)
     if not 0 < horizon < float("inf"):
         raise InputError(f"--horizon {horizon:g}: give a positive time in s", key="--horizon")
+
+
+def _sensor_name(
+    recording: Path, sensor: str | None, measured: str | None, by: str | None, register: str | None
+) -> str:
+    """Return the sensor's name in the register, before the work; empty without a register."""
+    from inercal.errors import InputError
+
+    if register is None:
+        for option, value in (("--sensor", sensor), ("--measured", measured), ("--by", by)):
+            if value is not None:
+                raise InputError(f"{option} is of --register, which is not given", key=option)
+        return ""
+    if sensor is None and recording.suffix.lower() == ".toml":
+        from inercal.runfile import read
+
+        sensor = read(recording).sensor.name
+    if not (sensor or "").strip():
+        raise InputError(
+            "--register needs the sensor's name: --sensor NAME, as the register has it",
+            key="--sensor",
+        )
+    if measured is not None:
+        from inercal.store.document import to_utc
+
+        try:
+            to_utc(measured)
+        except ValueError:
+            raise InputError(
+                f"--measured {measured!r} is not a time; write it in ISO 8601, such as 2026-03-01",
+                key="--measured",
+            ) from None
+    return str(sensor)
+
+
+def _enter(
+    analysis: "NoiseAnalysis", register: str, sensor: str, measured: str | None, by: str | None
+) -> dict[str, str | int]:
+    """Enter the analysis; return the register, the sensor and the analysis's number."""
+    from inercal.store import Register
+
+    with Register(register, by) as opened:
+        number = opened.enter_noise(analysis, sensor, measured)
+        return {"register": opened.address, "sensor": sensor, "number": number}
+
+
+def _band(text: str) -> tuple[float, float]:
+    """Return lowest and highest frequency of "LOW-HIGH", Hz."""
+    from inercal.errors import InputError
+
+    try:
+        low, high = (float(one) for one in text.replace("–", "-").split("-"))
+    except ValueError:
+        low = high = float("nan")
+    if not 0 <= low < high < float("inf"):
+        raise InputError(
+            f"--skip-band {text!r}: write the lowest and the highest frequency in Hz, such as "
+            "3.5-5.5",
+            key="--skip-band",
+        )
+    return low, high
+
+
+def _open_long(path: Path, stated: Sequence[str]) -> "LongRestRecording | None":
+    """Return a log that is too long for the memory; None of a short one."""
+    from inercal.cli.init_command import stated_keys
+    from inercal.drafts.long_rest_recording import open_long_rest_recording
+
+    return open_long_rest_recording(path, stated_keys(stated))
+
+
+def _require_possible_in_blocks(
+    path: Path, method: str, spacing: str, *, skip_disturbed: bool
+) -> None:
+    """Refuse what needs all samples in the memory."""
+    from inercal.errors import InputError
+
+    for option, asked in (
+        ("--skip-disturbed", skip_disturbed),
+        (f"--taus {spacing}", spacing != "octave"),
+        (f"--method {method}", method != "likelihood"),
+    ):
+        if asked:
+            raise InputError(
+                f"{option}: {path} is too long for the memory and is analysed in blocks, at "
+                "octaves, by likelihood and with its disturbed times; leave the option out, or "
+                "give a part of the recording",
+                key=option.split()[0],
+            )
 
 
 def _read(path: Path, stated: Sequence[str]) -> "Recording":

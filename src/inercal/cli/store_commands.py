@@ -9,8 +9,10 @@ import typer
 from inercal.cli.console import print_json
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from inercal.calibration import Calibration
-    from inercal.store import Register
+    from inercal.store import NoiseEntry, Register, SensorEntry
 
 NAME = "store"
 PAGE = 50  # calibrations or runs that a table lists, unless all are wanted
@@ -128,6 +130,7 @@ def history(
 ) -> None:
     """Show how a sensor's coefficients change, and when it should be calibrated next."""
     from inercal.cli import recalibration_view, store_view
+    from inercal.cli.noise_history_view import noise_object_list, print_noise_history
     from inercal.store import Register
     from inercal.store.recalibration import recalibration
 
@@ -136,6 +139,10 @@ def history(
             from inercal.cli.outputs import PAGE, check_outputs
 
             check_outputs({out: PAGE}, opened.files)
+        entry, noise = opened.sensor(sensor), opened.noise_history(sensor)
+        if noise and not entry.calibrations and out is None and not coefficients:
+            _print_noise_alone(entry, noise, json=json)
+            return
         found = opened.history(sensor)
     chosen = found.select(coefficients or ())
     share = None if in_use is None else in_use / 100
@@ -143,18 +150,34 @@ def history(
     if out is not None:
         from inercal.report import write_history
 
-        write_history(chosen, out, next_one)
+        write_history(chosen, out, next_one, noise)
     if json:
         print_json(
             store_view.history_object(chosen)
             | {"next_calibration": recalibration_view.recalibration_object(next_one)}
+            | {"noise": noise_object_list(noise)}
             | ({} if out is None else {"page": str(out)})
         )
         return
     store_view.print_history(chosen, detailed=bool(coefficients))
     recalibration_view.print_recalibration(next_one)
+    if not coefficients:
+        print_noise_history(noise)
     if out is not None:
         print(f"wrote {out}")
+
+
+def _print_noise_alone(sensor: "SensorEntry", noise: "Sequence[NoiseEntry]", *, json: bool) -> None:
+    """Print the noise over time of a sensor that was never calibrated."""
+    from inercal.cli import store_view
+    from inercal.cli.noise_history_view import noise_object_list, print_noise_history
+
+    if json:
+        content = {"sensor": store_view.entry_object(sensor), "noise": noise_object_list(noise)}
+        print_json(content)
+        return
+    print(f"{sensor.name}: no calibration yet")
+    print_noise_history(noise)
 
 
 @app.command()

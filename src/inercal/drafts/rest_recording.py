@@ -5,7 +5,7 @@ stated.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -52,9 +52,40 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         A key that changes nothing, no column of a sensor, a unit or a rate that is not known, or
         what the audit refuses.
     """
+    table = read_table(log)
+    layout = rest_layout(log, table, stated)
+    recording = read_recording(log, layout.columns)
+    return in_si(recording, layout.readouts, layout.units)
+
+
+@dataclass(frozen=True)
+class RestLayout:
+    """Which columns of a log hold what, and how channels become SI.
+
+    Parameters
+    ----------
+    columns : Columns
+    readouts : list of Readout
+        Of each channel.
+    units : list of str
+        "m/s²" or "rad/s" of each channel.
+    """
+
+    columns: Columns
+    readouts: list[Readout]
+    units: list[str]
+
+
+def rest_layout(log: Path, table: Table, stated: Mapping[str, str]) -> RestLayout:
+    """Return the layout of a log by its table, or by its first rows.
+
+    Raises
+    ------
+    InputError
+        A key that changes nothing, no column of a sensor, or a unit or a rate that is not known.
+    """
     _require_used_keys(stated)
     values = stated_values(stated)
-    table = read_table(log)
     columns = stated_columns(values, table, second_file=False)
     roles = recognise_columns(table, detect_reader(log).name, columns)
     if not roles.triads:
@@ -69,10 +100,11 @@ def read_rest_recording(log: Path, stated: Mapping[str, str]) -> Recording:
         for kind, names in roles.triads.items()
         for axis, column in zip(_axes(len(names)), names, strict=True)
     )
-    recording = read_recording(log, _columns(log, table, roles, channels, stated, values))
     kinds = [kind for kind, names in roles.triads.items() for _ in names]
-    return in_si(
-        recording, [readouts[kind] for kind in kinds], [READING_UNITS[kind] for kind in kinds]
+    return RestLayout(
+        _columns(log, table, roles, channels, stated, values),
+        [readouts[kind] for kind in kinds],
+        [READING_UNITS[kind] for kind in kinds],
     )
 
 

@@ -7,7 +7,7 @@ pyarrow refuses, an empty cell or a row of another length, is left to the tolera
 fills it or names its line.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from io import RawIOBase
@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inercal.io.column_table import Array, label_array
+from inercal.errors import InputError
+from inercal.io.column_table import Array, label_array, shorten
 from inercal.io.text_layout import TextLayout
 
 SMALLEST = 1 << 22  # bytes; below, importing pyarrow takes longer than it saves
@@ -58,15 +59,55 @@ def load_plain(
 def _load(
     path: Path, layout: TextLayout, places: Mapping[str, Array], words: Collection[int]
 ) -> tuple[dict[int, NDArray[np.str_]], int]:
-    pyarrow: Any = import_module("pyarrow")
-    csv: Any = import_module("pyarrow.csv")
-    types = {name: pyarrow.float64() for name in places}
-    types |= {str(k): pyarrow.string() for k in words}
     parts: dict[int, list[NDArray[np.str_]]] = {k: [] for k in words}
     n = 0
+    for batch in _batches(path, layout, places, words):
+        rows = int(batch.num_rows)
+        for name, place in places.items():
+            # `to_numpy` would import pandas where it is installed.
+            place[n : n + rows] = np.from_dlpack(batch.column(name))
+            if words and not np.isfinite(place[n : n + rows]).all():
+                raise _NotPlainError
+        for k, part in parts.items():
+            cells = [cell.strip() for cell in batch.column(str(k)).to_pylist()]
+            part.append(label_array(cells, layout.names[k], path.name))
+        n += rows
+    return {k: np.concatenate(part) for k, part in parts.items()}, n
+
+
+def plain_blocks(path: Path, layout: TextLayout, columns: Sequence[int]) -> Iterator[Array]:
+    """Yield the rows of columns of numbers of a plain file, (k, c), some at a time.
+
+    Raises
+    ------
+    InputError
+        The file is not plain.
+    """
+    names = [str(k) for k in columns]
+    try:
+        for batch in _batches(path, layout, names, ()):
+            found = [np.asarray(np.from_dlpack(batch.column(name)), np.float64) for name in names]
+            yield np.stack(found, axis=1)
+    except ValueError as error:
+        reason = "" if isinstance(error, _NotPlainError) else f" ({shorten(str(error), 120)})"
+        raise InputError(
+            f"{path.name} is too long to be read at once, and in pieces only plain numbers in rows "
+            f"of one length are read{reason}: correct it, or export the used columns",
+            file=path,
+        ) from error
+
+
+def _batches(
+    path: Path, layout: TextLayout, numbers: Iterable[str], words: Collection[int]
+) -> Iterator[Any]:
+    """Yield pyarrow's record batches of the wanted columns, named by their numbers."""
+    pyarrow: Any = import_module("pyarrow")
+    csv: Any = import_module("pyarrow.csv")
+    types = {name: pyarrow.float64() for name in numbers}
+    types |= {str(k): pyarrow.string() for k in words}
     with path.open("rb", buffering=0) as file:
         _skip_lines(file, layout.first_line - 1)
-        batches = csv.open_csv(
+        yield from csv.open_csv(
             _PlainBytes(file, layout, bool(words)),
             read_options=csv.ReadOptions(
                 use_threads=False,
@@ -78,18 +119,6 @@ def _load(
                 include_columns=list(types), column_types=types, null_values=[]
             ),
         )
-        for batch in batches:
-            rows = int(batch.num_rows)
-            for name, place in places.items():
-                # `to_numpy` would import pandas where it is installed.
-                place[n : n + rows] = np.from_dlpack(batch.column(name))
-                if words and not np.isfinite(place[n : n + rows]).all():
-                    raise _NotPlainError
-            for k, part in parts.items():
-                cells = [cell.strip() for cell in batch.column(str(k)).to_pylist()]
-                part.append(label_array(cells, layout.names[k], path.name))
-            n += rows
-    return {k: np.concatenate(part) for k, part in parts.items()}, n
 
 
 def _skip_lines(file: RawIOBase, lines: int) -> None:

@@ -4,15 +4,17 @@
 a recording that is too long for the memory, from its pieces. Values inside are in SI.
 """
 
-from inercal.noise.analysis import analyse_noise, analyse_noise_stream
+from inercal.noise.analysis import analyse_noise
 from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis, NoiseCoefficient
 from inercal.noise.deviations import Deviations, deviations
+from inercal.noise.stream_analysis import NoiseStream, analyse_noise_stream
 
 __all__ = [
     "ChannelNoise",
     "Deviations",
     "NoiseAnalysis",
     "NoiseCoefficient",
+    "NoiseStream",
     "analyse_noise",
     "analyse_noise_stream",
     "deviations",

@@ -14,14 +14,19 @@ _BLOCK = 4096  # differences of all factors in turn, whose places stay in the ca
 
 @njit(cache=True, nogil=True, fastmath=True)
 def squared_second_differences(
-    x: Array, factors: NDArray[np.int64], strides: NDArray[np.int64]
+    x: Array,
+    factors: NDArray[np.int64],
+    strides: NDArray[np.int64],
+    firsts: NDArray[np.int64],
 ) -> Array:
-    """Return Σ (x[i+2m] − 2 x[i+m] + x[i])² over i = 0, stride, … for each factor m, (k,).
+    """Return Σ (x[i+2m] − 2 x[i+m] + x[i])² over i for each factor m, (k,).
 
     Parameters
     ----------
     x : (n,) array
     factors, strides : (k,) array of int
+    firsts : (k,) array of int
+        i begins at it, a multiple of the stride, and goes on by the stride.
     """
     out = np.zeros(factors.size)
     for begin in range(0, x.size, _BLOCK):
@@ -29,15 +34,16 @@ def squared_second_differences(
             m, stride = factors[j], strides[j]
             end = min(begin + _BLOCK, x.size - 2 * m)
             total = 0.0
+            start = max(begin, firsts[j])
             if stride == 1:
-                if end > begin:
+                if end > start:
                     # Slices of known step are added by vectors.
-                    early, middle, late = x[begin:end], x[begin + m : end + m], x[begin + 2 * m :]
+                    early, middle, late = x[start:end], x[start + m : end + m], x[start + 2 * m :]
                     for i in range(early.size):
                         d = late[i] - 2.0 * middle[i] + early[i]
                         total += d * d
             else:
-                for i in range((begin + stride - 1) // stride * stride, end, stride):
+                for i in range((start + stride - 1) // stride * stride, end, stride):
                     d = x[i + 2 * m] - 2.0 * x[i + m] + x[i]
                     total += d * d
             out[j] += total

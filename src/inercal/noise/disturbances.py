@@ -6,7 +6,7 @@ burst raises the variance of the differences of neighbours within windows of 10 
 set by simulation of undisturbed recordings with white noise, flicker and random walk.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -53,6 +53,10 @@ class Disturbance:
     size: float
     score: float
 
+    def shifted(self, seconds: float) -> "Disturbance":
+        """Return the disturbance with its time counted from earlier by so many seconds."""
+        return replace(self, time=self.time + seconds)
+
 
 def find_disturbances(y: Array, dt: float) -> tuple[Disturbance, ...]:
     """Return the disturbances of one channel without gaps, (n,), in the order of time.
@@ -85,10 +89,11 @@ def _without_bursts(y: Array, dt: float, bursts: list[Disturbance]) -> Array:
     return work
 
 
-def change_scores(y: Array, dt: float) -> tuple[list[int], list[Array], list[Array]]:
-    """Return factors m, and the difference of means and its score at each sample, by m.
+def mean_changes(y: Array, dt: float) -> tuple[list[int], list[Array], list[float]]:
+    """Return factors m, and the difference of means at each sample and its scatter, by m.
 
-    The difference at i is mean(y[i : i+m]) − mean(y[i−m : i]); it is 0 within m of both ends.
+    The scatter is infinite where there is none. The difference
+    at i is mean(y[i : i+m]) − mean(y[i−m : i]); it is 0 within m of both ends.
     """
     low = max(1, round(_SHORTEST / dt))
     factors = [low]
@@ -97,14 +102,14 @@ def change_scores(y: Array, dt: float) -> tuple[list[int], list[Array], list[Arr
     factors = [m for m in factors if y.size >= _FEWEST * m]
     x = np.concatenate([[0.0], np.cumsum(y - y.mean())])
     differences: list[Array] = []
-    scores: list[Array] = []
+    scatters: list[float] = []
     for m in factors:
         change = np.zeros(y.size)
         change[m : y.size - m + 1] = (x[2 * m :] - 2 * x[m:-m] + x[: -2 * m]) / m
         scale = float(np.median(np.abs(change[m : y.size - m + 1]))) / _MEDIAN
         differences.append(change)
-        scores.append(np.abs(change) / scale if scale > 0 else np.zeros(y.size))
-    return factors, differences, scores
+        scatters.append(scale if scale > 0 else np.inf)
+    return factors, differences, scatters
 
 
 def find_changes(y: Array, dt: float) -> list[Disturbance]:
@@ -115,39 +120,45 @@ def find_changes(y: Array, dt: float) -> list[Disturbance]:
     found: list[Disturbance] = []
     work = y.astype(np.float64, copy=True)
     for _ in range(_MOST):
-        factors, changes, scores = change_scores(work, dt)
+        factors, changes, scatters = mean_changes(work, dt)
         if not factors:
             break
-        best = max(range(len(factors)), key=lambda j: float(scores[j].max()))
-        score = float(scores[best].max())
-        if score <= CHANGE_LIMIT:
+        # Extremes instead of arrays of scores, which would be as large as all changes.
+        scores = [
+            max(float(one.max()), -float(one.min())) / scatter
+            for one, scatter in zip(changes, scatters, strict=True)
+        ]
+        best = int(np.argmax(scores))
+        if scores[best] <= CHANGE_LIMIT:
             break
-        one, start, stop, size = _describe(work, dt, factors, changes, scores, best)
+        one, start, stop, size = _describe(work, dt, factors[best], changes[best], scatters[best])
         found.append(one)
         work[start:stop] -= size
     return found
 
 
 def _describe(
-    y: Array, dt: float, factors: list[int], changes: list[Array], scores: list[Array], best: int
+    y: Array, dt: float, m: int, change: Array, scatter: float
 ) -> tuple[Disturbance, int, int, float]:
     """Return the largest change, and what to subtract between which samples to remove it.
 
     It is a knock where the mean returns: where the opposite change within 128 s is half as large or
-    more at the averaging time that shows both best.
+    more at the averaging time m that shows both best.
     """
-    k = _change_place(y, int(np.argmax(scores[best])), factors[best])
-    score = float(scores[best].max()) / CHANGE_LIMIT
-    size = float(changes[best][k])
+    peak = int(np.argmax(np.abs(change)))
+    k = _change_place(y, peak, m)
+    score = abs(float(change[peak])) / scatter / CHANGE_LIMIT
+    size = float(change[k])
     reach = round(_LONGEST / dt)
     low, high = max(k - reach, 0), min(k + reach + 1, y.size)
-    opposite = -np.sign(size) * changes[best][low:high]
+    opposite = -np.sign(size) * change[low:high]
     j = low + int(np.argmax(opposite))
     back = float(opposite[j - low])
-    if back < 0.5 * abs(size) or abs(j - k) < 1 or scores[best][j] < 0.6 * CHANGE_LIMIT:
+    weak = abs(float(change[j])) / scatter < 0.6 * CHANGE_LIMIT
+    if back < 0.5 * abs(size) or abs(j - k) < 1 or weak:
         return Disturbance("step", k * dt, np.inf, size, score), k, y.size, size
     start, stop = min(k, j), max(k, j)
-    level = float(changes[best][start])
+    level = float(change[start])
     inside = y[start:stop]
     around = np.concatenate([y[max(start - reach, 0) : start], y[stop : stop + reach]])
     level = float(inside.mean() - around.mean()) if around.size else level

@@ -89,17 +89,30 @@ class Goodness:
         return self.outside <= max(1, int(_OUTSIDE * self.judged))
 
     @property
+    def worst(self) -> Decade | None:
+        """The decade that the terms describe worst, of those that they do not."""
+        bad = [one for one in self.decades if not one.fits]
+        return max(bad, key=lambda one: one.mean_square / one.limit, default=None)
+
+    @property
+    def worst_band(self) -> tuple[float, float] | None:
+        """Ends of the band that the terms describe worst, Hz; None of a single frequency."""
+        one = self.worst
+        if one is None or one.worst_low == one.worst_high:
+            return None
+        return one.worst_low, one.worst_high
+
+    @property
     def verdict(self) -> str:
         """One sentence: whether the terms suffice, and where not."""
-        bad = [one for one in self.decades if not one.fits]
-        if not bad and self.within_band:
+        worst = self.worst
+        if worst is None and self.within_band:
             return "the terms describe the recording"
-        if not bad:
+        if worst is None:
             return (
                 f"the terms miss the Allan deviation at {self.outside} of {self.judged} averaging "
                 "times"
             )
-        worst = max(bad, key=lambda one: one.mean_square / one.limit)
         band = f"{worst.worst_low:.3g}–{worst.worst_high:.3g} Hz"
         if worst.worst_low == worst.worst_high:
             band = f"{worst.worst_low:.3g} Hz"

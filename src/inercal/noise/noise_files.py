@@ -213,6 +213,3 @@ def ros_text(analysis: NoiseAnalysis, horizon: float = HORIZON) -> str:
             f"{prefix}_random_walk: {walk:.6e}  # {why}",
         ]
     return "\n".join([*lines, ""])
-
-
-WRITERS = {"kalibr": kalibr_text, "ros": ros_text}

@@ -18,8 +18,8 @@ from inercal.noise.spectrum import SHORTEST_PIECE
 from inercal.recording import Recording
 
 FEWEST = 64  # samples of a recording
-_FEW_LOST, _LOST_SHARE = 2, 0.02  # samples in a gap, and of the recording, that are closed up
-_JITTER = 0.3  # of Δ, robust sd of steps
+FEW_LOST, LOST_SHARE = 2, 0.02  # samples in a gap, and of the recording, that are closed up
+JITTER = 0.3  # of Δ, robust sd of steps
 _IRREGULAR_BLOCK = 4  # median steps in a block of equal time
 
 
@@ -47,6 +47,38 @@ class Pieces:
     temperature: tuple[Array, ...] | None
     remarks: tuple[str, ...]
 
+    @property
+    def temperatures(self) -> tuple[Array | None, ...]:
+        """The temperature of each piece, or None."""
+        return self.temperature or (None,) * len(self.values)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Samples of one channel without gaps.
+
+    Parameters
+    ----------
+    values : (n,) array
+        SI.
+    start : float
+        Time of the first sample, s from the recording's first.
+    temperature : (n,) array or None
+        K.
+    """
+
+    values: Array
+    start: float
+    temperature: Array | None = None
+
+    def __len__(self) -> int:
+        return self.values.size
+
+    def slice_samples(self, first: int, stop: int, dt: float) -> "Part":
+        """Return the samples first … stop − 1."""
+        warmth = None if self.temperature is None else self.temperature[first:stop]
+        return Part(self.values[first:stop], self.start + first * dt, warmth)
+
 
 def split_at_gaps(recording: Recording) -> Pieces:
     """Return the pieces of a recording.
@@ -68,20 +100,20 @@ def split_at_gaps(recording: Recording) -> Pieces:
     lost = np.rint(steps / dt).astype(np.int64) - 1
     plain = lost < 1
     spread = 1.4826 * float(np.median(np.abs(steps[plain] - np.median(steps[plain]))))
-    if spread > _JITTER * dt:
+    if spread > JITTER * dt:
         return _equal_blocks(recording, time, dt)
     # The median of rounded stamps would be off by their rounding.
     dt = float(steps[plain].mean())
     gaps = np.flatnonzero(lost >= 1)
-    few = gaps[lost[gaps] <= _FEW_LOST]
+    few = gaps[lost[gaps] <= FEW_LOST]
     remarks: list[str] = []
     if few.size:
         total = int(lost[few].sum())
         share = total / (time.size + total)
-        if share <= _LOST_SHARE:
+        if share <= LOST_SHARE:
             remarks.append(
                 f"{total} lost samples ({100 * share:.2g} %) in {few.size} gaps of at most "
-                f"{_FEW_LOST} were closed up"
+                f"{FEW_LOST} were closed up"
             )
             gaps = np.setdiff1d(gaps, few)
     bounds = np.concatenate([[0], gaps + 1, [time.size]])
@@ -97,7 +129,8 @@ def _cut(
         lost = float(sum(time[b] - time[b - 1] - dt for _, b in spans[:-1]))
         remarks.append(
             f"{len(spans) - 1} gaps, {lost:.4g} s in all, part the recording into {len(kept)} "
-            f"pieces, each with its own likelihood; averaging times end with the longest piece"
+            f"pieces, each with its own likelihood; the Allan deviation has means "
+            "that are at least half full"
         )
     if len(kept) < len(spans):
         left = sum(b - a for a, b in spans) - sum(b - a for a, b in kept)
@@ -141,7 +174,7 @@ def _equal_blocks(recording: Recording, time: Array, dt: float) -> Pieces:
         source=recording.source,
     )
     remark = (
-        f"the stamps jitter by more than {_JITTER:g} of the sampling interval: samples were "
+        f"the stamps jitter by more than {JITTER:g} of the sampling interval: samples were "
         f"averaged over blocks of {block:.4g} s"
     )
     gaps = np.flatnonzero(np.diff(filled) > 1)

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from inercal.arrays import Array
 from inercal.noise.expected_periodogram import expected_periodogram, squared_coefficients
 
+Band = tuple[float, float]
+"""Lowest and highest frequency, Hz."""
 LONGEST = 1 << 17  # values in one transform
 SHORTEST_PIECE = 16
 _SINGLE = 64  # coefficients that are bins of their own
@@ -159,6 +161,15 @@ def make_bins(spectra: Sequence[Spectrum], dt: float) -> Bins:
         dt,
         used,
     )
+
+
+def remove_band(spectrum: Spectrum, bands: Sequence[Band]) -> Spectrum:
+    """Return a spectrum without the coefficients within bands of frequency."""
+    frequency = np.arange(1, spectrum.n) / (2 * spectrum.n * spectrum.dt)
+    kept = spectrum.kept.copy()
+    for low, high in bands:
+        kept &= (frequency < low) | (frequency > high)
+    return replace(spectrum, kept=kept) if bands else spectrum
 
 
 def whole_spectrum(y: Array, dt: float) -> Spectrum:

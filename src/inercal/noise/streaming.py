@@ -9,8 +9,6 @@ and changes of the mean come from the kept cumulative sums. 10⁸ samples keep a
 import numpy as np
 
 from inercal.arrays import Array
-from inercal.noise.channel_noise import Quantity
-from inercal.noise.conclusion import ChannelSummary
 from inercal.noise.confidence import identify_noise
 from inercal.noise.deviations import (
     ALLAN,
@@ -28,13 +26,12 @@ from inercal.noise.disturbances import (
     find_changes,
 )
 from inercal.noise.expected_periodogram import squared_coefficients
-from inercal.noise.lines import take_out_lines
 from inercal.noise.rounding import check_rounding
 from inercal.noise.spectrum import LONGEST, Spectrum, block_means, join_long, whole_spectrum
 
 KEPT_EVERY = 64
 _FIRST = 4096  # squared differences whose median sets the largest that counts
-_SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1)
+_SHORT = 2 ** np.arange(int(np.log2(FULL_OVERLAP)) + 1, dtype=np.int64)
 
 
 class StreamedChannel:
@@ -76,19 +73,31 @@ class StreamedChannel:
         self.count += y.size
         self.total += float(y.sum())
 
+    def remarks(self, channel: str, source: str) -> tuple[str, ...]:
+        """Return remarks on the rounding of the readings.
+
+        Raises
+        ------
+        InputError
+            They are rounded too coarsely.
+        """
+        kept = LONGEST if self._segments else self._filled
+        return check_rounding([self._segment[:kept] + self.origin], channel, source)
+
     @property
     def mean(self) -> float:
         """Mean of all samples."""
         return self.origin + self.total / max(self.count, 1)
 
     def _add_sums(self, y: Array) -> None:
+        # Numba takes a second to load, which only long work repays.
+        from inercal.noise._kernels import squared_second_differences
+
         x = np.concatenate([self._tail, self._tail[-1] + np.cumsum(y)])
         old = self._tail.size
-        for j, m in enumerate(_SHORT):
-            first = max(old - 2 * int(m), 0)
-            total, terms = sum_of_squared_differences(x[first:], int(m), ALLAN, 1)
-            self._squares[j] += total
-            self._terms[j] += terms
+        firsts = np.maximum(old - 2 * _SHORT, 0)
+        self._squares += squared_second_differences(x, _SHORT, np.ones_like(_SHORT), firsts)
+        self._terms += np.maximum(x.size - 2 * _SHORT - firsts, 0)
         # x[old] is the cumulative sum number count + 1.
         skip = (-(self.count + 1)) % KEPT_EVERY
         self._kept.append(x[old + skip :: KEPT_EVERY].copy())
@@ -124,7 +133,8 @@ class StreamedChannel:
 
     def cumulative_sums(self) -> Array:
         """Return every 64th cumulative sum, from the first."""
-        return np.concatenate(self._kept)
+        self._kept = [np.concatenate(self._kept)]
+        return self._kept[0]
 
     def oadev(self) -> Deviations:
         """Return the overlapping Allan deviation at octaves."""
@@ -174,33 +184,3 @@ class StreamedChannel:
             if all(abs(one.time - burst.time) > 2 * WINDOW for burst in bursts)
         ]
         return tuple(sorted((*bursts, *apart), key=lambda one: one.time))
-
-    def summary(self, channel: str, quantity: Quantity, source: str) -> ChannelSummary:
-        """Return what the fit needs.
-
-        Raises
-        ------
-        InputError
-            The readings are rounded too coarsely.
-        """
-        kept = LONGEST if self._segments else self._filled
-        remarks = check_rounding([self._segment[:kept] + self.origin], channel, source)
-        clean = [take_out_lines(one) for one in self.spectra()]
-        values, dt = self.low_values()
-        octaves = self.oadev()
-        return ChannelSummary(
-            channel=channel,
-            quantity=quantity,
-            n=self.count,
-            longest=self.count,
-            dt=self.dt,
-            mean=self.mean,
-            spectra=tuple(spectrum for spectrum, _ in clean),
-            lines=tuple(line for _, lines in clean for line in lines),
-            octaves=octaves,
-            deviations={"oadev": octaves},
-            disturbances=self.disturbances(),
-            remarks=remarks,
-            low_values=values,
-            regressors={"ramp": np.arange(values.size, dtype=np.float64) * dt},
-        )

@@ -28,6 +28,8 @@ def coefficient_cells(one: NoiseCoefficient) -> tuple[str, ...]:
 def channel_remarks(channel: ChannelNoise) -> list[str]:
     """Return the verdict on a channel, then its remarks, drift and disturbances, a line each."""
     found = [f"{channel.goodness.verdict} ({' + '.join(channel.fit.symbols)})"]
+    if (band := channel.goodness.worst_band) is not None:
+        found.append("--skip-band {:.3g}-{:.3g} leaves this band out of the fit".format(*band))
     found += channel.remarks
     shown = SHOWN_UNIT[channel.quantity]
     size = si_factor(shown)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # reports do without a register, and most without a noise ana
 
     from inercal.check_standard import ControlCharts
     from inercal.noise import NoiseAnalysis
-    from inercal.store import CalibrationEntry, SensorHistory
+    from inercal.store import CalibrationEntry, NoiseEntry, SensorHistory
     from inercal.store.recalibration import Recalibration
 
 
@@ -114,7 +114,10 @@ def write_refusal(seen: InspectedRecording, sensor: Sensor, message: str, path: 
 
 
 def write_history(
-    history: "SensorHistory", path: str | Path, next_one: "Recalibration | None" = None
+    history: "SensorHistory",
+    path: str | Path,
+    next_one: "Recalibration | None" = None,
+    noise: Sequence["NoiseEntry"] = (),
 ) -> Path:
     """Write the page of a sensor's history; it appears whole or not at all. Return its path.
 
@@ -124,16 +127,22 @@ def write_history(
     path : path
     next_one : Recalibration, optional
         By the limits that a user states; else by those of the newest calibration.
+    noise : sequence of NoiseEntry
+        Of the sensor; its page shows them too.
 
     Raises
     ------
     InputError
         matplotlib or jinja2 is missing, or the file cannot be written.
     """
-    return write_text(path, history_page(history, next_one))
+    return write_text(path, history_page(history, next_one, noise))
 
 
-def history_page(history: "SensorHistory", next_one: "Recalibration | None" = None) -> str:
+def history_page(
+    history: "SensorHistory",
+    next_one: "Recalibration | None" = None,
+    noise: Sequence["NoiseEntry"] = (),
+) -> str:
     """Return the page of a sensor's history, HTML.
 
     Raises
@@ -143,7 +152,7 @@ def history_page(history: "SensorHistory", next_one: "Recalibration | None" = No
     """
     with _extras():
         from inercal.report.sensor_history_page import page
-    return page(history, next_one)
+    return page(history, next_one, noise)
 
 
 def write_control(

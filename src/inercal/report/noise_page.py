@@ -75,6 +75,7 @@ def _view(channel: ChannelNoise, recording: Recording) -> ChannelView:
     k = recording.channels.index(channel.channel)
     y = recording.data[:, k] * si_factor(recording.units[k])
     time = recording.time - recording.time[0]
+    step = recording.median_step  # larger than Δ where a long recording is thinned
     return ChannelView(
         channel.channel,
         SHOWN_UNIT[channel.quantity],
@@ -82,7 +83,7 @@ def _view(channel: ChannelNoise, recording: Recording) -> ChannelView:
         deviation_figure(channel),
         residual_figure(channel),
         time_figure(channel, time, y),
-        spectrogram_figure(channel, recording.median_step, y) if channel.lines else None,
+        spectrogram_figure(channel, step, y) if channel.lines and step < 1.5 * channel.dt else None,
         _comparison(channel),
         channel.method,
         _slope_bias(channel),

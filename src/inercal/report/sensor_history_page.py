@@ -18,10 +18,11 @@ from inercal.comparison.comparison_text import format_en
 from inercal.keys import CoefficientName
 from inercal.report import drawing
 from inercal.report.drawing import BAND, FAINT, INK, MUTED, PAPER, WARN, Z, svg
+from inercal.report.noise_history_section import noise_history_section
 from inercal.report.recalibration_section import recalibration_section
 from inercal.report.report_tables import typeset_minus
 from inercal.report.templates import render
-from inercal.store import SensorHistory
+from inercal.store import NoiseEntry, SensorHistory
 from inercal.store.history import CoefficientTrend
 from inercal.store.history_text import (
     drift_text,
@@ -91,8 +92,12 @@ class PrintedCalibration:
     p_value: str
 
 
-def page(history: SensorHistory, next_one: Recalibration | None = None) -> str:
-    """Return the whole page, HTML; with the next calibration as given, else by its own limits."""
+def page(
+    history: SensorHistory,
+    next_one: Recalibration | None = None,
+    noise: Sequence[NoiseEntry] = (),
+) -> str:
+    """Return the page, HTML: with the next calibration, by its own limits if None, and the noise."""
     groups = _axis_histories(history)
     return render(
         "over_time.html",
@@ -106,6 +111,7 @@ def page(history: SensorHistory, next_one: Recalibration | None = None) -> str:
         groups=groups,
         recalibration=recalibration_section(next_one or recalibration(history)),
         entries=_entry_rows(history),
+        noise=noise_history_section(noise),
     )
 
 

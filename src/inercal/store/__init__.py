@@ -18,6 +18,7 @@ with require_extra("store", "the register needs SQLAlchemy and Alembic", _PACKAG
     )
     from inercal.store.entries import CalibrationEntry, FileEntry, RunEntry, RunFacts, SensorEntry
     from inercal.store.history import SensorHistory
+    from inercal.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
     from inercal.store.register import Register
 
 __all__ = [
@@ -26,11 +27,14 @@ __all__ = [
     "CertificateFiles",
     "CertificateRequest",
     "FileEntry",
+    "NoiseEntry",
+    "NoiseTrend",
     "Register",
     "RunEntry",
     "RunFacts",
     "SensorEntry",
     "SensorHistory",
     "backup_register",
+    "noise_trends",
     "restore_register",
 ]

@@ -41,15 +41,26 @@ def enter_sensor(db: Connection, entered: Sensor, who: EntryAuthor) -> int:
         An axis measures another quantity than the axis of that name in the register.
     """
     axes = {axis.name: str(axis.measures) for axis in entered.axes}
-    found = db.execute(select(sensor).where(sensor.c.name == entered.name)).one_or_none()
+    return enter_axes(db, entered.name, axes, who)
+
+
+def enter_axes(db: Connection, sensor_name: str, axes: dict[str, str], who: EntryAuthor) -> int:
+    """Enter a sensor by its name and what each axis measures, "f" or "w"; return its id.
+
+    Raises
+    ------
+    InputError
+        As `enter_sensor`.
+    """
+    found = db.execute(select(sensor).where(sensor.c.name == sensor_name)).one_or_none()
     if found is None:
-        values = {"name": entered.name, "axes": _axes_json(axes)}
+        values = {"name": sensor_name, "axes": _axes_json(axes)}
         return _insert_row(db, sensor, values, who)
     known = {axis["name"]: axis["measures"] for axis in json.loads(found.axes)}
     for name, measures in axes.items():
         if known.get(name, measures) != measures:
             raise InputError(
-                f"sensor {entered.name}: axis {name} measures {_QUANTITIES[measures]}, but in the "
+                f"sensor {sensor_name}: axis {name} measures {_QUANTITIES[measures]}, but in the "
                 f"register it measures {_QUANTITIES[known[name]]}: give this sensor another name",
                 names=(name,),
             )

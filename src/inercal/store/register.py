@@ -11,6 +11,7 @@ from sqlalchemy import Connection, Engine, select
 
 from inercal.calibration import Calibration
 from inercal.errors import InputError
+from inercal.noise import NoiseAnalysis
 from inercal.sensors import Sensor
 from inercal.store import certificates, insertions, queries
 from inercal.store.address import (
@@ -27,6 +28,7 @@ from inercal.store.connection import (
 from inercal.store.document import make_document, to_utc, utc_now
 from inercal.store.entries import CalibrationEntry, RunEntry, RunFacts, SensorEntry
 from inercal.store.history import SensorHistory, build_history
+from inercal.store.noise_history import NoiseEntry, enter_noise, read_noise
 from inercal.store.register_tables import calibration, run
 
 Transaction = Callable[[Engine, RegisterAddress], AbstractContextManager[Connection]]
@@ -168,6 +170,22 @@ class Register:
         """
         one = self.sensor(sensor)
         return build_history(one, self.calibrations(one.id))
+
+    def noise_history(self, sensor: int | str) -> tuple[NoiseEntry, ...]:
+        """Return the noise analyses of a sensor as they were measured."""
+        with self._transaction(read_transaction) as db:
+            return read_noise(db, queries.find_sensor(db, sensor).id)
+
+    def enter_noise(self, analysis: NoiseAnalysis, sensor: str, measured: str | None = None) -> int:
+        """Enter a noise analysis of a sensor by its name; return the analysis's number.
+
+        Raises
+        ------
+        InputError
+            No name, or `measured` is not a time, ISO 8601.
+        """
+        with self._transaction(write_transaction) as db:
+            return enter_noise(db, analysis, sensor, measured, self._author())
 
     def enter_sensor(self, sensor: Sensor) -> int:
         """Enter a sensor; return its id, which is that of the one that is there already.

@@ -1,0 +1,84 @@
+"""A noise analysis as one object for JSON."""
+
+from math import isfinite
+from typing import Any, cast
+
+from inercal.noise.channel_noise import ChannelNoise, NoiseAnalysis
+
+
+def analysis_object(analysis: NoiseAnalysis) -> dict[str, Any]:
+    """Return the analysis as an object of plain values, SI; None for what is not finite."""
+    found = {
+        "source": analysis.source,
+        "sha256": analysis.sha256,
+        "duration": analysis.duration,
+        "remarks": list(analysis.remarks),
+        "channels": [_channel_object(one) for one in analysis.channels],
+    }
+    return cast("dict[str, Any]", _finite(found))
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, float):
+        return content if isfinite(content) else None
+    if isinstance(content, dict):
+        return {key: _finite(one) for key, one in cast("dict[str, Any]", content).items()}
+    if isinstance(content, list):
+        return [_finite(one) for one in cast("list[Any]", content)]
+    return content
+
+
+def _channel_object(channel: ChannelNoise) -> dict[str, Any]:
+    return {
+        "channel": channel.channel,
+        "quantity": channel.quantity,
+        "samples": channel.n,
+        "interval": channel.dt,
+        "mean": channel.mean,
+        "method": channel.method,
+        "model": list(channel.fit.symbols),
+        "coefficients": [
+            {
+                "symbol": one.symbol,
+                "name": one.name,
+                "value": one.value,
+                "u": one.u,
+                "low": one.low,
+                "high": one.high,
+                "significant": None if one.symbol == "T" else one.is_significant,
+                "likelihood_ratio": one.ratio,
+                "limit": one.limit,
+                "unit": one.unit,
+                "value_in_unit": one.value / one.size,
+            }
+            for one in channel.coefficients
+        ],
+        "comparison": {
+            name: {symbol: {"value": value, "u": u} for symbol, (value, u) in found.items()}
+            for name, found in channel.comparison.items()
+        },
+        "models": [
+            {"terms": list(one.symbols), "aic": one.aic - channel.fit.aic}
+            for one in (channel.fit, *channel.selection.rivals)
+        ],
+        "goodness": {
+            "fits": channel.goodness.fits,
+            "verdict": channel.goodness.verdict,
+            "decades": [vars(one) for one in channel.goodness.decades],
+        },
+        "lines": [vars(one) for one in channel.lines],
+        "disturbances": [vars(one) for one in channel.disturbances],
+        "drift": [vars(one) for one in channel.drift],
+        "remarks": list(channel.remarks),
+        "deviations": {
+            kind: {
+                "tau": one.tau.tolist(),
+                "value": one.value.tolist(),
+                "low": one.low.tolist(),
+                "high": one.high.tolist(),
+                "edf": one.edf.tolist(),
+                "label": list(one.label),
+            }
+            for kind, one in channel.deviations.items()
+        },
+    }

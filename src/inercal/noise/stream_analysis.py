@@ -1,0 +1,228 @@
+"""The noise of a recording that comes in blocks, in bounded memory, with its gaps.
+
+Each piece between gaps has a `StreamedChannel` for each channel; the likelihoods of the pieces add,
+as of a recording that is in the memory. There is no temperature.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from inercal.arrays import Array
+from inercal.errors import InputError
+from inercal.noise.analysis import candidate_models, quantity_of
+from inercal.noise.channel_noise import NoiseAnalysis, Quantity
+from inercal.noise.conclusion import ChannelSummary, conclude
+from inercal.noise.gap_oadev import join_deviations
+from inercal.noise.lines import take_out_lines
+from inercal.noise.pieces import FEWEST
+from inercal.noise.spectrum import Band, remove_band
+from inercal.noise.streaming import StreamedChannel
+from inercal.recording import Recording
+from inercal.units import si_factor
+
+_MOST_STREAMS = 48  # channels times pieces; each keeps 3 MB and more
+
+
+def analyse_noise_stream(
+    pieces: Iterable[Array],
+    dt: float,
+    channels: Sequence[str],
+    units: Sequence[str],
+    *,
+    terms: str | None = None,
+    source: str = "",
+) -> NoiseAnalysis:
+    """Return the noise of a recording without gaps that comes in pieces, in bounded memory.
+
+    Each channel keeps some 30 MB of 10⁸ samples (`inercal.noise.streaming`).
+
+    Parameters
+    ----------
+    pieces : iterable of (k, m) array
+        One after the other; k may differ.
+    dt : float
+        Δ, s.
+    channels, units : sequence of m str
+    terms : str, optional
+        As in `analyse_noise`.
+    source : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        As `analyse_noise` raises it.
+    """
+    candidates = candidate_models(terms)
+    stream = NoiseStream(dt, channels, units, source)
+    for piece in pieces:
+        stream.add(piece)
+    return stream.analysis(candidates)
+
+
+class NoiseStream:
+    """Takes a recording block by block; then gives its noise.
+
+    Parameters
+    ----------
+    dt : float
+        Δ, s.
+    channels, units : sequence of m str
+    source : str
+        For messages.
+
+    Raises
+    ------
+    InputError
+        A unit that is neither of rate nor of acceleration.
+    """
+
+    def __init__(self, dt: float, channels: Sequence[str], units: Sequence[str], source: str = ""):
+        self.dt = dt
+        self.source = source
+        self.duration: float | None = None  # s, where times are known
+        self.remarks: list[str] = []
+        self._channels = tuple(channels)
+        self._quantities: list[Quantity] = [
+            quantity_of(*one) for one in zip(units, channels, strict=True)
+        ]
+        self._sizes = [si_factor(unit) for unit in units]
+        self._starts: list[float] = []
+        self._pieces: list[list[StreamedChannel]] = []
+        self._left_out = 0
+        self.begin_piece(0.0)
+
+    def begin_piece(self, start: float) -> None:
+        """End a piece at a gap.
+
+        Parameters
+        ----------
+        start : float
+            Time of the next sample, s from the recording's first.
+
+        Raises
+        ------
+        InputError
+            More pieces than the memory may hold.
+        """
+        if self._pieces and self._pieces[-1][0].count < FEWEST:
+            self._left_out += self._pieces.pop()[0].count
+            self._starts.pop()
+        if (len(self._pieces) + 1) * len(self._channels) > _MOST_STREAMS:
+            raise InputError(
+                f"{self.source or 'recording'}: too many gaps for an analysis in blocks, by "
+                f"{start:.6g} s: analyse the parts between long gaps one by one",
+                file=self.source or None,
+            )
+        self._starts.append(start)
+        self._pieces.append([StreamedChannel(self.dt) for _ in self._channels])
+
+    def add(self, values: Array) -> None:
+        """Take the next samples of all channels, (k, m), in their units."""
+        if not len(values):
+            return
+        for k, one in enumerate(self._pieces[-1]):
+            one.add(np.ascontiguousarray(values[:, k], dtype=np.float64) * self._sizes[k])
+
+    def analysis(
+        self, candidates: tuple[str, ...], skipped_bands: Sequence[Band] = (), sha256: str = ""
+    ) -> NoiseAnalysis:
+        """Return the noise of all channels.
+
+        Parameters
+        ----------
+        candidates : tuple of str
+            Of `candidate_models`.
+        skipped_bands : sequence of (float, float)
+            Hz, left out of the fit.
+        sha256 : str
+            Of the recording.
+
+        Raises
+        ------
+        InputError
+            Fewer than 64 samples, or readings that are rounded too coarsely.
+        """
+        if self._pieces[-1][0].count < FEWEST:
+            self._left_out += self._pieces.pop()[0].count
+        if not self._pieces:
+            raise InputError(
+                f"{self.source or 'recording'}: fewer than {FEWEST} samples without a gap",
+                file=self.source or None,
+            )
+        for channels in self._pieces:
+            for one in channels:
+                one.dt = self.dt
+        found = [
+            conclude(self._summary(k, skipped_bands), candidates, "likelihood")
+            for k in range(len(self._channels))
+        ]
+        duration = self.duration
+        if duration is None:
+            last = len(self._pieces) - 1
+            duration = self._starts[last] + (self._pieces[last][0].count - 1) * self.dt
+        return NoiseAnalysis(self.source, duration, tuple(found), self._all_remarks(), sha256)
+
+    def _all_remarks(self) -> tuple[str, ...]:
+        remarks = list(self.remarks)
+        if len(self._pieces) > 1:
+            remarks.append(
+                f"gaps part the recording into {len(self._pieces)} pieces, each with its own "
+                "likelihood; averaging times end with the longest piece"
+            )
+        if self._left_out:
+            remarks.append(
+                f"{self._left_out} samples in pieces shorter than {FEWEST} were left out"
+            )
+        return tuple(remarks)
+
+    def _summary(self, k: int, skipped_bands: Sequence[Band]) -> ChannelSummary:
+        parts = [channels[k] for channels in self._pieces]
+        clean = [
+            take_out_lines(remove_band(one, skipped_bands))
+            for part in parts
+            for one in part.spectra()
+        ]
+        octaves = join_deviations([part.oadev() for part in parts])
+        values, dt = parts[0].low_values()
+        n = sum(part.count for part in parts)
+        single = len(parts) == 1
+        remarks = [text for part in parts for text in part.remarks(self._channels[k], self.source)]
+        remarks += [f"{low:g}–{high:g} Hz were left out of the fit" for low, high in skipped_bands]
+        return ChannelSummary(
+            channel=self._channels[k],
+            quantity=self._quantities[k],
+            n=n,
+            longest=max(part.count for part in parts),
+            dt=self.dt,
+            mean=sum(part.mean * part.count for part in parts) / n,
+            spectra=tuple(spectrum for spectrum, _ in clean),
+            lines=tuple(line for _, lines in clean for line in lines),
+            octaves=octaves,
+            deviations={"oadev": octaves},
+            disturbances=tuple(
+                one.shifted(start)
+                for part, start in zip(parts, self._starts, strict=False)
+                for one in part.disturbances()
+            ),
+            remarks=tuple(dict.fromkeys(remarks)),
+            low_values=values if single else None,
+            regressors={"ramp": np.arange(values.size, dtype=np.float64) * dt} if single else {},
+        )
+
+    def block_mean_recording(self) -> Recording:
+        """Return block means of the longest piece, SI, for plots over time."""
+        k = max(range(len(self._pieces)), key=lambda one: self._pieces[one][0].count)
+        found = [one.low_values() for one in self._pieces[k]]
+        dt = found[0][1]
+        data = np.stack([values for values, _ in found], axis=1)
+        data = data + np.array([one.origin for one in self._pieces[k]])
+        si: dict[Quantity, str] = {"gyro": "rad/s", "accelerometer": "m/s²"}
+        return Recording(
+            self._starts[k] + dt * np.arange(float(len(data))),
+            data,
+            self._channels,
+            tuple(si[one] for one in self._quantities),
+            source=self.source,
+        )

@@ -1,0 +1,93 @@
+"""The section of a sensor's history page with its noise over time: figure and table."""
+# matplotlib's stubs leave **kwargs untyped.
+# pyright: reportUnknownMemberType=false
+
+from collections.abc import Sequence
+from datetime import datetime
+from math import isfinite
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+from inercal.report import drawing
+from inercal.report.drawing import FAINT, INK, MUTED, WARN, X, Y, Z, svg
+from inercal.report.report_tables import typeset_minus
+from inercal.report.templates import render
+from inercal.store.noise_history import NoiseEntry, NoiseTrend, noise_trends
+from inercal.store.noise_history_text import change_lines, trend_rows
+from inercal.uncertainty.coverage import COVERAGE
+
+_COLUMNS = 2
+_COLOURS = (X, Y, Z, INK, MUTED, WARN)
+_SHIFT = 0.006  # of the time shown, between channels
+_DAY = 86_400.0
+
+
+def noise_history_section(entries: Sequence[NoiseEntry]) -> Markup:
+    """Return the section, HTML; empty without analyses."""
+    if not entries:
+        return Markup("")
+    trends = noise_trends(tuple(entries))
+    return Markup(
+        render(
+            "noise_history_section.html",
+            rows=[tuple(map(typeset_minus, row)) for row in trend_rows(trends)],
+            lines=[f"{line[0].upper()}{line[1:]}." for line in change_lines(trends)],
+            entries=[_entry_row(one) for one in entries],
+            figure=noise_trend_figure(trends),
+        )
+    )
+
+
+def _entry_row(one: NoiseEntry) -> tuple[str, ...]:
+    """Return number, date, recording, length in s, and who entered an analysis."""
+    date = one.measured.partition("T")[0]
+    return str(one.id), date, one.source, f"{one.duration:.4g}", one.by
+
+
+@drawing.style
+def noise_trend_figure(trends: Sequence[NoiseTrend]) -> Markup:
+    """Return the coefficients over time, a panel for each symbol and unit."""
+    groups: dict[tuple[str, str], list[NoiseTrend]] = {}
+    for one in trends:
+        groups.setdefault((one.symbol, one.unit), []).append(one)
+    lines = -(-len(groups) // _COLUMNS)
+    figure, rows = drawing.panels(1.3, [0.4] * lines, _COLUMNS)
+    panels = [axes for row in rows for axes in row]
+    for axes, ((symbol, unit), found) in zip(panels, groups.items(), strict=False):
+        _draw(axes, found)
+        axes.set_title(f"{symbol}, {unit}")
+    for axes in panels[len(groups) :]:
+        axes.set_axis_off()
+    return svg(figure, "noise-over-time", "Coefficients of the noise over time, with U")
+
+
+def _draw(axes: Axes, found: Sequence[NoiseTrend]) -> None:
+    days = [
+        datetime.fromisoformat(entry.measured).timestamp() / _DAY
+        for one in found
+        for entry in one.entries
+    ]
+    first, last = min(days), max(days)
+    span = max(last - first, 60.0)
+    for k, (one, colour) in enumerate(zip(found, _COLOURS * len(found), strict=False)):
+        shift = _SHIFT * span * (k - (len(found) - 1) / 2)
+        time = np.array(
+            [datetime.fromisoformat(entry.measured).timestamp() / _DAY for entry in one.entries]
+        )
+        size = one.values[0].size
+        limit = np.array([value.is_limit for value in one.values])
+        value = np.array([v.high if v.is_limit else v.value for v in one.values]) / size
+        reach = np.array([COVERAGE * v.u if isfinite(v.u) else 0.0 for v in one.values]) / size
+        axes.errorbar(time + shift, value, reach, fmt="none", ecolor=MUTED, elinewidth=0.9)
+        axes.plot(time[~limit] + shift, value[~limit], "o", ms=3.6, color=colour, label=one.channel)
+        axes.plot(time[limit] + shift, value[limit], "v", ms=4.5, mfc="none", mec=colour)
+    axes.set_xlim(first - 0.5 * span, last + 0.5 * span)
+    axes.set_ylim(bottom=0)
+    axes.grid(axis="y", color=FAINT, lw=0.3)
+    locator = AutoDateLocator(minticks=3, maxticks=6)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator, show_offset=False))
+    drawing.add_legend(axes)

@@ -1,0 +1,103 @@
+"""What is left out of a fit, the Allan deviation across gaps, and K with and without a step."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.base_seeds import SEEDS
+from tests.noise.generator import DEG_H, MEMS, draw
+
+import inercal
+from inercal.errors import InputError
+from inercal.noise.gap_oadev import gap_oadev
+from inercal.noise.pieces import Part
+from inercal.recording import Recording
+
+STEP = 40.0  # °/h
+
+
+def recording(y: np.ndarray, dt: float) -> Recording:
+    return Recording(dt * np.arange(float(y.size)), y[:, None], ("gx",), ("rad/s",))
+
+
+def vibrating(low: float, high: float) -> Recording:
+    """Return white noise with nine times its power from `low` to `high`, Hz."""
+    n, dt = 32768, 0.02
+    spectrum = np.fft.rfft(np.random.default_rng(3).standard_normal(n))
+    f = np.fft.rfftfreq(n, dt)
+    y = np.fft.irfft(spectrum * np.where((f > low) & (f < high), 3.0, 1.0), n)
+    return recording(y * DEG_H, dt)
+
+
+def test_a_band_that_is_skipped_leaves_n_as_it_is_without_the_vibration():
+    readings, true = vibrating(4, 5), DEG_H * np.sqrt(0.02)
+    (whole,) = inercal.analyse_noise(readings, terms="N", kinds=()).channels
+    (found,) = inercal.analyse_noise(
+        readings, terms="N", kinds=(), skipped_bands=[(3.9, 5.1)]
+    ).channels
+    assert not whole.goodness.fits
+    assert whole.goodness.worst_band == pytest.approx((4, 5), abs=0.2)
+    assert whole.value("N") > 1.1 * true
+    assert found.value("N") == pytest.approx(true, rel=0.01)
+    assert found.goodness.worst_band is None
+    assert not ((found.bins.frequency > 4.2) & (found.bins.frequency < 4.8)).any()
+
+
+def test_bands_that_leave_nothing_are_refused():
+    with pytest.raises(InputError, match="leaves nothing"):
+        inercal.analyse_noise(vibrating(4, 5), skipped_bands=[(0, 30)])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_k_is_stated_with_a_step_and_without_it(seed: int):
+    y = draw(MEMS, 700 + seed)[0]
+    y[round(4040 / MEMS.dt) :] += STEP * DEG_H
+    kept, skipped = (
+        inercal.analyse_noise(recording(y, MEMS.dt), kinds=(), keep_disturbed=one, terms="NBK")
+        for one in (True, False)
+    )
+    (text,) = [one for one in kept.channels[0].remarks if one.startswith("K with")]
+    (other,) = [one for one in skipped.channels[0].remarks if one.startswith("K with")]
+    with_step, without = (float(x) for x in re.findall(r"(\d+\.?\d*) °/h/√s", text))
+    assert other.startswith(text.split(";")[0])
+    # The note: a step of 40 °/h that is not noticed makes K 1.8 times as large.
+    assert 1.3 < with_step / MEMS.walk < 3.0
+    assert without < 0.8 * with_step
+    unit = kept.channels[0].coefficients[2].size
+    assert kept.channels[0].value("K") / unit == pytest.approx(with_step, rel=0.01)
+    assert skipped.channels[0].value("K") / unit == pytest.approx(without, rel=0.01)
+
+
+def parted(y: np.ndarray, dt: float, count: int, lost: int) -> list[Part]:
+    """Return `count` + 1 pieces with `lost` samples missing between them."""
+    each = (y.size - count * lost) // (count + 1)
+    starts = [k * (each + lost) for k in range(count + 1)]
+    return [Part(y[a : a + each], a * dt) for a in starts]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "lost"), [(20, 240), (4, 3600)])
+def test_the_allan_deviation_across_gaps_is_that_of_the_terms_within_2_percent(
+    count: int, lost: int
+):
+    found = []
+    for seed in range(40):
+        table = gap_oadev(parted(draw(MEMS, 5000 + seed)[0], MEMS.dt, count, lost), MEMS.dt,
+                             "octave")  # fmt: skip
+        found.append(table.value**2 / DEG_H**2)
+    long = table.edf > 100
+    tau = table.tau
+    true = MEMS.white**2 / tau + 0.4413 * MEMS.flicker**2 + MEMS.walk**2 * tau / 3
+    ratio = np.sqrt(np.mean(found, axis=0) / true)
+    assert np.abs(ratio[long] - 1).max() < 0.02
+    # Averaging times go on past the longest piece.
+    assert tau[-1] > 2 * (MEMS.n // (count + 1)) * MEMS.dt / 2
+
+
+def test_without_gaps_the_allan_deviation_of_pieces_is_that_of_the_whole():
+    y = draw(replace(MEMS, n=8192), 1)[0]
+    whole = inercal.noise.deviations(y, MEMS.dt)
+    found = gap_oadev([Part(y[:3000], 0.0), Part(y[3000:], 3000 * MEMS.dt)], MEMS.dt, "octave")
+    assert np.allclose(found.value, whole.value, rtol=1e-9)
+    assert np.allclose(found.edf, whole.edf, rtol=1e-9)

@@ -1,0 +1,123 @@
+"""A log that is analysed in blocks gives what it gives at once, in every format, with its gaps."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.noise.generator import MEMS, draw
+from tests.program import run_program
+
+from inercal.drafts import long_rest_recording
+from inercal.drafts.long_rest_recording import open_long_rest_recording
+from inercal.drafts.rest_recording import read_rest_recording
+from inercal.errors import InputError
+from inercal.noise import NoiseAnalysis, analyse_noise
+from inercal.noise.analysis import candidate_models
+
+N = 200_000
+UNIT = {"sensor.gyro.unit": "rad/s"}
+GAP = slice(120_000, 126_000)
+FORMATS = ["csv", "npz", "data.npz", "parquet"]
+
+
+@pytest.fixture(scope="module")
+def table() -> np.ndarray:
+    """Return time and three gyros at rest, with single losses and one gap."""
+    y = draw(replace(MEMS, n=N), 7, 3)
+    found = np.column_stack([MEMS.dt * np.arange(N), y.T + 0.01])
+    kept = np.ones(N, dtype=bool)
+    kept[GAP] = False
+    kept[np.random.default_rng(1).choice(N, 50, replace=False)] = False
+    return found[kept]
+
+
+def write(folder: Path, kind: str, table: np.ndarray) -> Path:
+    names = ["time", "gx", "gy", "gz"]
+    path = folder / f"log.{kind}"
+    if kind == "csv":
+        np.savetxt(path, table, "%.12g", ",", header=",".join(names), comments="")
+    elif kind == "npz":
+        np.savez_compressed(path, **dict(zip(names, table.T, strict=True)))
+    elif kind == "data.npz":
+        np.savez(path, data=table, columns=np.array(names))
+    else:
+        pyarrow = pytest.importorskip("pyarrow")
+        parquet = pytest.importorskip("pyarrow.parquet")
+        columns = dict(zip(names, table.T, strict=True))
+        parquet.write_table(pyarrow.table(columns), path)
+    return path
+
+
+def in_blocks(path: Path) -> NoiseAnalysis:
+    found = open_long_rest_recording(path, UNIT, 1000)
+    assert found is not None
+    return found.stream().analysis(candidate_models("NBK"))
+
+
+@pytest.fixture(scope="module")
+def at_once(table: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> NoiseAnalysis:
+    path = write(tmp_path_factory.mktemp("whole"), "data.npz", table)
+    return analyse_noise(read_rest_recording(path, UNIT), terms="NBK", kinds=())
+
+
+@pytest.mark.parametrize("kind", FORMATS)
+def test_blocks_of_each_format_give_the_coefficients_of_the_whole(
+    kind: str, table: np.ndarray, tmp_path: Path, at_once: NoiseAnalysis
+):
+    found = in_blocks(write(tmp_path, kind, table))
+    assert found.duration == pytest.approx(at_once.duration, rel=1e-9)
+    assert any("closed up" in text for text in found.remarks)
+    assert any("2 pieces" in text for text in found.remarks)
+    for one, other in zip(found.channels, at_once.channels, strict=True):
+        assert one.channel == other.channel
+        assert one.n == other.n
+        assert one.dt == pytest.approx(other.dt, rel=1e-9)
+        for a, b in zip(one.coefficients, other.coefficients, strict=True):
+            assert abs(a.value - b.value) < 0.3 * b.u
+
+
+def test_a_short_log_is_read_at_once(table: np.ndarray, tmp_path: Path):
+    assert open_long_rest_recording(write(tmp_path, "data.npz", table), UNIT) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [("nan", "not finite"), ("reset", "does not increase"), ("losses", "lost one by one")],
+)
+def test_what_blocks_cannot_take_is_refused_with_its_place(
+    table: np.ndarray, tmp_path: Path, change: str, text: str
+):
+    bad = table.copy()
+    if change == "nan":
+        bad[150_000, 2] = np.nan
+    elif change == "reset":
+        bad[150_000:, 0] -= 30_000
+    else:
+        kept = np.ones(len(bad), dtype=bool)
+        kept[70_000::20] = False
+        bad = bad[kept]
+    with pytest.raises(InputError, match=text) as refusal:
+        in_blocks(write(tmp_path, "npz", bad))
+    if change != "losses":
+        assert "row 150001" in str(refusal.value)
+
+
+def test_the_verb_takes_a_long_log_in_blocks_by_itself(
+    table: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(long_rest_recording, "LONG_VALUES", 1000)
+    log = write(tmp_path, "data.npz", table)
+    options = ("--set", "sensor.gyro.unit=rad/s")
+    done = run_program("noise", log, *options, "--json", "--report", "--out", tmp_path)
+    assert done.status == 0, done.error
+    found = json.loads(done.output)
+    assert [one["channel"] for one in found["channels"]] == ["gx", "gy", "gz"]
+    assert list(found["channels"][0]["deviations"]) == ["oadev"]
+    assert found["sha256"]
+    assert "<svg" in (tmp_path / "log.data.noise.html").read_text()
+    for option in (("--skip-disturbed",), ("--taus", "all"), ("--method", "gmwm")):
+        refused = run_program("noise", log, *options, *option)
+        assert refused.status == 2
+        assert option[0] in refused.error
