@@ -97,7 +97,7 @@ def page(
     next_one: Recalibration | None = None,
     noise: Sequence[NoiseEntry] = (),
 ) -> str:
-    """Return the page, HTML: with the next calibration, by its own limits if None, and the noise."""
+    """Return the page, HTML; where `next_one` is None, by the limits of the newest calibration."""
     groups = _axis_histories(history)
     return render(
         "over_time.html",
