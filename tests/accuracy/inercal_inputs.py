@@ -1,5 +1,7 @@
 """Generated sessions as inputs of inercal: recording, marks, bench and plan."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from tests.accuracy.ferraris import CHANNELS, FerrarisSession, Handling, Imu
@@ -31,9 +33,9 @@ def make_observations(
     return observe(recording(made, trial), sensor, make_marks(made), steps)
 
 
-def make_bench(hands: Handling, **changes: float) -> Hand:
+def make_bench(hands: Handling, **changes: Any) -> Hand:
     """Return the bench that states what the hands did; changes state something else."""
-    stated = {
+    stated: dict[str, Any] = {
         "tilt": hands.tilt,
         "turn_angle": hands.turn_angle,
         "turn_tilt": hands.turn_tilt,

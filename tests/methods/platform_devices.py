@@ -5,6 +5,7 @@ Truth, errors of the table and noise are drawn; what a mean reading is, is worke
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class Table:
     setting: float
     turn_angle: float = 0.0
 
-    def stated(self) -> dict[str, float]:
+    def stated(self) -> dict[str, Any]:
         return dict(self.__dict__)
 
 

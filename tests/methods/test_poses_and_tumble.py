@@ -33,8 +33,8 @@ UNIT = {line.name: line.si for line in (*ACCELEROMETER, *GYRO)}
 
 def platform(attitude: float, mounting: float) -> RatePlatform:
     """Return a platform with these deviations, °."""
-    stated = {"attitude": np.radians(attitude), "mounting": np.radians(mounting)}
-    return RatePlatform(Measured(G, 1e-5), **{k: float(x) for k, x in stated.items()})
+    turns = [float(np.radians(angle)) for angle in (attitude, mounting)]
+    return RatePlatform(Measured(G, 1e-5), attitude=turns[0], mounting=turns[1])
 
 
 def poses(name: str) -> list[Pose]:

@@ -7,6 +7,7 @@ instability 0.5 and 5 °/h; table plain or with its angle read back.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ LATITUDE = float(np.radians(50.0))
 UNIT = {line.name: line.si for line in GYRO}
 
 
-def bench(table: Table, **more: float) -> RatePlatform:
+def bench(table: Table, **more: Any) -> RatePlatform:
     return RatePlatform(Measured(9.81, 1e-4), LATITUDE, **(table.stated() | more))
 
 

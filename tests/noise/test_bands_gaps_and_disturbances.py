@@ -81,13 +81,10 @@ def parted(y: np.ndarray, dt: float, count: int, lost: int) -> list[Part]:
 def test_the_allan_deviation_across_gaps_is_that_of_the_terms_within_2_percent(
     count: int, lost: int
 ):
-    found = []
-    for seed in range(40):
-        table = gap_oadev(parted(draw(MEMS, 5000 + seed)[0], MEMS.dt, count, lost), MEMS.dt,
-                             "octave")  # fmt: skip
-        found.append(table.value**2 / DEG_H**2)
-    long = table.edf > 100
-    tau = table.tau
+    recordings = (draw(MEMS, 5000 + seed)[0] for seed in range(40))
+    tables = [gap_oadev(parted(y, MEMS.dt, count, lost), MEMS.dt, "octave") for y in recordings]
+    found = [one.value**2 / DEG_H**2 for one in tables]
+    long, tau = tables[-1].edf > 100, tables[-1].tau
     true = MEMS.white**2 / tau + 0.4413 * MEMS.flicker**2 + MEMS.walk**2 * tau / 3
     ratio = np.sqrt(np.mean(found, axis=0) / true)
     assert np.abs(ratio[long] - 1).max() < 0.02

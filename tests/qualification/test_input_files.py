@@ -70,7 +70,7 @@ def test_a_closure_counts_faces_from_one(tmp_path: Path):
     found = made(
         tmp_path, "head_map", "dividing_head",
         'autocollimator = "0.1 ″"\nface = "face"\nseries = "series"',
-        angle=np.degrees(theta), reading=reading, face=face + 1, series=series,
+        angle=np.degrees(theta), reading=reading, face=(face + 1).tolist(), series=series.tolist(),
     )  # fmt: skip
     require_value(found, "sin1", 2 * ARC)
     require_value(found, "cos2", -0.5 * ARC)

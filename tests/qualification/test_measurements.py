@@ -10,11 +10,11 @@ from math import pi, radians, sqrt
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tests.base_seeds import SEEDS
 from tests.qualification import laboratory as lab
 from tests.refusals import refused
 
+from inercal.arrays import Array
 from inercal.qualification.linear_fit import linear_fit
 from inercal.qualification.measurements.azimuth import earth_rate_azimuth
 from inercal.qualification.measurements.gravity import local_gravity, tied_gravity
@@ -29,7 +29,6 @@ from inercal.qualification.measurements.rates import rate_error, rate_stability
 from inercal.qualification.measurements.tilts import right_angle, right_angle_sign, table_tilt
 from inercal.units import Measured
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 Case = Callable[[Rng], tuple[MeasuredParameters, Array]]
 LABS = 1000
@@ -116,7 +115,7 @@ def rate(rng: Rng) -> tuple[MeasuredParameters, Array]:
 
 def gravity_tie(rng: Rng) -> tuple[MeasuredParameters, Array]:
     base, step = 9.80 + 2e-7 * rng.normal(), 3e-4
-    hours, site = np.arange(6) * 0.7, np.array([0.0, 1, 0, 1, 0, 1])
+    hours, site = 0.7 * np.arange(6.0), np.array([0.0, 1, 0, 1, 0, 1])
     reading = step * site + 1e-7 * hours + 2e-3 + 5e-8 * rng.normal(size=6)
     point, fit = tied_gravity(Measured(9.80, 2e-7), site, hours, reading, 5e-8)
     gradient = 3.086e-6 * (1 + 0.1 * rng.normal())
@@ -154,7 +153,7 @@ def test_a_measurement_has_no_bias_and_the_stated_covariance(name: str, seed: in
         off = found.value - true
         root = np.linalg.cholesky(found.covariance)
         white = np.linalg.solve(root, off)
-        errors.append(white)
+        errors.append(np.asarray(white, dtype=np.float64))
         nees.append(float(white @ white))
     p = len(errors[0])
     mean = np.mean(errors, axis=0) * sqrt(LABS)
@@ -247,7 +246,7 @@ def drifting_rate(rng: Rng) -> MeasuredParameters:
 
 
 def bent_drift(rng: Rng) -> MeasuredParameters:
-    hours, site = np.arange(8) * 0.7, np.arange(8) % 2.0
+    hours, site = 0.7 * np.arange(8.0), np.arange(8.0) % 2.0
     reading = 1e-3 * site + 3e-7 * hours**2 + 5e-8 * rng.normal(size=8)
     point, fit = tied_gravity(Measured(9.8, 2e-7), site, hours, reading, 5e-8)
     return local_gravity(point, 0, tide=True, fit=fit)

@@ -6,6 +6,7 @@ variance and a correlation enlarge the covariance as the posterior of a Gaussian
 """
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -144,7 +145,7 @@ def test_uncertainty_changes_as_the_covariance_says(method: str, estimator: str)
 
 @pytest.mark.parametrize("estimator", ["full", "drift"])
 @pytest.mark.parametrize("kind", ["w", "f"])
-def test_filters_have_the_joint_prior(estimator: str, kind: str):
+def test_filters_have_the_joint_prior(estimator: str, kind: Literal["f", "w"]):
     given = given_case("turntable_kalman", estimator)
     names = names_of("turntable_kalman", estimator)
     value, sd = stated(given, names)

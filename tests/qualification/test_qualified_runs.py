@@ -427,7 +427,7 @@ def test_the_files_of_the_example_are_those_of_its_readings(folder: Path):
         assert stored.names == anew.names
         assert stored.covariance == pytest.approx(anew.covariance, rel=1e-6)
         values = [[p.value for p in one.parameters] for one in (stored, anew)]
-        assert np.abs(np.subtract(*values) / stored.std).max() < 1e-6
+        assert np.abs((np.array(values[0]) - values[1]) / stored.std).max() < 1e-6
 
 
 def test_a_harmonic_that_the_model_lacks_is_said_to_who_qualifies_and_who_calibrates(folder: Path):
