@@ -140,7 +140,9 @@ class _Rehearsal:
         c = np.zeros(len(self.sensor.coefficients))
         data = read_out(self.sensor, done.motion, c, self.rate_hz, rng)[0]
         units = tuple(axis.readout.unit for axis in self.sensor.axes)
-        return Recording(done.time, data, self.sensor.channels, units, done.labels)
+        return Recording(
+            done.time, data, self.sensor.channels, units, done.labels, source="the planned recording"
+        )
 
 
 def _trimmed_marks(recording: Recording) -> tuple[Mark, ...]:
