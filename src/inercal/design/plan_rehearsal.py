@@ -141,7 +141,12 @@ class _Rehearsal:
         data = read_out(self.sensor, done.motion, c, self.rate_hz, rng)[0]
         units = tuple(axis.readout.unit for axis in self.sensor.axes)
         return Recording(
-            done.time, data, self.sensor.channels, units, done.labels, source="the planned recording"
+            done.time,
+            data,
+            self.sensor.channels,
+            units,
+            done.labels,
+            source="the planned recording",
         )
 
 
