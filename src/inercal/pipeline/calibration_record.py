@@ -162,7 +162,8 @@ def shared_errors(
     declared = {q.name: q for q in run.bench.parameters}
     shared: list[SharedError] = []
     for name, q in expected.items():
-        if q.scope != "run" or q.sd <= 0 or declared[q.name] != q:
+        # A reader may declare more than the run's bench: a latitude with its uncertainty.
+        if q.scope != "run" or q.sd <= 0 or declared.get(q.name, q) != q:
             continue
         sensitivity = estimate.sensitivity(name, q.sd)
         std = _stated_deviation(run.bench, q)

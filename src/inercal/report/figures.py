@@ -21,6 +21,11 @@ from inercal.report import drawing
 from inercal.report.drawing import AXES, BAND, FAINT, INK, MINUS, PAPER, PLUS, SHAPES, X, Y, Z, svg
 
 SENSOR_KINDS = {"f": ("Accelerometers", "µg", 9.80665e-6), "w": ("Gyros", "°/h", np.pi / 648_000)}
+# Parts of rows that are no axis, such as "velocity east"
+_ROW_KINDS = {
+    "attitude": ("Attitude after turns", "″", np.pi / 648_000),
+    "velocity": ("Velocity after turns", "mm/s", 1e-3),
+}
 BAND_LIMIT = 2.0
 """Standard deviations that are shaded."""
 _OBSERVATION_NAME = re.compile(r"([^\[\]]+)\[([^\[\]]+)\]")  # of an observation: the axis, the row
@@ -49,11 +54,14 @@ def residuals(outcome: Outcome) -> Markup:
     for upper, lower, kind in zip(first, second, kinds, strict=True):
         members = [k for k, own in enumerate(seen.kinds) if own == kind]
         names = [seen.parts[k] for k in members]
-        title, unit, si = SENSOR_KINDS[kind]
-        draw_dots(upper, seen.whitened[:, members], names, band=True)
-        draw_dots(lower, seen.plain[:, members] / si, names, band=False)
-        drawing.name_positions(upper, seen.rows, named=False)
-        drawing.name_positions(lower, seen.rows, worst=rows_beyond_band(seen.whitened[:, members]))
+        title, unit, si = (SENSOR_KINDS | _ROW_KINDS)[kind]
+        own = ~np.isnan(seen.whitened[:, members]).all(axis=1)
+        rows = [row for row, has in zip(seen.rows, own, strict=True) if has]
+        whitened = seen.whitened[own][:, members]
+        draw_dots(upper, whitened, names, band=True)
+        draw_dots(lower, seen.plain[own][:, members] / si, names, band=False)
+        drawing.name_positions(upper, rows, named=False)
+        drawing.name_positions(lower, rows, worst=rows_beyond_band(whitened))
         upper.set_title(title)
         upper.set_ylabel("standard deviations")
         lower.set_ylabel(unit)
@@ -87,7 +95,14 @@ def _residual_table(outcome: Outcome) -> _ResidualTable:
         whitened, plain = (x.reshape(len(rows), -1) for x in (estimate.whitened, estimate.residual))
         alone = whitened.shape[1] == 1 < len(sensor.axes)
         parts = ["norm"] if alone else [axis.name for axis in sensor.axes]
-    return _ResidualTable(rows, parts, [measures.get(part, "f") for part in parts], whitened, plain)
+    kinds = [measures.get(part) or _row_kind(part) for part in parts]
+    return _ResidualTable(rows, parts, kinds, whitened, plain)
+
+
+def _row_kind(part: str) -> str:
+    """Return the kind of a part that is no axis: "velocity" of "velocity east", or "f"."""
+    word = part.partition(" ")[0]
+    return word if word in _ROW_KINDS else "f"
 
 
 def residual_tables(

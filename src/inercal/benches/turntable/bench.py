@@ -68,6 +68,8 @@ class Turntable:
         From where the axes cross to the IMU's centre, in the body, m.
     limits : tuple of AxisMotionLimits
         Of each axis in their order, or one for all.
+    place : Measured or None
+        The latitude with its uncertainty, rad, for methods that count it; None is exact.
 
     Raises
     ------
@@ -91,6 +93,7 @@ class Turntable:
     clock: float = deviation("1", "0 ppm", "rate of the readback's clock")
     lever: tuple[Measured, Measured, Measured] = (_EXACT, _EXACT, _EXACT)
     limits: tuple[AxisMotionLimits, ...] = _DEFAULT_LIMITS
+    place: Measured | None = None
 
     def __post_init__(self) -> None:
         k = len(self.axes)
