@@ -13,26 +13,9 @@ import numpy as np
 G = 9.80665
 EARTH = 7.292115e-5
 UG, PPM, ARCSEC, DEG_H = 1e-6 * G, 1e-6, np.pi / 648_000, np.pi / 180 / 3600
-PATH_19 = [
-    "+y",
-    "+y",
-    "+y",
-    "-y",
-    "-y",
-    "-y",
-    "+z",
-    "+x",
-    "+x",
-    "+x",
-    "-x",
-    "-x",
-    "-x",
-    "+z",
-    "+z",
-    "-z",
-    "-z",
-    "-z",
-]
+PATH_19 = (
+    *("+y",) * 3, *("-y",) * 3, "+z", *("+x",) * 3, *("-x",) * 3, *("+z",) * 2, *("-z",) * 3,
+)  # fmt: skip
 _GAUSS = ((-(0.6**0.5) / 2, 5 / 18), (0.0, 8 / 18), (0.6**0.5 / 2, 5 / 18))
 UNITS = {
     "bias": DEG_H, "scale": PPM, "k0": UG, "k1": PPM, "k2": UG / G**2, "arm": 1e-3,
@@ -72,7 +55,7 @@ GRADES = {"N": NAVIGATION, "T": TACTICAL}
 class Table:
     """How the table moves; errors are standard deviations."""
 
-    path: tuple[str, ...] = tuple(PATH_19)
+    path: tuple[str, ...] = PATH_19
     up: str = "x"
     rate: float = np.radians(10)
     angle: float = np.pi / 2

@@ -55,8 +55,8 @@ def residuals(outcome: Outcome) -> Markup:
         members = [k for k, own in enumerate(seen.kinds) if own == kind]
         names = [seen.parts[k] for k in members]
         title, unit, si = (SENSOR_KINDS | _ROW_KINDS)[kind]
-        own = ~np.isnan(seen.whitened[:, members]).all(axis=1)
-        rows = [row for row, has in zip(seen.rows, own, strict=True) if has]
+        own = np.flatnonzero((~np.isnan(seen.whitened[:, members])).any(axis=1))
+        rows = [seen.rows[k] for k in own.tolist()]
         whitened = seen.whitened[own][:, members]
         draw_dots(upper, whitened, names, band=True)
         draw_dots(lower, seen.plain[own][:, members] / si, names, band=False)

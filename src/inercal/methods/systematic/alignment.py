@@ -10,12 +10,13 @@
    Repeated with b_g put in: a gyro of 10 °/h has no azimuth from one rest.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import combinations
 from math import degrees, radians
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from inercal.arrays import Array
 from inercal.earth import earth_rate_up_north
@@ -61,6 +62,7 @@ def initial_attitudes(
     _require_agreement(segments, model, c)
     up_rate, _ = earth_rate_up_north(latitude)
     level, attitude = np.zeros(3), np.eye(3)
+    attitudes = np.zeros((0, 3, 3))
     for _ in range(_REPEATED):
         carried = _carried(segments, model, c, attitude, level)
         up = _unit((carried @ segments.mean[:, :3, None])[..., 0]).sum(axis=0)
@@ -87,8 +89,8 @@ def _carried(segments: Segments, model: ImuModel, c: Array, attitude: Array, ear
     return np.concatenate([attitude[None], later])
 
 
-def _unit(v: Array) -> Array:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+def _unit(v: ArrayLike) -> Array:
+    return np.asarray(v, dtype=float) / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
 def _level_frame(up: Array) -> Array:
@@ -154,7 +156,7 @@ def _possible_mistakes(segments: Segments) -> Iterator[tuple[str, Segments]]:
         )
 
 
-def _changed(segments: Segments, columns: dict[int, tuple[int, float]]) -> Segments:
+def _changed(segments: Segments, columns: Mapping[int, tuple[int, float]]) -> Segments:
     """Return segments with columns replaced by others times a factor."""
     mean, moving = segments.mean.copy(), segments.moving.copy()
     for to, (source, factor) in columns.items():

@@ -77,16 +77,17 @@ class ImuModel:
         """Return the motion of all turns for coefficients c, (p,), SI."""
         y, (cf, cw) = segments.moving, self.split(c)
         force, rate = self.force, self.rate
-        w, f = y[:, 3:].copy(), y[:, :3].copy()
-        w = _invert(rate, y[:, 3:], cw, lambda x: Motion(f, x), w, 3)
+        w, rough = y[:, 3:], y[:, :3]
+        w = _invert(rate, y[:, 3:], cw, lambda x: Motion(rough, x), w, 3)
         dw = _derivative(w, segments.dt)
         late, faster = w, dw
         if lag:
             late = w - lag * dw
             faster = dw - lag * _derivative(dw, segments.dt)
-        f = _invert(force, y[:, :3], cf, lambda x: Motion(x, late, faster), f, 0)
+        f = _invert(force, y[:, :3], cf, lambda x: Motion(x, late, faster), rough, 0)
         if rate.uses("fi", "fp", "fo"):
-            w = _invert(rate, y[:, 3:], cw, lambda x: Motion(f, x), w, 3)
+            exact = f
+            w = _invert(rate, y[:, 3:], cw, lambda x: Motion(exact, x), w, 3)
         if not segments.means:
             w, f = _mean_of_period(w), _mean_of_period(f)
         return TurnMotion(w, f, dw)
@@ -102,16 +103,18 @@ class ImuModel:
         at = Motion(f, w, dw)
         by_rate = self.rate.linearise(at, cw)
         by_force = self.force.linearise(at, cf)
-        return (
-            -np.linalg.solve(by_rate.slope[..., 3:], by_rate.design),
-            -np.linalg.solve(by_force.slope[..., :3], by_force.design),
-        )
+        rate: Array = -np.asarray(np.linalg.solve(by_rate.slope[..., 3:], by_rate.design), float)
+        force: Array = -np.asarray(np.linalg.solve(by_force.slope[..., :3], by_force.design), float)
+        return rate, force
 
 
 def block_edges(segments: Segments) -> Indices:
     """Return the first sample of each block of the sensitivities, (b,)."""
     turns = zip(segments.first.tolist(), segments.last.tolist(), strict=True)
-    return np.concatenate([np.arange(first, last, segments.block) for first, last in turns])
+    each: list[Indices] = [
+        np.array(range(first, last, segments.block), dtype=np.int64) for first, last in turns
+    ]
+    return np.concatenate(each)
 
 
 def _invert(
@@ -171,12 +174,14 @@ def navigate(
     chained : bool
         Whether a turn begins where the one before ended.
     """
+    by_rate, by_force = (np.ascontiguousarray(one) for one in by)
     return Navigation(
         *integrate_turns(
             motion.w,
             motion.f,
             motion.dw,
-            *(np.ascontiguousarray(one) for one in by),
+            by_rate,
+            by_force,
             segments.first,
             segments.last,
             segments.block,

@@ -67,7 +67,8 @@ def velocity_errors(
     f, w = gravity * back @ _UP, back @ earth
     at = sensor.linearise(Motion(f, w), c)
     slope = np.broadcast_to(at.slope, (len(f), 6, 6))
-    sensed = np.linalg.solve(slope, (segments.mean - at.reading)[..., None])[..., 0]
+    off = (segments.mean - at.reading)[..., None]
+    sensed = np.asarray(np.linalg.solve(slope, off)[..., 0], dtype=float)
     nominal = segments.mean - np.concatenate([f, w], axis=1)
     seconds = segments.rest_seconds[:, None]
 

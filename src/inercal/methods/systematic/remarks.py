@@ -67,7 +67,7 @@ def _kilometres(metres: float) -> str:
 
 
 def _velocity_plot(errors: VelocityErrors) -> Plot:
-    number = np.arange(1, len(errors.before) + 1)
+    number = np.arange(1.0, len(errors.before) + 1)
     series = tuple(
         Series(number, np.log10(np.maximum(1e3 * y, 1e-6)), name, hollow=name == "before")
         for name, y in (("before", errors.before), ("after", errors.after))
